@@ -1,0 +1,53 @@
+# Every target starts from a fresh clone: it makes .venv and installs what is missing, and does neither a second time.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
+
+.DEFAULT_GOAL := help
+.PHONY: help lab test bench data train results picture format doctor
+
+help:  ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+$(STAMP): environment.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo "this Python has no venv: apt-get install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet --requirement environment.txt
+	@touch $@
+
+doctor: $(STAMP)  ## check this machine: versions, drawing, data
+	@$(BIN)/python -m clothlab doctor
+
+lab: doctor  ## open the notebooks in JupyterLab
+	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) notebooks/00_start_here.ipynb
+
+test: doctor  ## ruff, unit tests, and every notebook from top to bottom
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pytest
+	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
+
+bench: $(STAMP)  ## measure speed, each figure as a ratio within one run
+	$(BIN)/python scripts/bench.py
+
+data: $(STAMP)  ## record all trials and targets anew (simulation)
+	$(BIN)/python scripts/make_data.py
+
+train: $(STAMP)  ## train autoencoder and DPMPB anew, at the paper's settings
+	$(BIN)/python scripts/make_weights.py
+
+results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
+	$(BIN)/python scripts/make_results.py
+
+picture: $(STAMP)  ## draw the README's moving picture anew
+	$(BIN)/python scripts/make_picture.py
+
+format: $(STAMP)  ## format code and notebooks, strip notebook outputs
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/nbstripout $(NOTEBOOKS)

@@ -1,0 +1,58 @@
+"""Dynamic cloth manipulation with a deep predictive model and parametric bias.
+
+Shape letters, used in every docstring of the package:
+
+| letter | meaning |
+| --- | --- |
+| `B` | batch: sequences, or candidate command sequences |
+| `T` | control steps of 0.2 s |
+| `K` | trained materials (cloths) |
+| `H, W` | image height and width, 96 and 128 pixels |
+| `D_z` | latent image, 3 |
+| `D_r` | robot state: 4 for the torque arm |
+| `D_s` | state `s = (z, robot state)` |
+| `D_u` | command: 2 for the torque arm |
+| `D_p` | parametric bias, 2 |
+
+Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and states cross every public boundary in
+physical units; the networks normalise them inside.
+"""
+
+import ctypes.util
+import importlib
+import os
+import sys
+
+__all__ = [
+    "analysis",
+    "arm",
+    "artifacts",
+    "autoencoder",
+    "cloth",
+    "control",
+    "dpmpb",
+    "env",
+    "estimation",
+    "plots",
+    "trials",
+    "vision",
+]
+__version__ = "0.1.0"
+
+
+def _choose_opengl() -> None:
+    """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported, unless the user already has.
+
+    EGL draws with and without a display, so it is preferred. With neither library present, MuJoCo is told to do
+    without, so that importing it works and the error comes where something is drawn, with the name of the package to
+    install.
+    """
+    if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
+        found = (name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name))
+        os.environ["MUJOCO_GL"] = next(found, "disable").lower()
+        already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")
+        if already_chosen is not None:  # `import mujoco` came first; import sorters put it there
+            importlib.reload(already_chosen)
+
+
+_choose_opengl()
