@@ -1,0 +1,175 @@
+"""Cloths as point masses and springs, and their MuJoCo elements (paper, section "Experimental Setup")."""
+
+from dataclasses import dataclass, field
+from itertools import product
+
+import mujoco
+import numpy as np
+
+__all__ = ["CLOTHS", "DAMPINGS", "MASSES", "Cloth", "add_cloth", "cloth_name", "get_cloth", "point_names", "springs"]
+
+DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
+MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
+
+FRONT_RGBA = (0.85, 0.07, 0.10, 1.0)
+BACK_RGBA = (0.10, 0.25, 0.65, 1.0)
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """A rectangular cloth: a grid of point masses joined by springs, its first row held by the hand.
+
+    The paper varies `damping` and `mass`. Everything else stays fixed and is this project's choice: the paper does
+    not give it.
+    """
+
+    name: str = field(metadata={"unit": "-"})
+    damping: float = field(default=0.05, metadata={"unit": "N s/m"})  # C_damp: drag on each point mass
+    mass: float = field(default=0.10, metadata={"unit": "kg"})  # C_mass: the whole cloth
+    length: float = field(default=0.50, metadata={"unit": "m"})  # from the hand to the free edge
+    width: float = field(default=0.40, metadata={"unit": "m"})  # along the hand bar
+    rows: int = field(default=6, metadata={"unit": "-"})  # point masses along the length
+    columns: int = field(default=3, metadata={"unit": "-"})  # point masses across the width
+    stiffness: float = field(default=100.0, metadata={"unit": "N/m"})  # structural and shear springs
+    bending: float = field(default=0.5, metadata={"unit": "N/m"})  # springs that skip one point
+    spring_damping: float = field(default=0.2, metadata={"unit": "N s/m"})  # dashpot beside every spring
+
+    def __post_init__(self) -> None:
+        """Refuse values that no cloth has."""
+        for name in ("mass", "length", "width", "stiffness"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"a cloth's {name} must be above zero, got {getattr(self, name)}")
+        for name in ("damping", "bending", "spring_damping"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"a cloth's {name} must not be negative, got {getattr(self, name)}")
+        if self.rows < 2 or self.columns < 2:
+            raise ValueError(f"a cloth needs at least 2 × 2 points, got {self.rows} × {self.columns}")
+
+    @property
+    def point_mass(self) -> float:
+        """Mass of one point [kg]."""
+        return self.mass / (self.rows * self.columns)
+
+
+def cloth_name(damping: float, mass: float) -> str:
+    """Name of a simulated cloth, such as `damp0.03-mass0.10`, from C_damp [N s/m] and C_mass [kg]."""
+    return f"damp{damping:.2f}-mass{mass:.2f}"
+
+
+CLOTHS = {
+    cloth_name(damping, mass): Cloth(cloth_name(damping, mass), damping=damping, mass=mass)
+    for damping, mass in product(DAMPINGS, MASSES)
+}
+
+
+def get_cloth(name: str) -> Cloth:
+    """Return the cloth of that name.
+
+    Raises:
+        KeyError: unknown name; the message lists the choices.
+    """
+    if name not in CLOTHS:
+        raise KeyError(f"unknown cloth {name!r}; choose from {', '.join(CLOTHS)}")
+    return CLOTHS[name]
+
+
+def point_names(cloth: Cloth) -> list[list[str]]:
+    """Names of the point-mass bodies, `[rows][columns]`; row 0 is the one in the hand."""
+    return [[f"cloth_{i}_{j}" for j in range(cloth.columns)] for i in range(cloth.rows)]
+
+
+def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_position: np.ndarray) -> None:
+    """Hang the cloth from a hand.
+
+    Free points are bodies of the world with three slide joints, so that their coordinates are the world's and the
+    damping of those joints is a drag against still air: C_damp. (Notebook 01 compares this with the other reading,
+    damping in the springs.)
+
+    Args:
+        spec: the scene under construction; changed in place.
+        cloth: what to hang.
+        hand: the body that holds the first row. Its frame must be parallel to the world's when every joint is at zero.
+        hand_position: where `hand` is in the world when every joint is at zero [m].
+    """
+    x = np.zeros(cloth.columns)
+    y = np.linspace(-0.5, 0.5, cloth.columns) * cloth.width
+    for i, row in enumerate(point_names(cloth)):
+        z = np.full(cloth.columns, -cloth.length * i / (cloth.rows - 1))
+        for name, offset in zip(row, np.stack([x, y, z], axis=1), strict=True):
+            _add_point(spec, cloth, name, hand if i == 0 else None, offset, hand_position)
+    for a, b, stiffness in springs(cloth):
+        _add_spring(spec, cloth, a, b, stiffness)
+    _add_surface(spec, cloth, hand_position)
+
+
+def _add_point(spec, cloth, name, hand, offset, hand_position) -> None:
+    if hand is not None:
+        body = hand.add_body(name=name, pos=offset)
+    else:
+        body = spec.worldbody.add_body(name=name, pos=hand_position + offset)
+        for axis_name, axis in zip("xyz", np.eye(3), strict=True):
+            body.add_joint(
+                name=f"{name}_{axis_name}",
+                type=mujoco.mjtJoint.mjJNT_SLIDE,
+                axis=axis,
+                damping=[cloth.damping, 0, 0],
+            )
+    # A sphere gives the point its mass; it neither collides nor shows: the surface is drawn by a skin.
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[0.005, 0, 0],
+        mass=cloth.point_mass,
+        contype=0,
+        conaffinity=0,
+        group=4,
+    )
+    body.add_site(name=name, size=[0.001, 0, 0], group=4)
+
+
+def springs(cloth: Cloth):
+    """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs."""
+    names = point_names(cloth)
+    kinds = [
+        (cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]),
+        (cloth.bending, [(2, 0), (0, 2)]),
+    ]
+    for stiffness, steps in kinds:
+        for (di, dj), i, j in product(steps, range(cloth.rows), range(cloth.columns)):
+            end_i, end_j = i + di, j + dj
+            inside = end_i < cloth.rows and 0 <= end_j < cloth.columns
+            if inside and end_i > 0:  # a spring inside row 0 would join two points of the rigid hand bar
+                yield names[i][j], names[end_i][end_j], stiffness
+
+
+def _add_spring(spec, cloth, a, b, stiffness) -> None:
+    tendon = spec.add_tendon(
+        name=f"{a}-{b}", stiffness=[stiffness, 0, 0], damping=[cloth.spring_damping, 0, 0], group=4
+    )
+    tendon.wrap_site(a)
+    tendon.wrap_site(b)
+
+
+def _add_surface(spec, cloth, hand_position) -> None:
+    """Draw the cloth: a skin shows one side only, so two of opposite winding give a red front and a blue back."""
+    names = [name for row in point_names(cloth) for name in row]
+    rest = hand_position + np.array(
+        [
+            (0.0, (j / (cloth.columns - 1) - 0.5) * cloth.width, -cloth.length * i / (cloth.rows - 1))
+            for i, j in product(range(cloth.rows), range(cloth.columns))
+        ]
+    )
+    corner = np.array([i * cloth.columns + j for i in range(cloth.rows - 1) for j in range(cloth.columns - 1)])
+    right, below = corner + 1, corner + cloth.columns
+    front = np.stack([corner, below, right, right, below, below + 1], axis=1).reshape(-1, 3)
+    for side, faces, rgba in (("front", front, FRONT_RGBA), ("back", front[:, ::-1], BACK_RGBA)):
+        spec.add_skin(
+            name=f"cloth_{side}",
+            rgba=rgba,
+            vert=rest.ravel(),
+            face=faces.ravel(),
+            bodyname=names,
+            bindpos=rest.ravel(),
+            bindquat=np.tile([1.0, 0, 0, 0], len(names)),
+            vertid=[[k] for k in range(len(names))],
+            vertweight=[[1.0] for _ in names],
+        )
