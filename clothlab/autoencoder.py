@@ -1,0 +1,176 @@
+"""Autoencoder.
+
+A cloth mask becomes z, three numbers, and z becomes a mask again (paper, "Network Structure of DPMPB").
+"""
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm.auto import tqdm
+
+from clothlab.vision import HEIGHT, WIDTH
+
+__all__ = ["Autoencoder", "AutoencoderTraining", "decode", "encode", "iou", "train_autoencoder"]
+
+CHANNELS = (1, 8, 16, 32, 64, 128)  # five 3×3 convolutions of stride 2; the paper does not give their widths
+HIDDEN = 256
+
+
+class Autoencoder(nn.Module):
+    """128×96 binary image → five convolutions → 256 → z (3) → the mirror image of all that.
+
+    Every layer but the last has batch normalisation and ReLU; the last has a sigmoid. On z the ReLU is left out, since
+    it would cut each axis in half, and the batch normalisation has no scale of its own: z keeps unit variance on each
+    axis, so that distances mean the same for every training. That each batch has its own mean and variance also shakes
+    z a little, which keeps neighbours in z neighbours in the image.
+    """
+
+    def __init__(self, latent_size: int = 3):
+        """Build it with random weights.
+
+        Args:
+            latent_size: D_z.
+        """
+        super().__init__()
+        self.latent_size = latent_size
+        height, width = HEIGHT // 32, WIDTH // 32
+        flat = CHANNELS[-1] * height * width
+        encoder: list[nn.Module] = []
+        for a, b in itertools.pairwise(CHANNELS):
+            encoder += [nn.Conv2d(a, b, 3, stride=2, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU()]
+        encoder += [nn.Flatten(), nn.Linear(flat, HIDDEN, bias=False), nn.BatchNorm1d(HIDDEN), nn.ReLU()]
+        encoder += [nn.Linear(HIDDEN, latent_size, bias=False), nn.BatchNorm1d(latent_size, affine=False)]
+        self.encoder = nn.Sequential(*encoder)
+
+        decoder: list[nn.Module] = []
+        for a, b in ((latent_size, HIDDEN), (HIDDEN, flat)):
+            decoder += [nn.Linear(a, b, bias=False), nn.BatchNorm1d(b), nn.ReLU()]
+        decoder += [nn.Unflatten(1, (CHANNELS[-1], height, width))]
+        for a, b in zip(CHANNELS[:1:-1], CHANNELS[-2:0:-1], strict=True):
+            decoder += [nn.ConvTranspose2d(a, b, 3, stride=2, padding=1, output_padding=1, bias=False)]
+            decoder += [nn.BatchNorm2d(b), nn.ReLU()]
+        decoder += [nn.ConvTranspose2d(CHANNELS[1], 1, 3, stride=2, padding=1, output_padding=1)]
+        self.decoder = nn.Sequential(*decoder)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Reconstruct images `[B, 1, H, W]`, 0 or 1: logits of the same shape."""
+        return self.decoder(self.encoder(images))
+
+
+@dataclass(frozen=True)
+class AutoencoderTraining:
+    """How the autoencoder is trained. The paper gives Adam and no more; the rest is this project's choice."""
+
+    epochs: int = field(default=60, metadata={"unit": "-"})
+    batch_size: int = field(default=64, metadata={"unit": "-"})
+    learning_rate: float = field(default=2e-3, metadata={"unit": "-"})  # at the start; it falls to zero along a cosine
+
+
+def train_autoencoder(
+    images: np.ndarray,
+    settings: AutoencoderTraining | None = None,
+    *,
+    seed: int = 0,
+    device: str | None = None,
+    progress: bool = True,
+) -> tuple[Autoencoder, list[float]]:
+    """Train on cloth masks.
+
+    Args:
+        images: masks `[B, H, W]`, bool; empty ones are welcome, since a cloth may show its back.
+        settings: epochs, batch size, learning rate.
+        seed: of weights and batches.
+        device: where to train; by default a GPU where torch sees one.
+        progress: show a progress bar.
+
+    Returns:
+        The model in evaluation mode on the CPU, and the mean binary cross entropy of each epoch [nat per pixel].
+
+    Raises:
+        ValueError: images of another shape, or fewer than one batch of them.
+    """
+    settings = settings or AutoencoderTraining()
+    if images.ndim != 3 or images.shape[1:] != (HEIGHT, WIDTH):
+        raise ValueError(f"images are [B, {HEIGHT}, {WIDTH}], got {images.shape}")
+    if len(images) < settings.batch_size:
+        raise ValueError(f"{len(images)} images are fewer than one batch of {settings.batch_size}")
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    torch.manual_seed(seed)
+    model = Autoencoder().to(device, memory_format=torch.channels_last)
+    data = torch.as_tensor(images).unsqueeze(1).to(device)
+    batches = len(data) // settings.batch_size
+    optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
+    losses = []
+    bar = tqdm(range(settings.epochs), desc="autoencoder", disable=not progress, unit="epoch")
+    for _ in bar:
+        total = 0.0
+        for index in torch.randperm(len(data))[: batches * settings.batch_size].view(batches, -1):
+            batch = data[index.to(device)].float()
+            loss = nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+            total += loss.item()
+        losses.append(total / batches)
+        bar.set_postfix(bce=f"{losses[-1]:.4f}")
+    return model.cpu().eval(), losses
+
+
+@torch.inference_mode()
+def encode(model: Autoencoder, images: np.ndarray) -> np.ndarray:
+    """Compress masks.
+
+    Args:
+        model: trained autoencoder.
+        images: one mask `[H, W]` or several `[B, H, W]`.
+
+    Returns:
+        z, `[D_z]` or `[B, D_z]`, float32.
+
+    Raises:
+        ValueError: images of another size.
+    """
+    images = np.asarray(images)
+    if images.shape[-2:] != (HEIGHT, WIDTH) or images.ndim not in (2, 3):
+        raise ValueError(f"images are [{HEIGHT}, {WIDTH}] or [B, {HEIGHT}, {WIDTH}], got {images.shape}")
+    batch = torch.as_tensor(images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32))
+    z = torch.cat([model.encoder(part) for part in batch.split(256)])
+    return z.reshape(*images.shape[:-2], model.latent_size).numpy()
+
+
+@torch.inference_mode()
+def decode(model: Autoencoder, z: np.ndarray) -> np.ndarray:
+    """Restore images from z.
+
+    Args:
+        model: trained autoencoder.
+        z: `[D_z]` or `[B, D_z]`.
+
+    Returns:
+        Probability of cloth at each pixel, `[H, W]` or `[B, H, W]`, float32.
+
+    Raises:
+        ValueError: z of another size, or not finite.
+    """
+    z = np.asarray(z, dtype=np.float32)
+    if z.shape[-1:] != (model.latent_size,) or z.ndim not in (1, 2) or not np.isfinite(z).all():
+        raise ValueError(f"z is [{model.latent_size}] or [B, {model.latent_size}] and finite, got {z.shape}")
+    batch = torch.as_tensor(z.reshape(-1, model.latent_size))
+    images = torch.cat([torch.sigmoid(model.decoder(part)) for part in batch.split(256)])
+    return images.reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Intersection over union of masks `[..., H, W]`; 1 where both are empty.
+
+    Returns:
+        `[...]`, float64.
+    """
+    a, b = np.asarray(a, bool), np.asarray(b, bool)
+    union = (a | b).sum(axis=(-2, -1))
+    return np.where(union == 0, 1.0, (a & b).sum(axis=(-2, -1)) / np.maximum(union, 1))

@@ -1,0 +1,308 @@
+"""DPMPB, the deep predictive model with parametric bias: s[t+1] = h(s[t], u[t], p) (paper, eqs. 1, 3 and 4)."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm.auto import tqdm
+
+from clothlab.autoencoder import Autoencoder, encode
+from clothlab.trials import Trial
+
+__all__ = [
+    "DPMPB",
+    "FrozenDPMPB",
+    "Memory",
+    "ModelTraining",
+    "Sequences",
+    "fit_normalisation",
+    "observe",
+    "predict",
+    "to_sequences",
+    "train_dpmpb",
+]
+
+
+class Memory(NamedTuple):
+    """Hidden and cell state of the two LSTM layers, each `[2, B, 30]`."""
+
+    h: Tensor
+    c: Tensor
+
+
+class DPMPB(nn.Module):
+    """Ten layers: input → 300 → 100 → 30 → LSTM 30 → LSTM 30 → 30 → 100 → 300 → D_s, with tanh between them.
+
+    It speaks physical units: means and standard deviations of `s` and `u` are buffers, set from the training data by
+    `fit_normalisation`, and travel with the weights.
+    """
+
+    def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
+        """Build it with random weights and no normalisation.
+
+        Args:
+            state_size: D_s.
+            command_size: D_u.
+            bias_size: D_p.
+        """
+        super().__init__()
+        self.state_size, self.command_size, self.bias_size = state_size, command_size, bias_size
+        self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
+        self.lstm = nn.LSTM(30, 30, num_layers=2, batch_first=True)
+        self.fc_out = nn.Sequential(*_tanh_layers(30, 30, 100, 300), nn.Linear(300, state_size))
+        for name, size in (("s", state_size), ("u", command_size)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_std", torch.ones(size))
+
+    def forward(self, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
+        """Predict each next state from the state, the command and the parametric bias (eq. 1).
+
+        Args:
+            s: states `[B, T, D_s]`.
+            u: commands `[B, T, D_u]`.
+            p: parametric bias `[B, D_p]`, or `[D_p]` for all sequences.
+            memory: recurrent state before the first step; zeros when left out.
+
+        Returns:
+            Next states `[B, T, D_s]`, and the memory after the last step.
+        """
+        s, u = (s - self.s_mean) / self.s_std, (u - self.u_mean) / self.u_std
+        p = p.expand(len(s), self.bias_size).unsqueeze(1).expand(-1, s.shape[1], -1)
+        x = self.fc_in(torch.cat([u, s, p], dim=-1))
+        x, memory = self.lstm(x, memory)
+        return self.fc_out(x) * self.s_std + self.s_mean, Memory(*memory)
+
+    def loss(self, predicted: Tensor, s: Tensor) -> Tensor:
+        """Mean squared error of states `[..., D_s]` in standard deviations, so that every sensor counts alike."""
+        return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
+
+
+def _tanh_layers(*sizes: int) -> nn.Sequential:
+    pairs = itertools.pairwise(sizes)
+    return nn.Sequential(*[layer for a, b in pairs for layer in (nn.Linear(a, b), nn.Tanh())])
+
+
+class FrozenDPMPB:
+    """The same function with W and p fixed, arranged for many short closed-loop predictions.
+
+    Each layer is one `addmm` on a weight that is transposed once. The normalisation and p are folded into the first
+    layer, and the state stays normalised while it goes round the loop.
+    """
+
+    def __init__(self, model: DPMPB, p: Tensor):
+        """Fold.
+
+        Args:
+            model: trained network.
+            p: parametric bias `[D_p]`.
+        """
+        with torch.no_grad():
+            linear = [layer for layer in (*model.fc_in, *model.fc_out) if isinstance(layer, nn.Linear)]
+            weights = [layer.weight.T.contiguous().detach() for layer in linear]
+            biases = [layer.bias.detach() for layer in linear]
+            n_u, n_s = model.command_size, model.state_size
+            w_u, w_s, w_p = weights[0].split([n_u, n_s, model.bias_size])
+            self._w_u = (w_u / model.u_std[:, None]).contiguous()
+            self._b_u = biases[0] + p @ w_p - (model.u_mean / model.u_std) @ w_u
+            self._w_s = w_s.contiguous()
+            self._in = list(zip(weights[1:3], biases[1:3], strict=True))
+            self._out = list(zip(weights[3:], biases[3:], strict=True))
+            self._cells = [
+                tuple(
+                    getattr(model.lstm, f"{kind}_l{k}").detach()
+                    for kind in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+                )
+                for k in range(2)
+            ]
+            self.s_mean, self.s_std = model.s_mean, model.s_std
+
+    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
+        """Predict with the model's own predictions as the next inputs.
+
+        Args:
+            s: current state `[D_s]`.
+            u: commands `[B, T, D_u]`.
+            memory: recurrent state before this step, of batch 1.
+
+        Returns:
+            Predicted states of the T next steps, `[B, T, D_s]`.
+        """
+        batch = len(u)
+        x_u = torch.addmm(self._b_u, u.flatten(0, 1), self._w_u).unflatten(0, u.shape[:2]).unbind(1)
+        s = ((s - self.s_mean) / self.s_std).expand(batch, -1)
+        cells = [(memory.h[k].expand(batch, -1), memory.c[k].expand(batch, -1)) for k in range(2)]
+        states = []
+        for x in x_u:
+            x = torch.addmm(x, s, self._w_s).tanh()
+            for weight, bias in self._in:
+                x = torch.addmm(bias, x, weight).tanh()
+            for k, weights in enumerate(self._cells):
+                cells[k] = torch.lstm_cell(x, cells[k], *weights)
+                x = cells[k][0]
+            for weight, bias in self._out[:-1]:
+                x = torch.addmm(bias, x, weight).tanh()
+            s = torch.addmm(self._out[-1][1], x, self._out[-1][0])
+            states.append(s)
+        return torch.stack(states, dim=1) * self.s_std + self.s_mean
+
+
+def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
+    """Predict T steps ahead, one after another, each prediction being the next step's input.
+
+    The plain version of `FrozenDPMPB`, and the reference that it is tested and timed against.
+
+    Args:
+        model: network.
+        s: current state `[D_s]`.
+        u: commands `[B, T, D_u]`.
+        p: parametric bias `[D_p]`.
+        memory: recurrent state before this step, of batch 1.
+
+    Returns:
+        Predicted states `[B, T, D_s]`.
+    """
+    batch = len(u)
+    if memory is not None:
+        memory = Memory(*(part.expand(-1, batch, -1).contiguous() for part in memory))
+    s = s.expand(batch, 1, -1)
+    states = []
+    for t in range(u.shape[1]):
+        s, memory = model(s, u[:, t : t + 1], p, memory)
+        states.append(s)
+    return torch.cat(states, dim=1)
+
+
+@dataclass(frozen=True)
+class ModelTraining:
+    """How W and p are trained together; the defaults are the paper's for the simulation."""
+
+    epochs: int = field(default=300, metadata={"unit": "-"})
+    batch_size: int = field(default=300, metadata={"unit": "-"})  # sequences
+    sequence_length: int = field(default=30, metadata={"unit": "step"})  # LSTM expansions
+    bias_size: int = field(default=2, metadata={"unit": "-"})  # D_p
+    # The paper stops here. What follows keeps a large network from learning 4,500 steps by heart (notebook 05).
+    stride: int = field(default=5, metadata={"unit": "step"})  # between the starts of overlapping sequences
+    learning_rate: float = field(default=2e-3, metadata={"unit": "-"})  # of W; falls to zero along a cosine
+    bias_learning_rate: float = field(default=6e-3, metadata={"unit": "-"})  # of p, whose few numbers must travel far
+
+
+@dataclass(frozen=True, eq=False)
+class Sequences:
+    """One run as the model sees it.
+
+    Attributes:
+        s: states `[T, D_s]`, z first.
+        u: commands `[T, D_u]`.
+        material: which p it shares: the name of its cloth.
+    """
+
+    s: np.ndarray
+    u: np.ndarray
+    material: str
+
+
+def observe(autoencoder: Autoencoder, observation: dict[str, np.ndarray]) -> np.ndarray:
+    """State s = (z, robot state) of one observation, `[D_s]`, float32.
+
+    Here physics, in float64, meets learning, in float32.
+    """
+    return np.concatenate([encode(autoencoder, observation["image"]), observation["robot"]]).astype(np.float32)
+
+
+def to_sequences(autoencoder: Autoencoder, trial: Trial) -> Sequences:
+    """States and commands of a recorded trial, encoded with this autoencoder."""
+    s = np.concatenate([encode(autoencoder, trial.images), trial.robot], axis=1)
+    return Sequences(s.astype(np.float32), trial.commands.astype(np.float32), trial.cloth.name)
+
+
+def fit_normalisation(model: DPMPB, runs: Sequence[Sequences]) -> None:
+    """Set the model's means and standard deviations from all the data (paper, "Network Structure of DPMPB")."""
+    for name in ("s", "u"):
+        values = torch.as_tensor(np.concatenate([getattr(run, name) for run in runs]), dtype=torch.float32)
+        getattr(model, f"{name}_mean").copy_(values.mean(0))
+        getattr(model, f"{name}_std").copy_(values.std(0).clamp_min(1e-6))
+
+
+def train_dpmpb(
+    runs: Sequence[Sequences],
+    settings: ModelTraining | None = None,
+    *,
+    seed: int = 0,
+    device: str | None = None,
+    progress: bool = True,
+) -> tuple[DPMPB, dict[str, np.ndarray], list[float]]:
+    """Train the weights W and one p for each material together (eqs. 3 and 4).
+
+    Args:
+        runs: recorded runs; those of one material share one p, which starts at zero.
+        settings: epochs, batch, sequence length, learning rate.
+        seed: of weights and batches.
+        device: where to train; by default a GPU where torch sees one.
+        progress: show a progress bar.
+
+    Returns:
+        The model on the CPU, p of each material `{name: [D_p]}`, and each epoch's mean squared error (normalised).
+
+    Raises:
+        ValueError: no runs, runs shorter than a sequence, runs of unequal sizes, or numbers that are not finite.
+    """
+    settings = settings or ModelTraining()
+    _check_runs(runs, settings.sequence_length)
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    torch.manual_seed(seed)
+    model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
+    fit_normalisation(model, runs)
+    model.to(device)
+
+    materials = list(dict.fromkeys(run.material for run in runs))
+    p = torch.zeros(len(materials), settings.bias_size, device=device, requires_grad=True)
+    groups = [{"params": model.parameters()}, {"params": [p], "lr": settings.bias_learning_rate}]
+    optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
+    s, u, k = (part.to(device) for part in _windows(runs, materials, settings))
+    batches = -(-len(s) // settings.batch_size)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
+    losses = []
+    bar = tqdm(range(settings.epochs), desc="DPMPB", disable=not progress, unit="epoch")
+    for _ in bar:
+        total = 0.0
+        for index in torch.randperm(len(s), device=device).split(settings.batch_size):
+            predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+            loss = model.loss(predicted, s[index, 1:])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+            total += loss.item() * len(index)
+        losses.append(total / len(s))
+        bar.set_postfix(mse=f"{losses[-1]:.4f}")
+    biases = dict(zip(materials, p.detach().cpu().numpy(), strict=True))
+    return model.cpu().eval(), biases, losses
+
+
+def _check_runs(runs: Sequence[Sequences], length: int) -> None:
+    if not runs:
+        raise ValueError("no runs to train on")
+    for run in runs:
+        if len(run.s) != len(run.u) or len(run.s) <= length:
+            raise ValueError(
+                f"a run needs as many states as commands and more than {length}, got {len(run.s)} and {len(run.u)}"
+            )
+        if run.s.shape[1] != runs[0].s.shape[1] or run.u.shape[1] != runs[0].u.shape[1]:
+            raise ValueError("all runs must come from the same arm and autoencoder: their sizes differ")
+        if not (np.isfinite(run.s).all() and np.isfinite(run.u).all()):
+            raise ValueError(f"a run of {run.material!r} holds numbers that are not finite")
+
+
+def _windows(runs, materials, settings: ModelTraining) -> tuple[Tensor, Tensor, Tensor]:
+    """Overlapping stretches of L steps: states `[N, L + 1, D_s]`, commands `[N, L, D_u]`, material index `[N]`."""
+    s, u, k = [], [], []
+    length, stride = settings.sequence_length, settings.stride
+    for run in runs:
+        s.append(torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2))
+        u.append(torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2))
+        k.append(torch.full((len(s[-1]),), materials.index(run.material)))
+    return torch.cat(s), torch.cat(u), torch.cat(k)
