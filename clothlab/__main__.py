@@ -1,0 +1,91 @@
+"""`python -m clothlab doctor` checks the machine; `python -m clothlab checksums` records the hashes of `data/`."""
+
+import argparse
+import os
+import platform
+import re
+import sys
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from clothlab.artifacts import DATA, check_data, write_checksums
+from clothlab.env import ClothEnv
+
+ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
+
+
+def check_versions() -> list[str]:
+    """Compare what is installed with what `environment.txt` pins; return one line of advice for each difference."""
+    advice = []
+    pins = re.findall(r"^([\w-]+)==(\S+)$", ENVIRONMENT.read_text(), flags=re.MULTILINE)
+    for name, pinned in pins:
+        try:
+            installed = version(name).split("+")[0]
+        except PackageNotFoundError:
+            installed = "missing"
+        if installed != pinned:
+            advice.append(f"{name} is {installed}, pinned is {pinned}: pip install {name}=={pinned}")
+    shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
+    print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+    print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
+    print(f"          {len(pins) - len(advice)} of {len(pins)} pins met")
+    return advice
+
+
+def check_drawing() -> list[str]:
+    """Draw a few camera pictures; return advice where that fails."""
+    back_end = os.environ.get("MUJOCO_GL", "MuJoCo's choice")
+    try:
+        env = ClothEnv()
+        env.reset()
+        start = time.perf_counter()
+        for _ in range(20):
+            env.camera_picture()
+        milliseconds = (time.perf_counter() - start) / 20 * 1e3
+        env.close()
+    except RuntimeError as error:
+        print(f"OpenGL    {back_end}: does not draw")
+        return [str(error)]
+    print(f"OpenGL    {back_end}: {milliseconds:.1f} ms for each 128×96 image")
+    return []
+
+
+def check_files() -> list[str]:
+    """Compare `data/` with its recorded hashes; return advice for each file that differs."""
+    verdict = check_data()
+    good = sum(value == "ok" for value in verdict.values())
+    print(f"data      {good} of {len(verdict)} files as recorded")
+    if not verdict:
+        return ["data/ is empty: git checkout data, or make data train"]
+    return [
+        f"data/{name} is {value}: "
+        + ("python -m clothlab checksums" if value == "not recorded" else f"git checkout data/{name}")
+        for name, value in verdict.items()
+        if value != "ok"
+    ]
+
+
+def doctor() -> int:
+    """Print what this machine has, and for whatever is wrong the line that mends it. Returns the exit status."""
+    advice = check_versions() + check_drawing() + check_files()
+    for line in advice:
+        print(f"  ✗ {line}")
+    if not advice:
+        print("  ✓ all is well")
+    return bool(advice)
+
+
+def main() -> int:
+    """Run one of the commands."""
+    parser = argparse.ArgumentParser(prog="python -m clothlab", description=__doc__)
+    parser.add_argument("command", choices=["doctor", "checksums"])
+    if parser.parse_args().command == "doctor":
+        return doctor()
+    write_checksums()
+    print(f"wrote {DATA / 'SHA256SUMS'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

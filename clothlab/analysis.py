@@ -1,0 +1,112 @@
+"""What the figures and the results table show: geometry of p, distances to a target, success rates."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.decomposition import PCA
+from sklearn.linear_model import LinearRegression
+from sklearn.model_selection import LeaveOneOut, cross_val_predict
+
+from clothlab.autoencoder import Autoencoder, encode
+from clothlab.cloth import Cloth
+from clothlab.trials import Trial
+from clothlab.vision import chamfer_distance, check_mask
+
+__all__ = [
+    "MaterialReadout",
+    "best_per_period",
+    "chamfer_against_z",
+    "nearest_material",
+    "principal_axes",
+    "spread",
+    "success_rate",
+    "target_distance",
+]
+
+
+def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
+    """PCA of the trained p.
+
+    `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their shares.
+    """
+    return PCA(n_components=2).fit(np.stack(list(biases.values())))
+
+
+def spread(biases: dict[str, np.ndarray]) -> float:
+    """Root mean square distance of the trained p from their mean: the yardstick for errors of p."""
+    p = np.stack(list(biases.values()))
+    return float(np.sqrt(((p - p.mean(0)) ** 2).sum(1).mean()))
+
+
+def nearest_material(p: np.ndarray, biases: dict[str, np.ndarray]) -> str:
+    """Name of the material whose trained p is nearest to `p` `[D_p]`."""
+    return min(biases, key=lambda name: float(np.linalg.norm(biases[name] - p)))
+
+
+@dataclass(frozen=True)
+class MaterialReadout:
+    """A linear map from p to log C_damp and log C_mass, fitted to the trained materials.
+
+    Attributes:
+        model: the fitted map.
+        r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
+    """
+
+    model: LinearRegression
+    r2: np.ndarray
+
+    @classmethod
+    def fit(cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]) -> "MaterialReadout":
+        """Fit to the trained p of cloths whose C_damp and C_mass are known."""
+        p = np.stack([biases[name] for name in cloths])
+        logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths.values()])
+        left_out = cross_val_predict(LinearRegression(), p, logs, cv=LeaveOneOut())
+        r2 = 1 - ((logs - left_out) ** 2).sum(0) / ((logs - logs.mean(0)) ** 2).sum(0)
+        return cls(LinearRegression().fit(p, logs), r2)
+
+    def __call__(self, p: np.ndarray) -> tuple[float, float]:
+        """Read C_damp [N s/m] and C_mass [kg] off one p `[D_p]`."""
+        damping, mass = np.exp(self.model.predict(np.asarray(p)[None])[0])
+        return float(damping), float(mass)
+
+
+def target_distance(autoencoder: Autoencoder, trial: Trial, target: np.ndarray) -> np.ndarray:
+    """Distance ‖z_ref - z‖₂ of every step of a trial to a target mask `[H, W]`.
+
+    `[T]`, one being a standard deviation of z.
+    """
+    return np.linalg.norm(encode(autoencoder, trial.images) - encode(autoencoder, check_mask(target)), axis=1)
+
+
+def best_per_period(distances: np.ndarray, period: int = 8) -> np.ndarray:
+    """Smallest distance within each whole period, `[T // period]`: a periodic motion meets its target once in each.
+
+    The first period, in which the arm only swings up from rest, is left out.
+    """
+    whole = len(distances) // period * period
+    return np.asarray(distances)[:whole].reshape(-1, period).min(axis=1)[1:]
+
+
+def success_rate(distances: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """Share of steps whose distance is below each threshold (the curves of the paper's figure on control).
+
+    Args:
+        distances: `[T]`.
+        thresholds: `[N]`.
+
+    Returns:
+        `[N]`, 0 to 1.
+    """
+    return (np.asarray(distances)[None, :] < np.asarray(thresholds)[:, None]).mean(axis=1)
+
+
+def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log chamfer distance and z distance to a target, for the steps at which cloth is visible.
+
+    Returns:
+        log chamfer distance [log pixel] and ‖z_ref - z‖₂, each `[N]`; steps with no cloth in view, or exactly the
+        target's image, have no logarithm and are left out.
+    """
+    chamfer = np.array([chamfer_distance(image, target) if image.any() else np.nan for image in trial.images])
+    seen = chamfer > 0
+    return np.log(chamfer[seen]), target_distance(autoencoder, trial, target)[seen]

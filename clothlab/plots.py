@@ -1,0 +1,297 @@
+"""One function per figure: each takes results and returns a matplotlib Figure.
+
+Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines cross, their style differs too.
+"""
+
+from collections.abc import Sequence
+
+import imageio_ffmpeg
+import matplotlib.pyplot as plt
+import mediapy
+import numpy as np
+from matplotlib.figure import Figure
+
+from clothlab.analysis import principal_axes
+from clothlab.arm import TorqueArm
+from clothlab.cloth import DAMPINGS, Cloth
+from clothlab.env import CONTROL_PERIOD
+from clothlab.trials import Trial
+
+__all__ = [
+    "COLOURS",
+    "chamfer_scatter",
+    "cloth_profiles",
+    "distance_transition",
+    "image_grid",
+    "loss_curves",
+    "material_map",
+    "predicted_states",
+    "show_video",
+    "solve_traces",
+    "success_curves",
+    "time_series",
+    "trial_traces",
+]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES = ("-", "--", "-.", ":")
+MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^"}
+
+
+def _axes(
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options
+) -> tuple[Figure, np.ndarray]:
+    """Figure and its axes `[rows, columns]`. The figure leaves pyplot's list, so that a notebook shows it once."""
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(size[0] * columns, size[1] * rows),
+        squeeze=False,
+        layout="constrained",
+        **options,
+    )
+    plt.close(figure)
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(alpha=0.25)
+    return figure, axes
+
+
+def show_video(pictures: Sequence[np.ndarray], fps: int = 25, width: int = 480) -> None:
+    """Play pictures `[h, w, 3]` uint8 in the notebook.
+
+    Args:
+        pictures: one for each frame.
+        fps: frames a second.
+        width: on the page [pixel].
+    """
+    mediapy.set_ffmpeg(imageio_ffmpeg.get_ffmpeg_exe())
+    mediapy.show_video(pictures, fps=fps, width=width, codec="h264")
+
+
+def loss_curves(curves: dict[str, Sequence[float]], ylabel: str) -> Figure:
+    """Training losses over epochs, on a logarithmic scale.
+
+    Args:
+        curves: `{label: loss of each epoch}`.
+        ylabel: what the loss is, with its unit.
+    """
+    figure, axes = _axes()
+    ax = axes[0, 0]
+    for k, (label, losses) in enumerate(curves.items()):
+        ax.semilogy(np.arange(1, len(losses) + 1), losses, STYLES[k % 4], color=COLOURS[k % 7], label=label)
+    ax.set(xlabel="epoch", ylabel=ylabel)
+    ax.legend()
+    return figure
+
+
+def image_grid(images: Sequence[np.ndarray], titles: Sequence[str] | None = None, columns: int = 6) -> Figure:
+    """Pictures or masks in rows.
+
+    Args:
+        images: each `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8.
+        titles: one for each image.
+        columns: images in a row.
+    """
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    figure, axes = _axes(rows, columns, size=(2.0, 1.75 if titles is not None else 1.55))
+    for ax in axes.flat:
+        ax.axis("off")
+    for k, (ax, image) in enumerate(zip(axes.flat, images, strict=False)):
+        ax.imshow(image, cmap="gray", vmin=0, vmax=1 if image.ndim == 2 else None)
+        if titles is not None:
+            ax.set_title(titles[k], fontsize=9)
+    return figure
+
+
+def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | None = None) -> Figure:
+    """Quantities over time.
+
+    Args:
+        series: `{label: [T]}`.
+        ylabel: what they are, with their unit.
+        time: `[T]` [s]; control steps when left out.
+    """
+    figure, axes = _axes(size=(8.0, 2.8))
+    ax = axes[0, 0]
+    for k, (label, values) in enumerate(series.items()):
+        t = np.arange(len(values)) * CONTROL_PERIOD if time is None else time
+        ax.plot(t, values, STYLES[k % 4], color=COLOURS[k % 7], label=label)
+    ax.set(xlabel="time [s]", ylabel=ylabel)
+    ax.legend(loc="upper right", ncols=min(len(series), 4))
+    return figure
+
+
+def trial_traces(trial: Trial, arm: TorqueArm) -> Figure:
+    """Commands as steps, and the joint angles that follow them, one panel for each command."""
+    figure, axes = _axes(len(arm.command_names), size=(8.0, 1.9), sharex=True)
+    for k, ax in enumerate(axes[:, 0]):
+        ax.step(trial.time, trial.commands[:, k], "--", where="post", color=COLOURS[1], label="commanded")
+        ax.plot(trial.time, trial.robot[:, k], color=COLOURS[0], label="measured")
+        ax.set_ylabel(arm.state_names[k])
+    axes[0, 0].legend(loc="upper right", ncols=2)
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def cloth_profiles(profiles: dict[str, Sequence[np.ndarray]]) -> Figure:
+    """Side views of a cloth at several moments, one panel for each label.
+
+    Args:
+        profiles: `{label: points of each moment [rows, columns, 3] [m]}`; later moments are drawn darker.
+    """
+    figure, axes = _axes(1, len(profiles), size=(3.2, 3.2), sharex=True, sharey=True)
+    for ax, (label, moments) in zip(axes.flat, profiles.items(), strict=True):
+        for k, points in enumerate(moments):
+            side = points.mean(axis=1)
+            ax.plot(
+                side[:, 0],
+                side[:, 2],
+                "o-",
+                ms=3,
+                color=COLOURS[0],
+                alpha=0.15 + 0.85 * (k + 1) / len(moments),
+            )
+        ax.set(title=label, xlabel="forward x [m]", aspect="equal")
+    axes[0, 0].set_ylabel("height z [m]")
+    return figure
+
+
+def material_map(
+    biases: dict[str, np.ndarray], cloths: dict[str, Cloth], trajectories: dict[str, np.ndarray] | None = None
+) -> Figure:
+    """Parametric biases on their principal axes, with online trajectories (the paper's figure on PB in simulation).
+
+    Args:
+        biases: trained p of each material `{name: [D_p]}`.
+        cloths: the materials; C_damp chooses the marker, C_mass its size.
+        trajectories: estimates over time `{label: [T, D_p]}`; the last one is ringed.
+    """
+    pca = principal_axes(biases)
+    figure, axes = _axes(size=(6.4, 5.0))
+    ax = axes[0, 0]
+    for name, cloth in cloths.items():
+        x, y = pca.transform(biases[name][None])[0]
+        ax.scatter(
+            x,
+            y,
+            s=900 * cloth.mass,
+            marker=MARKERS.get(cloth.damping, "D"),
+            color="0.75",
+            edgecolor="0.2",
+            zorder=2,
+        )
+        ax.annotate(
+            f"({cloth.damping:.2f}, {cloth.mass:.2f})",
+            (x, y),
+            xytext=(8, 5),
+            textcoords="offset points",
+            fontsize=8,
+        )
+    for k, (label, path) in enumerate((trajectories or {}).items()):
+        x, y = pca.transform(path).T
+        ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], lw=1.5, label=label, zorder=3)
+        ax.scatter(x[-1], y[-1], s=130, facecolor="none", edgecolor=COLOURS[k % 7], lw=2, zorder=4)
+    share = pca.explained_variance_ratio_
+    ax.margins(0.14)  # room for the labels
+    ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")
+    ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
+    if trajectories:
+        ax.legend(fontsize=8)
+    return figure
+
+
+def predicted_states(truth: np.ndarray, predictions: dict[str, np.ndarray], names: Sequence[str]) -> Figure:
+    """Measured and predicted states over the steps of a prediction, a panel for each state.
+
+    Args:
+        truth: `[T, N]`.
+        predictions: `{label: [T, N]}`.
+        names: of the N states, with units.
+    """
+    figure, axes = _axes(1, len(names), size=(3.2, 2.6))
+    t = np.arange(len(truth)) * CONTROL_PERIOD
+    for n, (ax, name) in enumerate(zip(axes.flat, names, strict=True)):
+        ax.plot(t, truth[:, n], color="0.3", lw=3, alpha=0.5, label="measured")
+        for k, (label, predicted) in enumerate(predictions.items()):
+            ax.plot(t, predicted[:, n], STYLES[k % 4], color=COLOURS[k % 7], label=label)
+        ax.set(xlabel="time [s]", title=name)
+    axes[0, 0].legend(fontsize=8)
+    return figure
+
+
+def solve_traces(traces: Sequence[np.ndarray]) -> Figure:
+    """How the loss falls over the iterations of the controller's solves.
+
+    Args:
+        traces: loss at the start and after each iteration, one array for each solve.
+    """
+    figure, axes = _axes()
+    ax = axes[0, 0]
+    values = np.array(traces)
+    ax.plot(values.T, color=COLOURS[0], alpha=0.08)
+    ax.plot(np.median(values, axis=0), "o-", color=COLOURS[1], lw=2, label=f"median of {len(values)} solves")
+    ax.set(xlabel="iteration", ylabel="loss [standard deviations of z]", xticks=range(values.shape[1]))
+    ax.legend()
+    return figure
+
+
+def distance_transition(distances: dict[str, np.ndarray], period: int = 8) -> Figure:
+    """Distance to the target over time, each period's best marked (the paper's figure on the integrated experiment).
+
+    Args:
+        distances: `{label: ‖z_ref - z‖₂ [T]}`.
+        period: control steps of one period.
+    """
+    figure, axes = _axes(size=(8.0, 2.8))
+    ax = axes[0, 0]
+    for k, (label, distance) in enumerate(distances.items()):
+        colour, distance = COLOURS[k % 7], np.asarray(distance)
+        ax.plot(
+            np.arange(len(distance)) * CONTROL_PERIOD,
+            distance,
+            STYLES[k % 4],
+            color=colour,
+            lw=1,
+            label=label,
+        )
+        whole = len(distance) // period * period
+        best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
+        ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
+    ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
+    ax.legend(loc="upper right", ncols=3)
+    return figure
+
+
+def success_curves(cases: dict[str, dict[str, np.ndarray]], thresholds: np.ndarray) -> Figure:
+    """Rate of steps below a threshold, mean and standard deviation over repeats, a panel for each case.
+
+    Args:
+        cases: `{case: {label: rates of each repeat [R, N]}}`.
+        thresholds: `[N]`, in standard deviations of z.
+    """
+    figure, axes = _axes(1, len(cases), size=(3.3, 3.0), sharex=True, sharey=True)
+    for ax, (case, curves) in zip(axes.flat, cases.items(), strict=True):
+        for k, (label, rates) in enumerate(curves.items()):
+            mean, deviation = np.mean(rates, axis=0), np.std(rates, axis=0)
+            ax.plot(thresholds, mean, STYLES[k % 4], color=COLOURS[k % 7], label=label)
+            ax.fill_between(thresholds, mean - deviation, mean + deviation, color=COLOURS[k % 7], alpha=0.2, lw=0)
+        ax.set(title=case, xlabel="threshold [s.d. of z]", ylim=(0, 1.02))
+    axes[0, 0].set_ylabel("rate of ‖z_ref - z‖ < threshold")
+    axes[0, 0].legend(fontsize=8)
+    return figure
+
+
+def chamfer_scatter(log_chamfer: np.ndarray, z_distance: np.ndarray) -> Figure:
+    """Distance in z against the logarithm of the chamfer distance (the paper's last figure on simulation)."""
+    figure, axes = _axes()
+    ax = axes[0, 0]
+    ax.scatter(log_chamfer, z_distance, s=10, alpha=0.5, color=COLOURS[0], edgecolor="none")
+    r = np.corrcoef(log_chamfer, z_distance)[0, 1]
+    slope, offset = np.polyfit(log_chamfer, z_distance, 1)
+    ends = np.array([log_chamfer.min(), log_chamfer.max()])
+    ax.plot(ends, slope * ends + offset, "--", color=COLOURS[1], label=f"correlation {r:.3f}")
+    ax.set(xlabel="log chamfer distance [log pixel]", ylabel="‖z_ref - z‖ [s.d. of z]")
+    ax.legend()
+    return figure
