@@ -1,0 +1,167 @@
+"""`make bench`: speed as ratios, each measured in one run against a stated reference, about two minutes on two cores.
+
+The machine may be shared, so that milliseconds vary from run to run; both sides of a ratio are measured alternately.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import torch
+from make_data import record_all
+from torch.utils.flop_counter import FlopCounterMode
+from tqdm.auto import tqdm
+
+from clothlab import artifacts
+from clothlab.arm import TorqueArm
+from clothlab.autoencoder import Autoencoder
+from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
+from clothlab.dpmpb import DPMPB, FrozenDPMPB, Memory, predict
+from clothlab.env import CONTROL_PERIOD, ClothEnv
+
+
+def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
+    """Time functions in turn, `{name: seconds [repeats]}`."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for function in functions.values():
+        function()
+    for _ in tqdm(range(repeats), leave=False):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - start)
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def bench_step() -> None:
+    """`env.step` against the bare MuJoCo step and bare rendering of the same scene."""
+    env = ClothEnv()
+    env.reset(seed=0)
+    env.step(env.arm.home_command)
+    rng = np.random.default_rng(0)
+    substeps = round(CONTROL_PERIOD / env.scene.time_step)
+    renderer = env.renderer(96, 128)
+
+    def bare() -> None:
+        mujoco.mj_step(env.model, env.data, substeps)
+        mujoco.mj_forward(env.model, env.data)  # the picture is to show where the last step has led
+        renderer.update_scene(env.data, "camera")
+        renderer.render()
+
+    def full() -> None:
+        env.step(rng.uniform(env.arm.command_lower, env.arm.command_upper))
+
+    times = alternate({"bare": bare, "env.step": full}, 300)
+    env.close()
+    bare_ms, full_ms = (1e3 * np.median(times[name]) for name in ("bare", "env.step"))
+    ratio = full_ms / bare_ms
+    print(f"env.step / bare MuJoCo step and rendering: {ratio:.2f}  ({full_ms:.2f} / {bare_ms:.2f} ms; ≤ 1.15)")
+
+
+def bench_collection() -> None:
+    """Recording the whole data set on all cores against one."""
+    cores = sorted(os.sched_getaffinity(0))[:2]
+    seconds = {}
+    for used in (cores[:1], cores):
+        os.sched_setaffinity(0, used)  # workers inherit it; drawing would otherwise take a second core
+        start = time.perf_counter()
+        record_all(len(used), progress=False)
+        seconds[len(used)] = time.perf_counter() - start
+    print(
+        f"recording all trials, 1 core / 2 cores: {seconds[1] / seconds[2]:.2f}"
+        f"  ({seconds[1]:.0f} / {seconds[2]:.0f} s; ≥ 1.7)"
+    )
+
+
+def bench_solve() -> None:
+    """One solve of the controller against the straightforward loop over `nn.LSTM`, on one core."""
+    torch.set_num_threads(1)
+    model, biases, _ = artifacts.load_dpmpb()
+    model.requires_grad_(False)
+    arm, settings = TorqueArm(), ControlSettings()
+    generator = torch.Generator().manual_seed(0)
+    p = torch.as_tensor(next(iter(biases.values())))
+    frozen = FrozenDPMPB(model, p)
+    lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
+    mask = torch.as_tensor(period_mask(3, settings))
+    problems = []
+    for _ in range(20):
+        s = model.s_mean + model.s_std * torch.randn(model.state_size, generator=generator)
+        u = lower + (upper - lower) * torch.rand(settings.horizon, 2, generator=generator)
+        memory = Memory(*(0.3 * torch.randn(2, 1, 30, generator=generator) for _ in range(2)))
+        problems.append((s, u, memory, torch.randn(3, generator=generator)))
+
+    def solve(function, k: int) -> torch.Tensor:
+        s, u, memory, z_ref = problems[k % len(problems)]
+        return optimise_commands(
+            lambda candidates: function(s, candidates, memory),
+            lambda states: control_loss(states, z_ref, mask, slice(0, 0), settings.tension_weight),
+            u,
+            lower,
+            upper,
+            model.u_std,
+            settings,
+        )[0]
+
+    def plain(s, u, memory):
+        return predict(model, s, u, p, memory)
+
+    difference = max((solve(frozen, k) - solve(plain, k)).abs().max().item() for k in range(len(problems)))
+    count = iter(range(10**6))
+    times = alternate({"plain": lambda: solve(plain, next(count)), "frozen": lambda: solve(frozen, next(count))}, 200)
+    ratio = np.median(times["plain"]) / np.median(times["frozen"])
+    median, late = 1e3 * np.percentile(times["frozen"], [50, 99])
+    print(f"one solve, loop over nn.LSTM / ours: {ratio:.2f}  (largest difference {difference:.1e}; ≥ 2 and ≤ 1e-5)")
+    print(
+        f"    ours: median {median:.1f} ms, 99th percentile {late:.1f} ms, of the {CONTROL_PERIOD * 1e3:.0f} ms period"
+    )
+
+
+def flops_and_seconds(step: Callable[[], object]) -> tuple[float, float]:
+    """Floating-point operations that PyTorch counts in one training step, and its median time [s]."""
+    with FlopCounterMode(display=False) as counter:
+        step()
+    return counter.get_total_flops(), float(np.median(alternate({"step": step}, 10)["step"]))
+
+
+def bench_training() -> None:
+    """GFLOP/s of one training step of each network, beside a large matrix product's."""
+    torch.set_num_threads(os.cpu_count() or 1)
+    a, b = torch.randn(2, 2000, 2000)
+    seconds = float(np.median(alternate({"product": lambda: a @ b}, 10)["product"]))
+    peak = 2 * 2000**3 / seconds / 1e9
+    print(f"matrix product 2000³: {peak:.0f} GFLOP/s")
+
+    autoencoder, images = (
+        Autoencoder().to(memory_format=torch.channels_last),
+        (torch.rand(64, 1, 96, 128) > 0.9).float(),
+    )
+    flops, seconds = flops_and_seconds(lambda: autoencoder(images).mean().backward())
+    rate = flops / seconds / 1e9
+    print(f"autoencoder: {rate:.0f} GFLOP/s, {rate / peak:.2f} of the product's; epoch {seconds * 4500 / 64:.1f} s")
+
+    model, s, u, p = DPMPB(7, 2), torch.randn(300, 30, 7), torch.randn(300, 30, 2), torch.zeros(300, 2)
+    flops, seconds = flops_and_seconds(lambda: model(s, u, p)[0].mean().backward())
+    # The counter does not see inside nn.LSTM: 2 layers, 4 gates, 30 units from 60 inputs; backward is twice forward.
+    flops += 3 * 2 * (2 * 4 * 30 * 60) * 300 * 30
+    rate = flops / seconds / 1e9
+    windows = 18 * (250 - 30)
+    print(f"DPMPB: {rate:.0f} GFLOP/s, {rate / peak:.2f} of the product's; epoch {seconds * windows / 300:.1f} s")
+
+
+BENCHES = {"step": bench_step, "collection": bench_collection, "solve": bench_solve, "training": bench_training}
+
+
+def main() -> None:
+    """Run all, or those named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*BENCHES, []], help="which; all by default")
+    for name in parser.parse_args().names or BENCHES:
+        BENCHES[name]()
+
+
+if __name__ == "__main__":
+    main()

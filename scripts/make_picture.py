@@ -1,0 +1,50 @@
+"""Draw the README's moving picture: the controller at work, what it sees, and the target. About a minute."""
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from clothlab import artifacts
+from clothlab.control import ControlPolicy
+from clothlab.env import ClothEnv, Scene
+from clothlab.trials import rollout
+from clothlab.vision import cloth_mask
+
+CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 48, 24, 3
+HEIGHT, WIDTH = 288, 384  # [pixel]
+
+
+def label(picture: np.ndarray, text: str) -> np.ndarray:
+    """Write a caption into the upper left corner."""
+    return cv2.putText(picture.copy(), text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (140, 140, 140), 1, cv2.LINE_AA)
+
+
+def from_mask(mask: np.ndarray) -> np.ndarray:
+    """A mask as a small grey picture."""
+    grey = np.where(mask, 235, 40).astype(np.uint8)
+    grey = cv2.resize(grey, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
+
+
+def main() -> None:
+    """Control for a few periods and write `docs/control.gif`."""
+    autoencoder, _ = artifacts.load_autoencoder()
+    model, biases, _ = artifacts.load_dpmpb()
+    target = artifacts.load_target("target-2")
+    env = ClothEnv("torque", CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)), pictures_per_step=PICTURES_PER_STEP)
+    policy = ControlPolicy(model, autoencoder, env.arm, target, biases[CLOTH])
+    rollout(env, policy, STEPS, progress=True)
+    frames = []
+    for picture in env.pictures[FIRST_STEP * PICTURES_PER_STEP :]:
+        small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
+        side = np.vstack([label(from_mask(target), "target"), label(from_mask(cloth_mask(small)), "seen")])
+        frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
+    path = artifacts.DATA.parent / "docs" / "control.gif"
+    path.parent.mkdir(exist_ok=True)
+    milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10  # GIF counts in hundredths of a second
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
