@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from clothlab._choices import choose
+
 __all__ = ["ARMS", "TorqueArm", "check_command", "get_arm"]
 
 JOINTS = ("shoulder", "elbow")
@@ -128,9 +130,7 @@ def get_arm(name: str) -> TorqueArm:
     Raises:
         KeyError: unknown name; the message lists the choices.
     """
-    if name not in ARMS:
-        raise KeyError(f"unknown arm {name!r}; choose from {', '.join(ARMS)}")
-    return ARMS[name]
+    return choose("arm", name, ARMS)
 
 
 def check_command(arm: TorqueArm, u: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from clothlab._choices import choose
 from clothlab._files import atomic_write, sha256
 from clothlab.autoencoder import Autoencoder
 from clothlab.dpmpb import DPMPB
@@ -53,10 +54,9 @@ def load_trials(name: str, *, data: Path = DATA) -> list[Trial]:
         ValueError: a damaged or altered file.
     """
     folder = data / "trials"
-    choices = sorted(path.name for path in folder.glob("*") if path.is_dir())
-    if name not in choices:
-        raise KeyError(f"unknown trials {name!r}; choose from {', '.join(choices) or '(none: run `make data`)'}")
-    return [load_trial(_checked(path, data)) for path in sorted((folder / name).glob("*.npz"))]
+    choices = {path.name: path for path in sorted(folder.glob("*")) if path.is_dir()}
+    chosen = choose("trials", name, choices, "(none yet: run `make data`)")
+    return [load_trial(_checked(path, data)) for path in sorted(chosen.glob("*.npz"))]
 
 
 def save_autoencoder(model: Autoencoder, losses: list[float], name: str, *, data: Path = DATA) -> None:
@@ -135,8 +135,8 @@ def load_target(name: str, *, data: Path = DATA) -> np.ndarray:
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file, or an image of another size or without a cloth.
     """
-    path = _find(data / "targets", f"{name}.png", "target", name)
-    picture = cv2.imread(str(_checked(path, data)), cv2.IMREAD_GRAYSCALE)
+    path = _find("targets/*.png", "target", name, data)
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise ValueError(f"{path} is not a picture")
     return check_mask(picture > 127)
@@ -155,7 +155,7 @@ def load_results(name: str = "simulation", *, data: Path = DATA) -> dict[str, An
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file.
     """
-    return json.loads(_checked(_find(data / "results", f"{name}.json", "results", name), data).read_text())
+    return json.loads(_find("results/*.json", "results", name, data).read_text())
 
 
 def write_checksums(data: Path = DATA) -> None:
@@ -206,16 +206,11 @@ def _checked(path: Path, data: Path) -> Path:
     return path
 
 
-def _find(folder: Path, file: str, kind: str, name: str) -> Path:
-    if not (folder / file).is_file():
-        prefix, suffix = file.split(name) if name else ("", Path(file).suffix)
-        choices = sorted(
-            path.name.removeprefix(prefix).removesuffix(suffix) for path in folder.glob(f"{prefix}*{suffix}")
-        )
-        raise KeyError(
-            f"unknown {kind} {name!r}; choose from {', '.join(choices) or '(none yet: run `make data train`)'}"
-        )
-    return folder / file
+def _find(pattern: str, kind: str, name: str, data: Path) -> Path:
+    """The file in `data/` that matches the pattern `FOLDER/PREFIX*SUFFIX` with `name` in place of the star."""
+    prefix, suffix = pattern.split("/")[-1].split("*")
+    choices = {path.name.removeprefix(prefix).removesuffix(suffix): path for path in sorted(data.glob(pattern))}
+    return _checked(choose(kind, name, choices, "(none yet: run `make data train`)"), data)
 
 
 def _save_tensors(path: Path, model: torch.nn.Module, about: dict[str, Any], **extra: torch.Tensor) -> None:
@@ -225,7 +220,7 @@ def _save_tensors(path: Path, model: torch.nn.Module, about: dict[str, Any], **e
 
 
 def _load_tensors(kind: str, name: str, data: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
-    path = _checked(_find(data / "weights", f"{kind}-{name}.safetensors", f"{kind} weights", name), data)
+    path = _find(f"weights/{kind}-*.safetensors", f"{kind} weights", name, data)
     try:
         with safe_open(path, "pt") as file:
             return json.loads(file.metadata()["clothlab"]), {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118

@@ -6,6 +6,8 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from clothlab._choices import choose
+
 __all__ = ["CLOTHS", "DAMPINGS", "MASSES", "Cloth", "add_cloth", "cloth_name", "get_cloth", "point_names", "springs"]
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
@@ -68,9 +70,7 @@ def get_cloth(name: str) -> Cloth:
     Raises:
         KeyError: unknown name; the message lists the choices.
     """
-    if name not in CLOTHS:
-        raise KeyError(f"unknown cloth {name!r}; choose from {', '.join(CLOTHS)}")
-    return CLOTHS[name]
+    return choose("cloth", name, CLOTHS)
 
 
 def point_names(cloth: Cloth) -> list[list[str]]:
@@ -91,15 +91,20 @@ def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_posi
         hand: the body that holds the first row. Its frame must be parallel to the world's when every joint is at zero.
         hand_position: where `hand` is in the world when every joint is at zero [m].
     """
-    x = np.zeros(cloth.columns)
-    y = np.linspace(-0.5, 0.5, cloth.columns) * cloth.width
+    hanging = _hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
-        z = np.full(cloth.columns, -cloth.length * i / (cloth.rows - 1))
-        for name, offset in zip(row, np.stack([x, y, z], axis=1), strict=True):
+        for name, offset in zip(row, hanging[i], strict=True):
             _add_point(spec, cloth, name, hand if i == 0 else None, offset, hand_position)
     for a, b, stiffness in springs(cloth):
         _add_spring(spec, cloth, a, b, stiffness)
-    _add_surface(spec, cloth, hand_position)
+    _add_surface(spec, cloth, hand_position + hanging)
+
+
+def _hanging_points(cloth: Cloth) -> np.ndarray:
+    """Where the points are below the hand when the cloth hangs unstretched, `[rows, columns, 3]` [m]."""
+    y = np.linspace(-0.5, 0.5, cloth.columns) * cloth.width
+    z = np.linspace(0.0, -cloth.length, cloth.rows)
+    return np.stack(np.broadcast_arrays(0.0, y, z[:, None]), axis=-1)
 
 
 def _add_point(spec, cloth, name, hand, offset, hand_position) -> None:
@@ -149,15 +154,9 @@ def _add_spring(spec, cloth, a, b, stiffness) -> None:
     tendon.wrap_site(b)
 
 
-def _add_surface(spec, cloth, hand_position) -> None:
+def _add_surface(spec, cloth, rest) -> None:
     """Draw the cloth: a skin shows one side only, so two of opposite winding give a red front and a blue back."""
     names = [name for row in point_names(cloth) for name in row]
-    rest = hand_position + np.array(
-        [
-            (0.0, (j / (cloth.columns - 1) - 0.5) * cloth.width, -cloth.length * i / (cloth.rows - 1))
-            for i, j in product(range(cloth.rows), range(cloth.columns))
-        ]
-    )
     corner = np.array([i * cloth.columns + j for i in range(cloth.rows - 1) for j in range(cloth.columns - 1)])
     right, below = corner + 1, corner + cloth.columns
     front = np.stack([corner, below, right, right, below, below + 1], axis=1).reshape(-1, 3)

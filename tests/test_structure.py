@@ -12,8 +12,8 @@ import pytest
 import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
-LAYERS = ["_files", "cloth", "arm", "vision", "env", "trials", "autoencoder", "dpmpb", "estimation", "control"]
-LAYERS += ["analysis", "plots", "artifacts", "__main__"]
+LAYERS = ["_choices", "_files", "cloth", "arm", "vision", "env", "trials", "autoencoder", "dpmpb"]
+LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "__main__"]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
