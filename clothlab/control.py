@@ -8,7 +8,7 @@ from torch import Tensor
 
 from clothlab.arm import TorqueArm
 from clothlab.autoencoder import Autoencoder, encode
-from clothlab.dpmpb import DPMPB, FrozenDPMPB, Memory, observe
+from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
 from clothlab.estimation import BiasEstimator
 from clothlab.vision import check_mask
 
@@ -160,7 +160,7 @@ class ControlPolicy:
         self._tension = slice(part.start + offset, part.stop + offset)
         self.trace: list[np.ndarray] = []
         self._t = 0
-        self._memory = Memory(torch.zeros(2, 1, 30), torch.zeros(2, 1, 30))
+        self._memory = model.initial_memory()
         self._last: tuple[Tensor, Tensor] | None = None
         home = torch.as_tensor(arm.home_command, dtype=torch.float32)
         self._u = home.expand(self.settings.horizon, -1)

@@ -76,6 +76,11 @@ class DPMPB(nn.Module):
         x, memory = self.lstm(x, memory)
         return self.fc_out(x) * self.s_std + self.s_mean, Memory(*memory)
 
+    def initial_memory(self) -> Memory:
+        """The recurrent state before the first step of one run: zeros."""
+        zeros = torch.zeros(self.lstm.num_layers, 1, self.lstm.hidden_size)
+        return Memory(zeros, zeros)
+
     def loss(self, predicted: Tensor, s: Tensor) -> Tensor:
         """Mean squared error of states `[..., D_s]` in standard deviations, so that every sensor counts alike."""
         return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
