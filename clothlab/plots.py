@@ -22,6 +22,7 @@ __all__ = [
     "chamfer_scatter",
     "cloth_profiles",
     "distance_transition",
+    "film_strips",
     "image_grid",
     "loss_curves",
     "material_map",
@@ -105,6 +106,24 @@ def image_grid(images: Sequence[np.ndarray], titles: Sequence[str] | None = None
     return figure
 
 
+def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
+    """Several runs of images, one below the other.
+
+    Args:
+        rows: `{label: masks [T, H, W]}`.
+        titles: one for each of the T columns.
+    """
+    figure, axes = _axes(len(rows), len(titles), size=(1.3, 1.05))
+    for line, (label, images) in zip(axes, rows.items(), strict=True):
+        line[0].set_ylabel(label, fontsize=9)
+        for ax, image in zip(line, images, strict=True):
+            ax.imshow(image, cmap="gray", vmin=0, vmax=1)
+            ax.set(xticks=[], yticks=[])
+    for ax, title in zip(axes[0], titles, strict=True):
+        ax.set_title(title, fontsize=9)
+    return figure
+
+
 def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | None = None) -> Figure:
     """Quantities over time.
 
@@ -119,7 +138,7 @@ def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | N
         t = np.arange(len(values)) * CONTROL_PERIOD if time is None else time
         ax.plot(t, values, STYLES[k % 4], color=COLOURS[k % 7], label=label)
     ax.set(xlabel="time [s]", ylabel=ylabel)
-    ax.legend(loc="upper right", ncols=min(len(series), 4))
+    figure.legend(loc="outside upper right", ncols=min(len(series), 4))
     return figure
 
 
@@ -198,7 +217,7 @@ def material_map(
     ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")
     ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
     if trajectories:
-        ax.legend(fontsize=8)
+        figure.legend(loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3))
     return figure
 
 
@@ -260,7 +279,7 @@ def distance_transition(distances: dict[str, np.ndarray], period: int = 8) -> Fi
         best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
     ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
-    ax.legend(loc="upper right", ncols=3)
+    figure.legend(loc="outside upper right", ncols=3)
     return figure
 
 

@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 
-__all__ = ["HEIGHT", "WIDTH", "chamfer_distance", "check_mask", "cloth_mask"]
+__all__ = ["HEIGHT", "KERNEL", "WIDTH", "chamfer_distance", "check_mask", "cloth_mask"]
 
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three numbers could describe.
-_KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 def cloth_mask(rgb: np.ndarray) -> np.ndarray:
@@ -31,8 +31,8 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     red, green, blue = cv2.split(rgb)
     # Red beyond both other channels is a hue test that survives shading; 40 of 255 clears the grey of arm and floor.
     mask = (cv2.subtract(red, cv2.max(green, blue)) > 40).astype(np.uint8)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _KERNEL)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
     if mask.shape != (HEIGHT, WIDTH):
         mask = cv2.resize(mask * np.uint8(255), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) > 127
     return mask.astype(bool)
@@ -54,7 +54,7 @@ def check_mask(mask: np.ndarray) -> np.ndarray:
 
 
 def chamfer_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Symmetric chamfer distance between two masks (paper, eq. after "Symmetric Chamfer Distance").
+    """Symmetric chamfer distance between two masks (paper, section "Simulation Experiment").
 
     The mean distance from a pixel of one cloth to the nearest pixel of the other, in both directions, averaged.
 
