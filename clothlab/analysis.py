@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
+from sklearn.metrics import r2_score
 from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
 from clothlab.autoencoder import Autoencoder, encode
@@ -50,10 +51,12 @@ class MaterialReadout:
     Attributes:
         model: the fitted map.
         r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
+        ratio_r2: the same of log (C_damp / C_mass), on which alone the motion of a free point in air depends.
     """
 
     model: LinearRegression
     r2: np.ndarray
+    ratio_r2: float
 
     @classmethod
     def fit(cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]) -> "MaterialReadout":
@@ -61,8 +64,12 @@ class MaterialReadout:
         p = np.stack([biases[name] for name in cloths])
         logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths.values()])
         left_out = cross_val_predict(LinearRegression(), p, logs, cv=LeaveOneOut())
-        r2 = 1 - ((logs - left_out) ** 2).sum(0) / ((logs - logs.mean(0)) ** 2).sum(0)
-        return cls(LinearRegression().fit(p, logs), r2)
+        ratio = np.array([1, -1])
+        return cls(
+            LinearRegression().fit(p, logs),
+            r2_score(logs, left_out, multioutput="raw_values"),
+            r2_score(logs @ ratio, left_out @ ratio),
+        )
 
     def __call__(self, p: np.ndarray) -> tuple[float, float]:
         """Read C_damp [N s/m] and C_mass [kg] off one p `[D_p]`."""
