@@ -1,6 +1,6 @@
 """Cloths as point masses and springs, and their MuJoCo elements (paper, section "Experimental Setup")."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import mujoco
@@ -8,7 +8,21 @@ import numpy as np
 
 from clothlab._choices import choose
 
-__all__ = ["CLOTHS", "DAMPINGS", "MASSES", "Cloth", "add_cloth", "cloth_name", "get_cloth", "point_names", "springs"]
+__all__ = [
+    "CLOTHS",
+    "DAMPINGS",
+    "FOAMS",
+    "MASSES",
+    "SHEETS",
+    "Cloth",
+    "FoamSheet",
+    "add_cloth",
+    "cloth_name",
+    "foam",
+    "get_cloth",
+    "point_names",
+    "springs",
+]
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
@@ -58,10 +72,62 @@ def cloth_name(damping: float, mass: float) -> str:
     return f"damp{damping:.2f}-mass{mass:.2f}"
 
 
-CLOTHS = {
+CLOTHS = {  # the nine of the paper's simulation
     cloth_name(damping, mass): Cloth(cloth_name(damping, mass), damping=damping, mass=mass)
     for damping, mass in product(DAMPINGS, MASSES)
 }
+
+
+@dataclass(frozen=True)
+class FoamSheet:
+    """A sheet of polyethylene foam: thickness from the paper, density and modulus such as these foams are sold with."""
+
+    thickness: float = field(metadata={"unit": "m"})
+    density: float = field(metadata={"unit": "kg/m³"})
+    modulus: float = field(metadata={"unit": "Pa"})  # Young's
+
+
+SHEETS = {
+    "soft": FoamSheet(thickness=0.005, density=30.0, modulus=0.3e6),
+    "hard": FoamSheet(thickness=0.002, density=120.0, modulus=3.0e6),
+}
+AIR_DENSITY = 1.2  # [kg/m³]
+DRAG_COEFFICIENT = 1.2  # of a plate across the wind
+SWING_SPEED = 2.0  # [m/s], at which the air's drag, which grows with the square of the speed, is made linear
+BEND = 1.0  # [rad] between neighbouring rows, at which a bending spring stores what the bent sheets do
+
+
+def foam(kind: str, sheets: int) -> Cloth:
+    """A cloth of foam sheets lying loose on each other: mass and stiffness grow with their number, the drag does not.
+
+    Args:
+        kind: `soft` or `hard`.
+        sheets: how many.
+
+    Raises:
+        KeyError: unknown kind; the message lists the choices.
+        ValueError: no sheets.
+    """
+    sheet = choose("foam", kind, SHEETS)
+    if sheets < 1:
+        raise ValueError(f"a foam cloth needs at least one sheet, got {sheets}")
+    base = Cloth(f"{kind}-{sheets}")
+    area, spacing = base.length * base.width, base.length / (base.rows - 1)
+    drag = AIR_DENSITY * DRAG_COEFFICIENT * area * SWING_SPEED / 2
+    # A column of sheet bent by an angle φ between two rows stores E t³/12 · φ²/2 · column width / spacing, and the
+    # spring across them, which the bend shortens by spacing · φ²/4, stores k/2 · (that)². Equal at φ = BEND.
+    rigidity = sheet.modulus * sheet.thickness**3 / 12 * base.width / base.columns
+    return replace(
+        base,
+        mass=sheets * sheet.density * sheet.thickness * area,
+        damping=drag / (base.rows * base.columns),
+        bending=sheets * 16 * rigidity / (spacing**3 * BEND**2),
+        stiffness=sheets * 60.0,  # real foam stretches less, but so light a cloth would need a smaller time step
+        spring_damping=sheets * 0.05,
+    )
+
+
+FOAMS = {cloth.name: cloth for cloth in (*(foam("soft", n) for n in (1, 2)), *(foam("hard", n) for n in (1, 2, 3)))}
 
 
 def get_cloth(name: str) -> Cloth:
@@ -70,7 +136,7 @@ def get_cloth(name: str) -> Cloth:
     Raises:
         KeyError: unknown name; the message lists the choices.
     """
-    return choose("cloth", name, CLOTHS)
+    return choose("cloth", name, CLOTHS | FOAMS)
 
 
 def point_names(cloth: Cloth) -> list[list[str]]:
@@ -78,7 +144,9 @@ def point_names(cloth: Cloth) -> list[list[str]]:
     return [[f"cloth_{i}_{j}" for j in range(cloth.columns)] for i in range(cloth.rows)]
 
 
-def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_position: np.ndarray) -> None:
+def add_cloth(
+    spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_position: np.ndarray, *, front_forward: bool = True
+) -> None:
     """Hang the cloth from a hand.
 
     Free points are bodies of the world with three slide joints, so that their coordinates are the world's and the
@@ -90,6 +158,7 @@ def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_posi
         cloth: what to hang.
         hand: the body that holds the first row. Its frame must be parallel to the world's when every joint is at zero.
         hand_position: where `hand` is in the world when every joint is at zero [m].
+        front_forward: whether the red front looks away from the robot, or towards it.
     """
     hanging = _hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
@@ -97,7 +166,7 @@ def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_posi
             _add_point(spec, cloth, name, hand if i == 0 else None, offset, hand_position)
     for a, b, stiffness in springs(cloth):
         _add_spring(spec, cloth, a, b, stiffness)
-    _add_surface(spec, cloth, hand_position + hanging)
+    _add_surface(spec, cloth, hand_position + hanging, front_forward)
 
 
 def _hanging_points(cloth: Cloth) -> np.ndarray:
@@ -154,13 +223,14 @@ def _add_spring(spec, cloth, a, b, stiffness) -> None:
     tendon.wrap_site(b)
 
 
-def _add_surface(spec, cloth, rest) -> None:
+def _add_surface(spec, cloth, rest, front_forward) -> None:
     """Draw the cloth: a skin shows one side only, so two of opposite winding give a red front and a blue back."""
     names = [name for row in point_names(cloth) for name in row]
     corner = np.array([i * cloth.columns + j for i in range(cloth.rows - 1) for j in range(cloth.columns - 1)])
     right, below = corner + 1, corner + cloth.columns
     front = np.stack([corner, below, right, right, below, below + 1], axis=1).reshape(-1, 3)
-    for side, faces, rgba in (("front", front, FRONT_RGBA), ("back", front[:, ::-1], BACK_RGBA)):
+    away, towards = (FRONT_RGBA, BACK_RGBA) if front_forward else (BACK_RGBA, FRONT_RGBA)
+    for side, faces, rgba in (("away", front, away), ("towards", front[:, ::-1], towards)):
         spec.add_skin(
             name=f"cloth_{side}",
             rgba=rgba,

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab.arm import TorqueArm
+from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
 from clothlab.estimation import BiasEstimator
@@ -127,7 +127,7 @@ class ControlPolicy:
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: TorqueArm,
+        arm: Arm,
         target: np.ndarray,
         p: np.ndarray,
         settings: ControlSettings | None = None,
@@ -154,6 +154,8 @@ class ControlPolicy:
                 f"{len(arm.state_names)} and {len(arm.command_names)}; load the weights of this arm"
             )
         self.z_ref = torch.as_tensor(encode(autoencoder, check_mask(target)))
+        # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
+        self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
         self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
         self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
         offset, part = autoencoder.latent_size, arm.tension_slice
@@ -190,7 +192,7 @@ class ControlPolicy:
             self._u,
             self.lower,
             self.upper,
-            self.model.u_std,
+            self.scale,
             self.settings,
         )
         self.trace.append(trace)

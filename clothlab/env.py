@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from clothlab import vision
-from clothlab.arm import TorqueArm, check_command, get_arm
+from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
 __all__ = ["CONTROL_PERIOD", "ClothEnv", "Scene", "SimulationError", "build_spec"]
@@ -22,17 +22,14 @@ class SimulationError(RuntimeError):
 
 @dataclass(frozen=True)
 class Scene:
-    """Time step, camera and start of a scene."""
+    """Time step and start of a scene, and how large its pictures for people are."""
 
     time_step: float = field(default=0.002, metadata={"unit": "s"})  # notebook 01 measures what halving it changes
-    camera_position: tuple[float, float, float] = field(default=(1.35, -1.35, 1.75), metadata={"unit": "m"})
-    camera_target: tuple[float, float, float] = field(default=(0.42, 0.0, 0.93), metadata={"unit": "m"})
-    camera_fovy: float = field(default=39.0, metadata={"unit": "degree"})  # vertical field of view
     settle_time: float = field(default=2.0, metadata={"unit": "s"})  # the cloth hangs still before a trial starts
     picture_size: tuple[int, int] = field(default=(480, 640), metadata={"unit": "pixel"})  # of `render()`, for people
 
 
-def build_spec(arm: TorqueArm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
+def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of arm, cloth, camera, light and floor; `.to_xml()` shows it as MJCF."""
     scene = scene or Scene()
     spec = mujoco.MjSpec()
@@ -50,7 +47,7 @@ def build_spec(arm: TorqueArm, cloth: Cloth, scene: Scene | None = None) -> mujo
         width=16,
         height=16,
     )
-    spec.visual.map.shadowclip = 2  # at 1 the floor is speckled
+    spec.visual.map.shadowclip = 6  # smaller ones leave speckles on the floor
     spec.visual.headlight.ambient = [0.45] * 3
     spec.visual.headlight.diffuse = [0.3] * 3
     world.add_light(
@@ -71,17 +68,17 @@ def build_spec(arm: TorqueArm, cloth: Cloth, scene: Scene | None = None) -> mujo
         contype=0,
         conaffinity=0,
     )
-    target = world.add_body(name="camera_target", pos=scene.camera_target)
+    target = world.add_body(name="camera_target", pos=arm.camera.target)
     target.add_site(size=[0.001, 0, 0], group=4)
     world.add_camera(
         name="camera",
-        pos=scene.camera_position,
-        fovy=scene.camera_fovy,
+        pos=arm.camera.position,
+        fovy=arm.camera.fovy,
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
         targetbody="camera_target",
     )
     hand, position = arm.add_to(spec)
-    add_cloth(spec, cloth, hand, position)
+    add_cloth(spec, cloth, hand, position, front_forward=arm.camera.position[0] > position[0])
     return spec
 
 
@@ -100,7 +97,7 @@ class ClothEnv(gymnasium.Env):
 
     def __init__(
         self,
-        arm: TorqueArm | str = "torque",
+        arm: Arm | str = "torque",
         cloth: Cloth | str = "damp0.05-mass0.10",
         *,
         target: np.ndarray | None = None,
@@ -163,7 +160,7 @@ class ClothEnv(gymnasium.Env):
         if (options or {}).get("random_start", False):
             u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
         mujoco.mj_resetData(self.model, self.data)
-        self.arm.reset(self.model, self.data, u)
+        self.arm.reset(self.data, u)
         self._hang_cloth()
         self._advance(round(self.scene.settle_time / self.scene.time_step))
         self.data.time = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab.analysis import principal_axes
-from clothlab.arm import TorqueArm
+from clothlab.arm import Arm
 from clothlab.cloth import DAMPINGS, Cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.trials import Trial
@@ -142,7 +142,7 @@ def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | N
     return figure
 
 
-def trial_traces(trial: Trial, arm: TorqueArm) -> Figure:
+def trial_traces(trial: Trial, arm: Arm) -> Figure:
     """Commands as steps, and the joint angles that follow them, one panel for each command."""
     figure, axes = _axes(len(arm.command_names), size=(8.0, 1.9), sharex=True)
     for k, ax in enumerate(axes[:, 0]):

@@ -13,7 +13,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from clothlab._files import atomic_write
-from clothlab.arm import TorqueArm
+from clothlab.arm import Arm
 from clothlab.cloth import Cloth
 from clothlab.env import CONTROL_PERIOD, ClothEnv
 from clothlab.vision import HEIGHT, WIDTH
@@ -108,7 +108,7 @@ def rollout(
 class RandomPolicy:
     """Uniform random commands, each held for a random number of steps (the paper's Random)."""
 
-    def __init__(self, arm: TorqueArm, *, seed: int, longest_hold: int = 4):
+    def __init__(self, arm: Arm, *, seed: int, longest_hold: int = 4):
         """Prepare.
 
         Args:
@@ -132,10 +132,11 @@ class RandomPolicy:
 class OperatorPolicy:
     """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly, throws it down fast to spread it.
 
-    Every swing draws its own height, depth, speeds and pauses, so that no two are alike.
+    Every swing draws its own height, depth, speeds and pauses, so that no two are alike. What the arm takes beside
+    joint angles (stiffness) is random, as in the paper.
     """
 
-    def __init__(self, arm: TorqueArm, *, seed: int):
+    def __init__(self, arm: Arm, *, seed: int):
         """Prepare.
 
         Args:
@@ -144,22 +145,25 @@ class OperatorPolicy:
         """
         self.arm = arm
         self._rng = np.random.default_rng(seed)
-        self._u = arm.home_command
+        self._random = RandomPolicy(arm, seed=seed)
+        self._theta = arm.home_command[: len(arm.lower)]
         self._plan: list[np.ndarray] = []
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         """Return the command `[D_u]`."""
         if not self._plan:
             self._plan = self._swing()
-        self._u = self._plan.pop(0)
-        return self._u.copy()
+        self._theta = self._plan.pop(0)
+        u = self._random(observation)
+        u[: len(self._theta)] = self._theta
+        return u
 
     def _swing(self) -> list[np.ndarray]:
         """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3."""
-        rng, lower, upper = self._rng, self.arm.command_lower, self.arm.command_upper
+        rng, lower, upper = self._rng, np.array(self.arm.lower), np.array(self.arm.upper)
         high = lower + rng.uniform(0.0, 0.35, len(lower)) * (upper - lower)
         low = lower + rng.uniform(0.65, 1.0, len(lower)) * (upper - lower)
-        up = np.linspace(self._u, high, rng.integers(3, 7) + 1)[1:]
+        up = np.linspace(self._theta, high, rng.integers(3, 7) + 1)[1:]
         down = np.linspace(high, low, rng.integers(1, 3) + 1)[1:]
         return [*up, *[high] * rng.integers(0, 3), *down, *[low] * rng.integers(1, 4)]
 

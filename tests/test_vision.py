@@ -12,7 +12,7 @@ def project(env, points):
     """Pixel coordinates of points in the world, `[N, 3]` → `[N, 2]`, by the pinhole model."""
     camera = env.data.camera("camera")
     local = (points - camera.xpos) @ camera.xmat.reshape(3, 3)
-    focal = 48 / np.tan(np.deg2rad(env.scene.camera_fovy / 2))
+    focal = 48 / np.tan(np.deg2rad(env.arm.camera.fovy / 2))
     return np.stack([64 + focal * local[:, 0] / -local[:, 2], 48 - focal * local[:, 1] / -local[:, 2]], axis=1)
 
 
