@@ -9,16 +9,27 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from tqdm.auto import tqdm
 
 from clothlab._files import atomic_write
-from clothlab.arm import Arm
+from clothlab.arm import Arm, check_command
 from clothlab.cloth import Cloth
 from clothlab.env import CONTROL_PERIOD, ClothEnv
 from clothlab.vision import HEIGHT, WIDTH
 
-__all__ = ["OperatorPolicy", "Policy", "RandomPolicy", "Trial", "load_trial", "rollout", "save_trial"]
+__all__ = [
+    "Motion",
+    "OperatorPolicy",
+    "Policy",
+    "RandomPolicy",
+    "Trial",
+    "load_trial",
+    "replay",
+    "rollout",
+    "save_trial",
+]
 
 Policy = Callable[[dict[str, np.ndarray]], np.ndarray]
 
@@ -103,6 +114,54 @@ def rollout(
         observation, *_ = env.step(u)
     name = name or getattr(policy, "__name__", type(policy).__name__)
     return Trial(np.array(images), np.array(robot), np.array(commands), env.cloth, env.arm.name, name, seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What the arm did in a trial, finer than the trial's steps and beyond what its sensors say.
+
+    Attributes:
+        time: `[N]` [s].
+        theta: joint angles `[N, 2]` [rad].
+        hand: position of the hand in the world `[N, 3]` [m].
+    """
+
+    time: np.ndarray
+    theta: np.ndarray
+    hand: np.ndarray
+
+    @property
+    def hand_speed(self) -> np.ndarray:
+        """Speed of the hand, `[N]` [m/s]."""
+        return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
+
+
+def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> Motion:
+    """Send the commands of a trial again and watch the arm closely.
+
+    Args:
+        trial: a run that started from the arm's home.
+        arm: another arm to send them to; by default the trial's own.
+        interval: between samples [s].
+
+    Raises:
+        ValueError: the arm does not do again what the trial recorded, as after a random start.
+    """
+    env = ClothEnv(arm or trial.arm, trial.cloth)
+    env.reset(seed=trial.seed)
+    steps = max(1, round(interval / env.scene.time_step))
+    samples = []
+    for u, recorded in zip(trial.commands, trial.robot, strict=True):
+        if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
+            raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
+        env.arm.command(env.data, check_command(env.arm, u))
+        for _ in range(round(CONTROL_PERIOD / env.scene.time_step / steps)):
+            mujoco.mj_step(env.model, env.data, steps)
+            samples.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos))
+        mujoco.mj_forward(env.model, env.data)  # as the recording did, before it looked
+    env.close()
+    time, theta, hand = np.split(np.array(samples), [1, 3], axis=1)
+    return Motion(time[:, 0], theta, hand)
 
 
 class RandomPolicy:

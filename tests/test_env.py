@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from clothlab import vision
 from clothlab.arm import ARMS
 from clothlab.env import ClothEnv, _make_renderer
-from clothlab.trials import OperatorPolicy, RandomPolicy, rollout
+from clothlab.trials import OperatorPolicy, RandomPolicy, replay, rollout
 
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # commands are in the arm's units on purpose
@@ -105,3 +105,22 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
     monkeypatch.setattr("mujoco.Renderer", no_display)
     with pytest.raises(RuntimeError, match="apt-get install libegl1"):
         _make_renderer(env.model, 96, 128)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_replay_repeats_the_recorded_run(arm):
+    env = ClothEnv(arm)
+    trial = rollout(env, RandomPolicy(env.arm, seed=2), 8)
+    env.close()
+    motion = replay(trial)
+    assert len(motion.time) == 8 * 50
+    if arm == "torque":
+        assert motion.theta[49::50][:-1] == pytest.approx(trial.robot[1:, :2], abs=1e-6)
+    moved = np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()
+    assert np.trapezoid(motion.hand_speed, motion.time) == pytest.approx(moved, rel=0.01)
+
+
+def test_a_replay_that_starts_elsewhere_is_refused(env):
+    trial = rollout(env, RandomPolicy(env.arm, seed=2), 5, random_start=True)
+    with pytest.raises(ValueError, match="started elsewhere"):
+        replay(trial)
