@@ -1,15 +1,18 @@
 """Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 8)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from torch import Tensor
 
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
 from clothlab.estimation import BiasEstimator
+from clothlab.trials import Trial
 from clothlab.vision import check_mask
 
 __all__ = [
@@ -19,6 +22,7 @@ __all__ = [
     "control_loss",
     "optimise_commands",
     "period_mask",
+    "recorded_plans",
     "shift_left",
     "step_sizes",
 ]
@@ -115,6 +119,13 @@ def shift_left(u: Tensor) -> Tensor:
     return torch.cat([u[1:], u[-1:]])
 
 
+def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
+    """Stretches of the commands that somebody has sent before, `[count, horizon, D_u]`, drawn at random."""
+    windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
+    chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
+    return windows[chosen].transpose(0, 2, 1)
+
+
 class ControlPolicy:
     """Realises a target image again and again, once a period; a policy for `rollout`.
 
@@ -131,6 +142,7 @@ class ControlPolicy:
         target: np.ndarray,
         p: np.ndarray,
         settings: ControlSettings | None = None,
+        plans: np.ndarray | None = None,
     ):
         """Prepare.
 
@@ -141,9 +153,13 @@ class ControlPolicy:
             target: mask `[H, W]` of the cloth to realise.
             p: parametric bias of the cloth in the hand `[D_p]`.
             settings: the paper's constants.
+            plans: command sequences `[N, horizon, D_u]`, such as `recorded_plans`. Each period then starts from the one
+                that the model likes best, where that beats the warm start. The paper has none and leaves open where
+                the first solve starts.
 
         Raises:
-            ValueError: a target of another size or without a cloth; a model of other sizes than the arm's.
+            ValueError: a target of another size or without a cloth; a model of other sizes than the arm's; plans of
+                another shape.
         """
         self.settings = settings or ControlSettings()
         self.model, self.autoencoder, self.arm = model, autoencoder, arm
@@ -160,6 +176,11 @@ class ControlPolicy:
         self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
         offset, part = autoencoder.latent_size, arm.tension_slice
         self._tension = slice(part.start + offset, part.stop + offset)
+        self._plans = torch.empty(0, self.settings.horizon, len(self.lower))
+        if plans is not None:
+            if plans.shape[1:] != self._plans.shape[1:]:
+                raise ValueError(f"plans are [N, {self._plans.shape[1]}, {self._plans.shape[2]}], got {plans.shape}")
+            self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
         self.trace: list[np.ndarray] = []
         self._t = 0
         self._memory = model.initial_memory()
@@ -186,10 +207,22 @@ class ControlPolicy:
                 _, self._memory = self.model(*(x[None, None] for x in self._last), self._p, self._memory)
             self._u = shift_left(self._u)
         mask = torch.as_tensor(period_mask(self._t, self.settings))
+
+        def predict(u: Tensor) -> Tensor:
+            return self._frozen(s, u, self._memory)
+
+        def loss(states: Tensor) -> Tensor:
+            return control_loss(states, self.z_ref, mask, self._tension, self.settings.tension_weight)
+
+        start = self._u
+        if len(self._plans) and self._t % self.settings.period == 0:
+            with torch.no_grad():
+                starts = torch.cat([start[None], self._plans])
+                start = starts[loss(predict(starts)).argmin()]
         self._u, trace = optimise_commands(
-            lambda u: self._frozen(s, u, self._memory),
-            lambda states: control_loss(states, self.z_ref, mask, self._tension, self.settings.tension_weight),
-            self._u,
+            predict,
+            loss,
+            start,
             self.lower,
             self.upper,
             self.scale,

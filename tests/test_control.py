@@ -14,6 +14,7 @@ from clothlab.control import (
     control_loss,
     optimise_commands,
     period_mask,
+    recorded_plans,
     shift_left,
     step_sizes,
 )
@@ -103,11 +104,11 @@ def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
 
 @pytest.fixture
 def controller(square):
-    def make(**change):
+    def make(plans=None, **change):
         torch.manual_seed(0)
         model = DPMPB(state_size=7, command_size=2).eval()
         settings = replace(ControlSettings(candidates=5, iterations=1), **change)
-        return ControlPolicy(model, Autoencoder().eval(), TorqueArm(), square, np.zeros(2), settings)
+        return ControlPolicy(model, Autoencoder().eval(), TorqueArm(), square, np.zeros(2), settings, plans)
 
     return make
 
@@ -136,6 +137,29 @@ def test_p_can_be_changed_while_controlling(env, controller):
     policy.p = np.array([0.5, -0.5])
     assert policy.p == pytest.approx([0.5, -0.5])
     policy(observation)
+
+
+def test_a_period_starts_from_the_most_promising_plan(env, controller):
+    plans = np.random.default_rng(0).uniform(LOWER, UPPER, (50, 8, 2))
+    observation, _ = env.reset()
+    starts = []
+    for each in (None, plans, plans[::-1].copy()):
+        policy = controller(each)
+        policy(observation)
+        starts.append(policy.trace[0][0])
+    assert starts[1] < starts[0]
+    assert starts[2] == pytest.approx(starts[1])
+
+
+def test_plans_are_stretches_of_recorded_commands(trial):
+    plans = recorded_plans([trial], horizon=5, count=20)
+    windows = [trial.commands[k : k + 5] for k in range(len(trial) - 4)]
+    assert all(any(np.array_equal(plan, window) for window in windows) for plan in plans)
+
+
+def test_plans_of_another_length_are_refused(controller):
+    with pytest.raises(ValueError, match=r"plans are \[N, 8, 2\]"):
+        controller(np.zeros((3, 5, 2)))
 
 
 def test_weights_of_another_arm_are_refused(square):
