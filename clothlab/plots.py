@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from clothlab.analysis import principal_axes
 from clothlab.arm import Arm
-from clothlab.cloth import DAMPINGS, Cloth
+from clothlab.cloth import DAMPINGS, FOAMS, Cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.trials import Trial
 
@@ -36,7 +36,7 @@ __all__ = [
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
-MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^"}
+MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "hard": "s"}
 
 
 def _axes(
@@ -184,7 +184,7 @@ def material_map(
 
     Args:
         biases: trained p of each material `{name: [D_p]}`.
-        cloths: the materials; C_damp chooses the marker, C_mass its size.
+        cloths: the materials; the larger the mass, the larger the marker, whose shape is C_damp's or the foam's.
         trajectories: estimates over time `{label: [T, D_p]}`; the last one is ringed.
     """
     pca = principal_axes(biases)
@@ -196,13 +196,13 @@ def material_map(
             x,
             y,
             s=900 * cloth.mass,
-            marker=MARKERS.get(cloth.damping, "D"),
+            marker=MARKERS.get(name.split("-")[0] if name in FOAMS else cloth.damping, "D"),
             color="0.75",
             edgecolor="0.2",
             zorder=2,
         )
         ax.annotate(
-            f"({cloth.damping:.2f}, {cloth.mass:.2f})",
+            name if name in FOAMS else f"({cloth.damping:.2f}, {cloth.mass:.2f})",
             (x, y),
             xytext=(8, 5),
             textcoords="offset points",
@@ -215,7 +215,8 @@ def material_map(
     share = pca.explained_variance_ratio_
     ax.margins(0.14)  # room for the labels
     ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")
-    ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
+    if not set(cloths) <= set(FOAMS):
+        ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
     if trajectories:
         figure.legend(loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3))
     return figure

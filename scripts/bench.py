@@ -16,11 +16,12 @@ from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
-from clothlab.arm import TorqueArm
+from clothlab.arm import ARMS, Arm
 from clothlab.autoencoder import Autoencoder
+from clothlab.cloth import get_cloth
 from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.dpmpb import DPMPB, FrozenDPMPB, Memory, predict
-from clothlab.env import CONTROL_PERIOD, ClothEnv
+from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 
 
 def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
@@ -76,21 +77,43 @@ def bench_collection() -> None:
     )
 
 
+def bench_arms() -> None:
+    """Physics of the muscle arm against the torque arm's, both with a cloth in the hand."""
+    models = {name: build_spec(arm, get_cloth("damp0.05-mass0.10")).compile() for name, arm in ARMS.items()}
+    data = {name: mujoco.MjData(model) for name, model in models.items()}
+    for name, arm in ARMS.items():
+        arm.reset(data[name], arm.home_command)
+    steps = 500
+    times = alternate({name: lambda name=name: mujoco.mj_step(models[name], data[name], steps) for name in ARMS}, 20)
+    rate = {name: steps / np.median(times[name]) for name in ARMS}
+    ratio = rate["muscle"] / rate["torque"]
+    print(
+        f"physics, muscle arm / torque arm: {ratio:.2f}  ({rate['muscle']:,.0f} / {rate['torque']:,.0f} steps a second)"
+    )
+
+
 def bench_solve() -> None:
     """One solve of the controller against the straightforward loop over `nn.LSTM`, on one core."""
     torch.set_num_threads(1)
-    model, biases, _ = artifacts.load_dpmpb()
+    for name, arm in ARMS.items():
+        bench_solve_of(name, arm)
+
+
+def bench_solve_of(name: str, arm: Arm) -> None:
+    """The same, for one arm's numbers of commands and states."""
+    model, biases, _ = artifacts.load_dpmpb(f"{name}-0")
     model.requires_grad_(False)
-    arm, settings = TorqueArm(), ControlSettings()
+    settings = ControlSettings()
     generator = torch.Generator().manual_seed(0)
     p = torch.as_tensor(next(iter(biases.values())))
     frozen = FrozenDPMPB(model, p)
     lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
     mask = torch.as_tensor(period_mask(3, settings))
+    tension = slice(arm.tension_slice.start + 3, arm.tension_slice.stop + 3)
     problems = []
     for _ in range(20):
         s = model.s_mean + model.s_std * torch.randn(model.state_size, generator=generator)
-        u = lower + (upper - lower) * torch.rand(settings.horizon, 2, generator=generator)
+        u = lower + (upper - lower) * torch.rand(settings.horizon, model.command_size, generator=generator)
         memory = Memory(*(0.3 * torch.randn(2, 1, 30, generator=generator) for _ in range(2)))
         problems.append((s, u, memory, torch.randn(3, generator=generator)))
 
@@ -98,7 +121,7 @@ def bench_solve() -> None:
         s, u, memory, z_ref = problems[k % len(problems)]
         return optimise_commands(
             lambda candidates: function(s, candidates, memory),
-            lambda states: control_loss(states, z_ref, mask, slice(0, 0), settings.tension_weight),
+            lambda states: control_loss(states, z_ref, mask, tension, settings.tension_weight),
             u,
             lower,
             upper,
@@ -114,7 +137,10 @@ def bench_solve() -> None:
     times = alternate({"plain": lambda: solve(plain, next(count)), "frozen": lambda: solve(frozen, next(count))}, 200)
     ratio = np.median(times["plain"]) / np.median(times["frozen"])
     median, late = 1e3 * np.percentile(times["frozen"], [50, 99])
-    print(f"one solve, loop over nn.LSTM / ours: {ratio:.2f}  (largest difference {difference:.1e}; ≥ 2 and ≤ 1e-5)")
+    sizes = f"{model.command_size} commands, {model.state_size} states"
+    print(
+        f"one solve ({sizes}), loop over nn.LSTM / ours: {ratio:.2f}  (≥ 2; largest difference {difference:.1e} ≤ 1e-5)"
+    )
     print(
         f"    ours: median {median:.1f} ms, 99th percentile {late:.1f} ms, of the {CONTROL_PERIOD * 1e3:.0f} ms period"
     )
@@ -152,7 +178,13 @@ def bench_training() -> None:
     print(f"DPMPB: {rate:.0f} GFLOP/s, {rate / peak:.2f} of the product's; epoch {seconds * windows / 300:.1f} s")
 
 
-BENCHES = {"step": bench_step, "collection": bench_collection, "solve": bench_solve, "training": bench_training}
+BENCHES = {
+    "step": bench_step,
+    "arms": bench_arms,
+    "collection": bench_collection,
+    "solve": bench_solve,
+    "training": bench_training,
+}
 
 
 def main() -> None:

@@ -1,21 +1,14 @@
-"""`make results`: compute every figure of the results table from `data/` with fresh simulation.
+"""The paper's section "Simulation Experiment": every figure, computed from `data/` with fresh simulation.
 
-Prints the table, writes `data/results/simulation.json`, which the notebooks read, and puts the table into the README.
-About five minutes on two cores. Seeds: model k is the DPMPB trained with seed k; commands of estimation
-use 6000 + 100 k, random commands under control 7000 + k, the chamfer run 5000. None occurs in the training data.
+Seeds: model k is the DPMPB trained with seed k; commands of estimation use 6000 + 100 k, random commands under control
+7000 + k, the chamfer run 5000. None occurs in the training data.
 """
 
-import argparse
-import os
-import time
-
-import joblib
 import numpy as np
 import torch
-from tqdm.auto import tqdm
+from reporting import row, run_jobs
 
 from clothlab import artifacts
-from clothlab._files import atomic_write
 from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
@@ -33,7 +26,6 @@ from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, estimate_bias
 from clothlab.trials import RandomPolicy, Trial, rollout
 
-README = artifacts.DATA.parent / "README.md"
 MODELS = range(5)
 ESTIMATION_MODELS, ESTIMATION_STEPS = range(3), 200  # 40 s
 CONTROL_STEPS = 250  # 50 s
@@ -159,13 +151,7 @@ def compute(workers: int) -> dict:
     jobs = [(estimation_run, (cloth, number, k)) for k in ESTIMATION_MODELS for number, cloth in enumerate(cloths)]
     jobs += [(control_run, (target, cloth, k)) for target in TARGETS for cloth in CONTROL_CLOTHS for k in MODELS]
     jobs += [(integrated_run, (k,)) for k in MODELS]
-    parallel = joblib.Parallel(n_jobs=workers, return_as="generator")
-    found = parallel(joblib.delayed(function)(*arguments) for function, arguments in jobs)
-    found = list(tqdm(found, total=len(jobs), desc="results", unit="run"))
-    by_kind = {
-        function.__name__: [row for (kind, _), row in zip(jobs, found, strict=True) if kind is function]
-        for function, _ in jobs
-    }
+    by_kind = run_jobs(jobs, workers)
     estimated = by_kind["estimation_run"]
     return {
         "autoencoder": autoencoder_results(),
@@ -181,18 +167,8 @@ def table(results: dict) -> list[dict]:
     """The rows of the results table: what, the paper's figure, ours, the bound, and whether ours is within it."""
     rows = []
 
-    def add(what, paper, value, bound=None, unit="", at_least=True, spread=""):
-        held = None if bound is None else bool(value >= bound if at_least else value <= bound)
-        sign = "≥" if at_least else "≤"
-        rows.append(
-            {
-                "what": what,
-                "paper": paper,
-                "here": f"{value:.2f}{unit}{spread}",
-                "bound": "–" if bound is None else f"{sign} {bound:.2g}{unit}",
-                "held": held,
-            }
-        )
+    def add(*arguments, **options):
+        rows.append(row(*arguments, **options))
 
     ae, estimation = results["autoencoder"], results["estimation"]
     add("autoencoder: mean IoU on evaluation trials", "–", ae["iou"], 0.80)
@@ -258,41 +234,3 @@ def table(results: dict) -> list[dict]:
         spread=f" ± {ratios.std():.2f}",
     )
     return rows
-
-
-def markdown(rows: list[dict]) -> str:
-    """The table for the README."""
-    lines = ["| | paper | here | aim | |", "| --- | --- | --- | --- | --- |"]
-    for row in rows:
-        mark = {True: "✓", False: "short of it", None: ""}[row["held"]]
-        lines.append(f"| {row['what']} | {row['paper']} | {row['here']} | {row['bound']} | {mark} |")
-    return "\n".join(lines)
-
-
-def put_into_readme(rows: list[dict]) -> None:
-    """Replace what stands between the README's two result marks."""
-    text = README.read_text()
-    before, rest = text.split("<!-- results -->")
-    _, after = rest.split("<!-- /results -->")
-    with atomic_write(README) as temporary:
-        temporary.write_text(f"{before}<!-- results -->\n{markdown(rows)}\n<!-- /results -->{after}")
-
-
-def main() -> None:
-    """Compute, print, save."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    start = time.perf_counter()
-    results = compute(parser.parse_args().workers)
-    results["table"] = table(results)
-    artifacts.save_results(results, "simulation")
-    artifacts.write_checksums()
-    put_into_readme(results["table"])
-    for row in results["table"]:
-        mark = {True: "✓", False: "✗", None: " "}[row["held"]]
-        print(f"{mark} {row['what']}: {row['here']} (bound {row['bound']}, paper {row['paper']})")
-    print(f"{time.perf_counter() - start:.0f} s; data/results/simulation.json")
-
-
-if __name__ == "__main__":
-    main()
