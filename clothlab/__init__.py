@@ -34,6 +34,7 @@ __all__ = [
     "env",
     "estimation",
     "plots",
+    "session",
     "trials",
     "vision",
 ]

@@ -22,6 +22,7 @@ from clothlab.vision import check_mask
 
 __all__ = [
     "DATA",
+    "OWN_TRIALS",
     "check_data",
     "load_autoencoder",
     "load_dpmpb",
@@ -36,6 +37,7 @@ __all__ = [
 ]
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
 
 
@@ -184,7 +186,11 @@ def check_data(data: Path = DATA) -> dict[str, str]:
 
 def _files(data: Path) -> list[Path]:
     kept = {".npz", ".safetensors", ".png", ".json"}
-    return sorted(path for path in data.rglob("*") if path.suffix in kept and not path.name.startswith("."))
+    return sorted(
+        path
+        for path in data.rglob("*")
+        if path.suffix in kept and not path.name.startswith(".") and data / OWN_TRIALS not in path.parents
+    )
 
 
 def _checksums(data: Path) -> dict[str, str]:

@@ -201,11 +201,7 @@ class ControlPolicy:
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         """Return the command `[D_u]`."""
-        s = torch.as_tensor(observe(self.autoencoder, observation))
-        if self._last is not None:  # the recurrent state follows the real observations, not the predicted ones
-            with torch.no_grad():
-                _, self._memory = self.model(*(x[None, None] for x in self._last), self._p, self._memory)
-            self._u = shift_left(self._u)
+        s = self._follow(observation)
         mask = torch.as_tensor(period_mask(self._t, self.settings))
 
         def predict(u: Tensor) -> Tensor:
@@ -229,6 +225,21 @@ class ControlPolicy:
             self.settings,
         )
         self.trace.append(trace)
+        return self._send(s)
+
+    def coast(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out."""
+        return self._send(self._follow(observation))
+
+    def _follow(self, observation: dict[str, np.ndarray]) -> Tensor:
+        """Encode the state; the recurrent state follows what was observed, not what was predicted."""
+        if self._last is not None:
+            with torch.no_grad():
+                _, self._memory = self.model(*(x[None, None] for x in self._last), self._p, self._memory)
+            self._u = shift_left(self._u)
+        return torch.as_tensor(observe(self.autoencoder, observation))
+
+    def _send(self, s: Tensor) -> np.ndarray:
         self._last = (s, self._u[0])
         self._t += 1
         return self._u[0].double().numpy()

@@ -130,6 +130,18 @@ def test_the_memory_follows_the_observations(env, controller):
     assert torch.allclose(policy._memory.h, memory.h, atol=1e-5)
 
 
+def test_coasting_goes_on_with_the_plan(env, controller):
+    policy = controller()
+    observation, _ = env.reset()
+    policy(observation)
+    plan = policy._u.clone()
+    for k in (1, 2):
+        observation, *_ = env.step(policy.coast(observation))
+        assert torch.equal(policy._u[0], plan[k])
+    assert len(policy.trace) == 1
+    policy(observation)  # and a solve goes on from there
+
+
 def test_p_can_be_changed_while_controlling(env, controller):
     policy = controller()
     observation, _ = env.reset()

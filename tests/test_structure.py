@@ -13,7 +13,7 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 LAYERS = ["_choices", "_files", "cloth", "arm", "vision", "env", "trials", "autoencoder", "dpmpb"]
-LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "__main__"]
+LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "session", "__main__"]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
@@ -57,7 +57,7 @@ def settings_classes():
 @pytest.mark.parametrize("cls", list(settings_classes()), ids=lambda cls: cls.__name__)
 def test_every_parameter_has_its_unit(cls):
     for field in dataclasses.fields(cls):
-        holds_data = "ndarray" in str(field.type) or cls.__name__ in ("Trial", "Sequences", "MaterialReadout")
+        holds_data = "ndarray" in str(field.type) or cls.__name__ in ("Trial", "Sequences", "MaterialReadout", "Moment")
         if not holds_data:
             assert field.metadata.get("unit"), f"{cls.__name__}.{field.name} has no unit"
 
