@@ -37,6 +37,7 @@ __all__ = [
     "session",
     "trials",
     "vision",
+    "widgets",
 ]
 __version__ = "0.1.0"
 

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab.analysis import principal_axes
-from clothlab.arm import Arm
+from clothlab.arm import Arm, MuscleArm, static_posture
 from clothlab.cloth import DAMPINGS, FOAMS, Cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.trials import Trial
@@ -22,6 +22,7 @@ __all__ = [
     "chamfer_scatter",
     "cloth_profiles",
     "distance_transition",
+    "ellipse_at_hand",
     "film_strips",
     "image_grid",
     "loss_curves",
@@ -281,6 +282,30 @@ def distance_transition(distances: dict[str, np.ndarray], period: int = 8) -> Fi
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
     ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
     figure.legend(loc="outside upper right", ncols=3)
+    return figure
+
+
+def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float, enlarged: float = 10.0) -> Figure:
+    """The arm from the side, and where a push of 1 N from any direction would move its hand.
+
+    Args:
+        arm: a muscle arm.
+        theta: posture `[2]` [rad].
+        f_const: co-contraction [N].
+        enlarged: how much larger than the arm the displacements are drawn.
+    """
+    angles = np.linspace(0, 2 * np.pi, 25)
+    theta = np.clip(theta, arm.lower, arm.upper)
+    pushed = [static_posture(arm, [*theta, f_const], np.array([np.cos(a), np.sin(a)])) for a in angles]
+    hand = arm.hand(theta)
+    ellipse = hand + enlarged * (np.array([arm.hand(each) for each in pushed]) - hand)
+    elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
+    figure, axes = _axes(size=(4.0, 3.6))
+    ax = axes[0, 0]
+    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
+    ax.plot(*ellipse.T, color=COLOURS[0], lw=2)
+    ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75), xlabel="forward [m]", ylabel="up [m]")
+    ax.set_title(f"{f_const:.0f} N; displacement by 1 N, enlarged {enlarged:g} times", fontsize=9)
     return figure
 
 

@@ -193,12 +193,13 @@ class LiveSession:
         self._refuse_while_recording("the arm")
         arm, setup = get_arm(name), choose("arm", name, SETUPS)
         model, biases, _ = artifacts.load_dpmpb(setup.weights)
-        self.autoencoder, _ = artifacts.load_autoencoder(name)
+        autoencoder, _ = artifacts.load_autoencoder(name)
+        plans, target = recorded_plans(artifacts.load_trials(setup.trials)), artifacts.load_target(setup.target)
+        # All is there: only now does anything change.
         self.arm, self.model, self.biases = arm, model.requires_grad_(False), biases
-        self._plans = recorded_plans(artifacts.load_trials(setup.trials))
+        self.autoencoder, self._plans, self._target = autoencoder, plans, target
         self.hand, self._tension = arm.home_command, None
         self._p = biases[setup.cloth].copy()
-        self._target = artifacts.load_target(setup.target)
         self.set_cloth(setup.cloth)
 
     def set_cloth(self, cloth: Cloth | str) -> None:
@@ -209,6 +210,15 @@ class LiveSession:
             self.env.close()
         self.env = ClothEnv(self.arm, cloth, scene=self._scene)
         self.reset()
+
+    def set_material(self, damping: float, mass: float) -> None:
+        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest.
+
+        Raises:
+            ValueError: values that no cloth has.
+        """
+        name = f"damp{damping:.3f}-mass{mass:.3f}"
+        self.set_cloth(replace(self.env.cloth, name=name, damping=damping, mass=mass))
 
     def reset(self) -> None:
         """Let the cloth hang still at the arm's home; controller and estimator forget what they saw."""

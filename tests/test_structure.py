@@ -13,7 +13,7 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 LAYERS = ["_choices", "_files", "cloth", "arm", "vision", "env", "trials", "autoencoder", "dpmpb"]
-LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "session", "__main__"]
+LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "session", "widgets", "__main__"]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 

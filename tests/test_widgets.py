@@ -1,0 +1,174 @@
+"""The panel without a browser: what its controls do to the session, and what it says when something is wrong."""
+
+import asyncio
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from clothlab.session import LiveSession
+from clothlab.widgets import LivePanel, TargetCanvas
+
+
+@pytest.fixture
+def panel(tmp_path):
+    panel = LivePanel(LiveSession(recordings=tmp_path / "mine", picture_size=(96, 128)))
+    yield panel
+    panel.check()
+    panel.close()
+
+
+def run(panel, seconds: float, answer=True) -> None:
+    """Let the panel run, with a browser that draws each frame at once, or with none."""
+
+    async def main():
+        panel.start()
+        if answer:
+            panel.view.observe(lambda change: setattr(panel.view, "acknowledged", change["new"]), "frame")
+        await asyncio.sleep(seconds)
+
+    asyncio.run(main())
+
+
+def test_time_goes_by_until_it_is_paused(panel):
+    async def main():
+        panel.start()
+        panel.start()  # twice is once
+        await asyncio.sleep(1.2)
+        panel.pause()
+        steps = panel.steps
+        await asyncio.sleep(0.5)
+        assert panel.steps == steps
+        return steps
+
+    assert 3 <= asyncio.run(main()) <= 7
+    assert not panel.running
+
+
+def test_a_browser_that_does_not_draw_gets_no_more_frames(panel):
+    first = panel.view.frame
+    run(panel, 1.2, answer=False)
+    assert panel.steps >= 3
+    assert panel.view.frame <= first + 1
+
+
+def test_a_page_that_is_gone_stops_the_clock(panel, monkeypatch):
+    monkeypatch.setattr("clothlab.widgets.PATIENCE", 0.5)
+
+    async def main():
+        panel.start()
+        await asyncio.sleep(1.6)
+        return panel.running
+
+    assert not asyncio.run(main())
+    assert "does not answer" in panel.message.value
+
+
+def test_a_second_panel_closes_the_first(panel):
+    other = LivePanel(LiveSession(picture_size=(96, 128)))
+    assert not panel.running
+    assert LivePanel._active is other
+    other.close()
+
+
+def test_single_steps_and_reset(panel):
+    panel.buttons["step"].click()
+    panel.buttons["step"].click()
+    assert panel.session.step_number == 2
+    assert len(panel.view.traces[0]["lines"][0]["values"]) == 2
+    panel.buttons["reset"].click()
+    assert panel.session.step_number == 0
+
+
+def test_a_click_on_the_map_sets_p(panel):
+    before = panel.session.p
+    panel.map.chosen = [0.1, -0.05]
+    assert not np.allclose(panel.session.p, before)
+    assert panel._pca.transform(panel.session.p[None])[0] == pytest.approx([0.1, -0.05], abs=1e-6)
+
+
+def test_a_drawing_becomes_the_target_and_shows_what_the_network_believes(panel, square):
+    shown = panel.understood.value
+    panel.canvas.drawn = square.astype(np.uint8).tobytes()
+    assert np.array_equal(panel.session.target, square)
+    assert panel.understood.value != shown
+    assert "s.d. of z" in panel.verdict.value
+
+
+def test_an_empty_drawing_says_so_and_keeps_the_target(panel):
+    target = panel.session.target
+    panel.canvas.drawn = bytes(96 * 128)
+    assert "no cloth in the image" in panel.message.value
+    assert np.array_equal(panel.session.target, target)
+    panel.buttons["step"].click()
+
+
+def test_a_file_that_is_no_picture_says_so(panel):
+    when = {"last_modified": datetime.now(UTC)}
+    panel.upload.set_trait("value", ({"content": memoryview(b"text"), "name": "a", "type": "", "size": 4} | when,))
+    assert "not a picture" in panel.message.value
+
+
+def test_material_sliders_and_the_gallery_follow_each_other(panel):
+    panel.damping.value = 0.03
+    assert panel.session.env.cloth.damping == pytest.approx(0.03)
+    panel.cloth.value = "damp0.07-mass0.15"
+    assert (panel.damping.value, panel.mass.value) == pytest.approx((0.07, 0.15))
+    panel.target.value = "target-1"
+    panel.driver.value = "hand"
+    panel.hands.children[0].value = 0.2
+    panel.buttons["step"].click()
+    assert panel.session.hand[0] == pytest.approx(0.2)
+
+
+def test_stiffness_is_the_muscle_arms(panel):
+    assert panel.tension.disabled
+    panel.arm.value = "muscle"
+    assert not panel.tension.disabled
+    panel.fixed.value = True
+    panel.tension.value = 50.0
+    panel.buttons["step"].click()
+    assert panel._history[-1].command[2] == 50.0
+    assert len(panel.ellipse.value) > 1000
+
+
+def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
+    panel.record.value = True
+    run(panel, 0.7)
+    panel.name.value = "../escape"
+    panel._guarded(panel._save)()
+    assert "letters, digits" in panel.message.value
+    panel.name.value = "swing"
+    panel._guarded(panel._save)()
+    assert "saved as swing.npz" in panel.message.value
+    panel.record.value = True
+    panel.buttons["step"].click()
+    panel._guarded(panel._save)()
+    assert "exists" in panel.message.value
+    assert [path.name for path in (tmp_path / "mine").glob("*.npz")] == ["swing.npz"]
+
+
+def test_a_fault_in_a_callback_is_kept_and_raised(panel):
+    def broken(_):
+        raise ZeroDivisionError("on purpose")
+
+    panel._guarded(broken)(None)
+    assert "fault" in panel.message.value
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
+        panel.check()
+    panel.errors.clear()
+
+
+def test_missing_weights_are_a_message(panel, monkeypatch):
+    def missing(*_):
+        raise KeyError("unknown dpmpb weights 'muscle-0'; choose from (none yet: run `make data train`)")
+
+    monkeypatch.setattr("clothlab.artifacts.load_dpmpb", missing)
+    panel.arm.value = "muscle"
+    assert "make data train" in panel.message.value
+    panel.buttons["step"].click()
+    assert panel.session.arm.name == panel.arm.value == "torque"
+
+
+def test_nothing_drawn_yet_is_an_empty_mask():
+    assert not TargetCanvas().mask.any()
