@@ -38,7 +38,7 @@ function plot(canvas, { title, unit, lines, marks, limit }) {
     line.values.forEach((v, k) => ctx.lineTo(x(k), y(v)));
     ctx.stroke();
     ctx.setLineDash([]);
-    ctx.fillText(line.name, left + 150 + 105 * i, 10);
+    ctx.fillText(line.name, left + 130 + 88 * i, 10);
   });
 }
 
