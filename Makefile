@@ -6,7 +6,7 @@ STAMP := $(VENV)/installed
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab test bench data train results picture format doctor
+.PHONY: help lab test browser bench data train results picture format doctor
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -31,6 +31,9 @@ test: doctor  ## ruff, unit tests, and every notebook from top to bottom
 	$(BIN)/ruff format --check .
 	$(BIN)/pytest
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
+
+browser: $(STAMP)  ## try the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
+	$(BIN)/pytest -m browser -s tests/browser
 
 bench: $(STAMP)  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py

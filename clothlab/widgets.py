@@ -47,7 +47,7 @@ class TargetCanvas(anywidget.AnyWidget):
 
     _esm = STATIC / "target_canvas.js"
     shown = traitlets.Bytes(b"").tag(sync=True)  # one byte a pixel, 0 or 1
-    drawn = traitlets.Bytes(b"").tag(sync=True)
+    drawn = traitlets.Bytes(b"").tag(sync=True, from_json=lambda view, _: bytes(view))  # the browser sends a memoryview
     brush = traitlets.Float(4.0).tag(sync=True)  # radius [pixel]
     erase = traitlets.Bool(False).tag(sync=True)
 
@@ -271,7 +271,7 @@ class LivePanel:
         self.upload = w.FileUpload(accept="image/*", description="from a file")
         self.upload.observe(self._guarded(self._load_file), "value")
         self.understood = w.Image(width=WIDTH * 2, height=HEIGHT * 2, format="png")
-        self.verdict = w.Label()
+        self.verdict = w.HTML()  # which breaks its lines
         self.name = w.Text(description="name", placeholder="my-swing")
         self.record = w.ToggleButton(description="record")
         self.record.observe(self._guarded(self._record), "value")
