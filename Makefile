@@ -6,7 +6,7 @@ STAMP := $(VENV)/installed
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab test browser bench data train results picture format doctor
+.PHONY: help lab test browser bench data train results picture editions format doctor
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -49,6 +49,9 @@ results: $(STAMP)  ## compute every figure of the results table, with fresh simu
 
 picture: $(STAMP)  ## draw the README's moving picture anew
 	$(BIN)/python scripts/make_picture.py
+
+editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
+	$(BIN)/python scripts/make_editions.py
 
 format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/ruff check --fix .

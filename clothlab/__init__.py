@@ -28,6 +28,7 @@ __all__ = [
     "arm",
     "artifacts",
     "autoencoder",
+    "checks",
     "cloth",
     "control",
     "dpmpb",

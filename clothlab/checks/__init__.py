@@ -1,0 +1,64 @@
+"""Checks of the exercises: `checks.NAME(NAME)` for the exercise that asks for a function called NAME.
+
+A check takes the reader's function and nothing else. It prints "correct", or raises CheckFailed with a sentence that
+says what is wrong. What it compares with, it makes itself: it needs neither the notebook's variables nor `data/`. Each
+notebook's checks stand in the file of its name.
+"""
+
+from clothlab.checks._check import CheckFailed
+from clothlab.checks.cloth_simulation import count_springs, euler_step, time_to_reach
+from clothlab.checks.collecting_data import take_turns, transitions, wave
+from clothlab.checks.control import alternate, my_mask, steps_along
+from clothlab.checks.estimate_and_control import averaged, half_time, shaken
+from clothlab.checks.live_lab import in_time, nearest_phase
+from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
+from clothlab.checks.parametric_bias import chance, shares_by_hand, terminal_speed
+from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
+from clothlab.checks.seeing_the_cloth import handmade, linear_reconstruction, touching
+from clothlab.checks.start_here import best_moment, share_won
+from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
+from clothlab.checks.variable_stiffness import (
+    compliance,
+    length_for_measured_tension,
+    pair_stiffness,
+    stretch_by_bisection,
+)
+
+__all__ = [
+    "CheckFailed",
+    "alternate",
+    "averaged",
+    "best_moment",
+    "chance",
+    "compliance",
+    "count_springs",
+    "curvature",
+    "euler_step",
+    "extrapolate",
+    "falling_speed",
+    "half_time",
+    "handmade",
+    "in_time",
+    "influence",
+    "length_for_measured_tension",
+    "linear_reconstruction",
+    "lstm_weights",
+    "momentum_step",
+    "my_mask",
+    "nearest_phase",
+    "pair_stiffness",
+    "place",
+    "shaken",
+    "share_won",
+    "shares_by_hand",
+    "sign_flip_share",
+    "steps_along",
+    "steps_until_right",
+    "stretch_by_bisection",
+    "take_turns",
+    "terminal_speed",
+    "time_to_reach",
+    "touching",
+    "transitions",
+    "wave",
+]

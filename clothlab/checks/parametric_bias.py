@@ -1,0 +1,50 @@
+"""Checks of notebook 06."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from clothlab.analysis import principal_axes
+from clothlab.checks._check import check
+from clothlab.cloth import get_cloth
+
+__all__ = ["chance", "shares_by_hand", "terminal_speed"]
+
+
+@check
+def terminal_speed(answer: Callable) -> None:
+    """The middle one of the nine cloths, and one with twice its drag."""
+    middle = get_cloth("damp0.05-mass0.10")
+    value, truth = answer(middle), 0.1 / 18 * 9.81 / 0.05
+    assert value is not None, "the function returns nothing"
+    assert not np.isclose(value, 18 * truth), "use the mass of one point, not of the whole cloth"
+    assert np.isclose(value, truth), f"m g / c of the middle cloth is {truth:.3f} m/s"
+    assert np.isclose(answer(replace(middle, damping=0.1)), value / 2), "twice the drag must halve the speed"
+
+
+@check
+def shares_by_hand(answer: Callable) -> None:
+    """Three points on a line, then nine random ones beside scikit-learn."""
+    result = answer(np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0]]))
+    assert result is not None, "the function returns nothing"
+    assert np.allclose(result, [1, 0], atol=1e-9), f"points on a line have all variance on one axis; got {result}"
+    points = np.random.default_rng(0).normal(size=(9, 2)) * [2.0, 1.0]
+    result, moved = answer(points), answer(points + 5)
+    assert np.allclose(moved, result, atol=1e-5), "a shift of all points must not matter: subtract the mean"
+    truth = principal_axes(dict(enumerate(points))).explained_variance_ratio_
+    assert np.allclose(result, truth, atol=1e-5), f"scikit-learn finds {truth} for nine random points, not {result}"
+
+
+@check
+def chance(answer: Callable) -> None:
+    """An orderly row of nine numbers, a loose one, and a falling one."""
+    rng, x = np.random.default_rng(0), np.arange(9.0)
+    result = answer(x, x**2, rng, 500)
+    assert result is not None, "the function returns nothing"
+    assert 0 <= result <= 1, f"a share lies between 0 and 1, got {result}"
+    assert result < 0.02, f"an orderly row of nine is very unlikely by chance, got {result}"
+    middling = answer(x, np.array([3.0, 1, 4, 1, 5, 9, 2, 6, 5]), rng, 2000)
+    message = f"a loose order comes about by chance more often: got {middling}, expected about 0.21"
+    assert 0.16 < middling < 0.26, message + "; compare absolute values, also of the shuffled"
+    assert answer(x, -x, rng, 500) < 0.02, "a falling order is as orderly as a rising one: compare absolute values"

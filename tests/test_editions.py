@@ -1,0 +1,77 @@
+"""What a class gets: stubs for students, executed solutions for the instructor."""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient.exceptions import CellExecutionError
+
+import clothlab
+
+ROOT = Path(clothlab.__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+spec = importlib.util.spec_from_file_location("make_editions", ROOT / "scripts" / "make_editions.py")
+make_editions = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(make_editions)
+
+
+def with_tag(notebook, tag):
+    return [cell.source for cell in notebook.cells if tag in cell.metadata.get("tags", [])]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_students_get_every_stub_and_no_solution(path):
+    notebook = nbformat.read(path, as_version=4)
+    student = make_editions.student_edition(notebook)
+    nbformat.validate(student)
+    assert with_tag(student, "stub") == with_tag(notebook, "stub") != []
+    assert with_tag(student, "solution") == [] != with_tag(notebook, "solution")
+    text = json.dumps([cell.source for cell in student.cells], ensure_ascii=False)
+    for stub, solution in zip(with_tag(notebook, "stub"), with_tag(notebook, "solution"), strict=True):
+        answer = [line for line in solution.splitlines() if line.strip() and line not in stub.splitlines()]
+        assert json.dumps("\n".join(answer), ensure_ascii=False)[1:-1] not in text
+    kept = [cell for cell in notebook.cells if "solution" not in cell.metadata.get("tags", [])]
+    assert len(student.cells) == len(kept)
+
+
+@pytest.fixture
+def lesson(tmp_path):
+    """A notebook of one exercise, and of a link to the repository."""
+    head, cell = "def my_mask(t, horizon, period):\n    ", nbformat.v4.new_code_cell
+    cells = [
+        nbformat.v4.new_markdown_cell("[map](../README.md)"),
+        cell("from clothlab import checks"),
+        cell(head + "return None", metadata={"tags": ["stub"]}),
+        cell(
+            head + "return [int(k % period == 0) for k in range(t + 1, t + horizon + 1)]",
+            metadata={"tags": ["solution"], "jupyter": {"source_hidden": True}},
+        ),
+        cell("checks.my_mask(my_mask)"),
+    ]
+    metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    path = tmp_path / "notebooks" / "08_control.ipynb"
+    path.parent.mkdir()
+    nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
+    return path
+
+
+def test_the_instructor_gets_solutions_with_outputs_and_a_page(lesson, tmp_path):
+    before = lesson.read_text()
+    make_editions.write_editions(lesson, tmp_path / "build")
+    assert lesson.read_text() == before
+    executed = nbformat.read(tmp_path / "build" / "instructor" / lesson.name, as_version=4)
+    assert executed.cells[-1].outputs[0].text == "correct\n"
+    assert "source_hidden" not in executed.cells[3].metadata.jupyter
+    assert executed.cells[0].source == "[map](../../README.md)"
+    page = re.sub("<[^>]*>", "", (tmp_path / "build" / "instructor" / "08_control.html").read_text())
+    assert "range(t + 1, t + horizon + 1)" in page
+    assert "correct" in page
+
+
+def test_a_student_who_runs_the_check_is_told_what_to_do_and_not_how(lesson, tmp_path):
+    student = make_editions.student_edition(nbformat.read(lesson, as_version=4))
+    with pytest.raises(CellExecutionError, match="my_mask returned None"):
+        make_editions.instructor_edition(student, tmp_path)

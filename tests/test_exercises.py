@@ -1,0 +1,279 @@
+"""Exercises: a stub, its solution, and a check that refuses wrong answers and says why."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import clothlab
+from clothlab import checks
+from clothlab.checks.cloth_simulation import acceleration
+from clothlab.checks.variable_stiffness import spring_stiffness
+
+NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
+LESSONS = {"acceleration": acceleration, "spring_stiffness": spring_stiffness}  # what solutions take from their lesson
+
+
+def code_cells(path):
+    """Tags and source of the code cells, in order."""
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            yield set(cell["metadata"].get("tags", [])), "".join(cell["source"])
+
+
+def tagged(path, tag):
+    return [source for tags, source in code_cells(path) if tag in tags]
+
+
+def functions(source):
+    return [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+
+
+def signatures(source):
+    return [(node.name, ast.unparse(node.args), ast.get_docstring(node)) for node in functions(source)]
+
+
+def exercises():
+    """Each exercise by its function's name: its notebook, stub and solution."""
+    found = {}
+    for path in NOTEBOOKS:
+        for stub, solution in zip(tagged(path, "stub"), tagged(path, "solution"), strict=True):
+            found[functions(stub)[0].name] = path, stub, solution
+    return found
+
+
+EXERCISES = exercises()
+
+
+def define(name, source):
+    """The function as the notebook's reader would have it: after the notebook's imports."""
+    namespace = dict(LESSONS)
+    for _, cell in code_cells(EXERCISES[name][0]):
+        imports = [node for node in ast.parse(cell).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        exec(ast.unparse(ast.Module(imports, [])), namespace)
+    exec("\n".join(ast.unparse(node) for node in functions(source)), namespace)
+    return namespace[name]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_two_to_four_exercises_each_of_stub_solution_and_check(path):
+    cells = list(code_cells(path))
+    stubs = [k for k, (tags, _) in enumerate(cells) if "stub" in tags]
+    assert 2 <= len(stubs) <= 4
+    assert len(stubs) == len(tagged(path, "solution"))
+    for k in stubs:
+        (_, stub), (tags, solution), (_, check) = cells[k : k + 3]
+        assert "solution" in tags, "the solution follows its stub"
+        assert signatures(stub) == signatures(solution)
+        (name, *_), *others = signatures(stub)
+        assert not others, "one function to an exercise"
+        assert check.startswith(f"checks.{name}({name})"), f"the check of {name} is clothlab.checks.{name}"
+        assert getattr(checks, name).__module__ == f"clothlab.checks.{path.stem[3:]}"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_checks_live_in_the_package_where_they_are_tested(path):
+    for _, source in code_cells(path):
+        assert not [node.name for node in functions(source) if node.name.startswith("check_")]
+
+
+def test_every_check_belongs_to_an_exercise():
+    assert set(checks.__all__) - {"CheckFailed"} == set(EXERCISES)
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_stubs_are_refused_and_solutions_are_not(name, capsys):
+    _, stub, solution = EXERCISES[name]
+    with pytest.raises(checks.CheckFailed, match=r"\w \w"):
+        getattr(checks, name)(define(name, stub))
+    assert capsys.readouterr().out == ""
+    getattr(checks, name)(define(name, solution))
+    assert capsys.readouterr().out == "correct\n"
+
+
+# What goes wrong easily: the solution with `right` replaced by `wrong`, and what the reader is told.
+SLIPS = [
+    ("best_moment", "skip + np.argmin(distance[skip:])", "np.argmin(distance)", "first two steps do not count"),
+    ("best_moment", "skip + np", "np", "from the start of the run"),
+    ("best_moment", "0.2 * ", "", "at 0.6 s, not 3 s"),
+    ("share_won", "best_a < best_b", "best_a > best_b", "0.75, not 0.25"),
+    ("share_won", "(best_a < best_b).mean()", "(best_a < best_b).sum()", "0.75, not 3"),
+    ("share_won", "mean()", "sum() / -(-len(a) // period)", "three whole periods"),
+    (
+        "count_springs",
+        "structural = (rows - 1) * columns + (rows - 1)",
+        "structural = rows * columns + (rows - 1)",
+        "not 28",
+    ),
+    ("count_springs", "shear = 2 * (rows", "shear = (rows", "springs in all"),
+    ("count_springs", "(rows - 2) * columns", "(rows - 1) * columns", "springs in all"),
+    ("count_springs", "structural, shear, bending", "structural, bending, shear", "shear springs"),
+    ("time_to_reach", "cloth.point_mass", "cloth.mass", "mass of one point"),
+    ("time_to_reach", "np.log(1 - share)", "np.log(share)", "not 90%"),
+    ("time_to_reach", "-cloth", "cloth", "not 50%"),
+    ("euler_step", "v = v + dt *", "v += dt *", "copy them"),
+    ("euler_step", "v[: cloth.columns] = 0.0", "pass", "its velocity stays zero"),
+    ("euler_step", "v[: cloth.columns]", "v[:1]", "three points, is held"),
+    ("euler_step", "acceleration(cloth, x, v)", "acceleration(cloth, x, 0 * v)", "acceleration(cloth, x, v)"),
+    (
+        "euler_step",
+        "v = v + dt * acceleration(cloth, x, v)",
+        "x, v = x + dt * v, v + dt * acceleration(cloth, x, v); v[:3] = 0; return x, v",
+        "not the old",
+    ),
+    ("euler_step", "x + dt * v, v", "[x + dt * v, v]", "the positions and the velocities"),
+    ("pair_stiffness", "2 * r", "r", "two muscles"),
+    ("pair_stiffness", "2 * r", "-2 * r", "a positive number"),
+    ("pair_stiffness", "r**2", "r", "r enters twice"),
+    ("pair_stiffness", "3 * k3", "k3", "df/de, not f/e"),
+    ("pair_stiffness", "e0**2", "e0", "slope is"),
+    ("stretch_by_bisection", "curve(middle) < tension", "curve(middle) > tension", "keep the half with the answer"),
+    ("stretch_by_bisection", "1e-9", "1e-3", "go on halving"),
+    ("stretch_by_bisection", "return (low + high) / 2", "return 1000 * low", "outside the interval"),
+    ("compliance", "+ 1 / arm.motor_stiffness", "", "motors are rigid"),
+    ("compliance", "J @ np.linalg.inv(k * G.T @ G) @ J.T", "J.T @ np.linalg.inv(k * G.T @ G) @ J", "changed places"),
+    ("compliance", "@ J.T", "@ J", "symmetric"),
+    ("compliance", "np.linalg.inv(k * G.T @ G)", "(k * G.T @ G)", "tiny pushes"),
+    ("length_for_measured_tension", "- (f - arm.tension_bias) / arm.motor_stiffness", "", "l_ref"),
+    ("length_for_measured_tension", "f - arm.tension_bias", "f", "subtract it"),
+    ("length_for_measured_tension", ") - (f", ") + (f", "the motors pull"),
+    ("transitions", "robot[1:]", "robot[:-1]", "one step later"),
+    ("transitions", "commands[:-1]", "commands[1:]", "between states"),
+    ("transitions", "commands[:-1]", "commands", "have an after"),
+    ("wave", "(lower + upper) / 2 +", "", "middle of the range"),
+    ("wave", "+ (upper", "- (upper", "rises first"),
+    ("wave", "(upper - lower) / 2", "(upper - lower) / 4", "the wave reaches"),
+    ("wave", "/ period", "/ 10", "starts again"),
+    ("wave", "lambda observation: ", "", "return a function"),
+    ("take_turns", "// every % 2", "% 2", "eight steps ask"),
+    ("take_turns", "(observation)", "(0.0)", "pass the observation on"),
+    (
+        "take_turns",
+        "lambda observation: (first, second)[next(steps) // every % 2](observation)",
+        "first",
+        "yours asked",
+    ),
+    ("handmade", "np.zeros(3)", "np.zeros(2)", "three zeros"),
+    ("handmade", "columns.mean(), rows.mean()", "rows.mean(), columns.mean()", "column 41.5"),
+    ("handmade", "[len(rows),", "[mask.mean(),", "40 pixels"),
+    ("linear_reconstruction", "PCA(components", "PCA(3", "more components"),
+    ("linear_reconstruction", "images.shape", "len(images), -1", "the shape is"),
+    (
+        "linear_reconstruction",
+        "fit(train.reshape(len(train)",
+        "fit(images.reshape(len(images)",
+        "fit the PCA to `train` alone",
+    ),
+    ("touching", ".any(axis=(1, 2)).mean()", ".mean()", "share is 0.5"),
+    ("touching", "images & target", "images | target", "share is 0.5"),
+    ("touching", ".any(axis=(1, 2)).mean()", ".any(axis=(1, 2)).sum()", "share is 0.5"),
+    ("lstm_weights", "2 * units", "units", "PyTorch has"),
+    ("lstm_weights", "4 * (", "(", "PyTorch has"),
+    ("extrapolate", "s[1:-1] + (s[1:-1] - s[:-2])", "s[1:-1]", "constant velocity"),
+    ("extrapolate", "s[1:-1] + (s[1:-1] - s[:-2])", "s[1:] + (s[1:] - s[:-1])", "four predictions"),
+    ("influence", "z.square().sum()", "z.norm()", "the last command"),
+    ("influence", "[0, -1, :3]", "[0, -1]", "the last command"),
+    ("influence", "gradient.norm(dim=1)", "gradient.norm(dim=0)", "three lengths"),
+    ("influence", "u[None], p, memory", "u[None], p, None", "the last command"),
+    ("terminal_speed", "cloth.point_mass", "cloth.mass", "mass of one point"),
+    ("terminal_speed", "/ cloth.damping", "* cloth.damping", "m g / c"),
+    ("terminal_speed", "/ cloth.damping", "/ 0.05", "halve the speed"),
+    ("shares_by_hand", "[::-1]", "", "all variance on one axis"),
+    ("shares_by_hand", "np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
+    ("shares_by_hand", "return eigenvalues / eigenvalues.sum()", "return eigenvalues", "all variance on one axis"),
+    ("chance", "abs(np.corrcoef(x, rng", "(np.corrcoef(x, rng", "loose order"),
+    ("chance", ">=", "<", "very unlikely"),
+    ("chance", "np.mean(", "np.sum(", "very unlikely"),
+    ("momentum_step", "p - rate * v", "p - rate * gradient", "times the momentum"),
+    ("momentum_step", "return p - rate * v, v", "return p, v", "by the new v"),
+    ("momentum_step", "momentum * v + gradient", "gradient", "times the momentum"),
+    ("curvature", "/ np.linalg.norm(direction)", "", "divide the direction by its length"),
+    ("curvature", "/ epsilon**2", "/ epsilon", "second derivative 6"),
+    ("curvature", "- 2 * loss(p)", "- loss(p)", "second derivative 6"),
+    ("steps_until_right", "wrong[-1] + 1", "wrong[-1]", "from step 3"),
+    ("steps_until_right", "wrong[-1] + 1", "wrong[0] + 1", "not for good"),
+    ("steps_until_right", "None if first == len(trace) else first", "first", "must give None"),
+    ("steps_until_right", "else 0", "else None", "must give 0"),
+    ("my_mask", "range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "paper's example"),
+    ("my_mask", "range(t + 1, t + horizon + 1)", "range(t + 1, t + period + 1)", "horizon = 8"),
+    ("steps_along", " / np.linalg.norm(g)", "", "only its direction"),
+    ("steps_along", "u - gammas", "u + gammas", "uphill"),
+    ("steps_along", "np.linalg.norm(g)", "np.abs(g).sum()", "as long as its γ"),
+    (
+        "steps_along",
+        "np.clip(u - gammas[:, None, None] * direction, lower, upper)",
+        "u - gammas[:, None, None] * direction",
+        "numpy.clip",
+    ),
+    ("steps_along", "gammas[:, None, None]", "gammas[0]", "one sequence of commands for each γ"),
+    ("alternate", "t // period % len", "t % len", "a a a b b b a"),
+    ("alternate", "return policy(observation)", "return policy", "a a a b b b a"),
+    ("alternate", "return call", "return call(None)", "must return a policy"),
+    ("half_time", " * CONTROL_PERIOD", "", "3 is the number of steps"),
+    ("half_time", "distance < ", "distance <= ", "not below"),
+    (
+        "half_time",
+        "below[0] * CONTROL_PERIOD, 1)) if len(below) else None",
+        "below[0] * CONTROL_PERIOD, 1)) if len(below) else 0.0",
+        "must give None",
+    ),
+    ("averaged", "mean(axis=0)", "mean()", "has shape (2,)"),
+    ("averaged", "[-n:]", "[:n]", "the last four"),
+    ("averaged", "mean(axis=0)", "sum(axis=0) / n", "take them all"),
+    ("shaken", "rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
+    ("shaken", "rng.normal(0.0, sigma, len(u))", "rng.uniform(-sigma, sigma, len(u))", "not 0.1 rad"),
+    ("shaken", "rng.normal(0.0, sigma", "rng.normal(sigma, sigma", "the mean 0"),
+    (
+        "shaken",
+        "np.clip(u + rng.normal(0.0, sigma, len(u)), arm.command_lower, arm.command_upper)",
+        "u + rng.normal(0.0, sigma, len(u))",
+        "numpy.clip",
+    ),
+    ("falling_speed", "* 9.81", "", "where is g?"),
+    ("falling_speed", "sheets * sheet", "sheet", "number of sheets is left out"),
+    ("falling_speed", "* area", "", "yours at"),
+    ("place", "/ (axis @ axis)", "/ np.sqrt(axis @ axis)", "that is a distance"),
+    (
+        "place",
+        "float((p - start) @ axis / (axis @ axis))",
+        "abs((p - start) @ axis) / (axis @ axis)",
+        "has a place below 0",
+    ),
+    ("place", "(p - start) @ axis", "p @ axis", "of the way got"),
+    ("place", "float((p - start) @ axis / (axis @ axis))", "float((p - start)[0] / axis[0])", "project first"),
+    ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
+    ("sign_flip_share", "np.array(means) >= d", "np.abs(means) >= d", "not those that are as far from 0"),
+    ("sign_flip_share", "float(np.mean(", "float(np.sum(", "1 choice of 8"),
+    ("in_time", "<= period", "< period", "is in time"),
+    ("in_time", "<= period", "> period", "late steps"),
+    ("in_time", "np.mean(", "np.sum(", "divide by how many"),
+    (
+        "nearest_phase",
+        "int(np.reshape(distances[:whole], (-1, period)).mean(axis=0).argmin())",
+        "int(np.argmin(distances))",
+        "from the start of the run",
+    ),
+    ("nearest_phase", ".mean(axis=0)", ".min(axis=0)", "average over whole periods"),
+    ("nearest_phase", ".argmin()", ".argmin() + 1", "count from 0"),
+    ("nearest_phase", ".argmin()", ".argmax()", "average"),
+]
+
+
+@pytest.mark.parametrize(("name", "right", "wrong", "told"), SLIPS)
+def test_a_slip_is_refused_and_named(name, right, wrong, told, capsys):
+    solution = EXERCISES[name][2]
+    assert right in solution, "the solution has changed: change this slip, too"
+    with pytest.raises(checks.CheckFailed, match=re.escape(told)):
+        getattr(checks, name)(define(name, solution.replace(right, wrong)))
+    assert capsys.readouterr().out == ""
+
+
+def test_every_check_has_met_a_slip():
+    assert {name for name, *_ in SLIPS} == set(EXERCISES)
+
+
+def test_a_check_wants_the_function_itself():
+    with pytest.raises(checks.CheckFailed, match="the function wave itself"):
+        checks.wave(None)
