@@ -40,7 +40,9 @@ def exercises():
     found = {}
     for path in NOTEBOOKS:
         for stub, solution in zip(tagged(path, "stub"), tagged(path, "solution"), strict=True):
-            found[functions(stub)[0].name] = path, stub, solution
+            name = functions(stub)[0].name
+            assert name not in found, f"{path.stem} has a second exercise called {name}: checks go by their names"
+            found[name] = path, stub, solution
     return found
 
 
