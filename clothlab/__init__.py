@@ -9,9 +9,9 @@ Shape letters, used in every docstring of the package:
 | `K` | trained materials (cloths) |
 | `H, W` | image height and width, 96 and 128 pixels |
 | `D_z` | latent image, 3 |
-| `D_r` | robot state: 4 for the torque arm |
+| `D_r` | robot state: 4 for the torque arm, 12 for the muscle arm |
 | `D_s` | state `s = (z, robot state)` |
-| `D_u` | command: 2 for the torque arm |
+| `D_u` | command: 2 for the torque arm, 3 for the muscle arm |
 | `D_p` | parametric bias, 2 |
 
 Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and states cross every public boundary in
