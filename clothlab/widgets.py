@@ -4,7 +4,8 @@ import asyncio
 import io
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import anywidget
@@ -305,9 +306,14 @@ class LivePanel:
         return dropdown
 
     def _refill(self) -> None:
-        """Set every control to what the session has, without acting on it."""
-        session, self._filling = self.session, True
-        arm = session.arm
+        """Set every control to what the session has, without acting on it, and show it."""
+        with self._unheard():
+            self._copy_session()
+        self._aim(self.session.target, show=True)
+        self._show(force=True)
+
+    def _copy_session(self) -> None:
+        session, arm = self.session, self.session.arm
         self._pca = principal_axes(session.biases)
         places = {name: self._pca.transform(p[None])[0].tolist() for name, p in session.biases.items()}
         self.map.materials = [
@@ -341,11 +347,17 @@ class LivePanel:
             slider.observe(
                 self._guarded(lambda _: session.set_hand([each.value for each in self.hands.children])), "value"
             )
-        self._filling = False
-        self._aim(session.target, show=True)
-        self._show(force=True)
 
     # -- acting ----------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _unheard(self) -> Iterator[None]:
+        """Set controls without acting on it, as when they follow the session."""
+        self._filling = True
+        try:
+            yield
+        finally:
+            self._filling = False
 
     def _guarded(self, act: Callable) -> Callable:
         """Show a person's mistake as a message; keep a fault of ours for `check`. The panel lives on after both."""
@@ -374,15 +386,13 @@ class LivePanel:
 
     def _set_cloth(self, name: str) -> None:
         self.session.set_cloth(name)
-        self._filling = True
-        self.damping.value, self.mass.value = self.session.env.cloth.damping, self.session.env.cloth.mass
-        self._filling = False
+        with self._unheard():
+            self.damping.value, self.mass.value = self.session.env.cloth.damping, self.session.env.cloth.mass
 
     def _change_material(self, _) -> None:
         self.session.set_material(self.damping.value, self.mass.value)
-        self._filling = True
-        self.cloth.value = None
-        self._filling = False
+        with self._unheard():
+            self.cloth.value = None
 
     def _choose_p(self, change) -> None:
         self.session.set_p(self._pca.inverse_transform(np.array(change["new"])[None])[0])
@@ -429,21 +439,23 @@ class LivePanel:
             try:
                 self.session.record()
             except FileExistsError:
-                self._filling, self.record.value, self._filling = True, False, False
+                self._release_record()
                 raise
             self._say("recording")
 
     def _save(self) -> None:
         path = self.session.save_recording(self.name.value)
-        self._filling, self.record.value = True, False
-        self._filling = False
+        self._release_record()
         self._say(f"saved as {path.name}")
 
     def _discard(self) -> None:
         self.session.discard_recording()
-        self._filling, self.record.value = True, False
-        self._filling = False
+        self._release_record()
         self._say("discarded")
+
+    def _release_record(self) -> None:
+        with self._unheard():
+            self.record.value = False
 
     def _ipython_display_(self) -> None:
         from IPython.display import display
