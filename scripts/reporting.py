@@ -1,15 +1,41 @@
-"""What both results recipes share: running jobs side by side, and the table of what was found."""
+"""What both results recipes share: trained networks, random runs, jobs side by side, the table of what was found."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 
 import joblib
+import numpy as np
+import torch
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
 from clothlab._files import atomic_write
+from clothlab.autoencoder import Autoencoder
+from clothlab.cloth import Cloth
+from clothlab.dpmpb import DPMPB
+from clothlab.env import ClothEnv
+from clothlab.trials import RandomPolicy, Trial, rollout
 
 README = artifacts.DATA.parent / "README.md"
+
+
+def load_autoencoder(arm: str) -> Autoencoder:
+    """The trained autoencoder; jobs run side by side, so each keeps to one core."""
+    torch.set_num_threads(1)
+    return artifacts.load_autoencoder(arm)[0]
+
+
+def load_dpmpb(arm: str, k: int) -> tuple[DPMPB, dict[str, np.ndarray]]:
+    """Model k and the p of each material."""
+    return artifacts.load_dpmpb(f"{arm}-{k}")[:2]
+
+
+def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """Random commands on a fresh scene."""
+    env = ClothEnv(arm, cloth)
+    trial = rollout(env, RandomPolicy(env.arm, seed=seed), steps, seed=seed, name="random")
+    env.close()
+    return trial
 
 
 def run_jobs(jobs: Sequence[tuple[Callable, tuple]], workers: int) -> dict[str, list]:

@@ -4,8 +4,10 @@ Seeds: model k is the DPMPB trained with seed k; commands of estimation use 6000
 7000 + k, the chamfer run 5000. None occurs in the training data.
 """
 
+from functools import partial
+
 import numpy as np
-import torch
+import reporting
 from reporting import row, run_jobs
 
 from clothlab import artifacts
@@ -24,7 +26,7 @@ from clothlab.control import ControlPolicy, EstimatingPolicy
 from clothlab.dpmpb import to_sequences
 from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, estimate_bias
-from clothlab.trials import RandomPolicy, Trial, rollout
+from clothlab.trials import rollout
 
 MODELS = range(5)
 ESTIMATION_MODELS, ESTIMATION_STEPS = range(3), 200  # 40 s
@@ -38,23 +40,9 @@ BETWEEN = [  # geometric means of neighbouring trained values
 ]
 
 
-def autoencoder():
-    """The trained autoencoder; jobs run side by side, so each keeps to one core."""
-    torch.set_num_threads(1)
-    return artifacts.load_autoencoder("torque")[0]
-
-
-def dpmpb(k: int):
-    """Model k and the p of each cloth."""
-    return artifacts.load_dpmpb(f"torque-{k}")[:2]
-
-
-def random_trial(cloth: Cloth | str, steps: int, seed: int) -> Trial:
-    """Random commands on a fresh scene."""
-    env = ClothEnv("torque", cloth)
-    trial = rollout(env, RandomPolicy(env.arm, seed=seed), steps, seed=seed, name="random")
-    env.close()
-    return trial
+autoencoder = partial(reporting.load_autoencoder, "torque")
+dpmpb = partial(reporting.load_dpmpb, "torque")
+random_trial = partial(reporting.random_trial, "torque")
 
 
 def estimation_run(cloth: Cloth, number: int, k: int) -> dict:

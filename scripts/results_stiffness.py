@@ -5,10 +5,11 @@ Seeds: model k is the DPMPB trained with seed k; commands of estimation use 1600
 """
 
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import pairwise, product
 
 import numpy as np
-import torch
+import reporting
 from reporting import row, run_jobs
 
 from clothlab import artifacts
@@ -18,7 +19,7 @@ from clothlab.control import ControlPolicy, recorded_plans
 from clothlab.dpmpb import to_sequences
 from clothlab.env import ClothEnv
 from clothlab.estimation import estimate_bias
-from clothlab.trials import RandomPolicy, Trial, replay, rollout
+from clothlab.trials import Trial, replay, rollout
 
 MODELS = range(5)
 POSTURE, TENSIONS = (0.0, -np.pi / 2), (10.0, 30.0, 50.0, 70.0)  # elbow at 90°, as in the paper
@@ -39,15 +40,9 @@ VARIANTS = {  # what the hand's speed may depend on, and the paper does not publ
 }
 
 
-def autoencoder():
-    """The trained autoencoder; jobs run side by side, so each keeps to one core."""
-    torch.set_num_threads(1)
-    return artifacts.load_autoencoder("muscle")[0]
-
-
-def dpmpb(k: int):
-    """Model k and the p of each foam."""
-    return artifacts.load_dpmpb(f"muscle-{k}")[:2]
+autoencoder = partial(reporting.load_autoencoder, "muscle")
+dpmpb = partial(reporting.load_dpmpb, "muscle")
+random_trial = partial(reporting.random_trial, "muscle")
 
 
 def ellipse_run(spring: str, f_const: float) -> dict:
@@ -78,14 +73,6 @@ def estimation_run(cloth: str, k: int) -> dict:
     axis = biases["hard-3"] - biases["hard-1"]
     place = float((p - biases["hard-1"]) @ axis / (axis @ axis))
     return {"cloth": cloth, "model": k, "trace": trace.round(4).tolist(), "place": place}
-
-
-def random_trial(cloth: str, steps: int, seed: int) -> Trial:
-    """Random commands on a fresh scene."""
-    env = ClothEnv(ARM, cloth)
-    trial = rollout(env, RandomPolicy(ARM, seed=seed), steps, seed=seed, name="random")
-    env.close()
-    return trial
 
 
 def controlled_trial(condition: str, cloth: str, k: int, mask: np.ndarray) -> Trial:
