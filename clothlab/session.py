@@ -2,7 +2,6 @@
 
 import re
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,10 +20,11 @@ from clothlab.dpmpb import observe
 from clothlab.env import ClothEnv, Scene
 from clothlab.estimation import BiasEstimator
 from clothlab.trials import OperatorPolicy, RandomPolicy, Trial, load_trial, save_trial
-from clothlab.vision import HEIGHT, WIDTH, check_mask
+from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 __all__ = ["DRIVERS", "LiveSession", "Moment", "Recorder", "Setup", "mask_from_file"]
 
+YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
 DRIVERS = ("control", "hand", "random", "operator")
 
 
@@ -95,29 +95,44 @@ class Recorder:
             raise FileExistsError("an unfinished recording was found: save it under a name, or discard it")
         self._rows = []
 
-    def add(self, observation: dict[str, np.ndarray], u: np.ndarray, about: Callable[[], dict]) -> None:
-        """Take in a step; `about()` gives the trial's cloth, arm, policy and seed."""
+    def add(self, observation: dict[str, np.ndarray], u: np.ndarray, about: dict) -> None:
+        """Take in a step; `about` is the trial's cloth, arm, policy and seed."""
         self._rows.append((observation["image"].astype(bool), observation["robot"], u))
         if len(self._rows) == self.PIECE:
-            self._write(about())
+            self.flush(about)
 
-    def finish(self, name: str, about: Callable[[], dict] | None = None) -> Path:
-        """Join the pieces into `NAME.npz`.
+    def flush(self, about: dict) -> None:
+        """Put what is not on disk yet there."""
+        if not self._rows:
+            return
+        images, robot, commands = (np.array(column) for column in zip(*self._rows, strict=True))
+        number = len(list(self.pieces.glob("*.npz")))
+        save_trial(Trial(images, robot, commands, **about), self.pieces / f"{number:05d}.npz")
+        self._rows = []
+
+    def path(self, name: str) -> Path:
+        """Where a recording of this name would go.
 
         Args:
             name: letters, digits, `-` and `_`.
-            about: as in `add`, for the steps that are not in a piece yet; left out when an earlier run left the pieces.
 
         Raises:
-            ValueError: a name that exists, is empty, or would leave the folder; or nothing was recorded.
+            ValueError: a name that exists, is empty, or would leave the folder.
         """
         if not re.fullmatch(r"[\w-]+", name):
             raise ValueError(f"a recording's name has letters, digits, - and _ only, got {name!r}")
         path = self.folder / f"{name}.npz"
         if path.exists():
             raise ValueError(f"a recording named {name!r} exists: choose another name")
-        if self._rows and about is not None:
-            self._write(about())
+        return path
+
+    def finish(self, name: str) -> Path:
+        """Join the pieces into `NAME.npz`.
+
+        Raises:
+            ValueError: as `path`, or nothing was recorded.
+        """
+        path = self.path(name)
         parts = [load_trial(piece) for piece in sorted(self.pieces.glob("*.npz"))]
         if not parts:
             raise ValueError("nothing was recorded")
@@ -133,12 +148,6 @@ class Recorder:
         self._rows = []
         for piece in self.pieces.glob("*.npz"):
             piece.unlink()
-
-    def _write(self, about: dict) -> None:
-        images, robot, commands = (np.array(column) for column in zip(*self._rows, strict=True))
-        number = len(list(self.pieces.glob("*.npz")))
-        save_trial(Trial(images, robot, commands, **about), self.pieces / f"{number:05d}.npz")
-        self._rows = []
 
 
 def mask_from_file(content: bytes) -> np.ndarray:
@@ -158,6 +167,12 @@ def mask_from_file(content: bytes) -> np.ndarray:
     return check_mask(picture > 127)
 
 
+def _misunderstanding(mask: np.ndarray, reconstruction: np.ndarray) -> float:
+    """Chamfer distance [pixel] between a mask and its reconstruction; infinite where no cloth is left."""
+    believed = reconstruction > 0.5
+    return chamfer_distance(mask, believed) if believed.any() else np.inf
+
+
 class LiveSession:
     """One robot with one cloth, step by step; everything can be changed between two steps.
 
@@ -167,6 +182,7 @@ class LiveSession:
         hand: the command `[D_u]` that the driver "hand" sends.
         recorder: keeps recordings.
         recording: whether steps are being recorded.
+        usual_distance: how far the reconstruction of a recorded image is from it, 99th percentile [pixel].
     """
 
     def __init__(
@@ -194,10 +210,14 @@ class LiveSession:
         arm, setup = get_arm(name), choose("arm", name, SETUPS)
         model, biases, _ = artifacts.load_dpmpb(setup.weights)
         autoencoder, _ = artifacts.load_autoencoder(name)
-        plans, target = recorded_plans(artifacts.load_trials(setup.trials)), artifacts.load_target(setup.target)
+        trials, target = artifacts.load_trials(setup.trials), artifacts.load_target(setup.target)
         # All is there: only now does anything change.
         self.arm, self.model, self.biases = arm, model.requires_grad_(False), biases
-        self.autoencoder, self._plans, self._target = autoencoder, plans, target
+        self.autoencoder, self._plans, self._target = autoencoder, recorded_plans(trials), target
+        images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
+        images = images[images.any(axis=(1, 2))]
+        distances = map(_misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
+        self.usual_distance = float(np.percentile(list(distances), 99))
         self.hand, self._tension = arm.home_command, None
         self._p = biases[setup.cloth].copy()
         self.set_cloth(setup.cloth)
@@ -261,8 +281,8 @@ class LiveSession:
         """Aim at another image from the next step on.
 
         Returns:
-            What the autoencoder makes of it `[H, W]`, 0 to 1, and how far that is from what was asked: the distance in
-            z between the image and its own reconstruction, large for an image unlike any cloth.
+            What the autoencoder makes of it `[H, W]`, 0 to 1, and the chamfer distance of that to what was asked
+            [pixel]: beyond `usual_distance` for an image unlike any cloth, infinite where no cloth is left.
 
         Raises:
             ValueError: another shape, or no cloth in it.
@@ -272,7 +292,7 @@ class LiveSession:
         reconstruction = decode(self.autoencoder, z)
         self._target = mask
         self._controller.z_ref = torch.as_tensor(z)
-        return reconstruction, float(np.linalg.norm(encode(self.autoencoder, reconstruction > 0.5) - z))
+        return reconstruction, _misunderstanding(mask, reconstruction)
 
     def set_driver(self, driver: str) -> None:
         """Change who chooses the commands.
@@ -319,7 +339,7 @@ class LiveSession:
         seen = self.observation
         u, solved = self._choose(seen, solve)
         if self.recording:
-            self.recorder.add(seen, u, self._about)
+            self.recorder.add(seen, u, self._about())
         if self.estimating:
             self._p = self._estimator.update(observe(self.autoencoder, seen), u)
             self._controller.p = self._p
@@ -352,15 +372,21 @@ class LiveSession:
         self.recorder.start()
         self.recording = True
 
+    def stop_recording(self) -> None:
+        """Stop recording; what was recorded waits to be saved or discarded."""
+        if self.recording:
+            self.recorder.flush(self._about())
+            self.recording = False
+
     def save_recording(self, name: str) -> Path:
-        """Stop recording and save, or save what an interrupted session left.
+        """Stop recording and save, or save what was stopped or what an interrupted session left.
 
         Raises:
             ValueError: a bad or existing name (the recording then goes on), or nothing was recorded.
         """
-        path = self.recorder.finish(name, self._about if self.recording else None)
-        self.recording = False
-        return path
+        self.recorder.path(name)
+        self.stop_recording()
+        return self.recorder.finish(name)
 
     def discard_recording(self) -> None:
         """Stop recording and forget it."""
