@@ -4,7 +4,7 @@ import asyncio
 import io
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,10 +24,14 @@ from clothlab.vision import HEIGHT, WIDTH
 
 __all__ = ["LivePanel", "LiveView", "PBMap", "TargetCanvas"]
 
+TARGETS = artifacts.DATA / "targets"
 STATIC = Path(__file__).parent / "static"
 HISTORY = 150  # steps that the traces show, 30 s
-ELLIPSE_EVERY = 10  # steps; matplotlib takes a third of a step for it
-PATIENCE = 5.0  # [s] without a sign from the browser, after which the page is taken to be closed
+ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
+STICKS, TRIGGER = (1, 3), 7  # the standard gamepad's vertical axes and its right trigger
+STICK_MOVES = 0.05  # by how much a stick must move to take over; at rest it trembles
+PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
+NARROW = {"width": "70px"}
 KNOWN_ERRORS = (ValueError, KeyError, OSError)  # what a person can do wrong; anything else is a fault of ours
 
 
@@ -36,6 +40,7 @@ class PBMap(anywidget.AnyWidget):
 
     _esm = STATIC / "pb_map.js"
     materials = traitlets.List().tag(sync=True)  # of {name, at: [PC1, PC2]}
+    held = traitlets.Unicode("").tag(sync=True)  # name of the material in the hand, if it is one of them
     reach = traitlets.Float(1.0).tag(sync=True)  # half of the width shown
     labels = traitlets.List(["PC1 of p", "PC2 of p"]).tag(sync=True)
     current = traitlets.List([0.0, 0.0]).tag(sync=True)
@@ -59,6 +64,11 @@ class TargetCanvas(anywidget.AnyWidget):
             return np.zeros((HEIGHT, WIDTH), bool)
         return np.frombuffer(self.drawn, np.uint8).reshape(HEIGHT, WIDTH).astype(bool)
 
+    def show(self, mask: np.ndarray) -> None:
+        """Put an image `[H, W]` there."""
+        self.shown = b""  # an image that was shown before and drawn over would otherwise not be sent again
+        self.shown = np.asarray(mask, np.uint8).tobytes()
+
 
 class LiveView(anywidget.AnyWidget):
     """Pictures and traces. The browser acknowledges each frame once it is drawn; until then none is sent."""
@@ -68,6 +78,7 @@ class LiveView(anywidget.AnyWidget):
     seen = traitlets.Bytes(b"").tag(sync=True)  # PNG
     decoded = traitlets.Bytes(b"").tag(sync=True)  # PNG
     traces = traitlets.List().tag(sync=True)  # of {title, unit, lines: [{name, values}], marks, limit}
+    clock = traitlets.Unicode("").tag(sync=True)
     frame = traitlets.Int(0).tag(sync=True)
     acknowledged = traitlets.Int(0).tag(sync=True)
 
@@ -97,7 +108,8 @@ class LivePanel:
         self.errors: list[str] = []
         self.late = self.steps = 0
         self._task: asyncio.Task | None = None
-        self._shown_at = 0.0
+        self._unseen = 0  # steps since the last frame was sent
+        self._sticks: np.ndarray | None = None
         self._filling = False
         self._build()
         self._refill()
@@ -128,8 +140,7 @@ class LivePanel:
     def reset(self) -> None:
         """Let the cloth hang still again."""
         self.session.reset()
-        self._history.clear()
-        self._trail.clear()
+        self._forget()
         self._show(force=True)
 
     def close(self) -> None:
@@ -151,25 +162,30 @@ class LivePanel:
 
     async def _run(self) -> None:
         loop = asyncio.get_running_loop()
-        due = self._shown_at = loop.time()
+        due, self._unseen = loop.time(), 0
         while True:
             behind = loop.time() - due
             self.late += behind > CONTROL_PERIOD / 2
-            if not self._guarded(self._advance)(solve=behind < CONTROL_PERIOD):
+            if not self._guarded(self._tick)(solve=behind < CONTROL_PERIOD):
                 return
-            self._show()
-            if loop.time() - self._shown_at > PATIENCE:
+            if self._unseen > PATIENCE:
                 self._say("paused: the page does not answer")
                 return
             due = max(due + CONTROL_PERIOD, loop.time() - 2 * CONTROL_PERIOD)  # lost time is not made up for
             await asyncio.sleep(max(0.005, due - loop.time()))  # callbacks of the widgets run meanwhile
 
-    def _advance(self, solve: bool) -> bool:
+    def _tick(self, solve: bool) -> bool:
+        self._advance(solve)
+        self._show()
+        return True
+
+    def _advance(self, solve: bool) -> None:
+        self._read_gamepad()
         moment = self.session.step(solve=solve)
         self._history.append(moment)
         self._trail.append(self._pca.transform(moment.p[None])[0].tolist())
         self.steps += 1
-        return True
+        self._unseen += 1
 
     # -- showing ---------------------------------------------------------------------------------------------------
 
@@ -178,8 +194,7 @@ class LivePanel:
         view = self.view
         if view.acknowledged != view.frame and not force:
             return
-        if self.running:
-            self._shown_at = asyncio.get_event_loop().time()
+        self._unseen = 0
         moment = self._history[-1] if self._history else None
         with view.hold_sync():
             view.scene = _encoded(".jpg", cv2.cvtColor(self.session.picture(), cv2.COLOR_RGB2BGR))
@@ -187,6 +202,8 @@ class LivePanel:
                 view.seen = _encoded(".png", moment.image * np.uint8(255))
                 view.decoded = _encoded(".png", (255 * moment.reconstruction).astype(np.uint8))
             view.traces = self._traces(list(self._history))
+            step = self.session.step_number
+            view.clock = f"{step * CONTROL_PERIOD:.1f} s, step {step}"
             view.frame += 1
         if self.steps % ELLIPSE_EVERY == 0 or force:
             self._draw_ellipse()
@@ -222,131 +239,133 @@ class LivePanel:
     # -- building --------------------------------------------------------------------------------------------------
 
     def _build(self) -> None:
-        w, wide = ipywidgets, {"description_width": "110px"}
+        w = ipywidgets
         self._history: deque[Moment] = deque(maxlen=HISTORY)
         self._trail: deque[list[float]] = deque(maxlen=HISTORY)
-        self.view, self.map, self.canvas = LiveView(), PBMap(), TargetCanvas()
-        self.message = w.Label()
-        buttons = {name: w.Button(description=name) for name in ("start", "pause", "step", "reset")}
-        for name, button in buttons.items():
-            button.on_click(self._guarded(lambda _, name=name: getattr(self, name)()))
-        self.buttons = buttons
+        self.view, self.message = LiveView(), w.Label()
+        self.buttons = {name: self._button(name, getattr(self, name)) for name in ("start", "pause", "step", "reset")}
         self.arm = self._dropdown("arm", ARMS, self._set_arm)
         self.driver = self._dropdown("driven by", DRIVERS, self.session.set_driver)
-        self.cloth = self._dropdown("cloth", (), self._set_cloth)
-        self.damping = w.FloatSlider(
-            description="C_damp [N s/m]",
-            min=0.01,
-            max=0.10,
-            step=0.005,
-            readout_format=".3f",
-            continuous_update=False,
-            style=wide,
-        )
-        self.mass = w.FloatSlider(
-            description="C_mass [kg]", min=0.03, max=0.20, step=0.01, continuous_update=False, style=wide
-        )
-        for slider in (self.damping, self.mass):
-            slider.observe(self._guarded(self._change_material), "value")
-        self.estimate = w.ToggleButton(description="estimate p online")
-        self.estimate.observe(self._guarded(lambda change: setattr(self.session, "estimating", change["new"])), "value")
-        self.map.observe(self._guarded(self._choose_p), "chosen")
-        self.fixed = w.Checkbox(description="fix the stiffness")
-        self.tension = w.FloatSlider(
-            description="f_const [N]", min=10, max=70, value=30, step=5, continuous_update=False, style=wide
-        )
-        for control in (self.fixed, self.tension):
-            control.observe(self._guarded(self._set_tension), "value")
-        self.ellipse = w.Image(format="png", width=300)
-        self.hands = w.VBox()
-        self.target = self._dropdown("target", (), self._load_target)
-        take, self.erase, clear = (
-            w.Button(description="take this image"),
-            w.ToggleButton(description="eraser"),
-            w.Button(description="clear"),
-        )
-        take.on_click(self._guarded(lambda _: self._aim(self.session.observation["image"], show=True)))
-        clear.on_click(self._guarded(lambda _: self._clear_canvas()))
-        self.erase.observe(lambda change: setattr(self.canvas, "erase", change["new"]), "value")
-        self.canvas.observe(self._guarded(lambda _: self._aim(self.canvas.mask)), "drawn")
-        self.upload = w.FileUpload(accept="image/*", description="from a file")
-        self.upload.observe(self._guarded(self._load_file), "value")
-        self.understood = w.Image(width=WIDTH * 2, height=HEIGHT * 2, format="png")
-        self.verdict = w.HTML()  # which breaks its lines
-        self.name = w.Text(description="name", placeholder="my-swing")
-        self.record = w.ToggleButton(description="record")
-        self.record.observe(self._guarded(self._record), "value")
-        save, discard = w.Button(description="save"), w.Button(description="discard")
-        save.on_click(self._guarded(lambda _: self._save()))
-        discard.on_click(self._guarded(lambda _: self._discard()))
+        head = w.HBox([*self.buttons.values(), self.arm, self.driver])
         columns = [
-            (
-                "Target",
+            w.VBox(children, layout=w.Layout(width="338px", margin="8px 6px 0 0"))
+            for children in (
+                [w.HTML("<b>Target</b>"), *self._build_target()],
+                [w.HTML("<b>Material</b>"), *self._build_material()],
                 [
-                    self.target,
-                    self.canvas,
-                    w.HBox([take, self.upload]),
-                    w.HBox([self.erase, clear]),
-                    self.understood,
-                    self.verdict,
+                    w.HTML("<b>Stiffness</b>"),
+                    *self._build_stiffness(),
+                    w.HTML("<b>Your own hand</b>"),
+                    *self._build_hand(),
                 ],
-            ),
-            ("Material", [self.cloth, self.damping, self.mass, self.estimate, self.map]),
-            ("Stiffness", [self.fixed, self.tension, self.ellipse]),
-            ("Your own hand", [self.hands, self.name, w.HBox([self.record, save, discard])]),
+            )
         ]
-        width = w.Layout(width="340px", margin="0 12px 12px 0")
-        parts = [w.VBox([w.HTML(f"<b>{title}</b>"), *children], layout=width) for title, children in columns]
-        top = w.HBox([*buttons.values(), self.arm, self.driver], layout=w.Layout(flex_flow="row wrap"))
-        self.box = w.VBox([top, self.message, self.view, w.HBox(parts, layout=w.Layout(flex_flow="row wrap"))])
+        self.box = w.VBox([head, self.message, self.view, w.HBox(columns, layout=w.Layout(flex_flow="row wrap"))])
 
-    def _dropdown(self, description, options, act: Callable) -> ipywidgets.Dropdown:
-        dropdown = ipywidgets.Dropdown(description=description, options=list(options))
-        dropdown.observe(self._guarded(lambda change: change["new"] is not None and act(change["new"])), "value")
+    def _build_target(self) -> list[ipywidgets.Widget]:
+        w = ipywidgets
+        self.target = self._dropdown("target", (), self._load_target)
+        self.canvas = TargetCanvas()
+        self.canvas.observe(self._acting(lambda _: self._aim_elsewhere(self.canvas.mask)), "drawn")
+        self.erase, self.brush = (
+            w.ToggleButton(description="eraser", layout=NARROW),
+            self._slider("brush [pixel]", 1, 12, 1, 4),
+        )
+        self.brush.style, self.brush.layout = {"description_width": "90px"}, w.Layout(width="250px")
+        traitlets.link((self.erase, "value"), (self.canvas, "erase"))
+        traitlets.link((self.brush, "value"), (self.canvas, "brush"))
+        clear = self._button("clear", self._clear_canvas)
+        take = self._button(
+            "take this image", lambda: self._aim_elsewhere(self.session.observation["image"], show=True)
+        )
+        take.layout.width = "130px"
+        self.upload = w.FileUpload(accept="image/*", description="from a file", layout=w.Layout(width="130px"))
+        self.upload.observe(self._acting(self._load_file), "value")
+        self.understood = w.Image(format="png", layout=w.Layout(width="160px", height="120px", flex="none"))
+        self.verdict = w.HTML(layout=w.Layout(width="170px"))  # which breaks its lines
+        tools = [w.HBox([self.erase, self.brush]), w.HBox([take, self.upload, clear])]
+        return [self.target, self.canvas, *tools, w.HBox([self.understood, self.verdict])]
+
+    def _build_material(self) -> list[ipywidgets.Widget]:
+        self.cloth = self._dropdown("cloth", (), self._set_cloth)
+        self.damping = self._slider("C_damp [N s/m]", 0.01, 0.10, 0.005, 0.05, readout_format=".3f")
+        self.mass = self._slider("C_mass [kg]", 0.03, 0.20, 0.01, 0.10)
+        for slider in (self.damping, self.mass):
+            slider.observe(self._acting(self._change_material), "value")
+        self.estimate = ipywidgets.ToggleButton(description="estimate p online")
+        self.estimate.observe(self._acting(lambda change: setattr(self.session, "estimating", change["new"])), "value")
+        self.map = PBMap()
+        self.map.observe(self._acting(self._choose_p), "chosen")
+        return [self.cloth, self.damping, self.mass, self.estimate, self.map]
+
+    def _build_stiffness(self) -> list[ipywidgets.Widget]:
+        self.fixed = ipywidgets.Checkbox(description="fix the stiffness", indent=False)
+        self.tension = self._slider("f_const [N]", 10, 70, 5, 30)
+        for control in (self.fixed, self.tension):
+            control.observe(self._acting(self._set_tension), "value")
+        self.ellipse = ipywidgets.Image(format="png", width=270)
+        return [self.fixed, self.tension, self.ellipse]
+
+    def _build_hand(self) -> list[ipywidgets.Widget]:
+        w = ipywidgets
+        self.hands, self.gamepad = w.VBox(), w.Controller(index=0)
+        self.name = w.Text(description="name", placeholder="my-swing")
+        self.record = w.ToggleButton(description="record", layout=NARROW)
+        self.record.observe(self._acting(self._record), "value")
+        save, discard = self._button("save", self._save), self._button("discard", self._discard)
+        self.gamepad.observe(self._acting(self._greet_gamepad), "axes")
+        return [self.hands, self.gamepad, self.name, w.HBox([self.record, save, discard])]
+
+    def _button(self, description: str, act: Callable[[], None]) -> ipywidgets.Button:
+        button = ipywidgets.Button(description=description, layout=NARROW)
+        button.on_click(self._acting(lambda _: act()))
+        return button
+
+    def _dropdown(self, description: str, options: Iterable[str], act: Callable[[str], None]) -> ipywidgets.Dropdown:
+        dropdown = ipywidgets.Dropdown(description=description, options=list(options), layout={"width": "260px"})
+        dropdown.observe(self._acting(lambda change: change["new"] is not None and act(change["new"])), "value")
         return dropdown
+
+    def _slider(self, description: str, low: float, high: float, step: float, value: float, **options):
+        """A slider that acts on release."""
+        style, layout = {"description_width": "135px"}, {"width": "325px"}
+        options = {"continuous_update": False, "style": style, "layout": layout} | options
+        return ipywidgets.FloatSlider(value, description=description, min=low, max=high, step=step, **options)
 
     def _refill(self) -> None:
         """Set every control to what the session has, without acting on it, and show it."""
         with self._unheard():
             self._copy_session()
         self._aim(self.session.target, show=True)
+        self._draw_ellipse()
         self._show(force=True)
 
     def _copy_session(self) -> None:
         session, arm = self.session, self.session.arm
         self._pca = principal_axes(session.biases)
         places = {name: self._pca.transform(p[None])[0].tolist() for name, p in session.biases.items()}
-        self.map.materials = [
-            {"name": name.replace("damp", "").replace("mass", ""), "at": at} for name, at in places.items()
-        ]
-        self.map.reach = 1.5 * float(np.abs(list(places.values())).max())
+        self.map.materials = [{"name": name, "at": at} for name, at in places.items()]
+        self.map.reach = 1.3 * float(np.abs(list(places.values())).max())
         muscles = bool(arm.tension_slice.stop)
         self.arm.value, self.driver.value = arm.name, session.driver
         self.cloth.options = list(FOAMS if muscles else CLOTHS)
-        self.cloth.value = session.env.cloth.name if session.env.cloth.name in self.cloth.options else None
-        self.damping.value, self.mass.value = session.env.cloth.damping, session.env.cloth.mass
+        self._follow_cloth()
         self.damping.disabled = self.mass.disabled = muscles
         self.fixed.disabled = self.tension.disabled = not muscles
+        self.ellipse.layout.display = None if muscles else "none"
         self.fixed.value = False
-        self.target.options = [None, *sorted(path.stem for path in (artifacts.DATA / "targets").glob("*.png"))]
+        targets = {path.stem: artifacts.load_target(path.stem) for path in sorted(TARGETS.glob("*.png"))}
+        self.target.options = list(targets)
+        self.target.value = next((name for name in targets if np.array_equal(targets[name], session.target)), None)
+        # These act while they are dragged: a step takes the last value and skips those before.
         self.hands.children = [
-            ipywidgets.FloatSlider(
-                description=name,
-                min=low,
-                max=high,
-                value=value,
-                step=(high - low) / 100,
-                continuous_update=False,
-                style={"description_width": "140px"},
-            )
+            self._slider(name, low, high, (high - low) / 100, value, continuous_update=True)
             for name, low, high, value in zip(
                 arm.command_names, arm.command_lower, arm.command_upper, session.hand, strict=True
             )
         ]
         for slider in self.hands.children:
-            slider.observe(
-                self._guarded(lambda _: session.set_hand([each.value for each in self.hands.children])), "value"
-            )
+            slider.observe(self._acting(self._move_hand), "value")
 
     # -- acting ----------------------------------------------------------------------------------------------------
 
@@ -363,8 +382,6 @@ class LivePanel:
         """Show a person's mistake as a message; keep a fault of ours for `check`. The panel lives on after both."""
 
         def guarded(*arguments, **options):
-            if self._filling:
-                return None
             try:
                 return act(*arguments, **options)
             except KNOWN_ERRORS as error:
@@ -376,23 +393,47 @@ class LivePanel:
 
         return guarded
 
+    def _acting(self, act: Callable) -> Callable:
+        """Guard a callback of a control: it does not hear the panel, and what it says replaces the last message."""
+        guarded = self._guarded(act)
+
+        def acting(event) -> None:
+            if not self._filling:
+                self._say("")
+                guarded(event)
+
+        return acting
+
     def _set_arm(self, name: str) -> None:
         try:
             self.session.set_arm(name)
         finally:  # where that failed, the controls go back to the arm that is still there
-            self._history.clear()
-            self._trail.clear()
+            self._forget()
             self._refill()
 
+    def _forget(self) -> None:
+        self._history.clear()
+        self._trail.clear()
+        self._sticks = None
+
     def _set_cloth(self, name: str) -> None:
-        self.session.set_cloth(name)
-        with self._unheard():
-            self.damping.value, self.mass.value = self.session.env.cloth.damping, self.session.env.cloth.mass
+        try:
+            self.session.set_cloth(name)
+        finally:
+            self._follow_cloth()
 
     def _change_material(self, _) -> None:
-        self.session.set_material(self.damping.value, self.mass.value)
+        try:
+            self.session.set_material(self.damping.value, self.mass.value)
+        finally:
+            self._follow_cloth()
+
+    def _follow_cloth(self) -> None:
+        cloth = self.session.env.cloth
         with self._unheard():
-            self.cloth.value = None
+            self.cloth.value = cloth.name if cloth.name in self.cloth.options else None
+            self.damping.value, self.mass.value = cloth.damping, cloth.mass
+        self.map.held = cloth.name
 
     def _choose_p(self, change) -> None:
         self.session.set_p(self._pca.inverse_transform(np.array(change["new"])[None])[0])
@@ -406,7 +447,6 @@ class LivePanel:
         """The stiffness ellipse of the present command, drawn 10 times as large as 1 N makes it."""
         arm, history = self.session.arm, self._history
         if not arm.tension_slice.stop:
-            self.ellipse.value = b""
             return
         u = history[-1].command if history else self.session.hand
         f_const = self.tension.value if self.fixed.value else u[2]
@@ -419,29 +459,79 @@ class LivePanel:
         self._aim(artifacts.load_target(name), show=True)
 
     def _load_file(self, change) -> None:
-        if change["new"]:
-            self._aim(mask_from_file(bytes(change["new"][0]["content"])), show=True)
+        content = bytes(change["new"][0]["content"])
+        with self._unheard():
+            self.upload.value = ()  # the same file can then be chosen again
+        self._aim_elsewhere(mask_from_file(content), show=True)
 
-    def _aim(self, mask: np.ndarray, show: bool = False) -> None:
+    def _aim_elsewhere(self, mask: np.ndarray, show: bool = False) -> None:
+        """Aim at an image that is none of the named ones."""
+        self._aim(mask, show)
+        with self._unheard():
+            self.target.value = None
+
+    def _aim(self, mask: np.ndarray, show: bool) -> None:
         reconstruction, distance = self.session.set_target(mask)
         if show:
-            self.canvas.shown = np.asarray(mask, np.uint8).tobytes()
+            self.canvas.show(mask)
         self.understood.value = _encoded(".png", (255 * reconstruction).astype(np.uint8))
-        self.verdict.value = f"what the network believes it was shown, {distance:.2f} s.d. of z from it"
-        self._say("")
+        usual = self.session.usual_distance
+        verdict = "It knows such cloths." if distance <= usual else "<b>It knows no such cloth.</b>"
+        believed = f"{distance:.1f} pixel from it" if np.isfinite(distance) else "no cloth at all"
+        self.verdict.value = (
+            f"<p style='line-height:1.3'>What the network believes it was shown: {believed} (chamfer distance; "
+            f"{usual:.1f} for the worst in a hundred recorded images). {verdict}</p>"
+        )
 
     def _clear_canvas(self) -> None:
-        self.canvas.shown = b""
-        self.canvas.shown = bytes(HEIGHT * WIDTH)
+        self.canvas.show(np.zeros((HEIGHT, WIDTH), bool))
+        self._say("draw a target; until then the robot keeps the one that it has")
+
+    def _move_hand(self, change) -> None:
+        slider = change["owner"]
+        known = self.session.hand[self.hands.children.index(slider)]
+        if abs(change["new"] - known) > slider.step / 2:  # less is the browser's rounding, and no person
+            self._take_over()
+
+    def _take_over(self) -> None:
+        """Drive by hand, with the commands that the sliders show."""
+        self.session.set_hand([slider.value for slider in self.hands.children])
+        self.driver.value = "hand"
+
+    def _greet_gamepad(self, _) -> None:
+        trigger = ", right trigger: stiffness" if self.session.arm.tension_slice.stop else ""
+        enough = len(self.gamepad.axes) > max(STICKS) and len(self.gamepad.buttons) > TRIGGER
+        self._say(
+            f"gamepad: left stick: shoulder, right stick: elbow{trigger}" if enough else "⚠ a gamepad needs two sticks"
+        )
+
+    def _read_gamepad(self) -> None:
+        """Take over when a stick has moved. Read once a step, so that its many small changes do not pile up."""
+        axes, buttons = self.gamepad.axes, self.gamepad.buttons
+        if not self.gamepad.connected or len(axes) <= max(STICKS) or len(buttons) <= TRIGGER:
+            return
+        places = [*((axes[k].value + 1) / 2 for k in STICKS), buttons[TRIGGER].value][: len(self.hands.children)]
+        sticks, before = np.array(places), self._sticks
+        if before is None or np.abs(sticks - before).max() < STICK_MOVES:
+            self._sticks = sticks if before is None else before
+            return
+        self._sticks = sticks
+        with self._unheard():
+            for slider, place in zip(self.hands.children, places, strict=True):
+                slider.value = slider.min + place * (slider.max - slider.min)
+        self._take_over()
 
     def _record(self, change) -> None:
-        if change["new"] and not self.session.recording:
-            try:
-                self.session.record()
-            except FileExistsError:
-                self._release_record()
-                raise
-            self._say("recording")
+        if not change["new"]:
+            self.session.stop_recording()
+            self._say("stopped: give it a name and save it, or discard it")
+            return
+        try:
+            self.session.record()
+        except FileExistsError:
+            self._release_record()
+            raise
+        self._say("recording")
 
     def _save(self) -> None:
         path = self.session.save_recording(self.name.value)

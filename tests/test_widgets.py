@@ -1,12 +1,16 @@
 """The panel without a browser: what its controls do to the session, and what it says when something is wrong."""
 
 import asyncio
+import time
 from datetime import UTC, datetime
 
+import cv2
 import numpy as np
 import pytest
+from ipywidgets.widgets.widget_controller import Axis, Button
 
 from clothlab.session import LiveSession
+from clothlab.trials import load_trial
 from clothlab.widgets import LivePanel, TargetCanvas
 
 
@@ -18,13 +22,19 @@ def panel(tmp_path):
     panel.close()
 
 
+def draw_every_frame(panel) -> None:
+    """What a fast browser does."""
+    panel.view.acknowledged = panel.view.frame
+    panel.view.observe(lambda change: setattr(panel.view, "acknowledged", change["new"]), "frame")
+
+
 def run(panel, seconds: float, answer=True) -> None:
     """Let the panel run, with a browser that draws each frame at once, or with none."""
 
     async def main():
         panel.start()
         if answer:
-            panel.view.observe(lambda change: setattr(panel.view, "acknowledged", change["new"]), "frame")
+            draw_every_frame(panel)
         await asyncio.sleep(seconds)
 
     asyncio.run(main())
@@ -53,7 +63,7 @@ def test_a_browser_that_does_not_draw_gets_no_more_frames(panel):
 
 
 def test_a_page_that_is_gone_stops_the_clock(panel, monkeypatch):
-    monkeypatch.setattr("clothlab.widgets.PATIENCE", 0.5)
+    monkeypatch.setattr("clothlab.widgets.PATIENCE", 3)
 
     async def main():
         panel.start()
@@ -69,6 +79,20 @@ def test_a_second_panel_closes_the_first(panel):
     assert not panel.running
     assert LivePanel._active is other
     other.close()
+
+
+def test_a_busy_kernel_is_not_a_closed_page(panel, monkeypatch):
+    monkeypatch.setattr("clothlab.widgets.PATIENCE", 3)
+
+    async def main():
+        panel.start()
+        draw_every_frame(panel)
+        await asyncio.sleep(0.3)
+        time.sleep(1.5)  # a cell that computes: no step, and no answer is heard
+        await asyncio.sleep(0.5)
+        return panel.running
+
+    assert asyncio.run(main())
 
 
 def test_single_steps_and_reset(panel):
@@ -92,7 +116,20 @@ def test_a_drawing_becomes_the_target_and_shows_what_the_network_believes(panel,
     panel.canvas.drawn = square.astype(np.uint8).tobytes()
     assert np.array_equal(panel.session.target, square)
     assert panel.understood.value != shown
-    assert "s.d. of z" in panel.verdict.value
+    assert panel.target.value is None
+    checkers = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
+    panel.canvas.drawn = checkers.astype(np.uint8).tobytes()
+    assert "It knows no such cloth" in panel.verdict.value
+    panel.target.value = "target-1"
+    assert "It knows such cloths" in panel.verdict.value
+
+
+def test_a_target_that_was_drawn_over_is_shown_again(panel):
+    sent = []
+    panel.canvas.observe(lambda change: sent.append(change["new"]), "shown")
+    for _ in range(2):
+        panel._guarded(panel._load_target)("target-1")
+    assert [bool(content) for content in sent] == [False, True, False, True]
 
 
 def test_an_empty_drawing_says_so_and_keeps_the_target(panel):
@@ -107,6 +144,11 @@ def test_a_file_that_is_no_picture_says_so(panel):
     when = {"last_modified": datetime.now(UTC)}
     panel.upload.set_trait("value", ({"content": memoryview(b"text"), "name": "a", "type": "", "size": 4} | when,))
     assert "not a picture" in panel.message.value
+    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
+    file = {"content": memoryview(small.tobytes()), "name": "b", "type": "", "size": 9}
+    panel.upload.set_trait("value", (file | when,))
+    assert "128×96 pixels, this picture 10×10" in panel.message.value
+    assert panel.upload.value == ()
 
 
 def test_material_sliders_and_the_gallery_follow_each_other(panel):
@@ -114,11 +156,55 @@ def test_material_sliders_and_the_gallery_follow_each_other(panel):
     assert panel.session.env.cloth.damping == pytest.approx(0.03)
     panel.cloth.value = "damp0.07-mass0.15"
     assert (panel.damping.value, panel.mass.value) == pytest.approx((0.07, 0.15))
-    panel.target.value = "target-1"
-    panel.driver.value = "hand"
+    assert panel.map.held == "damp0.07-mass0.15"
+
+
+def test_a_moved_slider_takes_over(panel):
+    assert panel.driver.value == "control"
     panel.hands.children[0].value = 0.2
+    assert panel.session.driver == panel.driver.value == "hand"
     panel.buttons["step"].click()
-    assert panel.session.hand[0] == pytest.approx(0.2)
+    assert panel._history[-1].command[0] == pytest.approx(0.2)
+
+
+def test_the_browser_may_round_a_slider(panel):
+    slider = panel.hands.children[0]
+    slider.value += 0.4 * slider.step
+    assert panel.session.driver == "control"
+    slider.value += slider.step
+    assert panel.session.driver == "hand"
+
+
+def move_gamepad(panel, axes, trigger) -> None:
+    """What the browser does when a gamepad moves."""
+    for name, numbers, kind in (("axes", axes, Axis), ("buttons", [0.0] * 7 + trigger, Button)):
+        widgets = [kind() for _ in numbers]
+        for widget, number in zip(widgets, numbers, strict=True):
+            widget.set_trait("value", number)
+        panel.gamepad.set_trait(name, tuple(widgets))
+    panel.gamepad.set_trait("connected", True)
+
+
+def test_a_gamepad_takes_over_when_it_moves(panel):
+    panel.arm.value = "muscle"
+    move_gamepad(panel, [0.0, 0.0, 0.0, 0.0], [0.0])
+    panel.buttons["step"].click()
+    move_gamepad(panel, [0.0, 0.01, 0.0, 0.0], [0.0])
+    panel.buttons["step"].click()
+    assert panel.session.driver == "control"  # a stick that trembles does not take over
+    move_gamepad(panel, [0.0, 1.0, 0.0, -1.0], [0.5])
+    panel.buttons["step"].click()
+    arm = panel.session.arm
+    assert panel.session.driver == "hand"
+    assert panel._history[-1].command == pytest.approx([arm.upper[0], arm.lower[1], 40.0])
+    assert panel.hands.children[2].value == pytest.approx(40.0)
+
+
+def test_a_gamepad_without_sticks_is_no_hand(panel):
+    move_gamepad(panel, [0.0], [])
+    assert "needs two sticks" in panel.message.value
+    panel.buttons["step"].click()
+    assert panel.session.driver == "control"
 
 
 def test_stiffness_is_the_muscle_arms(panel):
@@ -146,6 +232,20 @@ def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
     panel._guarded(panel._save)()
     assert "exists" in panel.message.value
     assert [path.name for path in (tmp_path / "mine").glob("*.npz")] == ["swing.npz"]
+
+
+def test_a_recording_can_be_stopped_before_it_is_named(panel, tmp_path):
+    panel.record.value = True
+    panel.buttons["step"].click()
+    panel.cloth.value = "damp0.07-mass0.15"
+    assert "cannot change during a recording" in panel.message.value
+    assert panel.cloth.value == panel.session.env.cloth.name != "damp0.07-mass0.15"
+    panel.record.value = False
+    assert not panel.session.recording
+    panel.buttons["step"].click()
+    panel.name.value = "one-step"
+    panel._guarded(panel._save)()
+    assert len(load_trial(tmp_path / "mine" / "one-step.npz")) == 1
 
 
 def test_a_fault_in_a_callback_is_kept_and_raised(panel):

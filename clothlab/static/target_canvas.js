@@ -73,7 +73,7 @@ function render({ model, el }) {
     show();
   }
   model.on("change:shown", take);
-  model.on("change:erase", show);
+  for (const name of ["erase", "brush"]) model.on(`change:${name}`, show);
   take();
 }
 

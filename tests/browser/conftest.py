@@ -41,9 +41,11 @@ class Lab:
             free.bind(("localhost", 0))
             self.port = free.getsockname()[1]
         self.log = folder / "lab.log"
-        quiet = ["--LabApp.news_url=", "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate"]
+        news = folder / "settings" / "@jupyterlab" / "apputils-extension" / "notification.jupyterlab-settings"
+        news.parent.mkdir(parents=True)
+        news.write_text('{"fetchNews": "false", "checkForUpdates": false}')  # or it asks, in front of the panel
         options = [
-            *quiet,
+            f"--LabApp.user_settings_dir={folder / 'settings'}",
             "--no-browser",
             "--allow-root",
             f"--port={self.port}",

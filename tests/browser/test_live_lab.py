@@ -62,7 +62,8 @@ def test_a_session_in_the_live_lab(notebook):
     notebook.until("panel.session.arm.name == 'muscle' and len(panel._history) > 3", 30)
     page.locator(".widget-checkbox", has_text="fix the stiffness").locator("input").check()
     notebook.until("panel._history[-1].command[2] == panel.tension.value")
-    page.locator(".widget-slider", has_text="f_const").last.locator(".noUi-handle").first.press("ArrowRight")
+    page.locator(".widget-slider", has_text="f_const").first.locator(".noUi-handle").press("ArrowRight")
+    notebook.until("panel._history[-1].command[2] == panel.tension.value == 35")
     notebook.screenshot("5-stiff")
 
     name = f"browser-test-{time.time_ns()}"
