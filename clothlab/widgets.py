@@ -272,8 +272,8 @@ class LivePanel:
             self._slider("brush [pixel]", 1, 12, 1, 4),
         )
         self.brush.style, self.brush.layout = {"description_width": "90px"}, w.Layout(width="250px")
-        traitlets.link((self.erase, "value"), (self.canvas, "erase"))
-        traitlets.link((self.brush, "value"), (self.canvas, "brush"))
+        w.jslink((self.erase, "value"), (self.canvas, "erase"))  # in the browser, so that the next stroke has it
+        w.jslink((self.brush, "value"), (self.canvas, "brush"))
         clear = self._button("clear", self._clear_canvas)
         take = self._button(
             "take this image", lambda: self._aim_elsewhere(self.session.observation["image"], show=True)

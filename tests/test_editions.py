@@ -1,10 +1,10 @@
 """What a class gets: stubs for students, executed solutions for the instructor."""
 
-import importlib.util
 import json
 import re
 from pathlib import Path
 
+import make_editions
 import nbformat
 import pytest
 from nbclient.exceptions import CellExecutionError
@@ -13,9 +13,6 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-spec = importlib.util.spec_from_file_location("make_editions", ROOT / "scripts" / "make_editions.py")
-make_editions = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(make_editions)
 
 
 def with_tag(notebook, tag):

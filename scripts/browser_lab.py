@@ -1,0 +1,172 @@
+"""JupyterLab with the real notebooks, and Chromium to look at it: for the browser tests and for `make bench`."""
+
+import json
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+from jupyter_client import BlockingKernelClient
+from jupyter_core.paths import jupyter_runtime_dir
+from playwright.sync_api import Page
+
+ROOT = Path(__file__).resolve().parents[1]
+HARMLESS = ("Failed to load resource",)  # JupyterLab asks for a translation and a licence page that are not there
+
+
+def launch_options() -> dict:
+    """The system's Chromium for `playwright.chromium.launch`; without one, Playwright takes its own."""
+    found = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+    path = next(filter(None, found), None)
+    return {"args": ["--no-sandbox"]} | ({"executable_path": path} if path else {})
+
+
+class Lab:
+    """A running JupyterLab on copies of the notebooks, which it would otherwise save over."""
+
+    def __init__(self, folder: Path):
+        """Start it.
+
+        Args:
+            folder: for the copies, the settings and the log.
+        """
+        shutil.copytree(ROOT / "notebooks", folder / "notebooks")
+        with socket.socket() as free:
+            free.bind(("localhost", 0))
+            self.port = free.getsockname()[1]
+        self.log = folder / "lab.log"
+        news = folder / "settings" / "@jupyterlab" / "apputils-extension" / "notification.jupyterlab-settings"
+        news.parent.mkdir(parents=True)
+        news.write_text('{"fetchNews": "false", "checkForUpdates": false}')  # or it asks, in front of the panel
+        options = [
+            f"--LabApp.user_settings_dir={folder / 'settings'}",
+            "--no-browser",
+            "--allow-root",
+            f"--port={self.port}",
+            "--ServerApp.token=t",
+            "--ServerApp.password=",
+        ]
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "jupyter", "lab", *options], cwd=folder / "notebooks", stdout=log, stderr=log
+            )
+
+    def ask(self, path: str, method: str = "GET"):
+        """What the server's REST interface answers; None where it has nothing to say."""
+        url = f"http://localhost:{self.port}/{path}?token=t"
+        with urllib.request.urlopen(urllib.request.Request(url, method=method), timeout=10) as answer:
+            return json.loads(answer.read() or "null")
+
+    def wait(self) -> None:
+        """Wait until it answers.
+
+        Raises:
+            TimeoutError: with the server's log.
+        """
+        for _ in range(120):
+            try:
+                self.ask("api/status")
+                return
+            except OSError:
+                time.sleep(0.5)
+        raise TimeoutError(self.log.read_text())
+
+    def kernel(self, name: str) -> dict | None:
+        """The kernel of a notebook, once it has one."""
+        sessions = {session["path"]: session["kernel"] for session in self.ask("api/sessions")}
+        return sessions.get(name)
+
+    def stop_kernel(self, name: str) -> None:
+        """Stop the kernel of a notebook, which the next page with that notebook would otherwise go on with."""
+        self.ask(f"api/kernels/{self.kernel(name)['id']}", "DELETE")
+
+    def close(self) -> None:
+        """Stop server and kernels."""
+        self.process.terminate()
+        self.process.wait(timeout=20)
+
+
+class Notebook:
+    """One notebook in the browser, and its kernel.
+
+    Attributes:
+        page: the browser's page.
+        errors: what appeared as an error in the browser's console.
+    """
+
+    def __init__(self, lab: Lab, page: Page, name: str):
+        """Open it; nothing is run."""
+        self.lab, self.page, self.name, self.errors = lab, page, name, []
+        page.on("console", lambda message: self._note(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: self._note(str(error)))
+        page.goto(f"http://localhost:{lab.port}/lab/tree/{name}?token=t&reset")
+        page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=60_000)
+        end = time.monotonic() + 60
+        while (lab.kernel(name) or {}).get("execution_state") != "idle":  # before that, "run all" is ignored
+            if time.monotonic() > end:
+                raise TimeoutError("the kernel does not start:\n" + lab.log.read_text())
+            page.wait_for_timeout(200)
+        page.wait_for_timeout(2000)  # and the page has to hear of it, too
+
+    def _note(self, text: str) -> None:
+        if not text.startswith(HARMLESS):
+            self.errors.append(text)
+
+    def run_all(self) -> None:
+        """Choose "Run All Cells"."""
+        self.page.locator(".lm-MenuBar-itemLabel", has_text=re.compile("^Run$")).click()
+        self.page.locator(".lm-Menu-itemLabel", has_text=re.compile("^Run All Cells$")).click()
+
+    def start_panel(self) -> float:
+        """Run all of the live lab.
+
+        Returns:
+            Time from the click to the robot's first picture after a step [s].
+        """
+        start = time.monotonic()
+        self.run_all()
+        self.page.wait_for_function(
+            "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)", timeout=90_000
+        )
+        seconds = time.monotonic() - start
+        self.connect()
+        self.until("panel.steps > 3", 60)
+        return seconds
+
+    def connect(self) -> None:
+        """Open a second line to the notebook's kernel."""
+        file = Path(jupyter_runtime_dir()) / f"kernel-{self.lab.kernel(self.name)['id']}.json"
+        self.client = BlockingKernelClient(connection_file=str(file))
+        self.client.load_connection_file()
+        self.client.start_channels()
+        self.client.wait_for_ready(timeout=60)
+
+    def evaluate(self, expression: str, code: str = "") -> str:
+        """What an expression is in the kernel, after some code.
+
+        Raises:
+            RuntimeError: it fails there.
+        """
+        reply = self.client.execute_interactive(
+            code, user_expressions={"x": expression}, timeout=60, output_hook=lambda message: None
+        )
+        answer = reply["content"].get("user_expressions", {}).get("x", reply["content"])
+        if reply["content"]["status"] != "ok" or answer["status"] != "ok":
+            raise RuntimeError(str(answer.get("evalue", reply["content"].get("evalue"))))
+        return answer["data"]["text/plain"]
+
+    def until(self, expression: str, seconds: float = 15) -> None:
+        """Wait until an expression is true in the kernel.
+
+        Raises:
+            TimeoutError: it stays false.
+        """
+        end = time.monotonic() + seconds
+        while self.evaluate(f"bool({expression})") != "True":
+            if time.monotonic() > end:
+                raise TimeoutError(f"not within {seconds} s: {expression}")
+            time.sleep(0.1)
