@@ -215,17 +215,22 @@ class ControlPolicy:
             with torch.no_grad():
                 starts = torch.cat([start[None], self._plans])
                 start = starts[loss(predict(starts)).argmin()]
-        self._u, trace = optimise_commands(
-            predict,
-            loss,
-            start,
-            self.lower,
-            self.upper,
-            self.scale,
-            self.settings,
-        )
+        self._u, trace = self.search(predict, loss, start)
         self.trace.append(trace)
         return self._send(s)
+
+    def search(self, predict, loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
+        """Look for better commands than `start`; overwrite it to look in another way.
+
+        Args:
+            predict: commands `[B, T, D_u]` → predicted states `[B, T, D_s]`.
+            loss: predicted states → loss of each sequence `[B]`.
+            start: where to start `[T, D_u]`.
+
+        Returns:
+            Commands `[T, D_u]` inside the range, and the trace of their loss.
+        """
+        return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
     def coast(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out."""

@@ -174,6 +174,13 @@ def test_plans_of_another_length_are_refused(controller):
         controller(np.zeros((3, 5, 2)))
 
 
+def test_another_search_may_take_the_place_of_the_descent(env, controller):
+    policy, found = controller(), torch.full((8, 2), -0.5)
+    policy.search = lambda predict, loss, start: (found, loss(predict(found[None])).detach().numpy())
+    assert (rollout(env, policy, 3).commands == -0.5).all()
+    assert [len(trace) for trace in policy.trace] == [1, 1, 1]
+
+
 def test_weights_of_another_arm_are_refused(square):
     model = DPMPB(state_size=15, command_size=3)
     with pytest.raises(ValueError, match="load the weights of this arm"):

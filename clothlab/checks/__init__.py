@@ -8,7 +8,7 @@ notebook's checks stand in the file of its name.
 from clothlab.checks._check import CheckFailed
 from clothlab.checks.cloth_simulation import count_springs, euler_step, time_to_reach
 from clothlab.checks.collecting_data import take_turns, transitions, wave
-from clothlab.checks.control import alternate, my_mask, steps_along
+from clothlab.checks.control import alternate, my_mask, random_shooting, steps_along
 from clothlab.checks.estimate_and_control import averaged, half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
@@ -48,6 +48,7 @@ __all__ = [
     "nearest_phase",
     "pair_stiffness",
     "place",
+    "random_shooting",
     "shaken",
     "share_won",
     "shares_by_hand",

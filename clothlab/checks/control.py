@@ -7,7 +7,7 @@ import numpy as np
 from clothlab.checks._check import check
 from clothlab.control import ControlSettings, period_mask
 
-__all__ = ["alternate", "my_mask", "steps_along"]
+__all__ = ["alternate", "my_mask", "random_shooting", "steps_along"]
 
 
 @check
@@ -56,3 +56,51 @@ def alternate(answer: Callable) -> None:
     assert callable(policy), "alternate must return a policy, a function of the observation"
     found = "".join(str(policy(None)) for _ in range(7))
     assert found == "aaabbba", f"with a period of 3 the references are a a a b b b a, got {' '.join(found)}"
+
+
+class _Bowl:
+    """A loss with its minimum at `bottom`, which remembers the sequences that it was asked about."""
+
+    def __init__(self, bottom: np.ndarray):
+        self.bottom, self.asked, self.calls = bottom, np.empty((0, 4, 2)), 0
+
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        message = f"predict_loss takes a batch of sequences, here of shape (…, 4, 2); yours has {np.shape(u)}"
+        assert np.shape(u)[1:] == (4, 2), message
+        self.asked, self.calls = np.concatenate([self.asked, u]), self.calls + 1
+        return np.square(u - self.bottom).sum(axis=(1, 2))
+
+
+@check
+def random_shooting(answer: Callable) -> None:
+    """What is tried: how many, from where, the start; what is returned: the best of it."""
+    lower, upper, start, count = np.array([-1.0, -0.2]), np.array([0.5, 0.3]), np.full((4, 2), -0.1), 200
+
+    def shoot(bottom: np.ndarray, seed: int = 0) -> tuple[np.ndarray, _Bowl]:
+        bowl = _Bowl(bottom)
+        return answer(bowl, start.copy(), lower, upper, np.random.default_rng(seed), count), bowl
+
+    found, bowl = shoot(upper + 0.2)
+    assert found is not None, "random_shooting returned None"
+    assert np.shape(found) != (), "return the commands, not their loss"
+    assert np.shape(found) == (4, 2), f"return one sequence, of the start's shape (4, 2); yours has {np.shape(found)}"
+    asked = bowl.asked
+    tried = f"of {count} sequences, the start among them, predict_loss was asked about {len(asked)}"
+    assert len(asked) == count, tried
+    assert bowl.calls < 10, f"ask about all sequences at once: {bowl.calls} calls take far longer than one"
+    outside = "a command left its range: each of the two has its own lower and upper"
+    assert np.all((asked >= lower) & (asked <= upper)), outside
+    is_start = np.isclose(asked, start).all(axis=(1, 2))
+    assert is_start.any(), "the start is a sequence to try, too: without it, the answer can be worse than the start"
+    drawn = asked[~is_start]
+    reach = np.ptp(drawn, axis=(0, 1)) / (upper - lower)
+    assert reach.min() > 0.9, f"draw from the whole range; yours fills {reach.min():.0%} of it"
+    assert np.ptp(drawn, axis=1).min() > 0, "each step gets a command of its own: yours repeat one"
+    losses = bowl(asked)
+    assert not np.allclose(found, asked[losses.argmax()]), "that is the sequence with the largest loss"
+    assert not np.allclose(found, asked[-1]), "that is the last sequence tried, not the best"
+    assert np.allclose(found, asked[losses.argmin()]), "among the sequences tried, another one has a lower loss"
+    assert np.allclose(shoot(start)[0], start), "where nothing is better than the start, return the start"
+    again, other = shoot(upper + 0.2)[1].asked, shoot(upper + 0.2, seed=1)[1].asked
+    assert np.array_equal(asked, again), "the same rng must draw the same sequences: use it, and no other"
+    assert not np.array_equal(asked, other), "another rng must draw other sequences: use the one that is handed over"
