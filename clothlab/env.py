@@ -1,5 +1,6 @@
 """The scene (arm, cloth, camera) as a Gymnasium environment whose step is one control period of 0.2 s."""
 
+import os
 from dataclasses import dataclass, field
 
 import gymnasium
@@ -198,7 +199,9 @@ class ClothEnv(gymnasium.Env):
         """
         renderer = self.renderer(height, width)
         renderer.update_scene(self.data, "camera")
-        return renderer.render()
+        picture = renderer.render()
+        _release_opengl()
+        return picture
 
     def renderer(self, height: int, width: int) -> mujoco.Renderer:
         """MuJoCo's renderer of that size [pixel], made when it is first asked for.
@@ -252,6 +255,17 @@ _DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+
+
+def _release_opengl() -> None:
+    """Let go of this thread's OpenGL context, since EGL refuses it to others as long as one thread holds it.
+
+    JupyterLab runs cells in one thread and calls widgets in another.
+    """
+    if os.environ.get("MUJOCO_GL") == "egl":
+        from mujoco.egl import EGL
+
+        EGL.eglReleaseThread()
 
 
 def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:

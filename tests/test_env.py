@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -30,6 +31,17 @@ def test_pictures_for_people(env):
     assert picture.dtype == np.uint8
     assert picture.std() > 10
     assert ClothEnv(render_mode=None).render() is None
+
+
+def test_threads_may_take_turns_at_drawing(env):
+    env.reset()
+    with ThreadPoolExecutor(1) as another:
+        for _ in range(2):
+            here = [env.camera_picture(), env.render()]
+            there = another.submit(lambda: [env.camera_picture(), env.render()]).result()
+            assert all(map(np.array_equal, here, there))
+        env.render()
+        another.submit(env.close).result()
 
 
 @pytest.mark.parametrize("arm", ARMS)
