@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -71,7 +72,12 @@ class TargetCanvas(anywidget.AnyWidget):
 
 
 class LiveView(anywidget.AnyWidget):
-    """Pictures and traces. The browser acknowledges each frame once it is drawn; until then none is sent."""
+    """Pictures and traces. The browser acknowledges each frame once it is drawn; until then none is sent.
+
+    Attributes:
+        acknowledged: number of the last frame that was drawn. It comes as a message and not as a trait, because
+            JupyterLab delivers it in a thread of its own, where it would meddle with the traits that are being set.
+    """
 
     _esm = STATIC / "live_view.js"
     scene = traitlets.Bytes(b"").tag(sync=True)  # JPEG
@@ -80,7 +86,12 @@ class LiveView(anywidget.AnyWidget):
     traces = traitlets.List().tag(sync=True)  # of {title, unit, lines: [{name, values}], marks, limit}
     clock = traitlets.Unicode("").tag(sync=True)
     frame = traitlets.Int(0).tag(sync=True)
-    acknowledged = traitlets.Int(0).tag(sync=True)
+
+    def __init__(self):
+        """Nothing was shown yet."""
+        super().__init__()
+        self.acknowledged = 0
+        self.on_msg(lambda _, content, __: setattr(self, "acknowledged", content["drawn"]))
 
 
 class LivePanel:
@@ -104,6 +115,11 @@ class LivePanel:
         if LivePanel._active is not None:
             LivePanel._active.close()
         LivePanel._active = self
+        self._thread = threading.get_ident()
+        try:
+            self._loop = asyncio.get_running_loop()
+        except RuntimeError:  # outside a notebook; then no other thread calls us either
+            self._loop = None
         self.session = session or LiveSession()
         self.errors: list[str] = []
         self.late = self.steps = 0
@@ -124,7 +140,7 @@ class LivePanel:
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
         if not self.running:
-            self._task = asyncio.get_event_loop().create_task(self._run())
+            self._task = asyncio.get_running_loop().create_task(self._run())
 
     def pause(self) -> None:
         """Stop time."""
@@ -394,15 +410,23 @@ class LivePanel:
         return guarded
 
     def _acting(self, act: Callable) -> Callable:
-        """Guard a callback of a control: it does not hear the panel, and what it says replaces the last message."""
+        """Guard a callback of a control: it does not hear the panel, and what it says replaces the last message.
+
+        JupyterLab may call it in a thread of its own, in the middle of a step: it then waits for the end of the step.
+        """
         guarded = self._guarded(act)
 
         def acting(event) -> None:
-            if not self._filling:
-                self._say("")
-                guarded(event)
+            self._say("")
+            guarded(event)
 
-        return acting
+        def heard(event) -> None:
+            if threading.get_ident() != self._thread:
+                self._loop.call_soon_threadsafe(acting, event)
+            elif not self._filling:
+                acting(event)
+
+        return heard
 
     def _set_arm(self, name: str) -> None:
         try:

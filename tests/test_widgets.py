@@ -3,6 +3,7 @@
 import asyncio
 import time
 from datetime import UTC, datetime
+from threading import get_ident
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ def panel(tmp_path):
 def draw_every_frame(panel) -> None:
     """What a fast browser does."""
     panel.view.acknowledged = panel.view.frame
-    panel.view.observe(lambda change: setattr(panel.view, "acknowledged", change["new"]), "frame")
+    panel.view.observe(lambda change: panel.view._handle_custom_msg({"drawn": change["new"]}, []), "frame")
 
 
 def run(panel, seconds: float, answer=True) -> None:
@@ -93,6 +94,25 @@ def test_a_busy_kernel_is_not_a_closed_page(panel, monkeypatch):
         return panel.running
 
     assert asyncio.run(main())
+
+
+def test_controls_act_between_steps_whatever_thread_calls_them(monkeypatch):
+    threads = []
+
+    async def main():
+        panel = LivePanel(LiveSession(picture_size=(96, 128)))
+        change = panel.session.set_material
+        monkeypatch.setattr(panel.session, "set_material", lambda *a: threads.append(get_ident()) or change(*a))
+        panel.start()
+        for damping in (0.03, 0.04, 0.06):
+            await asyncio.to_thread(setattr, panel.damping, "value", damping)
+            await asyncio.sleep(0.3)
+            assert panel.session.env.cloth.damping == pytest.approx(damping)
+        panel.check()
+        panel.close()
+
+    asyncio.run(main())
+    assert threads == [get_ident()] * 3
 
 
 def test_single_steps_and_reset(panel):

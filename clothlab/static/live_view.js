@@ -93,8 +93,7 @@ function render({ model, el }) {
     while (plots.children.length > traces.length) plots.lastChild.remove();
     captions.scene.textContent = `the robot, ${model.get("clock")}`;
     box.dataset.frame = frame;
-    model.set("acknowledged", frame);
-    model.save_changes();
+    model.send({ drawn: frame });
   }
   model.on("change:frame", draw);
   draw();
