@@ -14,7 +14,7 @@ from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
 from clothlab.checks.parametric_bias import chance, shares_by_hand, terminal_speed
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
-from clothlab.checks.seeing_the_cloth import handmade, linear_reconstruction, touching
+from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
 from clothlab.checks.variable_stiffness import (
@@ -29,6 +29,7 @@ __all__ = [
     "alternate",
     "averaged",
     "best_moment",
+    "chamfer_by_hand",
     "chance",
     "compliance",
     "count_springs",
