@@ -12,9 +12,9 @@ from clothlab.checks.control import alternate, my_mask, random_shooting, steps_a
 from clothlab.checks.estimate_and_control import averaged, half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
-from clothlab.checks.parametric_bias import chance, shares_by_hand, terminal_speed
+from clothlab.checks.parametric_bias import chance, gain_of_dimension, shares_by_hand, terminal_speed
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
-from clothlab.checks.seeing_the_cloth import handmade, linear_reconstruction, touching
+from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
 from clothlab.checks.variable_stiffness import (
@@ -29,6 +29,7 @@ __all__ = [
     "alternate",
     "averaged",
     "best_moment",
+    "chamfer_by_hand",
     "chance",
     "compliance",
     "count_springs",
@@ -36,6 +37,7 @@ __all__ = [
     "euler_step",
     "extrapolate",
     "falling_speed",
+    "gain_of_dimension",
     "half_time",
     "handmade",
     "in_time",

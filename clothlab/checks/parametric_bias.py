@@ -9,7 +9,7 @@ from clothlab.analysis import principal_axes
 from clothlab.checks._check import check
 from clothlab.cloth import get_cloth
 
-__all__ = ["chance", "shares_by_hand", "terminal_speed"]
+__all__ = ["chance", "gain_of_dimension", "shares_by_hand", "terminal_speed"]
 
 
 @check
@@ -48,3 +48,41 @@ def chance(answer: Callable) -> None:
     message = f"a loose order comes about by chance more often: got {middling}, expected about 0.21"
     assert 0.16 < middling < 0.26, message + "; compare absolute values, also of the shuffled"
     assert answer(x, -x, rng, 500) < 0.02, "a falling order is as orderly as a rising one: compare absolute values"
+
+
+@check
+def gain_of_dimension(answer: Callable) -> None:
+    """Made-up errors: seeds differ in size far more than in their gains."""
+    size, gain = {2: 1.0, 5: 4.0, 7: 20.0, 11: 2.0}, {2: 0.10, 5: 0.06, 7: 0.01, 11: 0.03}
+    asked = []
+
+    def error(dimensions: int, seed: int) -> float:
+        asked.append((dimensions, seed))
+        assert seed in size, f"error was asked for seed {seed}, which is none of {list(size)}"
+        return size[seed] * (1 - gain[seed]) ** dimensions
+
+    found = answer(3, error, list(size))
+    assert found is not None, "gain_of_dimension returned None: return the mean and the standard deviation"
+    assert np.shape(found) == (2,), "return two numbers, the mean and the standard deviation of the gains"
+    assert {n for n, _ in asked} == {2, 3}, (
+        f"compare 3 dimensions with 2; you asked for {sorted({n for n, _ in asked})}"
+    )
+    pairs = {(n, seed) for n in (2, 3) for seed in size}
+    assert set(asked) == pairs, "train both with each of the seeds, or the comparison is not paired"
+    mean, deviation = found
+    gains = 100 * np.array(list(gain.values()))
+    few, more = (np.array([error(n, seed) for seed in size]) for n in (2, 3))
+    for told, value in {
+        "the sign: a lower error is a positive gain": -gains.mean(),
+        "a share; in per cent it is a hundred times as much": gains.mean() / 100,
+        "that is in units of the error: divide by the error with one dimension fewer": (few - more).mean(),
+        "divide by the error with one dimension fewer, not with one more": (100 * (few / more - 1)).mean(),
+        "take each seed's gain first, then their mean: large errors must not count more": 100
+        * (1 - more.sum() / few.sum()),
+    }.items():
+        assert not np.isclose(mean, value), told
+    assert np.isclose(mean, gains.mean()), f"gains of 10, 6, 1 and 3 % have the mean {gains.mean():g} %, not {mean:.4g}"
+    true = gains.std(ddof=1)
+    assert not np.isclose(deviation, gains.std()), "divide by one less than the number of seeds: ddof=1"
+    assert not np.isclose(deviation, true / 2), "that is the standard error of the mean: do not divide by √4"
+    assert np.isclose(deviation, true), f"the four gains have the standard deviation {true:.2f} %, not {deviation:.4g}"

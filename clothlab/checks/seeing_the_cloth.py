@@ -3,11 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from clothlab.checks._check import check
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.vision import HEIGHT, WIDTH, chamfer_distance
 
-__all__ = ["handmade", "linear_reconstruction", "touching"]
+__all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction", "touching"]
 
 
 @check
@@ -46,3 +47,43 @@ def touching(answer: Callable) -> None:
     assert answer(masks, masks[0]) == 0.5, "two of these four masks contain the pixel (5, 5): the share is 0.5"
     assert answer(masks, masks[3]) == 0, "nothing overlaps an empty target"
     assert answer(masks[:3], masks[1]) == 1, "all three overlap the column 5"
+
+
+@check
+def chamfer_by_hand(answer: Callable) -> None:
+    """A large and a small rectangle that overlap, for which every usual slip has another value; then an L."""
+    a, b = np.zeros((2, HEIGHT, WIDTH), bool)
+    a[10:22, 40:44] = b[20:23, 42:49] = True
+    found = answer(a, b)
+    assert found is not None, "chamfer_by_hand returned None: return a number of pixels"
+    assert np.ndim(found) == 0, f"return one number, not an array of shape {np.shape(found)}"
+    for told, value in _chamfer_slips(a, b).items():
+        assert not np.isclose(found, value), told
+    truth, bent = chamfer_distance(a, b), a | b
+    factor, other = found / truth, answer(bent, b) / chamfer_distance(bent, b)
+    same = not np.isclose(factor, 1, rtol=1e-4) and np.isclose(factor, other, rtol=1e-4)
+    assert not same, f"{factor:.4g} times the distance: the unit is the side of one pixel"
+    assert np.isclose(factor, 1, rtol=1e-4), f"two rectangles are {truth:.4f} pixels apart, not {found:.4f}"
+    assert np.isclose(other, 1, rtol=1e-4), "right for two rectangles, wrong for an L and one of its legs"
+    assert np.isclose(answer(a, a), 0), "a mask is at distance 0 from itself"
+
+
+def _chamfer_slips(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
+    """What is easily written in place of the chamfer distance: what the reader is told, and the value."""
+    pixels = np.argwhere(a), np.argwhere(b)
+    d = cdist(*pixels)
+    city = cdist(*pixels, "cityblock")
+    there, back = d.min(axis=1), d.min(axis=0)
+    return {
+        "that is one direction only, from a to b": there.mean(),
+        "that is one direction only, from b to a": back.mean(),
+        "both directions, but added: halve it": there.mean() + back.mean(),
+        "the distances are squared: take the root of each": ((there**2).mean() + (back**2).mean()) / 2,
+        "that is the largest distance (Hausdorff's): take the mean over the pixels": max(there.max(), back.max()),
+        "the largest in each direction: take the mean over the pixels": (there.max() + back.max()) / 2,
+        "a sum over the pixels: take the mean, or large masks would be farther away": (there.sum() + back.sum()) / 2,
+        "each direction counts one half, however many pixels it has": np.concatenate([there, back]).mean(),
+        "the mean over all pairs: each pixel counts its nearest partner alone": d.mean(),
+        "steps along rows and columns: distances are Euclidean": (city.min(axis=1).mean() + city.min(axis=0).mean())
+        / 2,
+    }
