@@ -123,19 +123,15 @@ class ClothEnv(gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"unknown render_mode {render_mode!r}; choose from None, rgb_array")
         self.arm = get_arm(arm) if isinstance(arm, str) else arm
-        self.cloth = get_cloth(cloth) if isinstance(cloth, str) else cloth
         self.scene = scene or Scene()
         self.target = None if target is None else vision.check_mask(target)
         self.render_mode = render_mode
         self.pictures: list[np.ndarray] = []
         self._pictures_per_step = pictures_per_step
-        self.model = build_spec(self.arm, self.cloth, self.scene).compile()
-        self.data = mujoco.MjData(self.model)
         self._substeps = round(CONTROL_PERIOD / self.scene.time_step)
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
-        self._points = [name for row in point_names(self.cloth) for name in row]
-        mujoco.mj_kinematics(self.model, self.data)
-        self._hand_at_zero = self.data.body("hand").xpos.copy()
+        self.cloth: Cloth | None = None
+        self.hold(cloth)
 
         spaces = gymnasium.spaces
         self.action_space = spaces.Box(self.arm.command_lower, self.arm.command_upper, dtype=np.float64)
@@ -145,6 +141,25 @@ class ClothEnv(gymnasium.Env):
                 "robot": spaces.Box(-np.inf, np.inf, (len(self.arm.state_names),), np.float64),
             }
         )
+
+    def hold(self, cloth: Cloth | str) -> None:
+        """Put another cloth into the hand; `reset` comes next.
+
+        Args:
+            cloth: a cloth or its name.
+
+        Raises:
+            KeyError: unknown cloth.
+        """
+        cloth, before = get_cloth(cloth) if isinstance(cloth, str) else cloth, self.cloth
+        if before is not None and _shape(cloth) != _shape(before):
+            self.close()  # the renderers know the surface of the last one; making new ones takes longer than a step
+        self.cloth = cloth
+        self.model = build_spec(self.arm, cloth, self.scene).compile()
+        self.data = mujoco.MjData(self.model)
+        self._points = [name for row in point_names(cloth) for name in row]
+        mujoco.mj_kinematics(self.model, self.data)
+        self._hand_at_zero = self.data.body("hand").xpos.copy()
 
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode with the cloth hanging still.
@@ -255,6 +270,10 @@ _DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+
+
+def _shape(cloth: Cloth) -> tuple:
+    return cloth.rows, cloth.columns, cloth.length, cloth.width
 
 
 def _release_opengl() -> None:

@@ -226,9 +226,12 @@ class LiveSession:
         """Put another cloth into the hand; p stays, so that the estimation has something to find."""
         self._refuse_while_recording("the cloth")
         cloth = get_cloth(cloth) if isinstance(cloth, str) else cloth
-        if self.env is not None:
-            self.env.close()
-        self.env = ClothEnv(self.arm, cloth, scene=self._scene)
+        if self.env is not None and self.env.arm is self.arm:
+            self.env.hold(cloth)
+        else:
+            if self.env is not None:
+                self.env.close()
+            self.env = ClothEnv(self.arm, cloth, scene=self._scene)
         self.reset()
 
     def set_material(self, damping: float, mass: float) -> None:

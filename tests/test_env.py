@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 from clothlab import vision
 from clothlab.arm import ARMS
+from clothlab.cloth import get_cloth
 from clothlab.env import ClothEnv, _make_renderer
 from clothlab.trials import OperatorPolicy, RandomPolicy, replay, rollout
 
@@ -31,6 +33,19 @@ def test_pictures_for_people(env):
     assert picture.dtype == np.uint8
     assert picture.std() > 10
     assert ClothEnv(render_mode=None).render() is None
+
+
+def test_another_cloth_in_the_hand_is_like_a_new_scene(env):
+    env.reset()
+    env.render()
+    for cloth in (get_cloth("damp0.03-mass0.15"), replace(env.cloth, rows=8, length=0.4)):
+        env.hold(cloth)
+        fresh = ClothEnv(env.arm, cloth)
+        held, anew = (rollout(each, RandomPolicy(env.arm, seed=1), 5, seed=1) for each in (env, fresh))
+        assert np.array_equal(held.images, anew.images)
+        assert np.array_equal(held.robot, anew.robot)
+        assert np.array_equal(env.render(), fresh.render())
+        fresh.close()
 
 
 def test_threads_may_take_turns_at_drawing(env):
