@@ -14,6 +14,7 @@ import cv2
 import ipywidgets
 import numpy as np
 import traitlets
+from sklearn.decomposition import PCA
 
 from clothlab import artifacts, plots
 from clothlab.analysis import principal_axes
@@ -37,7 +38,7 @@ KNOWN_ERRORS = (ValueError, KeyError, OSError)  # what a person can do wrong; an
 
 
 class PBMap(anywidget.AnyWidget):
-    """The plane of p after PCA. A click, or the arrow keys, sets `chosen`."""
+    """The plane of p after PCA. A click, or the arrow keys, sets `chosen` [PC1, PC2]."""
 
     _esm = STATIC / "pb_map.js"
     materials = traitlets.List().tag(sync=True)  # of {name, at: [PC1, PC2]}
@@ -47,6 +48,14 @@ class PBMap(anywidget.AnyWidget):
     current = traitlets.List([0.0, 0.0]).tag(sync=True)
     trail = traitlets.List().tag(sync=True)
     chosen = traitlets.List(allow_none=True, default_value=None).tag(sync=True)
+
+    def show(self, biases: dict[str, np.ndarray]) -> PCA:
+        """Put the trained materials there, `{name: p [D_p]}`, and return the axes of the map."""
+        axes = principal_axes(biases)
+        places = {name: axes.transform(p[None])[0].tolist() for name, p in biases.items()}
+        self.reach = 1.3 * float(np.abs(list(places.values())).max())
+        self.materials = [{"name": name, "at": at} for name, at in places.items()]
+        return axes
 
 
 class TargetCanvas(anywidget.AnyWidget):
@@ -199,7 +208,7 @@ class LivePanel:
         self._read_gamepad()
         moment = self.session.step(solve=solve)
         self._history.append(moment)
-        self._trail.append(self._pca.transform(moment.p[None])[0].tolist())
+        self._trail.append(self._axes.transform(moment.p[None])[0].tolist())
         self.steps += 1
         self._unseen += 1
 
@@ -224,7 +233,7 @@ class LivePanel:
         if self.steps % ELLIPSE_EVERY == 0 or force:
             self._draw_ellipse()
         with self.map.hold_sync():
-            self.map.current = self._pca.transform(self.session.p[None])[0].tolist()
+            self.map.current = self._axes.transform(self.session.p[None])[0].tolist()
             self.map.trail = list(self._trail)
 
     def _traces(self, history: list[Moment]) -> list[dict]:
@@ -358,10 +367,7 @@ class LivePanel:
 
     def _copy_session(self) -> None:
         session, arm = self.session, self.session.arm
-        self._pca = principal_axes(session.biases)
-        places = {name: self._pca.transform(p[None])[0].tolist() for name, p in session.biases.items()}
-        self.map.materials = [{"name": name, "at": at} for name, at in places.items()]
-        self.map.reach = 1.3 * float(np.abs(list(places.values())).max())
+        self._axes = self.map.show(session.biases)
         muscles = bool(arm.tension_slice.stop)
         self.arm.value, self.driver.value = arm.name, session.driver
         self.cloth.options = list(FOAMS if muscles else CLOTHS)
@@ -460,7 +466,7 @@ class LivePanel:
         self.map.held = cloth.name
 
     def _choose_p(self, change) -> None:
-        self.session.set_p(self._pca.inverse_transform(np.array(change["new"])[None])[0])
+        self.session.set_p(self._axes.inverse_transform(np.array(change["new"])[None])[0])
         self.map.current = change["new"]
 
     def _set_tension(self, _) -> None:

@@ -128,7 +128,7 @@ def test_a_click_on_the_map_sets_p(panel):
     before = panel.session.p
     panel.map.chosen = [0.1, -0.05]
     assert not np.allclose(panel.session.p, before)
-    assert panel._pca.transform(panel.session.p[None])[0] == pytest.approx([0.1, -0.05], abs=1e-6)
+    assert panel._axes.transform(panel.session.p[None])[0] == pytest.approx([0.1, -0.05], abs=1e-6)
 
 
 def test_a_drawing_becomes_the_target_and_shows_what_the_network_believes(panel, square):

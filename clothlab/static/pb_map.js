@@ -37,7 +37,7 @@ function render({ model, el }) {
     ctx.font = "12px sans-serif";
     ctx.fillStyle = "#222";
     ctx.fillText(model.get("labels")[0], SIZE / 2 - 30, SIZE - 4);
-    ctx.fillText("● in the hand   + p in use", PAD / 2 + 6, PAD / 2 + 15);
+    ctx.fillText(`${model.get("held") && "● in the hand   "}+ p in use`, PAD / 2 + 6, PAD / 2 + 15);
     ctx.save();
     ctx.translate(12, SIZE / 2 + 30);
     ctx.rotate(-Math.PI / 2);
