@@ -7,6 +7,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import anywidget
@@ -18,8 +19,9 @@ from sklearn.decomposition import PCA
 
 from clothlab import artifacts, plots
 from clothlab.analysis import principal_axes
-from clothlab.arm import ARMS
+from clothlab.arm import ARMS, JOINTS
 from clothlab.cloth import CLOTHS, FOAMS
+from clothlab.control import ControlSettings
 from clothlab.env import CONTROL_PERIOD
 from clothlab.session import DRIVERS, LiveSession, Moment, mask_from_file
 from clothlab.vision import HEIGHT, WIDTH
@@ -28,6 +30,7 @@ __all__ = ["LivePanel", "LiveView", "PBMap", "TargetCanvas"]
 
 TARGETS = artifacts.DATA / "targets"
 STATIC = Path(__file__).parent / "static"
+PERIOD = ControlSettings().period
 HISTORY = 150  # steps that the traces show, 30 s
 ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
 STICKS, TRIGGER = (1, 3), 7  # the standard gamepad's vertical axes and its right trigger
@@ -149,6 +152,7 @@ class LivePanel:
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
         if not self.running:
+            self._show(force=True)  # a page that was reloaded has not drawn the last one
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     def pause(self) -> None:
@@ -172,7 +176,7 @@ class LivePanel:
         """Leave nothing behind: no task, no widget, no OpenGL context."""
         self.pause()
         self.session.close()
-        self.box.close()
+        _close(self.box)
         if LivePanel._active is self:
             LivePanel._active = None
 
@@ -237,26 +241,23 @@ class LivePanel:
             self.map.trail = list(self._trail)
 
     def _traces(self, history: list[Moment]) -> list[dict]:
-        arm, shoulder_elbow = self.session.arm, ("shoulder", "elbow")
-        marks = [k for k, moment in enumerate(history) if moment.step % 8 == 0]
+        marks = [k for k, moment in enumerate(history) if moment.step % PERIOD == 0]
 
-        def lines(**values):
-            return [{"name": name.replace("_", " "), "values": [float(v) for v in row]} for name, row in values.items()]
+        def trace(title: str, unit: str, lines: dict, limit: float | None = None) -> dict:
+            lines = [{"name": name, "values": [float(v) for v in values]} for name, values in lines.items()]
+            return {"title": title, "unit": unit, "lines": lines, "marks": marks, "limit": limit}
 
-        traces = [
-            {"title": "distance to the target", "unit": "s.d. of z", "lines": lines(z=[m.distance for m in history])}
-        ]
         angles = {}
-        for j, joint in enumerate(shoulder_elbow):
-            angles[joint] = [m.theta[j] for m in history]
-            angles[f"{joint}_ref"] = [m.command[j] for m in history]
-        traces.append({"title": "joint angles", "unit": "rad", "lines": lines(**angles)})
-        if arm.tension_slice.stop:
-            tension = [m.command[2] for m in history]
-            traces.append({"title": "stiffness command", "unit": "N", "lines": lines(f_const=tension)})
+        for j, joint in enumerate(JOINTS):
+            angles |= {joint: [m.theta[j] for m in history], f"{joint} ref": [m.command[j] for m in history]}
+        traces = [
+            trace("distance to the target", "s.d. of z", {"z": [m.distance for m in history]}),
+            trace("joint angles", "rad", angles),
+        ]
+        if self.session.arm.tension_slice.stop:
+            traces.append(trace("stiffness command", "N", {"f_const": [m.command[2] for m in history]}))
         milliseconds = [1e3 * m.seconds for m in history]
-        traces.append({"title": "time a step took", "unit": "ms", "lines": lines(step=milliseconds), "limit": 200})
-        return [{"marks": marks} | trace for trace in traces]
+        return [*traces, trace("time a step took", "ms", {"step": milliseconds}, 1e3 * CONTROL_PERIOD)]
 
     def _say(self, text: str) -> None:
         self.message.value = text
@@ -386,8 +387,8 @@ class LivePanel:
                 arm.command_names, arm.command_lower, arm.command_upper, session.hand, strict=True
             )
         ]
-        for slider in self.hands.children:
-            slider.observe(self._acting(self._move_hand), "value")
+        for k, slider in enumerate(self.hands.children):
+            slider.observe(partial(self._move_hand, k), "value")
 
     # -- acting ----------------------------------------------------------------------------------------------------
 
@@ -517,11 +518,9 @@ class LivePanel:
         self.canvas.show(np.zeros((HEIGHT, WIDTH), bool))
         self._say("draw a target; until then the robot keeps the one that it has")
 
-    def _move_hand(self, change) -> None:
-        slider = change["owner"]
-        known = self.session.hand[self.hands.children.index(slider)]
-        if abs(change["new"] - known) > slider.step / 2:  # less is the browser's rounding, and no person
-            self._take_over()
+    def _move_hand(self, k: int, change) -> None:
+        if abs(change["new"] - self.session.hand[k]) > change["owner"].step / 2:  # less is the browser's rounding
+            self._acting(lambda _: self._take_over())(change)
 
     def _take_over(self) -> None:
         """Drive by hand, with the commands that the sliders show."""
@@ -581,6 +580,13 @@ class LivePanel:
         from IPython.display import display
 
         display(self.box)
+
+
+def _close(widget: ipywidgets.Widget) -> None:
+    """Close a widget and what it contains, which ipywidgets would keep for as long as the kernel lives."""
+    for child in getattr(widget, "children", ()):
+        _close(child)
+    widget.close()
 
 
 def _encoded(kind: str, picture: np.ndarray) -> bytes:

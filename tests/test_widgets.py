@@ -79,6 +79,7 @@ def test_a_second_panel_closes_the_first(panel):
     other = LivePanel(LiveSession(picture_size=(96, 128)))
     assert not panel.running
     assert LivePanel._active is other
+    assert panel.map.comm is panel.view.comm is panel.hands.children[0].comm is None
     other.close()
 
 
@@ -189,8 +190,10 @@ def test_a_moved_slider_takes_over(panel):
 
 def test_the_browser_may_round_a_slider(panel):
     slider = panel.hands.children[0]
+    panel._say("a message")
     slider.value += 0.4 * slider.step
     assert panel.session.driver == "control"
+    assert panel.message.value == "a message"
     slider.value += slider.step
     assert panel.session.driver == "hand"
 
