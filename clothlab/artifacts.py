@@ -45,7 +45,7 @@ def load_trials(name: str, *, data: Path = DATA) -> list[Trial]:
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`.
 
     Args:
-        name: which set.
+        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
         data: folder to look in.
 
     Returns:
@@ -57,6 +57,8 @@ def load_trials(name: str, *, data: Path = DATA) -> list[Trial]:
     """
     folder = data / "trials"
     choices = {path.name: path for path in sorted(folder.glob("*")) if path.is_dir()}
+    if name == OWN_TRIALS.name:
+        choices[name] = data / OWN_TRIALS
     chosen = choose("trials", name, choices, "(none yet: run `make data`)")
     return [load_trial(_checked(path, data)) for path in sorted(chosen.glob("*.npz"))]
 

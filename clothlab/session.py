@@ -22,7 +22,7 @@ from clothlab.estimation import BiasEstimator
 from clothlab.trials import OperatorPolicy, RandomPolicy, Trial, load_trial, save_trial
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
-__all__ = ["DRIVERS", "LiveSession", "Moment", "Recorder", "Setup", "mask_from_file"]
+__all__ = ["DRIVERS", "SETUPS", "LiveSession", "Moment", "Recorder", "Setup", "mask_from_file"]
 
 YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
 DRIVERS = ("control", "hand", "random", "operator")

@@ -6,6 +6,7 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.cloth import get_cloth
+from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
 from clothlab.session import DRIVERS, LiveSession, mask_from_file
 from clothlab.trials import load_trial
 
@@ -127,6 +128,7 @@ def test_recordings_are_found_by_name(tmp_path):
     session.save_recording("one")
     session.close()
     assert len(artifacts.load_trials("mine", data=tmp_path)) == 1
+    assert artifacts.load_trials("mine", data=tmp_path / "nothing recorded") == []
     assert artifacts.check_data(tmp_path) == {}
 
 
@@ -140,6 +142,17 @@ def test_a_recording_survives_a_kernel_that_dies(session, tmp_path):
     trial = load_trial(after.save_recording("saved"))
     assert len(trial) == 10  # all but what the last second had not written yet
     after.close()
+
+
+def test_training_can_include_a_recording(session, tmp_path):
+    session.set_material(0.04, 0.12)
+    session.record()
+    for _ in range(12):
+        session.step()
+    trials = [artifacts.load_trials("train")[0], load_trial(session.save_recording("mine"))]
+    runs = [to_sequences(session.autoencoder, trial) for trial in trials]
+    _, biases, _ = train_dpmpb(runs, ModelTraining(epochs=1, sequence_length=5), progress=False)
+    assert list(biases) == [trials[0].cloth.name, "damp0.040-mass0.120"]
 
 
 @pytest.mark.parametrize("name", ["", "../escape", "a/b", "a b", ".hidden"])
