@@ -6,7 +6,7 @@ STAMP := $(VENV)/installed
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab test browser bench data train results picture editions format doctor
+.PHONY: help lab test browser chromium bench data train results picture editions format doctor
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -26,16 +26,21 @@ doctor: $(STAMP)  ## check this machine: versions, drawing, data
 lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) notebooks/00_start_here.ipynb
 
-test: doctor  ## ruff, unit tests, and every notebook from top to bottom
+test: doctor chromium  ## ruff, unit tests, every notebook from top to bottom, and the live lab in a browser
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pytest
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
-
-browser: $(STAMP)  ## try the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
 
-bench: $(STAMP)  ## measure speed, each figure as a ratio within one run
+browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
+	$(BIN)/pytest -m browser -s tests/browser
+
+chromium: $(STAMP)
+	@command -v chromium chromium-browser google-chrome >/dev/null || $(BIN)/playwright install chromium || \
+		{ echo "no Chromium, and none could be downloaded: apt-get install chromium"; exit 1; }
+
+bench: $(STAMP) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation)
