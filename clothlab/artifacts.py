@@ -132,6 +132,16 @@ def save_target(mask: np.ndarray, name: str, *, data: Path = DATA) -> None:
         cv2.imwrite(str(temporary), check_mask(mask).astype(np.uint8) * 255)
 
 
+def load_targets(*, data: Path = DATA) -> dict[str, np.ndarray]:
+    """Load all target masks, `{name: [H, W]}`, bool.
+
+    Raises:
+        ValueError: as `load_target`.
+    """
+    names = sorted(path.stem for path in (data / "targets").glob("*.png"))
+    return {name: load_target(name, data=data) for name in names}
+
+
 def load_target(name: str, *, data: Path = DATA) -> np.ndarray:
     """Load a target mask `[H, W]`, bool.
 

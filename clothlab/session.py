@@ -25,6 +25,7 @@ from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 __all__ = ["DRIVERS", "SETUPS", "LiveSession", "Moment", "Recorder", "Setup", "mask_from_file"]
 
 YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
+RECORDED_TARGETS = 7  # how many recorded images the gallery has
 DRIVERS = ("control", "hand", "random", "operator")
 
 
@@ -182,6 +183,7 @@ class LiveSession:
         hand: the command `[D_u]` that the driver "hand" sends.
         recorder: keeps recordings.
         recording: whether steps are being recorded.
+        gallery: images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
         usual_distance: how far the reconstruction of a recorded image is from it, 99th percentile [pixel].
     """
 
@@ -210,14 +212,17 @@ class LiveSession:
         arm, setup = get_arm(name), choose("arm", name, SETUPS)
         model, biases, _ = artifacts.load_dpmpb(setup.weights)
         autoencoder, _ = artifacts.load_autoencoder(name)
-        trials, target = artifacts.load_trials(setup.trials), artifacts.load_target(setup.target)
+        trials, targets = artifacts.load_trials(setup.trials), artifacts.load_targets()
         # All is there: only now does anything change.
         self.arm, self.model, self.biases = arm, model.requires_grad_(False), biases
-        self.autoencoder, self._plans, self._target = autoencoder, recorded_plans(trials), target
+        self.autoencoder, self._plans, self._target = autoencoder, recorded_plans(trials), targets[setup.target]
         images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
         images = images[images.any(axis=(1, 2))]
         distances = map(_misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
         self.usual_distance = float(np.percentile(list(distances), 99))
+        large_to_small = images[images.sum(axis=(1, 2)).argsort()[::-1]]
+        recorded = large_to_small[:: -(-len(images) // RECORDED_TARGETS)]
+        self.gallery = targets | {f"recorded {k + 1}": image for k, image in enumerate(recorded)}
         self.hand, self._tension = arm.home_command, None
         self._p = biases[setup.cloth].copy()
         self.set_cloth(setup.cloth)

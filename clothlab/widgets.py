@@ -17,7 +17,7 @@ import numpy as np
 import traitlets
 from sklearn.decomposition import PCA
 
-from clothlab import artifacts, plots
+from clothlab import plots
 from clothlab.analysis import principal_axes
 from clothlab.arm import ARMS, JOINTS
 from clothlab.cloth import CLOTHS, FOAMS
@@ -28,7 +28,6 @@ from clothlab.vision import HEIGHT, WIDTH
 
 __all__ = ["LivePanel", "LiveView", "PBMap", "TargetCanvas"]
 
-TARGETS = artifacts.DATA / "targets"
 STATIC = Path(__file__).parent / "static"
 PERIOD = ControlSettings().period
 HISTORY = 150  # steps that the traces show, 30 s
@@ -62,13 +61,14 @@ class PBMap(anywidget.AnyWidget):
 
 
 class TargetCanvas(anywidget.AnyWidget):
-    """A target to draw on, 128×96. `shown` puts an image there; `drawn` is what a person made of it."""
+    """A target to draw on, 128×96, with a gallery below. `drawn` is what a person made of what was `shown`."""
 
     _esm = STATIC / "target_canvas.js"
     shown = traitlets.Bytes(b"").tag(sync=True)  # one byte a pixel, 0 or 1
     drawn = traitlets.Bytes(b"").tag(sync=True, from_json=lambda view, _: bytes(view))  # the browser sends a memoryview
     brush = traitlets.Float(4.0).tag(sync=True)  # radius [pixel]
     erase = traitlets.Bool(False).tag(sync=True)
+    gallery = traitlets.List().tag(sync=True)  # of {name, image: one byte a pixel}; a click sends {picked: name}
 
     @property
     def mask(self) -> np.ndarray:
@@ -80,7 +80,7 @@ class TargetCanvas(anywidget.AnyWidget):
     def show(self, mask: np.ndarray) -> None:
         """Put an image `[H, W]` there."""
         self.shown = b""  # an image that was shown before and drawn over would otherwise not be sent again
-        self.shown = np.asarray(mask, np.uint8).tobytes()
+        self.shown = _pixels(mask)
 
 
 class LiveView(anywidget.AnyWidget):
@@ -290,9 +290,10 @@ class LivePanel:
 
     def _build_target(self) -> list[ipywidgets.Widget]:
         w = ipywidgets
-        self.target = self._dropdown("target", (), self._load_target)
         self.canvas = TargetCanvas()
-        self.canvas.observe(self._acting(lambda _: self._aim_elsewhere(self.canvas.mask)), "drawn")
+        self.canvas.observe(self._acting(lambda _: self._aim(self.canvas.mask)), "drawn")
+        pick = self._acting(lambda name: self._aim(self.session.gallery[name], show=True))
+        self.canvas.on_msg(lambda _, content, __: pick(content["picked"]))
         self.erase, self.brush = (
             w.ToggleButton(description="eraser", layout=NARROW),
             self._slider("brush [pixel]", 1, 12, 1, 4),
@@ -301,16 +302,14 @@ class LivePanel:
         w.jslink((self.erase, "value"), (self.canvas, "erase"))  # in the browser, so that the next stroke has it
         w.jslink((self.brush, "value"), (self.canvas, "brush"))
         clear = self._button("clear", self._clear_canvas)
-        take = self._button(
-            "take this image", lambda: self._aim_elsewhere(self.session.observation["image"], show=True)
-        )
+        take = self._button("take this image", lambda: self._aim(self.session.observation["image"], show=True))
         take.layout.width = "130px"
         self.upload = w.FileUpload(accept="image/*", description="from a file", layout=w.Layout(width="130px"))
         self.upload.observe(self._acting(self._load_file), "value")
         self.understood = w.Image(format="png", layout=w.Layout(width="160px", height="120px", flex="none"))
         self.verdict = w.HTML(layout=w.Layout(width="170px"))  # which breaks its lines
         tools = [w.HBox([self.erase, self.brush]), w.HBox([take, self.upload, clear])]
-        return [self.target, self.canvas, *tools, w.HBox([self.understood, self.verdict])]
+        return [self.canvas, *tools, w.HBox([self.understood, self.verdict])]
 
     def _build_material(self) -> list[ipywidgets.Widget]:
         self.cloth = self._dropdown("cloth", (), self._set_cloth)
@@ -377,9 +376,7 @@ class LivePanel:
         self.fixed.disabled = self.tension.disabled = not muscles
         self.ellipse.layout.display = None if muscles else "none"
         self.fixed.value = False
-        targets = {path.stem: artifacts.load_target(path.stem) for path in sorted(TARGETS.glob("*.png"))}
-        self.target.options = list(targets)
-        self.target.value = next((name for name in targets if np.array_equal(targets[name], session.target)), None)
+        self.canvas.gallery = [{"name": name, "image": _pixels(mask)} for name, mask in session.gallery.items()]
         # These act while they are dragged: a step takes the last value and skips those before.
         self.hands.children = [
             self._slider(name, low, high, (high - low) / 100, value, continuous_update=True)
@@ -486,22 +483,13 @@ class LivePanel:
         figure.savefig(file, dpi=75)
         self.ellipse.value = file.getvalue()
 
-    def _load_target(self, name: str) -> None:
-        self._aim(artifacts.load_target(name), show=True)
-
     def _load_file(self, change) -> None:
         content = bytes(change["new"][0]["content"])
         with self._unheard():
             self.upload.value = ()  # the same file can then be chosen again
-        self._aim_elsewhere(mask_from_file(content), show=True)
+        self._aim(mask_from_file(content), show=True)
 
-    def _aim_elsewhere(self, mask: np.ndarray, show: bool = False) -> None:
-        """Aim at an image that is none of the named ones."""
-        self._aim(mask, show)
-        with self._unheard():
-            self.target.value = None
-
-    def _aim(self, mask: np.ndarray, show: bool) -> None:
+    def _aim(self, mask: np.ndarray, show: bool = False) -> None:
         reconstruction, distance = self.session.set_target(mask)
         if show:
             self.canvas.show(mask)
@@ -587,6 +575,10 @@ def _close(widget: ipywidgets.Widget) -> None:
     for child in getattr(widget, "children", ()):
         _close(child)
     widget.close()
+
+
+def _pixels(mask: np.ndarray) -> bytes:
+    return np.asarray(mask, np.uint8).tobytes()
 
 
 def _encoded(kind: str, picture: np.ndarray) -> bytes:

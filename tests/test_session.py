@@ -78,8 +78,11 @@ def test_a_cloth_image_is_understood_better_than_an_impossible_one(session):
 
 
 def test_another_arm_brings_its_own_weights_cloth_and_target(session):
+    before = session.gallery
     session.set_arm("muscle")
     assert session.step().command.shape == (3,)
+    assert set(before) & set(session.gallery) >= {"target-1", "target-2", "muscle", "recorded 1"}
+    assert not np.array_equal(before["recorded 1"], session.gallery["recorded 1"])
     assert session.env.cloth.name in session.biases
     with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque, muscle"):
         session.set_arm("octopus")

@@ -137,11 +137,11 @@ def test_a_drawing_becomes_the_target_and_shows_what_the_network_believes(panel,
     panel.canvas.drawn = square.astype(np.uint8).tobytes()
     assert np.array_equal(panel.session.target, square)
     assert panel.understood.value != shown
-    assert panel.target.value is None
     checkers = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
     panel.canvas.drawn = checkers.astype(np.uint8).tobytes()
     assert "It knows no such cloth" in panel.verdict.value
-    panel.target.value = "target-1"
+    panel.canvas._handle_custom_msg({"picked": "target-1"}, [])
+    assert np.array_equal(panel.session.target, panel.session.gallery["target-1"])
     assert "It knows such cloths" in panel.verdict.value
 
 
@@ -149,7 +149,7 @@ def test_a_target_that_was_drawn_over_is_shown_again(panel):
     sent = []
     panel.canvas.observe(lambda change: sent.append(change["new"]), "shown")
     for _ in range(2):
-        panel._guarded(panel._load_target)("target-1")
+        panel.canvas._handle_custom_msg({"picked": "target-1"}, [])
     assert [bool(content) for content in sent] == [False, True, False, True]
 
 

@@ -1,5 +1,12 @@
 // A target to draw: 128×96 pixels, brush and eraser. What is drawn goes to Python when the pointer is lifted.
-const WIDTH = 128, HEIGHT = 96, SCALE = 2.5;
+// Below it a gallery of targets to choose from.
+const WIDTH = 128, HEIGHT = 96, SCALE = 2.4, SMALL = 0.44;
+
+function paint(ctx, pixels) {
+  const image = ctx.createImageData(WIDTH, HEIGHT);
+  pixels.forEach((on, i) => image.data.set([on ? 255 : 20, on ? 255 : 20, on ? 255 : 20, 255], 4 * i));
+  ctx.putImageData(image, 0, 0);
+}
 
 function render({ model, el }) {
   const canvas = document.createElement("canvas");
@@ -15,9 +22,7 @@ function render({ model, el }) {
   let pixels = new Uint8Array(WIDTH * HEIGHT), cursor = [WIDTH / 2, HEIGHT / 2], last = null;
 
   function show() {
-    const image = ctx.createImageData(WIDTH, HEIGHT);
-    pixels.forEach((on, i) => image.data.set([on ? 255 : 20, on ? 255 : 20, on ? 255 : 20, 255], 4 * i));
-    ctx.putImageData(image, 0, 0);
+    paint(ctx, pixels);
     if (document.activeElement === canvas) {
       ctx.strokeStyle = model.get("erase") ? "#E69F00" : "#56B4E9";
       const r = model.get("brush");
@@ -72,6 +77,28 @@ function render({ model, el }) {
     if (view && view.byteLength === pixels.length) pixels = new Uint8Array(view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength));
     show();
   }
+  const gallery = document.createElement("div");
+  gallery.style.cssText = "display:flex;flex-wrap:wrap;gap:2px";
+  el.appendChild(gallery);
+  function hang() {
+    gallery.replaceChildren(
+      ...model.get("gallery").map(({ name, image }) => {
+        const button = document.createElement("button"), picture = document.createElement("canvas");
+        button.title = name;
+        button.setAttribute("aria-label", `target: ${name}`);
+        button.style.cssText = "padding:0;border:2px solid #ccc;background:none;cursor:pointer;line-height:0";
+        picture.width = WIDTH;
+        picture.height = HEIGHT;
+        picture.style.width = `${WIDTH * SMALL}px`;
+        paint(picture.getContext("2d"), new Uint8Array(image.buffer, image.byteOffset, image.byteLength));
+        button.append(picture);
+        button.addEventListener("click", () => model.send({ picked: name }));
+        return button;
+      })
+    );
+  }
+  model.on("change:gallery", hang);
+  hang();
   model.on("change:shown", take);
   for (const name of ["erase", "brush"]) model.on(`change:${name}`, show);
   take();

@@ -80,6 +80,9 @@ def test_a_session_in_the_live_lab(notebook, page, screenshot, recording):
         page.locator(".clothlab-target").press(key)
     notebook.until(f"panel.canvas.mask.sum() != {drawn}")
 
+    page.get_by_role("button", name="target: recorded 2").click()
+    notebook.until("(panel.session.target == panel.session.gallery['recorded 2']).all()")
+
     p = notebook.evaluate("panel.session.p.tolist()")
     page.locator(".clothlab-map").click(position={"x": 110, "y": 120})
     notebook.until(f"panel.session.p.tolist() != {p}")
