@@ -28,6 +28,7 @@ __all__ = [
     "load_dpmpb",
     "load_results",
     "load_target",
+    "load_targets",
     "load_trials",
     "save_autoencoder",
     "save_dpmpb",

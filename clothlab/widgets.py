@@ -294,11 +294,9 @@ class LivePanel:
         self.canvas.observe(self._acting(lambda _: self._aim(self.canvas.mask)), "drawn")
         pick = self._acting(lambda name: self._aim(self.session.gallery[name], show=True))
         self.canvas.on_msg(lambda _, content, __: pick(content["picked"]))
-        self.erase, self.brush = (
-            w.ToggleButton(description="eraser", layout=NARROW),
-            self._slider("brush [pixel]", 1, 12, 1, 4),
-        )
-        self.brush.style, self.brush.layout = {"description_width": "90px"}, w.Layout(width="250px")
+        self.erase = w.ToggleButton(description="eraser", layout=NARROW)
+        short = {"style": {"description_width": "90px"}, "layout": {"width": "250px"}}
+        self.brush = self._slider("brush [pixel]", 1, 12, 1, 4, **short)
         w.jslink((self.erase, "value"), (self.canvas, "erase"))  # in the browser, so that the next stroke has it
         w.jslink((self.brush, "value"), (self.canvas, "brush"))
         clear = self._button("clear", self._clear_canvas)

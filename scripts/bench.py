@@ -6,6 +6,7 @@ The machine may be shared, so that milliseconds vary from run to run; both sides
 """
 
 import argparse
+import contextlib
 import os
 import tempfile
 import time
@@ -190,8 +191,11 @@ PANEL_MINUTES, PRESSES = 10, 20  # how long its memory is watched; how often eac
 
 def bench_panel() -> None:
     """The live lab in a real browser: does it keep the paper's 5 Hz, how soon does it answer, does it grow?"""
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        lab = Lab(Path(folder))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.closing(Lab(Path(folder))) as lab,
+        sync_playwright() as playwright,
+    ):
         lab.wait()
         page = playwright.chromium.launch(**launch_options()).new_page(viewport={"width": 1500, "height": 1100})
         notebook = Notebook(lab, page, "12_live_lab.ipynb")
@@ -201,7 +205,6 @@ def bench_panel() -> None:
         notebook.until("panel.session.estimating and panel.session.driver == 'control'")
         bench_panel_pace(notebook)
         bench_panel_answers(notebook)
-        lab.close()
 
 
 def bench_panel_pace(notebook: Notebook) -> None:
