@@ -1,7 +1,7 @@
 """`make editions`: the notebooks for a class, in `build/`.
 
 `build/student` has the stubs and no solutions. `build/instructor` has the solutions, executed, with all outputs, and
-each notebook as a web page, too. About seven minutes for the whole series on two cores.
+each notebook as a web page, too. About eight minutes for the whole series on two cores.
 """
 
 import argparse
@@ -39,7 +39,10 @@ def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbforma
     edition = _moved(notebook)
     for cell in edition.cells:
         cell.metadata.get("jupyter", {}).pop("source_hidden", None)
-    ExecutePreprocessor(timeout=CELL_SECONDS).preprocess(edition, {"metadata": {"path": str(folder)}})
+    quiet = ["--IPKernelApp.log_level=ERROR"]  # each kernel would warn that it speaks TCP
+    ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet).preprocess(
+        edition, {"metadata": {"path": str(folder)}}
+    )
     return edition
 
 
