@@ -390,11 +390,11 @@ class LivePanel:
     @contextmanager
     def _unheard(self) -> Iterator[None]:
         """Set controls without acting on it, as when they follow the session."""
-        self._filling = True
+        before, self._filling = self._filling, True
         try:
             yield
         finally:
-            self._filling = False
+            self._filling = before
 
     def _guarded(self, act: Callable) -> Callable:
         """Show a person's mistake as a message; keep a fault of ours for `check`. The panel lives on after both."""
@@ -527,10 +527,11 @@ class LivePanel:
             return
         places = [*((axes[k].value + 1) / 2 for k in STICKS), buttons[TRIGGER].value][: len(self.hands.children)]
         sticks, before = np.array(places), self._sticks
-        if before is None or np.abs(sticks - before).max() < STICK_MOVES:
-            self._sticks = sticks if before is None else before
+        if before is not None and np.abs(sticks - before).max() < STICK_MOVES:
             return
         self._sticks = sticks
+        if before is None:  # where they rest
+            return
         with self._unheard():
             for slider, place in zip(self.hands.children, places, strict=True):
                 slider.value = slider.min + place * (slider.max - slider.min)

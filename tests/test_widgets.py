@@ -241,6 +241,18 @@ def test_stiffness_is_the_muscle_arms(panel):
     assert len(panel.ellipse.value) > 1000
 
 
+def test_another_arm_moves_the_controls_and_not_the_session(panel, monkeypatch):
+    panel.arm.value = "muscle"
+    panel.fixed.value = True
+    called = []
+    for name in ("set_tension", "set_cloth", "set_material", "set_driver"):
+        monkeypatch.setattr(panel.session, name, lambda *_, name=name: called.append(name))
+    monkeypatch.setattr(panel.session, "set_arm", lambda name: None)
+    panel._set_arm("torque")
+    assert called == []
+    assert not panel.fixed.value
+
+
 def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
     panel.record.value = True
     run(panel, 0.7)
