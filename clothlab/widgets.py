@@ -337,7 +337,8 @@ class LivePanel:
         self.record.observe(self._acting(self._record), "value")
         save, discard = self._button("save", self._save), self._button("discard", self._discard)
         self.gamepad.observe(self._acting(self._greet_gamepad), "axes")
-        return [self.hands, self.gamepad, self.name, w.HBox([self.record, save, discard])]
+        # The message shows here, too: on a small screen its place at the top is out of sight.
+        return [self.hands, self.gamepad, self.name, w.HBox([self.record, save, discard]), self.message]
 
     def _button(self, description: str, act: Callable[[], None]) -> ipywidgets.Button:
         button = ipywidgets.Button(description=description, layout=NARROW)

@@ -145,7 +145,7 @@ def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot):
 def test_mistakes_are_messages_and_the_panel_lives_on(notebook, page, screenshot, tmp_path):
     def says(text):
         notebook.until(f"{text!r} in panel.message.value")
-        page.locator(".widget-label", has_text=text).wait_for()
+        page.locator(".widget-label", has_text=text).first.wait_for()
 
     def upload(path):
         with page.expect_file_chooser() as chooser:
