@@ -361,7 +361,6 @@ class LivePanel:
         with self._unheard():
             self._copy_session()
         self._aim(self.session.target, show=True)
-        self._draw_ellipse()
         self._show(force=True)
 
     def _copy_session(self) -> None:

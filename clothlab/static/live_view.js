@@ -31,8 +31,8 @@ function plot(canvas, { title, unit, lines, marks, limit }) {
     ctx.lineTo(...to);
     ctx.stroke();
   };
-  for (const k of marks ?? []) rule([x(k), top], [x(k), bottom], "#ccc", []);
-  if (limit !== undefined && limit !== null) rule([left, y(limit)], [right, y(limit)], "#666", [3, 3]);
+  for (const k of marks) rule([x(k), top], [x(k), bottom], "#ccc", []);
+  if (limit !== null) rule([left, y(limit)], [right, y(limit)], "#666", [3, 3]);
   ctx.lineWidth = 1.5;
   lines.forEach((line, i) => {
     ctx.strokeStyle = COLOURS[i % COLOURS.length];
