@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import psutil
 import torch
-from browser_lab import Lab, Notebook, launch_options
+from browser_lab import Lab, Notebook, frame, launch_options, slider
 from make_data import record_all
 from playwright.sync_api import sync_playwright
 from torch.utils.flop_counter import FlopCounterMode
@@ -200,7 +200,6 @@ def bench_panel() -> None:
         page = playwright.chromium.launch(**launch_options()).new_page(viewport={"width": 1500, "height": 1100})
         notebook = Notebook(lab, page, "12_live_lab.ipynb")
         print(f"live lab, from run all to a moving robot: {notebook.start_panel():.1f} s  (≤ 15)")
-        page.eval_on_selector("[data-frame]", "element => element.closest('.jp-Cell').scrollIntoView()")
         page.locator("button", has_text="estimate p online").click()
         notebook.until("panel.session.estimating and panel.session.driver == 'control'")
         bench_panel_pace(notebook)
@@ -212,8 +211,7 @@ def bench_panel_pace(notebook: Notebook) -> None:
 
     def counts() -> np.ndarray:
         steps, late = eval(notebook.evaluate("panel.steps, panel.late"))
-        shown = notebook.page.eval_on_selector("[data-frame]", "element => +element.dataset.frame")
-        return np.array([time.monotonic(), steps, late, shown])
+        return np.array([time.monotonic(), steps, late, frame(notebook.page)])
 
     kernel = psutil.Process(int(notebook.evaluate("__import__('os').getpid()")))
     before, size = counts(), kernel.memory_info().rss
@@ -242,22 +240,19 @@ def bench_panel_answers(notebook: Notebook) -> None:
         "panel.view.on_msg(_note)",
     )
 
-    def handle(name: str):
-        return page.locator(".widget-slider", has_text=name).first.locator(".noUi-handle")
-
     rng, waits = np.random.default_rng(0), []
     controls = {  # what is pressed, and which column of `drawn` it changes for good
-        "hand": (lambda k: handle("shoulder").press("ArrowLeft"), 1),
+        "hand": (lambda k: slider(page, "shoulder").press("ArrowLeft"), 1),
         "map of p": (
             lambda k: page.locator(".clothlab-map").click(
                 position=dict(zip("xy", rng.uniform(60, 260, 2), strict=True))
             ),
             2,
         ),
-        "C_mass": (lambda k: handle("C_mass").press("ArrowRight" if k % 2 else "ArrowLeft"), 3),
+        "C_mass": (lambda k: slider(page, "C_mass").press("ArrowRight" if k % 2 else "ArrowLeft"), 3),
     }
     page.locator("button", has_text="estimate p online").click()  # p is to move by clicks alone
-    handle("shoulder").press("ArrowLeft")  # takes over: the command now is the slider's
+    slider(page, "shoulder").press("ArrowLeft")  # takes over: the command now is the slider's
     for press, column in controls.values():
         for k in range(PRESSES):
             page.wait_for_timeout(600 + rng.uniform(0, 200))  # any moment of the control period

@@ -13,7 +13,7 @@ from pathlib import Path
 import nbformat
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
-from playwright.sync_api import Page
+from playwright.sync_api import Locator, Page
 
 ROOT = Path(__file__).resolve().parents[1]
 HARMLESS = ("Failed to load resource",)  # JupyterLab asks for a translation and a licence page that are not there
@@ -24,6 +24,16 @@ def launch_options() -> dict:
     found = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
     path = next(filter(None, found), None)
     return {"args": ["--no-sandbox"]} | ({"executable_path": path} if path else {})
+
+
+def frame(page: Page) -> int:
+    """Number of the live lab's frame that the browser shows."""
+    return page.eval_on_selector("[data-frame]", "element => +element.dataset.frame")
+
+
+def slider(page: Page, name: str) -> Locator:
+    """Handle of the first slider of this name, to press keys on."""
+    return page.locator(".widget-slider", has_text=name).first.locator(".noUi-handle")
 
 
 class Lab:
@@ -140,6 +150,7 @@ class Notebook:
             "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)", timeout=90_000
         )
         seconds = time.monotonic() - start
+        self.page.eval_on_selector("[data-frame]", "element => element.closest('.jp-Cell').scrollIntoView()")
         self.connect()
         self.until("panel.steps > 3", 60)
         return seconds

@@ -6,6 +6,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from browser_lab import frame, slider
 
 from clothlab.artifacts import DATA, OWN_TRIALS
 from clothlab.trials import load_trial
@@ -27,7 +28,6 @@ def notebook(open_notebook, page):
     page.add_init_script(GAMEPAD)
     notebook = open_notebook("12_live_lab.ipynb")
     print(f"from run all to a moving robot: {notebook.start_panel():.1f} s")
-    page.eval_on_selector("[data-frame]", "element => element.closest('.jp-Cell').scrollIntoView()")
     yield notebook
     notebook.evaluate("panel.close()")
 
@@ -40,16 +40,8 @@ def recording():
     (DATA / OWN_TRIALS / f"{name}.npz").unlink(missing_ok=True)
 
 
-def frame(page) -> int:
-    return page.eval_on_selector("[data-frame]", "element => +element.dataset.frame")
-
-
 def button(page, name):
     return page.locator("button.widget-button, button.widget-toggle-button", has_text=name).first
-
-
-def slider(page, name):
-    return page.locator(".widget-slider", has_text=name).first.locator(".noUi-handle")
 
 
 def choose(page, menu, option):
@@ -110,7 +102,7 @@ def test_a_session_in_the_live_lab(notebook, page, screenshot, recording):
     page.locator(".widget-text input").press("Tab")
     button(page, "save").click()
     notebook.until("'saved as' in panel.message.value")
-    assert 5 <= len(load_trial(DATA / OWN_TRIALS / f"{recording}.npz")) <= 25
+    assert 10 <= len(load_trial(DATA / OWN_TRIALS / f"{recording}.npz")) <= 25
     button(page, "record").click()
     button(page, "save").click()
     notebook.until("'exists' in panel.message.value")
