@@ -3,25 +3,25 @@
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["atomic_write", "sha256"]
+__all__ = ["LEFT_OVER", "sha256", "write_bytes"]
+
+LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
 
-@contextmanager
-def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path to write to; on success it replaces `path`, on an error `path` stays as it was."""
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a file whole or not at all: an interruption leaves what was there before."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The same folder, because a rename is atomic only within one file system; the same ending, because writers add
-    # their own.
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
+    # The same folder, because a rename is atomic only within one file system.
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=LEFT_OVER)
     temporary = Path(name)
     try:
-        yield temporary
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
         temporary.chmod(0o644)
         temporary.replace(path)
     finally:

@@ -3,20 +3,28 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from numpy.typing import ArrayLike
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
+from clothlab._validation import check_array
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import Cloth
+from clothlab.control import ControlSettings
+from clothlab.dpmpb import DPMPB, Sequences
+from clothlab.estimation import prediction_loss
 from clothlab.trials import Trial
 from clothlab.vision import chamfer_distance, check_mask
 
 __all__ = [
+    "Landscape",
     "MaterialReadout",
     "best_per_period",
     "chamfer_against_z",
+    "loss_landscape",
     "nearest_material",
     "principal_axes",
     "spread",
@@ -39,8 +47,13 @@ def spread(biases: dict[str, np.ndarray]) -> float:
     return float(np.sqrt(((p - p.mean(0)) ** 2).sum(1).mean()))
 
 
-def nearest_material(p: np.ndarray, biases: dict[str, np.ndarray]) -> str:
-    """Name of the material whose trained p is nearest to `p` `[D_p]`."""
+def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
+    """Name of the material whose trained p is nearest to `p` `[D_p]`.
+
+    Raises:
+        ValueError: p of another size or not finite.
+    """
+    p = check_array("p", p, next(iter(biases.values())).shape)
     return min(biases, key=lambda name: float(np.linalg.norm(biases[name] - p)))
 
 
@@ -77,7 +90,51 @@ class MaterialReadout:
         return float(damping), float(mass)
 
 
-def target_distance(autoencoder: Autoencoder, trial: Trial, target: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class Landscape:
+    """The loss of a run for every p of a grid on the principal axes.
+
+    Attributes:
+        axes: PCA of the trained p.
+        x: grid on PC1 `[N]`.
+        y: grid on PC2 `[N]`.
+        loss: mean squared error in standard deviations `[N, N]`, rows along y.
+    """
+
+    axes: PCA
+    x: np.ndarray
+    y: np.ndarray
+    loss: np.ndarray
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """p with the lowest loss, `[D_p]`."""
+        row, column = np.unravel_index(self.loss.argmin(), self.loss.shape)
+        return self.axes.inverse_transform([[self.x[column], self.y[row]]])[0]
+
+
+def loss_landscape(model: DPMPB, run: Sequences, biases: dict[str, np.ndarray], points: int = 31) -> Landscape:
+    """Loss of a run over the plane of p, which covers the trained p and the origin with a margin of 30 %.
+
+    Args:
+        model: trained network.
+        run: states and commands.
+        biases: trained p of each material.
+        points: of the grid, along each axis.
+    """
+    axes = principal_axes(biases)
+    corners = axes.transform(np.stack([*biases.values(), np.zeros(model.bias_size)]))
+    margin = 0.3 * np.ptp(corners, axis=0)
+    x, y = np.linspace(corners.min(0) - margin, corners.max(0) + margin, points).T
+    p = axes.inverse_transform(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+    with torch.no_grad():
+        parts = torch.as_tensor(p, dtype=torch.float32).split(256)
+        loss = torch.cat([prediction_loss(model, s, u, part) for part in parts])
+    return Landscape(axes, x, y, loss.reshape(points, points).numpy())
+
+
+def target_distance(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> np.ndarray:
     """Distance ‖z_ref - z‖₂ of every step of a trial to a target mask `[H, W]`.
 
     `[T]`, one being a standard deviation of z.
@@ -85,16 +142,17 @@ def target_distance(autoencoder: Autoencoder, trial: Trial, target: np.ndarray) 
     return np.linalg.norm(encode(autoencoder, trial.images) - encode(autoencoder, check_mask(target)), axis=1)
 
 
-def best_per_period(distances: np.ndarray, period: int = 8) -> np.ndarray:
+def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) -> np.ndarray:
     """Smallest distance within each whole period, `[T // period]`: a periodic motion meets its target once in each.
 
     The first period, in which the arm only swings up from rest, is left out.
     """
+    distances = check_array("distances", distances, ("T",))
     whole = len(distances) // period * period
-    return np.asarray(distances)[:whole].reshape(-1, period).min(axis=1)[1:]
+    return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
-def success_rate(distances: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     """Share of steps whose distance is below each threshold (the curves of the paper's figure on control).
 
     Args:
@@ -107,7 +165,7 @@ def success_rate(distances: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
     return (np.asarray(distances)[None, :] < np.asarray(thresholds)[:, None]).mean(axis=1)
 
 
-def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Log chamfer distance and z distance to a target, for the steps at which cloth is visible.
 
     Returns:

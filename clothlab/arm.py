@@ -1,69 +1,109 @@
 """Robot arms: their MuJoCo elements, how a command reaches the actuators, and what the robot feels of itself.
 
 Every arm is an `Arm`. Nothing above this module asks which one it is talking to: the sizes of the command and of the
-robot state, which part of that state is muscle tension, and where the camera stands are the arm's to say.
+robot state, where angles, tensions and stiffness lie in them, and where the camera stands are the arm's to say.
 """
 
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from scipy.optimize import root
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.neural_network import MLPRegressor
-from sklearn.preprocessing import StandardScaler
+from numpy.typing import ArrayLike
 
-from clothlab._choices import choose
+from clothlab._validation import Checked, check_array, choose, setting
+from clothlab.muscle import MUSCLES, Muscles
 
-__all__ = [
-    "ARMS",
-    "Arm",
-    "Camera",
-    "MuscleArm",
-    "TorqueArm",
-    "check_command",
-    "ellipse_area",
-    "get_arm",
-    "learn_body_image",
-    "static_posture",
-    "stiffness_ellipse",
-]
+__all__ = ["ARMS", "JOINTS", "Arm", "Camera", "MuscleArm", "StateLayout", "TorqueArm", "check_command", "get_arm"]
 
 JOINTS = ("shoulder", "elbow")
 SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
 SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
-SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Checked):
     """Where the camera stands and what it looks at."""
 
-    position: tuple[float, float, float] = field(metadata={"unit": "m"})
-    target: tuple[float, float, float] = field(metadata={"unit": "m"})
-    fovy: float = field(metadata={"unit": "degree"})  # vertical field of view
+    position: tuple[float, float, float] = setting(unit="m")
+    target: tuple[float, float, float] = setting(unit="m")
+    fovy: float = setting(unit="degree", above=0, at_most=170)  # vertical field of view
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """Where things lie in the state `s = (z, robot state)` of an arm, for a z of `latent_size` numbers."""
+
+    arm: "Arm"
+    latent_size: int
+
+    @property
+    def size(self) -> int:
+        """D_s."""
+        return self.latent_size + len(self.arm.state_names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each number of `s` is, with its unit."""
+        return (*(f"z{n + 1} [s.d.]" for n in range(self.latent_size)), *self.arm.state_names)
+
+    @property
+    def z(self) -> slice:
+        """The latent image."""
+        return slice(0, self.latent_size)
+
+    @property
+    def robot(self) -> slice:
+        """What the robot feels of itself."""
+        return slice(self.latent_size, self.size)
+
+    @property
+    def tensions(self) -> slice:
+        """The muscle tensions [N]; empty for an arm without muscles."""
+        part = self.arm.tensions
+        return slice(part.start + self.latent_size, part.stop + self.latent_size)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm(ABC):
+class Arm(Checked, ABC):
     """Two links that move in the sagittal plane by shoulder and elbow pitch, with a bar in the hand for the cloth.
 
     Angles are positive downwards and zero when the arm is stretched out horizontally. The paper gives no dimensions;
     these are this project's.
     """
 
-    name: str = field(metadata={"unit": "-"})
-    camera: Camera = field(metadata={"unit": "-"})
-    link_length: float = field(default=0.30, metadata={"unit": "m"})  # upper arm and forearm each
-    link_masses: tuple[float, float] = field(metadata={"unit": "kg"})
-    hinge_damping: float = field(metadata={"unit": "N m s/rad"})
-    lower: tuple[float, float] = field(default=(-0.8, -1.6), metadata={"unit": "rad"})  # θ_ref: shoulder, elbow
-    upper: tuple[float, float] = field(default=(1.0, 0.0), metadata={"unit": "rad"})
-    stop_margin: float = field(default=0.3, metadata={"unit": "rad"})  # from the range of θ_ref to the joint's stops
-    bar_length: float = field(default=0.44, metadata={"unit": "m"})  # the rod in the hand that holds the cloth
+    name: str
+    camera: Camera
+    link_length: float = setting(0.30, "m", above=0)  # upper arm and forearm each
+    link_masses: tuple[float, float] = setting(unit="kg", above=0)
+    hinge_damping: float = setting(unit="N m s/rad", at_least=0)
+    lower: tuple[float, float] = setting((-0.8, -1.6), "rad")  # θ_ref: shoulder, elbow
+    upper: tuple[float, float] = setting((1.0, 0.0), "rad")
+    home: tuple[float, float] = setting((0.4, -0.4), "rad")  # stretched, lowered a little: a scene starts here
+    stop_margin: float = setting(0.3, "rad", at_least=0)  # from the range of θ_ref to the joint's stops
+    bar_length: float = setting(0.44, "m", above=0)  # the rod in the hand that holds the cloth
+
+    tensions = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
+    sensed_angles = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
+    angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`
+    stiffness_command = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether the arm takes a stiffness command."""
+        return self.stiffness_command.stop > self.stiffness_command.start
+
+    def with_stiffness(self, f_const: float) -> "Arm":
+        """The same arm with its stiffness command fixed at `f_const` [N].
+
+        Raises:
+            ValueError: outside the arm's range, or an arm without a stiffness command.
+        """
+        raise ValueError(f"the {self.name} arm has no stiffness to set")
+
+    def layout(self, latent_size: int) -> StateLayout:
+        """Where things lie in `s`, for a z of so many numbers."""
+        return StateLayout(self, latent_size)
 
     @property
     @abstractmethod
@@ -76,14 +116,9 @@ class Arm(ABC):
         """What each number of the robot state is, with its unit."""
 
     @property
-    @abstractmethod
-    def tension_slice(self) -> slice:
-        """Where the muscle tensions [N] lie in the robot state."""
-
-    @property
-    @abstractmethod
     def home_command(self) -> np.ndarray:
-        """The command that a scene starts with, `[D_u]`: a stretched arm, lowered a little, the cloth hanging."""
+        """The command that a scene starts with, `[D_u]`: the cloth hangs in front of the camera."""
+        return np.array(self.home)
 
     @property
     def command_lower(self) -> np.ndarray:
@@ -161,14 +196,14 @@ class Arm(ABC):
 class TorqueArm(Arm):
     """The paper's simulated arm: position servos. `u = θ_ref`; the robot state is joint angles and velocities."""
 
-    name: str = field(default="torque", metadata={"unit": "-"})
-    camera: Camera = field(
-        default=Camera(position=(1.35, -1.35, 1.75), target=(0.42, 0.0, 0.93), fovy=39.0), metadata={"unit": "-"}
-    )
-    link_masses: tuple[float, float] = field(default=(1.0, 0.7), metadata={"unit": "kg"})
-    hinge_damping: float = field(default=0.5, metadata={"unit": "N m s/rad"})
-    servo_stiffness: tuple[float, float] = field(default=(120.0, 60.0), metadata={"unit": "N m/rad"})
-    servo_damping: tuple[float, float] = field(default=(8.0, 4.0), metadata={"unit": "N m s/rad"})
+    name: str = "torque"
+    camera: Camera = Camera(position=(1.35, -1.35, 1.75), target=(0.42, 0.0, 0.93), fovy=39.0)
+    link_masses: tuple[float, float] = setting((1.0, 0.7), "kg")
+    hinge_damping: float = setting(0.5, "N m s/rad")
+    servo_stiffness: tuple[float, float] = setting((120.0, 60.0), "N m/rad", above=0)
+    servo_damping: tuple[float, float] = setting((8.0, 4.0), "N m s/rad", at_least=0)
+
+    sensed_angles = slice(0, len(JOINTS))
 
     @property
     def command_names(self) -> tuple[str, ...]:
@@ -179,16 +214,6 @@ class TorqueArm(Arm):
     def state_names(self) -> tuple[str, ...]:
         """What each number of the robot state is, with its unit."""
         return ("θ shoulder [rad]", "θ elbow [rad]", "θ' shoulder [rad/s]", "θ' elbow [rad/s]")
-
-    @property
-    def tension_slice(self) -> slice:
-        """Nowhere, so that the second term of eq. (8) is left out."""
-        return slice(0, 0)
-
-    @property
-    def home_command(self) -> np.ndarray:
-        """θ_ref at the start, `[2]` [rad]."""
-        return np.array([0.4, -0.4])
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         for i, joint in enumerate(JOINTS):
@@ -217,46 +242,25 @@ class TorqueArm(Arm):
         return np.concatenate([self.angles(data), [data.joint(joint).qvel[0] for joint in JOINTS]])
 
 
-MUSCLES = (
-    "shoulder flexor",
-    "shoulder extensor",
-    "elbow flexor",
-    "elbow extensor",
-    "biarticular flexor",
-    "biarticular extensor",
-)
-
-
 @dataclass(frozen=True, kw_only=True)
-class MuscleArm(Arm):
-    """An arm pulled by six muscles, each a motor in series with a nonlinear spring: `u = (θ_ref [2], f_const)`.
+class MuscleArm(Muscles, Arm):
+    """An arm pulled by six muscles: `u = (θ_ref [2], f_const)`. All that it senses are tensions and muscle lengths."""
 
-    A muscle's motor reels in `s` [m] of wire; its spring is stretched by `e = s + Gθ` [m], where G holds the moment
-    arms (flexors, which raise, positive). The spring pulls with `f = k₁e + k₃e³` [N] and never pushes. The motor is
-    under muscle stiffness control: `clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. All that the robot senses
-    are tensions f and muscle lengths `l = -s`. The paper publishes none of these numbers: they are assumptions, and
-    notebook 02 shows what hangs on them.
-    """
+    name: str = "muscle"
+    # At the robot's head, to the right of its left arm.
+    camera: Camera = Camera(position=(-0.05, -0.25, 1.45), target=(0.50, 0.0, 0.90), fovy=75.0)
+    link_masses: tuple[float, float] = setting((1.3, 1.2), "kg")
+    hinge_damping: float = setting(1.0, "N m s/rad")
+    stop_margin: float = setting(0.6, "rad", at_least=0)  # wide, because a soft arm sags
+    home_tension: float = setting(30.0, "N", above=0)  # f_const at the start, where the range allows it
 
-    name: str = field(default="muscle", metadata={"unit": "-"})
-    camera: Camera = field(  # at the robot's head, to the right of its left arm
-        default=Camera(position=(-0.05, -0.25, 1.45), target=(0.50, 0.0, 0.90), fovy=75.0), metadata={"unit": "-"}
-    )
-    link_masses: tuple[float, float] = field(default=(1.3, 1.2), metadata={"unit": "kg"})
-    hinge_damping: float = field(default=1.0, metadata={"unit": "N m s/rad"})
-    stop_margin: float = field(default=0.6, metadata={"unit": "rad"})  # wide, because a soft arm sags
-    shoulder_moment_arm: float = field(default=0.040, metadata={"unit": "m"})
-    elbow_moment_arm: float = field(default=0.030, metadata={"unit": "m"})
-    biarticular_moment_arms: tuple[float, float] = field(default=(0.030, 0.030), metadata={"unit": "m"})
-    spring_linear: float = field(default=456.5, metadata={"unit": "N/m"})  # k₁
-    spring_cubic: float = field(default=7.8e6, metadata={"unit": "N/m³"})  # k₃; 0 makes the linear-spring control
-    motor_stiffness: float = field(default=3e4, metadata={"unit": "N/m"})  # K
-    motor_damping: float = field(default=250.0, metadata={"unit": "N s/m"})  # D
-    motor_speed: float = field(default=0.10, metadata={"unit": "m/s"})  # how fast s_send can move
-    rotor_mass: float = field(default=4.0, metadata={"unit": "kg"})  # as felt along the wire
-    tension_bias: float = field(default=2.0, metadata={"unit": "N"})  # f_bias, keeps the wire taut
-    tension_max: float = field(default=250.0, metadata={"unit": "N"})  # f_max of the motor
-    tension_range: tuple[float, float] = field(default=(10.0, 70.0), metadata={"unit": "N"})  # of f_const; the paper's
+    tensions = slice(0, len(MUSCLES))
+    stiffness_command = slice(len(JOINTS), len(JOINTS) + 1)
+
+    def with_stiffness(self, f_const: float) -> "MuscleArm":
+        """The same arm with its stiffness command fixed at `f_const` [N]."""
+        check_command(self, [*self.home, f_const])
+        return replace(self, tension_range=(f_const, f_const))
 
     @property
     def command_names(self) -> tuple[str, ...]:
@@ -267,11 +271,6 @@ class MuscleArm(Arm):
     def state_names(self) -> tuple[str, ...]:
         """What each number of the robot state is, with its unit."""
         return (*(f"f {name} [N]" for name in MUSCLES), *(f"l {name} [m]" for name in MUSCLES))
-
-    @property
-    def tension_slice(self) -> slice:
-        """The first six numbers of the robot state."""
-        return slice(0, 6)
 
     @property
     def command_lower(self) -> np.ndarray:
@@ -286,61 +285,7 @@ class MuscleArm(Arm):
     @property
     def home_command(self) -> np.ndarray:
         """θ_ref and f_const at the start, `[3]` [rad] [rad] [N]."""
-        return np.array([0.4, -0.4, 30.0])
-
-    @property
-    def moment_arms(self) -> np.ndarray:
-        """G = ∂(path length)/∂θ, `[6, 2]` [m/rad]."""
-        flexors = [(self.shoulder_moment_arm, 0.0), (0.0, self.elbow_moment_arm), self.biarticular_moment_arms]
-        return np.array([sign * np.array(arms) for arms in flexors for sign in (1, -1)])
-
-    def tension(self, elongation: np.ndarray) -> np.ndarray:
-        """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
-        e = np.maximum(elongation, 0.0)
-        return self.spring_linear * e + self.spring_cubic * e**3
-
-    def elongation(self, tension: np.ndarray, more_stiffness: float = 0.0) -> np.ndarray:
-        """Inverse of `tension`: stretch [m] at which the springs pull with `tension` [N].
-
-        Args:
-            tension: [N].
-            more_stiffness: of a linear spring beside this one [N/m].
-        """
-        linear, cubic = self.spring_linear + more_stiffness, self.spring_cubic
-        if cubic == 0:
-            return np.asarray(tension) / linear
-        # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which does not lose digits near 0.
-        a = np.sqrt(linear / (3 * cubic))
-        return 2 * a * np.sinh(np.arcsinh(np.asarray(tension) / (2 * cubic * a**3)) / 3)
-
-    def body_image(self, theta: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2): geometry minus what the springs give.
-
-        Args:
-            theta: joint angles `[..., 2]` [rad].
-            tension: f `[..., 6]` [N].
-
-        Returns:
-            l `[..., 6]` [m], counted from the length at θ = 0 without tension.
-        """
-        return np.asarray(theta) @ self.moment_arms.T - self.elongation(tension)
-
-    def sent_length(self, u: np.ndarray) -> np.ndarray:
-        """The command path (θ_ref, f_const) → l_ref → l_send, `[6]` [m].
-
-        l_send is shorter than l_ref by what the motors' own stiffness gives under f_const.
-        """
-        f = np.full(len(MUSCLES), u[2])
-        return self.body_image(u[:2], f) - (f - self.tension_bias) / self.motor_stiffness
-
-    def static_tension(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] under the command `u` until nothing moves.
-
-        Spring and motor are two springs in series, within what the motor can pull.
-        """
-        gap = self.moment_arms @ theta - self.sent_length(u)
-        e = self.elongation(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
-        return np.clip(self.tension(e), self.tension_bias, self.tension_max)
+        return np.array([*self.home, np.clip(self.home_tension, *self.tension_range)])
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         inputs = int(mujoco.mjtCtrlInput.mjINPUT_POS) | int(mujoco.mjtCtrlInput.mjINPUT_FF)
@@ -371,9 +316,10 @@ class MuscleArm(Arm):
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
         """Put joints, rotors and set-points where `u` `[3]` wants them, at rest."""
-        for joint, angle in zip(JOINTS, u[:2], strict=True):
+        *theta, f_const = u
+        for joint, angle in zip(JOINTS, theta, strict=True):
             data.joint(joint).qpos[0] = angle
-        lengths = self.body_image(u[:2], np.full(len(MUSCLES), u[2]))
+        lengths = self.body_image(np.array(theta), np.full(len(MUSCLES), f_const))
         for name, length, sent in zip(MUSCLES, lengths, self.sent_length(u), strict=True):
             data.joint(name).qpos[0] = -length
             # The set-point that the speed limit moves is a state of its own: left at zero, it would jerk the arm.
@@ -391,131 +337,32 @@ class MuscleArm(Arm):
         return np.concatenate([f, [-data.joint(name).qpos[0] for name in MUSCLES]])
 
 
-ARMS = {"torque": TorqueArm(), "muscle": MuscleArm()}
+ARMS: dict[str, Arm] = {"torque": TorqueArm(), "muscle": MuscleArm()}
 
 
-def get_arm(name: str) -> Arm:
-    """Return the arm of that name.
+def get_arm(arm: Arm | str) -> Arm:
+    """Return the arm of that name; an arm is returned as it is.
 
     Raises:
         KeyError: unknown name; the message lists the choices.
     """
-    return choose("arm", name, ARMS)
+    return arm if isinstance(arm, Arm) else choose("arm", arm, ARMS)
 
 
-def check_command(arm: Arm, u: np.ndarray) -> np.ndarray:
-    """Return `u` as float64 `[D_u]`.
+def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
+    """Return `u` as float64 `[D_u]`, a copy.
 
     Raises:
         ValueError: wrong shape, not finite, or outside the arm's range by more than rounding.
     """
-    u = np.asarray(u, dtype=np.float64)
     lower, upper = arm.command_lower, arm.command_upper
-    if u.shape != lower.shape:
-        raise ValueError(f"a command of the {arm.name} arm has shape {lower.shape}, got {u.shape}")
-    if not np.isfinite(u).all():
-        raise ValueError(f"a command must be finite, got {u}")
+    u = check_array(f"a command of the {arm.name} arm", u, lower.shape)
     if ((u < lower - 1e-6) | (u > upper + 1e-6)).any():
         raise ValueError(f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; use numpy.clip")
     return np.clip(u, lower, upper)
 
 
-def learn_body_image(
-    theta: np.ndarray, tension: np.ndarray, length: np.ndarray, *, seed: int = 0
-) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Fit a network to sensed l = h(θ, f), as the paper does on the real robot (its eq. 2).
-
-    Args:
-        theta: joint angles `[N, 2]` [rad].
-        tension: f `[N, 6]` [N].
-        length: l `[N, 6]` [m].
-        seed: of the network's weights.
-
-    Returns:
-        A function like `MuscleArm.body_image`. It is to be trusted near the data alone.
-    """
-    inputs, outputs = StandardScaler(), StandardScaler()
-    network = MLPRegressor(
-        hidden_layer_sizes=(64, 64),
-        activation="tanh",
-        learning_rate_init=0.005,
-        max_iter=600,
-        n_iter_no_change=600,
-        random_state=seed,
-    )
-    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):  # it is to run all its epochs
-        network.fit(inputs.fit_transform(np.hstack([theta, tension])), outputs.fit_transform(length))
-
-    def body_image(theta: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        x = np.hstack([np.atleast_2d(theta), np.atleast_2d(tension)])
-        return outputs.inverse_transform(network.predict(inputs.transform(x)))
-
-    return body_image
-
-
-def static_posture(arm: MuscleArm, u: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Joint angles `[2]` [rad] at which the muscles balance a force `[2]` [N] (forward, up) on the hand, no gravity.
-
-    Raises:
-        ValueError: a command outside the arm's range, or a force that pushes a joint to its stop.
-    """
-    u = check_command(arm, u)
-
-    def torque(theta: np.ndarray) -> np.ndarray:
-        return arm.hand_jacobian(theta).T @ force - arm.moment_arms.T @ arm.static_tension(theta, u)
-
-    solution = root(torque, u[:2], tol=1e-10)
-    low, high = np.array(arm.lower) - arm.stop_margin, np.array(arm.upper) + arm.stop_margin
-    if not solution.success or (solution.x < low).any() or (solution.x > high).any():
-        raise ValueError(f"the muscles cannot hold {force} N under the command {u}: push less")
-    return solution.x
-
-
-def stiffness_ellipse(
-    arm: MuscleArm, theta_ref: np.ndarray, f_const: float, *, force: float = 1.0, directions: int = 24
-) -> np.ndarray:
-    """How far the hand moves when pushed from all directions (paper, figure on variable stiffness).
-
-    By simulation, without gravity and without a cloth.
-
-    Args:
-        arm: a muscle arm.
-        theta_ref: posture `[2]` [rad].
-        f_const: co-contraction [N].
-        force: [N].
-        directions: how many, evenly around.
-
-    Returns:
-        Displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
-
-    Raises:
-        ValueError: a posture or an f_const outside the arm's range.
-    """
-    u = check_command(arm, [*theta_ref, f_const])
-    spec = mujoco.MjSpec()
-    spec.option.gravity = [0, 0, 0]
-    arm.add_to(spec)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    displacements = []
-    for angle in np.arange(directions) * 2 * np.pi / directions:
-        mujoco.mj_resetData(model, data)
-        arm.reset(data, u)
-        mujoco.mj_kinematics(model, data)
-        start = data.site("hand").xpos.copy()
-        data.body("hand").xfrc_applied[:3] = force * np.array([np.cos(angle), 0, np.sin(angle)])
-        mujoco.mj_step(model, data, round(SETTLING_TIME / model.opt.timestep))
-        displacements.append((data.site("hand").xpos - start)[[0, 2]])
-    return np.array(displacements)
-
-
-def ellipse_area(displacements: np.ndarray) -> float:
-    """Area [m²] inside displacements `[N, 2]` [m] given in order around the origin."""
-    x, y = displacements.T
-    return float(abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2)
-
-
-def _add_hand(parent: mujoco.MjsBody, position, bar_length: float) -> mujoco.MjsBody:
+def _add_hand(parent: mujoco.MjsBody, position: ArrayLike, bar_length: float) -> mujoco.MjsBody:
     """A hand with a bar across, to which the first row of the cloth is tied."""
     hand = parent.add_body(name="hand", pos=position)
     hand.add_geom(

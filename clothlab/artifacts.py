@@ -1,200 +1,289 @@
-"""What the recipes leave in `data/`.
+"""What lies in `data/`: trials, weights, targets and results, each checked against its hash when it is loaded.
 
-Trials, weights, targets and results, each checked against its hash when it is loaded.
+`load("torque-0")` gives all that belongs together. Weights say which arm and which autoencoder they were trained with,
+so that a pair that does not belong together is refused.
 """
 
 import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 
-from clothlab._choices import choose
-from clothlab._files import atomic_write, sha256
+from clothlab._files import LEFT_OVER, sha256, write_bytes
+from clothlab._validation import check_array, check_name, choose
+from clothlab.arm import Arm, StateLayout, get_arm
 from clothlab.autoencoder import Autoencoder
-from clothlab.dpmpb import DPMPB
+from clothlab.control import ControlPolicy, ControlSettings
+from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
 __all__ = [
-    "DATA",
     "OWN_TRIALS",
+    "Trained",
     "check_data",
+    "data_folder",
+    "load",
     "load_autoencoder",
-    "load_dpmpb",
     "load_results",
     "load_target",
     "load_targets",
     "load_trials",
+    "save",
     "save_autoencoder",
-    "save_dpmpb",
     "save_results",
     "save_target",
     "write_checksums",
 ]
 
-DATA = Path(__file__).resolve().parents[1] / "data"
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
+WEIGHTS_FORMAT = 1
+RESULTS_FORMAT = 1
+
+Folder = str | Path | None  # None: wherever `data_folder` finds it
 
 
-def load_trials(name: str, *, data: Path = DATA) -> list[Trial]:
-    """Load a set of recorded trials, such as `"train"` or `"evaluation"`.
-
-    Args:
-        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
-        data: folder to look in.
-
-    Returns:
-        The trials, in the order of their file names.
+def data_folder(data: Folder = None) -> Path:
+    """The folder given, or the one that `CLOTHLAB_DATA` names, or that of the clone that the package runs from.
 
     Raises:
-        KeyError: unknown set; the message lists the choices.
-        ValueError: a damaged or altered file.
+        FileNotFoundError: there is none; the message says how to get it.
     """
-    folder = data / "trials"
-    choices = {path.name: path for path in sorted(folder.glob("*")) if path.is_dir()}
-    if name == OWN_TRIALS.name:
-        choices[name] = data / OWN_TRIALS
-    chosen = choose("trials", name, choices, "(none yet: run `make data`)")
-    return [load_trial(_checked(path, data)) for path in sorted(chosen.glob("*.npz"))]
+    folder = Path(data or os.environ.get("CLOTHLAB_DATA") or Path(__file__).resolve().parents[1] / "data")
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            f"no data in {folder}: clone the repository, which has a folder data/, and run from there, or set "
+            "CLOTHLAB_DATA to that folder"
+        )
+    return folder
 
 
-def save_autoencoder(model: Autoencoder, losses: list[float], name: str, *, data: Path = DATA) -> None:
-    """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`."""
-    about = {"kind": "autoencoder", "latent_size": model.latent_size}
-    _save_tensors(data / "weights" / f"autoencoder-{name}.safetensors", model, about, losses=torch.tensor(losses))
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What belongs together: an arm, the autoencoder of what its camera sees, a model, and p of each material.
+
+    Attributes:
+        name: of the weights, such as `torque-0`.
+        arm: the arm.
+        autoencoder: image ↔ z.
+        model: the DPMPB that was trained on its z.
+        biases: trained p of each material, `{name: [D_p]}`.
+        losses: mean squared error of each epoch of the model's training, `[epochs]`.
+        sees_with: name of the autoencoder.
+    """
+
+    name: str
+    arm: Arm
+    autoencoder: Autoencoder
+    model: DPMPB
+    biases: dict[str, np.ndarray]
+    losses: np.ndarray
+    sees_with: str
+
+    @property
+    def layout(self) -> StateLayout:
+        """Where things lie in the state `s`."""
+        return self.arm.layout(self.autoencoder.latent_size)
+
+    def sequences(self, trial: Trial) -> Sequences:
+        """States and commands of a recorded trial, as the model sees them."""
+        return to_sequences(self.autoencoder, trial)
+
+    def controller(
+        self,
+        target: ArrayLike,
+        p: ArrayLike | str,
+        settings: ControlSettings | None = None,
+        plans: ArrayLike | None = None,
+        *,
+        arm: Arm | None = None,
+    ) -> ControlPolicy:
+        """A controller with this model.
+
+        Args:
+            target: mask `[H, W]`.
+            p: parametric bias `[D_p]`, or the name of a trained material.
+            settings: the paper's constants.
+            plans: starts, as `ControlPolicy` has them.
+            arm: one with other limits, such as `arm.with_stiffness(10)`.
+        """
+        p = choose("material", p, self.biases) if isinstance(p, str) else p
+        return ControlPolicy(self.model, self.autoencoder, arm or self.arm, target, p, settings, plans)
 
 
-def load_autoencoder(name: str = "torque", *, data: Path = DATA) -> tuple[Autoencoder, np.ndarray]:
-    """Load an autoencoder.
+def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
+    """Load arm, autoencoder, model and parametric biases together.
 
     Args:
-        name: which one.
+        name: which training; `torque-0` to `torque-4` differ in their seed alone.
         data: folder to look in.
 
-    Returns:
-        The model in evaluation mode, and its training loss of each epoch.
+    Raises:
+        KeyError: unknown name; the message lists the choices.
+        ValueError: a damaged or altered file, or a model and an autoencoder that do not belong together.
+    """
+    about, tensors = _load_tensors("dpmpb", name, data)
+    arm = get_arm(_entry(about, "arm", name))
+    autoencoder, _ = load_autoencoder(_entry(about, "sees_with", name), data=data)
+    if autoencoder.fingerprint() != about.get("autoencoder"):
+        raise ValueError(
+            f"the weights {name!r} were trained with another autoencoder than the {about['sees_with']!r} that lies "
+            "here: train them again with `make train`, or restore the files with `git checkout data/weights`"
+        )
+    losses = check_array(f"losses of {name!r}", tensors.pop("losses", ()), ("epochs",))
+    materials = list(about.get("materials", ()))
+    layout = arm.layout(autoencoder.latent_size)
+    p = check_array(f"p of {name!r}", tensors.pop("p", ()), (len(materials), "D_p"), np.float32)
+    model = DPMPB(layout.size, len(arm.command_names), p.shape[1])
+    _fill(model, tensors, name)
+    return Trained(name, arm, autoencoder, model, dict(zip(materials, p, strict=True)), losses, about["sees_with"])
+
+
+def save(trained: Trained, *, data: Folder = None) -> None:
+    """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
+    about = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
+    about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
+    p = torch.as_tensor(np.stack(list(trained.biases.values())))
+    losses = torch.as_tensor(trained.losses, dtype=torch.float32)
+    _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=losses, p=p)
+
+
+def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Autoencoder, np.ndarray]:
+    """Load an autoencoder, in evaluation mode, and its training loss of each epoch [nat per pixel].
 
     Raises:
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file.
     """
     about, tensors = _load_tensors("autoencoder", name, data)
-    model = Autoencoder(about["latent_size"])
-    losses = tensors.pop("losses").numpy()
-    model.load_state_dict(tensors)
-    return model.eval(), losses
+    losses = check_array(f"losses of {name!r}", tensors.pop("losses", ()), ("epochs",))
+    model = Autoencoder(int(_entry(about, "latent_size", name)))
+    _fill(model, tensors, name)
+    return model, losses
 
 
-def save_dpmpb(
-    model: DPMPB, biases: dict[str, np.ndarray], losses: list[float], name: str, *, data: Path = DATA
-) -> None:
-    """Write a DPMPB, p of each material and its loss curve as `data/weights/dpmpb-NAME.safetensors`."""
-    about = {
-        "kind": "dpmpb",
-        "state_size": model.state_size,
-        "command_size": model.command_size,
-        "bias_size": model.bias_size,
-        "materials": list(biases),
-    }
-    p = torch.as_tensor(np.stack(list(biases.values())))
-    _save_tensors(data / "weights" / f"dpmpb-{name}.safetensors", model, about, losses=torch.tensor(losses), p=p)
+def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None) -> None:
+    """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`."""
+    about = {"kind": "autoencoder", "latent_size": model.latent_size}
+    _save_tensors("autoencoder", name, model, about, data, losses=torch.as_tensor(losses, dtype=torch.float32))
 
 
-def load_dpmpb(name: str = "torque-0", *, data: Path = DATA) -> tuple[DPMPB, dict[str, np.ndarray], np.ndarray]:
-    """Load a DPMPB.
+def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
+    """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
-        name: which one; `torque-0` to `torque-4` are five trainings that differ in their seed alone.
+        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
         data: folder to look in.
 
-    Returns:
-        The model in evaluation mode, p of each material `{name: [D_p]}`, and the training loss of each epoch.
-
     Raises:
-        KeyError: unknown name; the message lists the choices.
-        ValueError: a damaged or altered file.
+        KeyError: unknown set; the message lists the choices.
+        ValueError: a damaged, altered or missing file.
     """
-    about, tensors = _load_tensors("dpmpb", name, data)
-    model = DPMPB(about["state_size"], about["command_size"], about["bias_size"])
-    losses, p = tensors.pop("losses").numpy(), tensors.pop("p").numpy()
-    model.load_state_dict(tensors)
-    return model.eval(), dict(zip(about["materials"], p, strict=True)), losses
+    data = data_folder(data)
+    choices = {path.name: path for path in sorted((data / "trials").glob("*")) if path.is_dir()}
+    choices[OWN_TRIALS.name] = data / OWN_TRIALS
+    chosen = choose("trials", name, choices)
+    return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)]
 
 
-def save_target(mask: np.ndarray, name: str, *, data: Path = DATA) -> None:
-    """Write a target mask `[H, W]` as `data/targets/NAME.png`."""
-    with atomic_write(data / "targets" / f"{name}.png") as temporary:
-        cv2.imwrite(str(temporary), check_mask(mask).astype(np.uint8) * 255)
-
-
-def load_targets(*, data: Path = DATA) -> dict[str, np.ndarray]:
+def load_targets(*, data: Folder = None) -> dict[str, np.ndarray]:
     """Load all target masks, `{name: [H, W]}`, bool.
 
     Raises:
-        ValueError: as `load_target`.
+        ValueError: as `load_target`, or a file is missing.
     """
-    names = sorted(path.stem for path in (data / "targets").glob("*.png"))
-    return {name: load_target(name, data=data) for name in names}
+    data = data_folder(data)
+    return {path.stem: load_target(path.stem, data=data) for path in _listed(data / "targets", ".png", data)}
 
 
-def load_target(name: str, *, data: Path = DATA) -> np.ndarray:
+def load_target(name: str, *, data: Folder = None) -> np.ndarray:
     """Load a target mask `[H, W]`, bool.
 
     Raises:
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file, or an image of another size or without a cloth.
     """
-    path = _find("targets/*.png", "target", name, data)
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    path = _find("targets", "", ".png", "target", name, data)
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
     if picture is None:
         raise ValueError(f"{path} is not a picture")
     return check_mask(picture > 127)
 
 
-def save_results(results: dict[str, Any], name: str, *, data: Path = DATA) -> None:
-    """Write measured results as `data/results/NAME.json`."""
-    with atomic_write(data / "results" / f"{name}.json") as temporary:
-        temporary.write_text(json.dumps(results, indent=1) + "\n")
+def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
+    """Write a target mask `[H, W]` as `data/targets/NAME.png`."""
+    _, content = cv2.imencode(".png", check_mask(mask).astype(np.uint8) * 255)
+    write_bytes(data_folder(data) / "targets" / f"{check_name('target', name)}.png", content.tobytes())
 
 
-def load_results(name: str = "simulation", *, data: Path = DATA) -> dict[str, Any]:
+def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) -> None:
+    """Write measured results as `data/results/NAME.json`.
+
+    Raises:
+        ValueError: numbers that are not finite, or what JSON has no word for.
+    """
+    try:
+        text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"results {name!r} cannot be written: {error}") from error
+    write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
+
+
+def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
     """Load measured results.
 
     Raises:
         KeyError: unknown name; the message lists the choices.
-        ValueError: a damaged or altered file.
+        ValueError: a damaged or altered file, or one of another format.
     """
-    return json.loads(_find("results/*.json", "results", name, data).read_text())
+    path = _find("results", "", ".json", "results", name, data)
+    try:
+        results = json.loads(path.read_bytes())
+        if results.pop("format") != RESULTS_FORMAT:
+            raise ValueError(f"its format is not {RESULTS_FORMAT}, this version's")
+    except (ValueError, KeyError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path} is damaged or holds no results: {error}") from error
+    return results
 
 
-def write_checksums(data: Path = DATA) -> None:
+def write_checksums(data: Folder = None) -> None:
     """Record the hash of every file in `data/`, in `data/SHA256SUMS`."""
-    with atomic_write(data / CHECKSUMS) as temporary:
-        lines = [f"{sha256(path)}  {path.relative_to(data).as_posix()}\n" for path in _files(data)]
-        temporary.write_text("".join(lines))
+    data = data_folder(data)
+    lines = [f"{sha256(path)}  {path.relative_to(data).as_posix()}\n" for path in _files(data)]
+    write_bytes(data / CHECKSUMS, "".join(lines).encode())
 
 
-def check_data(data: Path = DATA) -> dict[str, str]:
+def check_data(data: Folder = None) -> dict[str, str]:
     """Compare every file in `data/` with its recorded hash.
 
     Returns:
-        `{file: "ok" | "missing" | "altered" | "not recorded"}`.
+        `{file: "ok" | "missing" | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the list of hashes
+        itself, left over is what an interrupted write did not remove.
     """
-    recorded = _checksums(data)
+    data = data_folder(data)
+    recorded, damaged = _checksums(data)
     present = {path.relative_to(data).as_posix() for path in _files(data)}
-    verdict = {name: "missing" for name in recorded if name not in present}
+    verdict = {CHECKSUMS: "damaged"} if damaged else {}
+    verdict |= {name: "missing" for name in recorded if name not in present}
     for name in sorted(present):
         if name not in recorded:
             verdict[name] = "not recorded"
         else:
             verdict[name] = "ok" if sha256(data / name) == recorded[name] else "altered"
-    return verdict
+    left_over = sorted(path for path in data.rglob(f".*{LEFT_OVER}"))
+    return verdict | {path.relative_to(data).as_posix(): "left over" for path in left_over}
 
 
 def _files(data: Path) -> list[Path]:
@@ -202,22 +291,34 @@ def _files(data: Path) -> list[Path]:
     return sorted(
         path
         for path in data.rglob("*")
-        if path.suffix in kept and not path.name.startswith(".") and data / OWN_TRIALS not in path.parents
+        if path.suffix in kept and path.is_file() and data / OWN_TRIALS not in path.parents
     )
 
 
-def _checksums(data: Path) -> dict[str, str]:
+def _checksums(data: Path) -> tuple[dict[str, str], bool]:
+    """Recorded hashes, `{file: hash}`, and whether there are lines that say none."""
     path = data / CHECKSUMS
-    if not path.exists():
-        return {}
-    return {name: digest for digest, name in (line.split(maxsplit=1) for line in path.read_text().splitlines())}
+    lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()] if path.exists() else []
+    found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in lines]
+    return {match[2]: match[1].lower() for match in found if match}, not all(found)
+
+
+def _listed(folder: Path, suffix: str, data: Path) -> list[Path]:
+    """The files of a folder and those that should be there, in the order of their names."""
+    within = folder.relative_to(data).as_posix() + "/"
+    recorded = {data / name for name in _checksums(data)[0] if name.startswith(within) and name.endswith(suffix)}
+    return sorted({path for path in folder.glob(f"*{suffix}") if path.is_file()} | recorded)
 
 
 def _checked(path: Path, data: Path) -> Path:
     """Return `path` if its content is the one whose hash was recorded."""
+    recorded, damaged = _checksums(data)
     name = path.relative_to(data).as_posix()
-    recorded = _checksums(data).get(name)
-    if recorded is not None and sha256(path) != recorded:
+    if not path.is_file():
+        raise ValueError(f"data/{name} is missing: restore it with `git checkout data/{name}`")
+    if name not in recorded and damaged:
+        raise ValueError(f"data/{CHECKSUMS} is damaged: restore it with `git checkout data/{CHECKSUMS}`")
+    if recorded.get(name, "") and sha256(path) != recorded[name]:
         raise ValueError(
             f"data/{name} is damaged or was altered: restore it with `git checkout data/{name}`, "
             "or record a change you made with `python -m clothlab checksums`"
@@ -225,23 +326,47 @@ def _checked(path: Path, data: Path) -> Path:
     return path
 
 
-def _find(pattern: str, kind: str, name: str, data: Path) -> Path:
-    """The file in `data/` that matches the pattern `FOLDER/PREFIX*SUFFIX` with `name` in place of the star."""
-    prefix, suffix = pattern.split("/")[-1].split("*")
-    choices = {path.name.removeprefix(prefix).removesuffix(suffix): path for path in sorted(data.glob(pattern))}
+def _find(folder: str, prefix: str, suffix: str, kind: str, name: str, data: Folder) -> Path:
+    """The file `data/FOLDER/PREFIX NAME SUFFIX`."""
+    data = data_folder(data)
+    paths = [path for path in _listed(data / folder, suffix, data) if path.name.startswith(prefix)]
+    choices = {path.name.removeprefix(prefix).removesuffix(suffix): path for path in paths}
     return _checked(choose(kind, name, choices, "(none yet: run `make data train`)"), data)
 
 
-def _save_tensors(path: Path, model: torch.nn.Module, about: dict[str, Any], **extra: torch.Tensor) -> None:
-    tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()} | extra
-    with atomic_write(path) as temporary:
-        save_file(tensors, temporary, metadata={"clothlab": json.dumps(about)})
+def _save_tensors(
+    kind: str, name: str, model: torch.nn.Module, about: dict[str, Any], data: Folder, **extra: torch.Tensor
+) -> None:
+    path = data_folder(data) / "weights" / f"{kind}-{check_name('training', name)}.safetensors"
+    tensors = {key: tensor.contiguous() for key, tensor in model.state_dict().items()} | extra
+    write_bytes(path, to_bytes(tensors, metadata={"clothlab": json.dumps({"format": WEIGHTS_FORMAT} | about)}))
 
 
-def _load_tensors(kind: str, name: str, data: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
-    path = _find(f"weights/{kind}-*.safetensors", f"{kind} weights", name, data)
+def _load_tensors(kind: str, name: str, data: Folder) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    path = _find("weights", f"{kind}-", ".safetensors", f"{kind} weights", name, data)
     try:
         with safe_open(path, "pt") as file:
-            return json.loads(file.metadata()["clothlab"]), {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-    except (SafetensorError, KeyError, TypeError) as error:
+            about = json.loads(file.metadata()["clothlab"])
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+        if (about.get("format"), about.get("kind")) != (WEIGHTS_FORMAT, kind):
+            raise ValueError(f"its format is not {WEIGHTS_FORMAT}, this version's")
+    except (SafetensorError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{path} is damaged or holds no {kind} weights: {error}") from error
+    return about, tensors
+
+
+def _entry(about: Mapping[str, Any], key: str, name: str) -> Any:
+    if key not in about:
+        raise ValueError(f"the weights {name!r} are damaged: they do not say their {key}")
+    return about[key]
+
+
+def _fill(model: torch.nn.Module, tensors: dict[str, torch.Tensor], name: str) -> None:
+    """Put loaded weights into a model, in evaluation mode, if they are this model's and finite."""
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ValueError(f"the weights {name!r} are damaged or of another network: {error}") from error
+    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+        raise ValueError(f"the weights {name!r} are damaged: numbers that are not finite")
+    model.eval().requires_grad_(False)

@@ -3,15 +3,18 @@
 A cloth mask becomes z, three numbers, and z becomes a mask again (paper, "Network Structure of DPMPB").
 """
 
+import hashlib
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab._validation import Checked, check_array, setting
+from clothlab.vision import HEIGHT, WIDTH, check_masks
 
 __all__ = ["Autoencoder", "AutoencoderTraining", "decode", "encode", "iou", "train_autoencoder"]
 
@@ -59,18 +62,25 @@ class Autoencoder(nn.Module):
         """Reconstruct images `[B, 1, H, W]`, 0 or 1: logits of the same shape."""
         return self.decoder(self.encoder(images))
 
+    def fingerprint(self) -> str:
+        """Hash of the weights: two autoencoders that give the same z for every image have the same."""
+        digest = hashlib.sha256()
+        for name, tensor in self.state_dict().items():
+            digest.update(name.encode() + tensor.numpy().tobytes())
+        return digest.hexdigest()[:16]
+
 
 @dataclass(frozen=True)
-class AutoencoderTraining:
+class AutoencoderTraining(Checked):
     """How the autoencoder is trained. The paper gives Adam and no more; the rest is this project's choice."""
 
-    epochs: int = field(default=60, metadata={"unit": "-"})
-    batch_size: int = field(default=64, metadata={"unit": "-"})
-    learning_rate: float = field(default=2e-3, metadata={"unit": "-"})  # at the start; it falls to zero along a cosine
+    epochs: int = setting(60, at_least=1)
+    batch_size: int = setting(64, at_least=2)  # images
+    learning_rate: float = setting(2e-3, above=0)  # at the start; it falls to zero along a cosine
 
 
 def train_autoencoder(
-    images: np.ndarray,
+    images: ArrayLike,
     settings: AutoencoderTraining | None = None,
     *,
     seed: int = 0,
@@ -90,15 +100,22 @@ def train_autoencoder(
         The model in evaluation mode on the CPU, and the mean binary cross entropy of each epoch [nat per pixel].
 
     Raises:
-        ValueError: images of another shape, or fewer than one batch of them.
+        ValueError: images that are no masks, or fewer than one batch of them.
     """
-    settings = settings or AutoencoderTraining()
-    if images.ndim != 3 or images.shape[1:] != (HEIGHT, WIDTH):
-        raise ValueError(f"images are [B, {HEIGHT}, {WIDTH}], got {images.shape}")
-    if len(images) < settings.batch_size:
-        raise ValueError(f"{len(images)} images are fewer than one batch of {settings.batch_size}")
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    torch.manual_seed(seed)
+    settings, images = settings or AutoencoderTraining(), check_masks(images)
+    if images.ndim != 3 or len(images) < settings.batch_size:
+        raise ValueError(
+            f"training takes images [B, H, W], one batch of {settings.batch_size} or more, got {list(images.shape)}"
+        )
+    with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
+        torch.manual_seed(seed)
+        device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+        return _train(images, settings, device, progress)
+
+
+def _train(
+    images: np.ndarray, settings: AutoencoderTraining, device: str, progress: bool
+) -> tuple[Autoencoder, list[float]]:
     model = Autoencoder().to(device, memory_format=torch.channels_last)
     data = torch.as_tensor(images).unsqueeze(1).to(device)
     batches = len(data) // settings.batch_size
@@ -122,7 +139,7 @@ def train_autoencoder(
 
 
 @torch.inference_mode()
-def encode(model: Autoencoder, images: np.ndarray) -> np.ndarray:
+def encode(model: Autoencoder, images: ArrayLike) -> np.ndarray:
     """Compress masks.
 
     Args:
@@ -133,18 +150,16 @@ def encode(model: Autoencoder, images: np.ndarray) -> np.ndarray:
         z, `[D_z]` or `[B, D_z]`, float32.
 
     Raises:
-        ValueError: images of another size.
+        ValueError: images of another size or kind.
     """
-    images = np.asarray(images)
-    if images.shape[-2:] != (HEIGHT, WIDTH) or images.ndim not in (2, 3):
-        raise ValueError(f"images are [{HEIGHT}, {WIDTH}] or [B, {HEIGHT}, {WIDTH}], got {images.shape}")
+    images = check_masks(images)
     batch = torch.as_tensor(images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32))
     z = torch.cat([model.encoder(part) for part in batch.split(256)])
     return z.reshape(*images.shape[:-2], model.latent_size).numpy()
 
 
 @torch.inference_mode()
-def decode(model: Autoencoder, z: np.ndarray) -> np.ndarray:
+def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
     """Restore images from z.
 
     Args:
@@ -157,20 +172,22 @@ def decode(model: Autoencoder, z: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: z of another size, or not finite.
     """
-    z = np.asarray(z, dtype=np.float32)
-    if z.shape[-1:] != (model.latent_size,) or z.ndim not in (1, 2) or not np.isfinite(z).all():
-        raise ValueError(f"z is [{model.latent_size}] or [B, {model.latent_size}] and finite, got {z.shape}")
+    shape = (model.latent_size,) if np.ndim(z) == 1 else ("B", model.latent_size)
+    z = check_array("z", z, shape, np.float32)
     batch = torch.as_tensor(z.reshape(-1, model.latent_size))
     images = torch.cat([torch.sigmoid(model.decoder(part)) for part in batch.split(256)])
     return images.reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
 
 
-def iou(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def iou(a: ArrayLike, b: ArrayLike) -> np.ndarray:
     """Intersection over union of masks `[..., H, W]`; 1 where both are empty.
 
     Returns:
         `[...]`, float64.
+
+    Raises:
+        ValueError: images of another size or kind.
     """
-    a, b = np.asarray(a, bool), np.asarray(b, bool)
+    a, b = check_masks(a), check_masks(b)
     union = (a | b).sum(axis=(-2, -1))
     return np.where(union == 0, 1.0, (a & b).sum(axis=(-2, -1)) / np.maximum(union, 1))

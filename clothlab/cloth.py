@@ -1,12 +1,13 @@
 """Cloths as point masses and springs, and their MuJoCo elements (paper, section "Experimental Setup")."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 
 import mujoco
 import numpy as np
 
-from clothlab._choices import choose
+from clothlab._validation import Checked, choose, setting
 
 __all__ = [
     "CLOTHS",
@@ -32,39 +33,43 @@ BACK_RGBA = (0.10, 0.25, 0.65, 1.0)
 
 
 @dataclass(frozen=True)
-class Cloth:
+class Cloth(Checked):
     """A rectangular cloth: a grid of point masses joined by springs, its first row held by the hand.
 
     The paper varies `damping` and `mass`. Everything else stays fixed and is this project's choice: the paper does
     not give it.
     """
 
-    name: str = field(metadata={"unit": "-"})
-    damping: float = field(default=0.05, metadata={"unit": "N s/m"})  # C_damp: drag on each point mass
-    mass: float = field(default=0.10, metadata={"unit": "kg"})  # C_mass: the whole cloth
-    length: float = field(default=0.50, metadata={"unit": "m"})  # from the hand to the free edge
-    width: float = field(default=0.40, metadata={"unit": "m"})  # along the hand bar
-    rows: int = field(default=6, metadata={"unit": "-"})  # point masses along the length
-    columns: int = field(default=3, metadata={"unit": "-"})  # point masses across the width
-    stiffness: float = field(default=100.0, metadata={"unit": "N/m"})  # structural and shear springs
-    bending: float = field(default=0.5, metadata={"unit": "N/m"})  # springs that skip one point
-    spring_damping: float = field(default=0.2, metadata={"unit": "N s/m"})  # dashpot beside every spring
-
-    def __post_init__(self) -> None:
-        """Refuse values that no cloth has."""
-        for name in ("mass", "length", "width", "stiffness"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"a cloth's {name} must be above zero, got {getattr(self, name)}")
-        for name in ("damping", "bending", "spring_damping"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"a cloth's {name} must not be negative, got {getattr(self, name)}")
-        if self.rows < 2 or self.columns < 2:
-            raise ValueError(f"a cloth needs at least 2 × 2 points, got {self.rows} × {self.columns}")
+    name: str
+    damping: float = setting(0.05, "N s/m", at_least=0)  # C_damp: drag on each point mass
+    mass: float = setting(0.10, "kg", above=0)  # C_mass: the whole cloth
+    length: float = setting(0.50, "m", above=0)  # from the hand to the free edge
+    width: float = setting(0.40, "m", above=0)  # along the hand bar
+    rows: int = setting(6, at_least=2)  # point masses along the length
+    columns: int = setting(3, at_least=2)  # point masses across the width
+    stiffness: float = setting(100.0, "N/m", above=0)  # structural and shear springs
+    bending: float = setting(0.5, "N/m", at_least=0)  # springs that skip one point
+    spring_damping: float = setting(0.2, "N s/m", at_least=0)  # dashpot beside every spring
+    foam: str = setting("")  # kind of the foam it is made of, if any
+    sheets: int = setting(1, at_least=1)  # of that foam
 
     @property
     def point_mass(self) -> float:
         """Mass of one point [kg]."""
         return self.mass / (self.rows * self.columns)
+
+    @property
+    def terminal_speed(self) -> float:
+        """Speed at which drag and weight are equal [m/s]; infinite without drag."""
+        return 9.81 * self.point_mass / self.damping if self.damping else float("inf")
+
+    @property
+    def label(self) -> str:
+        """What figures call it: the foam's name, or (C_damp [N s/m], C_mass [kg])."""
+        if self.foam:
+            return f"{self.foam}-{self.sheets}"
+        digits = 2 if all(abs(x - round(x, 2)) < 1e-9 for x in (self.damping, self.mass)) else 3
+        return f"({self.damping:.{digits}f}, {self.mass:.{digits}f})"
 
 
 def cloth_name(damping: float, mass: float) -> str:
@@ -79,12 +84,12 @@ CLOTHS = {  # the nine of the paper's simulation
 
 
 @dataclass(frozen=True)
-class FoamSheet:
+class FoamSheet(Checked):
     """A sheet of polyethylene foam: thickness from the paper, density and modulus such as these foams are sold with."""
 
-    thickness: float = field(metadata={"unit": "m"})
-    density: float = field(metadata={"unit": "kg/m³"})
-    modulus: float = field(metadata={"unit": "Pa"})  # Young's
+    thickness: float = setting(unit="m", above=0)
+    density: float = setting(unit="kg/m³", above=0)
+    modulus: float = setting(unit="Pa", above=0)  # Young's
 
 
 SHEETS = {
@@ -109,9 +114,7 @@ def foam(kind: str, sheets: int) -> Cloth:
         ValueError: no sheets.
     """
     sheet = choose("foam", kind, SHEETS)
-    if sheets < 1:
-        raise ValueError(f"a foam cloth needs at least one sheet, got {sheets}")
-    base = Cloth(f"{kind}-{sheets}")
+    base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
     area, spacing = base.length * base.width, base.length / (base.rows - 1)
     drag = AIR_DENSITY * DRAG_COEFFICIENT * area * SWING_SPEED / 2
     # A column of sheet bent by an angle φ between two rows stores E t³/12 · φ²/2 · column width / spacing, and the
@@ -130,13 +133,13 @@ def foam(kind: str, sheets: int) -> Cloth:
 FOAMS = {cloth.name: cloth for cloth in (*(foam("soft", n) for n in (1, 2)), *(foam("hard", n) for n in (1, 2, 3)))}
 
 
-def get_cloth(name: str) -> Cloth:
-    """Return the cloth of that name.
+def get_cloth(cloth: Cloth | str) -> Cloth:
+    """Return the cloth of that name; a cloth is returned as it is.
 
     Raises:
         KeyError: unknown name; the message lists the choices.
     """
-    return choose("cloth", name, CLOTHS | FOAMS)
+    return cloth if isinstance(cloth, Cloth) else choose("cloth", cloth, CLOTHS | FOAMS)
 
 
 def point_names(cloth: Cloth) -> list[list[str]]:
@@ -176,7 +179,14 @@ def _hanging_points(cloth: Cloth) -> np.ndarray:
     return np.stack(np.broadcast_arrays(0.0, y, z[:, None]), axis=-1)
 
 
-def _add_point(spec, cloth, name, hand, offset, hand_position) -> None:
+def _add_point(
+    spec: mujoco.MjSpec,
+    cloth: Cloth,
+    name: str,
+    hand: mujoco.MjsBody | None,
+    offset: np.ndarray,
+    hand_position: np.ndarray,
+) -> None:
     if hand is not None:
         body = hand.add_body(name=name, pos=offset)
     else:
@@ -200,7 +210,7 @@ def _add_point(spec, cloth, name, hand, offset, hand_position) -> None:
     body.add_site(name=name, size=[0.001, 0, 0], group=4)
 
 
-def springs(cloth: Cloth):
+def springs(cloth: Cloth) -> Iterator[tuple[str, str, float]]:
     """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs."""
     names = point_names(cloth)
     kinds = [
@@ -215,7 +225,7 @@ def springs(cloth: Cloth):
                 yield names[i][j], names[end_i][end_j], stiffness
 
 
-def _add_spring(spec, cloth, a, b, stiffness) -> None:
+def _add_spring(spec: mujoco.MjSpec, cloth: Cloth, a: str, b: str, stiffness: float) -> None:
     tendon = spec.add_tendon(
         name=f"{a}-{b}", stiffness=[stiffness, 0, 0], damping=[cloth.spring_damping, 0, 0], group=4
     )
@@ -223,7 +233,7 @@ def _add_spring(spec, cloth, a, b, stiffness) -> None:
     tendon.wrap_site(b)
 
 
-def _add_surface(spec, cloth, rest, front_forward) -> None:
+def _add_surface(spec: mujoco.MjSpec, cloth: Cloth, rest: np.ndarray, front_forward: bool) -> None:
     """Draw the cloth: a skin shows one side only, so two of opposite winding give a red front and a blue back."""
     names = [name for row in point_names(cloth) for name in row]
     corner = np.array([i * cloth.columns + j for i in range(cloth.rows - 1) for j in range(cloth.columns - 1)])

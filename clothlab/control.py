@@ -1,24 +1,25 @@
 """Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 8)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
 from torch import Tensor
 
+from clothlab._validation import Checked, check_array, setting
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
-from clothlab.estimation import BiasEstimator
-from clothlab.trials import Trial
+from clothlab.env import Observation
+from clothlab.trials import Policy, Trial
 from clothlab.vision import check_mask
 
 __all__ = [
     "ControlPolicy",
     "ControlSettings",
-    "EstimatingPolicy",
     "control_loss",
     "optimise_commands",
     "period_mask",
@@ -28,17 +29,21 @@ __all__ = [
 ]
 
 
+Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
+Loss = Callable[[Tensor], Tensor]  # predicted states → loss of each sequence [B]
+
+
 @dataclass(frozen=True)
-class ControlSettings:
+class ControlSettings(Checked):
     """The constants of the control; the defaults are the paper's."""
 
-    horizon: int = field(default=8, metadata={"unit": "step"})  # N_seq
-    candidates: int = field(default=30, metadata={"unit": "-"})  # N_batch, step sizes tried at once
-    largest_step: float = field(default=1.0, metadata={"unit": "-"})  # gamma_max, in standard deviations of u
-    smallest_step: float = field(default=1e-3, metadata={"unit": "-"})  # a logarithmic scale needs one; not the paper's
-    iterations: int = field(default=3, metadata={"unit": "-"})  # N_iter
-    period: int = field(default=8, metadata={"unit": "step"})  # N_periodic
-    tension_weight: float = field(default=0.001, metadata={"unit": "1/N"})  # w_loss
+    horizon: int = setting(8, "step", at_least=1)  # N_seq
+    candidates: int = setting(30, at_least=2)  # N_batch, step sizes tried at once
+    largest_step: float = setting(1.0, above=0)  # gamma_max, in standard deviations of u
+    smallest_step: float = setting(1e-3, above=0)  # a logarithmic scale needs one; not the paper's
+    iterations: int = setting(3, at_least=1)  # N_iter
+    period: int = setting(8, "step", at_least=1)  # N_periodic
+    tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
 
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
@@ -80,7 +85,9 @@ def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension
     return loss
 
 
-def optimise_commands(predict, loss, u, lower, upper, scale, settings) -> tuple[Tensor, np.ndarray]:
+def optimise_commands(
+    predict: Predict, loss: Loss, u: Tensor, lower: Tensor, upper: Tensor, scale: Tensor, settings: ControlSettings
+) -> tuple[Tensor, np.ndarray]:
     """Descend the gradient of the loss on the commands, choosing the best of many step sizes each time (eqs. 5 to 7).
 
     Args:
@@ -120,29 +127,36 @@ def shift_left(u: Tensor) -> Tensor:
 
 
 def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
-    """Stretches of the commands that somebody has sent before, `[count, horizon, D_u]`, drawn at random."""
+    """Stretches of the commands that somebody has sent before, `[count, horizon, D_u]`, drawn at random.
+
+    Raises:
+        ValueError: no trials, or trials shorter than a stretch.
+    """
+    if not trials or min(map(len, trials)) < horizon:
+        raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
     chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
     return windows[chosen].transpose(0, 2, 1)
 
 
-class ControlPolicy:
-    """Realises a target image again and again, once a period; a policy for `rollout`.
+class ControlPolicy(Policy):
+    """Realises a target image again and again, once a period.
 
     Attributes:
-        p: parametric bias in use `[D_p]`; assign to change it.
-        trace: losses of each solve, a list of `[iterations + 1]`.
+        trace: losses of each solve since the reset, a list of `[iterations + 1]`.
     """
+
+    name = "control"
 
     def __init__(
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
         arm: Arm,
-        target: np.ndarray,
-        p: np.ndarray,
+        target: ArrayLike,
+        p: ArrayLike,
         settings: ControlSettings | None = None,
-        plans: np.ndarray | None = None,
+        plans: ArrayLike | None = None,
     ):
         """Prepare.
 
@@ -158,48 +172,60 @@ class ControlPolicy:
                 the first solve starts.
 
         Raises:
-            ValueError: a target of another size or without a cloth; a model of other sizes than the arm's; plans of
-                another shape.
+            ValueError: a target of another size or without a cloth; a p of another size; a model of other sizes than
+                the arm's; plans of another shape.
         """
         self.settings = settings or ControlSettings()
         self.model, self.autoencoder, self.arm = model, autoencoder, arm
-        sizes = (model.state_size - autoencoder.latent_size, model.command_size)
-        if sizes != (len(arm.state_names), len(arm.command_names)):
+        self.layout = arm.layout(autoencoder.latent_size)
+        if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
             raise ValueError(
-                f"the model has {sizes[0]} robot states and {sizes[1]} commands, the {arm.name} arm has "
-                f"{len(arm.state_names)} and {len(arm.command_names)}; load the weights of this arm"
+                f"the model has {model.state_size} states and {model.command_size} commands, the {arm.name} arm has "
+                f"{self.layout.size} and {len(arm.command_names)}; load the weights of this arm"
             )
-        self.z_ref = torch.as_tensor(encode(autoencoder, check_mask(target)))
         # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
         self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
         self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
         self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
-        offset, part = autoencoder.latent_size, arm.tension_slice
-        self._tension = slice(part.start + offset, part.stop + offset)
-        self._plans = torch.empty(0, self.settings.horizon, len(self.lower))
-        if plans is not None:
-            if plans.shape[1:] != self._plans.shape[1:]:
-                raise ValueError(f"plans are [N, {self._plans.shape[1]}, {self._plans.shape[2]}], got {plans.shape}")
-            self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
+        shape = (self.settings.horizon, len(self.lower))
+        plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
+        self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
+        self.set_target(target)
+        self.set_bias(p)
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run: phase, memory and plan."""
         self.trace: list[np.ndarray] = []
         self._t = 0
-        self._memory = model.initial_memory()
+        self._memory = self.model.initial_memory()
         self._last: tuple[Tensor, Tensor] | None = None
-        home = torch.as_tensor(arm.home_command, dtype=torch.float32)
+        home = torch.as_tensor(self.arm.home_command, dtype=torch.float32)
         self._u = home.expand(self.settings.horizon, -1)
-        self.p = p
 
     @property
     def p(self) -> np.ndarray:
         """Parametric bias in use `[D_p]`."""
         return self._p.numpy().copy()
 
-    @p.setter
-    def p(self, p: np.ndarray) -> None:
-        self._p = torch.as_tensor(np.asarray(p), dtype=torch.float32)
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next solve on.
+
+        Raises:
+            ValueError: p of another size or not finite.
+        """
+        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32).copy())
         self._frozen = FrozenDPMPB(self.model, self._p)
 
-    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next solve on.
+
+        Raises:
+            ValueError: another shape, or no cloth in it.
+        """
+        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
+
+    def __call__(self, observation: Observation) -> np.ndarray:
         """Return the command `[D_u]`."""
         s = self._follow(observation)
         mask = torch.as_tensor(period_mask(self._t, self.settings))
@@ -208,7 +234,7 @@ class ControlPolicy:
             return self._frozen(s, u, self._memory)
 
         def loss(states: Tensor) -> Tensor:
-            return control_loss(states, self.z_ref, mask, self._tension, self.settings.tension_weight)
+            return control_loss(states, self.z_ref, mask, self.layout.tensions, self.settings.tension_weight)
 
         start = self._u
         if len(self._plans) and self._t % self.settings.period == 0:
@@ -219,7 +245,7 @@ class ControlPolicy:
         self.trace.append(trace)
         return self._send(s)
 
-    def search(self, predict, loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
+    def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
         """Look for better commands than `start`; overwrite it to look in another way.
 
         Args:
@@ -232,11 +258,14 @@ class ControlPolicy:
         """
         return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
-    def coast(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out."""
-        return self._send(self._follow(observation))
+    def coast(self, observation: Observation) -> np.ndarray:
+        """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out.
 
-    def _follow(self, observation: dict[str, np.ndarray]) -> Tensor:
+        The first command after a reset needs a plan, and so a solve.
+        """
+        return self._send(self._follow(observation)) if self.trace else self(observation)
+
+    def _follow(self, observation: Observation) -> Tensor:
         """Encode the state; the recurrent state follows what was observed, not what was predicted."""
         if self._last is not None:
             with torch.no_grad():
@@ -248,31 +277,3 @@ class ControlPolicy:
         self._last = (s, self._u[0])
         self._t += 1
         return self._u[0].double().numpy()
-
-
-class EstimatingPolicy:
-    """Any policy, while p is estimated from what it does; a controller is told each new estimate.
-
-    Attributes:
-        trace: the estimate after each step, a list of `[D_p]`.
-    """
-
-    def __init__(self, policy, estimator: BiasEstimator, autoencoder: Autoencoder):
-        """Join a policy and an estimator.
-
-        Args:
-            policy: chooses the commands; a `ControlPolicy` has its p replaced after each step.
-            estimator: starts from a p and improves it.
-            autoencoder: the one that the estimator's model was trained with.
-        """
-        self.policy, self.estimator, self.autoencoder = policy, estimator, autoencoder
-        self.trace: list[np.ndarray] = []
-
-    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the command `[D_u]`."""
-        u = self.policy(observation)
-        p = self.estimator.update(observe(self.autoencoder, observation), u)
-        self.trace.append(p)
-        if isinstance(self.policy, ControlPolicy):
-            self.policy.p = p
-        return u

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,9 @@ import torch
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
+from clothlab._validation import Checked, check_array, setting
 from clothlab.autoencoder import Autoencoder, encode
+from clothlab.env import Observation
 from clothlab.trials import Trial
 
 __all__ = [
@@ -19,9 +21,11 @@ __all__ = [
     "Memory",
     "ModelTraining",
     "Sequences",
+    "TrainingTrace",
     "fit_normalisation",
     "observe",
     "predict",
+    "stretches",
     "to_sequences",
     "train_dpmpb",
 ]
@@ -182,17 +186,30 @@ def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None
 
 
 @dataclass(frozen=True)
-class ModelTraining:
+class ModelTraining(Checked):
     """How W and p are trained together; the defaults are the paper's for the simulation."""
 
-    epochs: int = field(default=300, metadata={"unit": "-"})
-    batch_size: int = field(default=300, metadata={"unit": "-"})  # sequences
-    sequence_length: int = field(default=30, metadata={"unit": "step"})  # LSTM expansions
-    bias_size: int = field(default=2, metadata={"unit": "-"})  # D_p
+    epochs: int = setting(300, at_least=1)
+    batch_size: int = setting(300, at_least=1)  # sequences
+    sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
+    bias_size: int = setting(2, at_least=0)  # D_p
     # The paper stops here. What follows keeps a large network from learning 4,500 steps by heart (notebook 05).
-    stride: int = field(default=5, metadata={"unit": "step"})  # between the starts of overlapping sequences
-    learning_rate: float = field(default=2e-3, metadata={"unit": "-"})  # of W; falls to zero along a cosine
-    bias_learning_rate: float = field(default=6e-3, metadata={"unit": "-"})  # of p, whose few numbers must travel far
+    stride: int = setting(5, "step", at_least=1)  # between the starts of overlapping sequences
+    learning_rate: float = setting(2e-3, above=0)  # of W; falls to zero along a cosine
+    bias_learning_rate: float = setting(6e-3, above=0)  # of p, whose few numbers must travel far
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingTrace:
+    """What happened in a training.
+
+    Attributes:
+        losses: mean squared error of each epoch, in standard deviations, `[epochs]`.
+        biases: p of each material before the first epoch and after each, `{name: [epochs + 1, D_p]}`.
+    """
+
+    losses: np.ndarray
+    biases: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +226,26 @@ class Sequences:
     u: np.ndarray
     material: str
 
+    def __post_init__(self) -> None:
+        """Refuse what is not finite or does not belong together."""
+        for name in ("s", "u"):
+            array = check_array(
+                f"{name} of a run of {self.material}", getattr(self, name), ("T", f"D_{name}"), np.float32
+            )
+            object.__setattr__(self, name, array)
+        if len(self.s) != len(self.u):
+            raise ValueError(f"a run has as many states as commands, got {len(self.s)} and {len(self.u)}")
 
-def observe(autoencoder: Autoencoder, observation: dict[str, np.ndarray]) -> np.ndarray:
+    def __len__(self) -> int:
+        """Return the number of control steps T."""
+        return len(self.s)
+
+    def __getitem__(self, steps: slice) -> "Sequences":
+        """Return a stretch of the run, `run[:100]`."""
+        return Sequences(self.s[steps], self.u[steps], self.material)
+
+
+def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
     """State s = (z, robot state) of one observation, `[D_s]`, float32.
 
     Here physics, in float64, meets learning, in float32.
@@ -239,26 +274,34 @@ def train_dpmpb(
     seed: int = 0,
     device: str | None = None,
     progress: bool = True,
-) -> tuple[DPMPB, dict[str, np.ndarray], list[float]]:
+) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
     """Train the weights W and one p for each material together (eqs. 3 and 4).
 
     Args:
-        runs: recorded runs; those of one material share one p, which starts at zero.
+        runs: recorded runs; those of one material share one p, which starts at zero. Give each run a material of its
+            own, and each gets its own p.
         settings: epochs, batch, sequence length, learning rate.
         seed: of weights and batches.
         device: where to train; by default a GPU where torch sees one.
         progress: show a progress bar.
 
     Returns:
-        The model on the CPU, p of each material `{name: [D_p]}`, and each epoch's mean squared error (normalised).
+        The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
 
     Raises:
-        ValueError: no runs, runs shorter than a sequence, runs of unequal sizes, or numbers that are not finite.
+        ValueError: no runs, runs shorter than a sequence, or runs of unequal sizes.
     """
     settings = settings or ModelTraining()
     _check_runs(runs, settings.sequence_length)
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    torch.manual_seed(seed)
+    with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
+        torch.manual_seed(seed)
+        return _train(runs, settings, device, progress)
+
+
+def _train(
+    runs: Sequence[Sequences], settings: ModelTraining, device: str, progress: bool
+) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
     model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
     fit_normalisation(model, runs)
     model.to(device)
@@ -267,10 +310,10 @@ def train_dpmpb(
     p = torch.zeros(len(materials), settings.bias_size, device=device, requires_grad=True)
     groups = [{"params": model.parameters()}, {"params": [p], "lr": settings.bias_learning_rate}]
     optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
-    s, u, k = (part.to(device) for part in _windows(runs, materials, settings))
+    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
     batches = -(-len(s) // settings.batch_size)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
-    losses = []
+    losses, path = [], [p.detach().cpu().numpy().copy()]
     bar = tqdm(range(settings.epochs), desc="DPMPB", disable=not progress, unit="epoch")
     for _ in bar:
         total = 0.0
@@ -283,31 +326,36 @@ def train_dpmpb(
             schedule.step()
             total += loss.item() * len(index)
         losses.append(total / len(s))
+        path.append(p.detach().cpu().numpy().copy())
         bar.set_postfix(mse=f"{losses[-1]:.4f}")
-    biases = dict(zip(materials, p.detach().cpu().numpy(), strict=True))
-    return model.cpu().eval(), biases, losses
+    trace = TrainingTrace(np.array(losses), dict(zip(materials, np.stack(path, axis=1), strict=True)))
+    return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
 
 
 def _check_runs(runs: Sequence[Sequences], length: int) -> None:
     if not runs:
         raise ValueError("no runs to train on")
     for run in runs:
-        if len(run.s) != len(run.u) or len(run.s) <= length:
-            raise ValueError(
-                f"a run needs as many states as commands and more than {length}, got {len(run.s)} and {len(run.u)}"
-            )
+        if len(run) <= length:
+            raise ValueError(f"a run needs more steps than the {length} of a sequence, got {len(run)}")
         if run.s.shape[1] != runs[0].s.shape[1] or run.u.shape[1] != runs[0].u.shape[1]:
             raise ValueError("all runs must come from the same arm and autoencoder: their sizes differ")
-        if not (np.isfinite(run.s).all() and np.isfinite(run.u).all()):
-            raise ValueError(f"a run of {run.material!r} holds numbers that are not finite")
 
 
-def _windows(runs, materials, settings: ModelTraining) -> tuple[Tensor, Tensor, Tensor]:
-    """Overlapping stretches of L steps: states `[N, L + 1, D_s]`, commands `[N, L, D_u]`, material index `[N]`."""
-    s, u, k = [], [], []
-    length, stride = settings.sequence_length, settings.stride
-    for run in runs:
-        s.append(torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2))
-        u.append(torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2))
-        k.append(torch.full((len(s[-1]),), materials.index(run.material)))
+def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Overlapping stretches of runs, and which material each belongs to.
+
+    Args:
+        runs: recorded runs.
+        length: of a stretch [step].
+        stride: between the starts of neighbours [step].
+
+    Returns:
+        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
+        order in which materials first occur.
+    """
+    materials = list(dict.fromkeys(run.material for run in runs))
+    s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
+    u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
+    k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]
     return torch.cat(s), torch.cat(u), torch.cat(k)

@@ -1,20 +1,26 @@
 """The scene (arm, cloth, camera) as a Gymnasium environment whose step is one control period of 0.2 s."""
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import gymnasium
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clothlab import vision
+from clothlab._validation import Checked, setting
 from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
-__all__ = ["CONTROL_PERIOD", "ClothEnv", "Scene", "SimulationError", "build_spec"]
+__all__ = ["CONTROL_PERIOD", "ClothEnv", "Observation", "Scene", "SimulationError", "build_spec"]
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
 BACKGROUND = (0.93, 0.95, 0.97)  # light, because pictures are projected
+NO_CLOTH_IN_VIEW = -float(np.hypot(vision.HEIGHT, vision.WIDTH))  # [pixel] no two pixels are further apart
+
+Observation = dict[str, np.ndarray]  # {"image": cloth mask [H, W], "robot": robot state [D_r]}
 
 
 class SimulationError(RuntimeError):
@@ -22,12 +28,23 @@ class SimulationError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Checked):
     """Time step and start of a scene, and how large its pictures for people are."""
 
-    time_step: float = field(default=0.002, metadata={"unit": "s"})  # notebook 01 measures what halving it changes
-    settle_time: float = field(default=2.0, metadata={"unit": "s"})  # the cloth hangs still before a trial starts
-    picture_size: tuple[int, int] = field(default=(480, 640), metadata={"unit": "pixel"})  # of `render()`, for people
+    time_step: float = setting(0.002, "s", above=0)  # notebook 01 measures what halving it changes
+    settle_time: float = setting(2.0, "s", at_least=0)  # the cloth hangs still before a trial starts
+    picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0)  # height and width, for people
+
+    def __post_init__(self) -> None:
+        """Refuse time steps that do not fill a control period."""
+        super().__post_init__()
+        if abs(self.substeps * self.time_step - CONTROL_PERIOD) > 1e-9:
+            raise ValueError(f"Scene.time_step must divide the control period of {CONTROL_PERIOD} s: 0.002, for one")
+
+    @property
+    def substeps(self) -> int:
+        """Time steps in a control period."""
+        return round(CONTROL_PERIOD / self.time_step)
 
 
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
@@ -49,6 +66,8 @@ def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjS
         height=16,
     )
     spec.visual.map.shadowclip = 6  # smaller ones leave speckles on the floor
+    spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
+    spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
     spec.visual.headlight.ambient = [0.45] * 3
     spec.visual.headlight.diffuse = [0.3] * 3
     world.add_light(
@@ -88,23 +107,33 @@ class ClothEnv(gymnasium.Env):
 
     * action: the command `u`, `[D_u]`, in the arm's units; `env.arm.command_names` names them.
     * observation: `{"image": cloth mask [H, W], "robot": robot state [D_r]}`.
-    * reward: minus the chamfer distance [pixel] to `target`, and 0 without a target. The paper's method never reads it.
+    * reward: minus the chamfer distance [pixel] to `target`, and minus the image's diagonal where no cloth is in view;
+      0 without a target. The paper's method never reads it.
 
     An episode has no natural end: `terminated` and `truncated` stay false. Reset draws nothing at random unless
     `options={"random_start": True}` asks for a random posture; the cloth then hangs still before the episode starts.
+
+    Attributes:
+        arm: the arm.
+        cloth: the cloth in its hand.
+        scene: time step and start.
+        model: MuJoCo's model of all that.
+        data: MuJoCo's state of it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 (Gymnasium's own name and type)
+    cloth: Cloth
+    model: mujoco.MjModel
+    data: mujoco.MjData
 
     def __init__(
         self,
         arm: Arm | str = "torque",
         cloth: Cloth | str = "damp0.05-mass0.10",
         *,
-        target: np.ndarray | None = None,
+        target: ArrayLike | None = None,
         scene: Scene | None = None,
-        render_mode: str | None = "rgb_array",
-        pictures_per_step: int = 0,
+        render_mode: str | None = None,
     ):
         """Build the scene.
 
@@ -112,25 +141,21 @@ class ClothEnv(gymnasium.Env):
             arm: an arm or its name.
             cloth: a cloth or its name.
             target: mask `[H, W]` that the reward compares with.
-            scene: time step, camera and start.
-            render_mode: `"rgb_array"`, or None when no pictures for people are wanted.
-            pictures_per_step: how many to add to `env.pictures` in each control step; 5 make a video of 25 a second.
+            scene: time step and start.
+            render_mode: `"rgb_array"` makes Gymnasium's `render` return what `picture` does.
 
         Raises:
             KeyError: unknown arm or cloth.
             ValueError: a target of another shape or with no cloth in it, or an unknown render mode.
+            SimulationError: this cloth cannot be simulated with this time step.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"unknown render_mode {render_mode!r}; choose from None, rgb_array")
-        self.arm = get_arm(arm) if isinstance(arm, str) else arm
+        self.arm = get_arm(arm)
         self.scene = scene or Scene()
         self.target = None if target is None else vision.check_mask(target)
         self.render_mode = render_mode
-        self.pictures: list[np.ndarray] = []
-        self._pictures_per_step = pictures_per_step
-        self._substeps = round(CONTROL_PERIOD / self.scene.time_step)
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
-        self.cloth: Cloth | None = None
         self.hold(cloth)
 
         spaces = gymnasium.spaces
@@ -143,25 +168,58 @@ class ClothEnv(gymnasium.Env):
         )
 
     def hold(self, cloth: Cloth | str) -> None:
-        """Put another cloth into the hand; `reset` comes next.
+        """Put another cloth into the hand, hanging still at the arm's home; `reset` comes next.
 
         Args:
             cloth: a cloth or its name.
 
         Raises:
             KeyError: unknown cloth.
+            SimulationError: this cloth cannot be simulated with this time step; the one before stays in the hand.
         """
-        cloth, before = get_cloth(cloth) if isinstance(cloth, str) else cloth, self.cloth
-        if before is not None and _shape(cloth) != _shape(before):
+        before = {name: vars(self).get(name) for name in ("cloth", "model", "data")}
+        cloth = get_cloth(cloth)
+        try:
+            self.cloth = cloth
+            self.model = build_spec(self.arm, cloth, self.scene).compile()
+            self.data = mujoco.MjData(self.model)
+            self.start()
+        except Exception:
+            vars(self).update(before)
+            raise
+        if before["cloth"] is not None and _shape(cloth) != _shape(before["cloth"]):
             self.close()  # the renderers know the surface of the last one; making new ones takes longer than a step
-        self.cloth = cloth
-        self.model = build_spec(self.arm, cloth, self.scene).compile()
-        self.data = mujoco.MjData(self.model)
-        self._points = [name for row in point_names(cloth) for name in row]
-        mujoco.mj_kinematics(self.model, self.data)
-        self._hand_at_zero = self.data.body("hand").xpos.copy()
 
-    def reset(self, *, seed: int | None = None, options: dict | None = None):
+    def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
+        """Begin an episode without looking at it: `reset` without the observation.
+
+        Args:
+            seed: for `random_start`; the same seed gives the same episode, bit for bit.
+            random_start: draw the posture from the command range instead of the arm's home.
+
+        Raises:
+            SimulationError: the physics diverged.
+        """
+        super().reset(seed=seed)
+        u = self.arm.home_command
+        if random_start:
+            u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_kinematics(self.model, self.data)
+        hand_at_zero = self.data.body("hand").xpos.copy()
+        self.arm.reset(self.data, u)
+        mujoco.mj_kinematics(self.model, self.data)
+        # The coordinates of the free points count from where they hang when all joints are at zero.
+        displacement = self.data.body("hand").xpos - hand_at_zero
+        for row in point_names(self.cloth)[1:]:
+            for name in row:
+                for axis, value in zip("xyz", displacement, strict=True):
+                    self.data.joint(f"{name}_{axis}").qpos[0] = value
+        self._simulate(round(self.scene.settle_time / self.scene.time_step))
+        self.data.time = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[Observation, dict]:
         """Start an episode with the cloth hanging still.
 
         Args:
@@ -170,47 +228,71 @@ class ClothEnv(gymnasium.Env):
 
         Returns:
             Observation and an empty info, as Gymnasium has it.
-        """
-        super().reset(seed=seed)
-        u = self.arm.home_command
-        if (options or {}).get("random_start", False):
-            u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
-        mujoco.mj_resetData(self.model, self.data)
-        self.arm.reset(self.data, u)
-        self._hang_cloth()
-        self._advance(round(self.scene.settle_time / self.scene.time_step))
-        self.data.time = 0.0
-        return self._observation(), {}
 
-    def step(self, action: np.ndarray):
-        """Hold the command `[D_u]` for one control period.
+        Raises:
+            SimulationError: the physics diverged.
+        """
+        self.start(seed=seed, random_start=(options or {}).get("random_start", False))
+        return self.observe(), {}
+
+    def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
+        """Hold the command `[D_u]` for one control period, without looking: all that moves a cloth stands on this.
+
+        Args:
+            u: the command.
+            watch: called without arguments while the period goes by, with positions up to date. Watching changes
+                nothing, so that a run that is watched is the same bit for bit.
+            samples: how often to call it, evenly; the last time at the end of the period.
+
+        Raises:
+            ValueError: a command of another shape, not finite or out of range, or more samples than time steps.
+            SimulationError: the physics diverged.
+        """
+        if not 1 <= samples <= self.scene.substeps:
+            raise ValueError(f"samples must be 1 to {self.scene.substeps}, the time steps of a period, got {samples}")
+        self.arm.command(self.data, check_command(self.arm, u))
+        for part in np.array_split(np.arange(self.scene.substeps), samples if watch else 1):
+            self._simulate(len(part))
+            if watch:
+                mujoco.mj_kinematics(self.model, self.data)
+                mujoco.mj_comPos(self.model, self.data)  # which places cameras and lights
+                mujoco.mj_camlight(self.model, self.data)
+                watch()
+        mujoco.mj_forward(self.model, self.data)
+
+    def observe(self) -> Observation:
+        """What camera and robot sense now: `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`."""
+        mask = vision.cloth_mask(self.camera_picture())
+        return {"image": mask.astype(np.int8), "robot": self.arm.state(self.data)}
+
+    def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict]:
+        """Hold the command `[D_u]` for one control period, and look.
 
         Raises:
             ValueError: a command of another shape, not finite or out of range.
             SimulationError: the physics diverged.
         """
-        self.arm.command(self.data, check_command(self.arm, action))
-        parts = np.array_split(np.arange(self._substeps), max(1, self._pictures_per_step))
-        for part in parts:
-            self._advance(len(part))
-            if self._pictures_per_step:
-                mujoco.mj_forward(self.model, self.data)
-                self.pictures.append(self.render())
-        observation = self._observation()
-        reward = 0.0
-        if self.target is not None and observation["image"].any():
-            reward = -vision.chamfer_distance(observation["image"], self.target)
+        self.advance(action)
+        observation, reward = self.observe(), 0.0
+        if self.target is not None:
+            seen = observation["image"].any()
+            reward = -vision.chamfer_distance(observation["image"], self.target) if seen else NO_CLOTH_IN_VIEW
         return observation, reward, False, False, {}
 
+    def picture(self) -> np.ndarray:
+        """The scene for people, `[h, w, 3]` uint8, of the size `scene.picture_size`."""
+        return self.camera_picture(*self.scene.picture_size)
+
     def render(self) -> np.ndarray | None:
-        """Picture of the scene for people, `[h, w, 3]` uint8, of the size `scene.picture_size`."""
-        return None if self.render_mode is None else self.camera_picture(*self.scene.picture_size)
+        """Gymnasium's name for `picture`; None unless `render_mode` asks for pictures."""
+        return self.picture() if self.render_mode else None
 
     def camera_picture(self, height: int = vision.HEIGHT, width: int = vision.WIDTH) -> np.ndarray:
         """What the camera sees, `[height, width, 3]` uint8.
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
+            ValueError: a picture larger than `scene.picture_size`.
         """
         renderer = self.renderer(height, width)
         renderer.update_scene(self.data, "camera")
@@ -224,45 +306,30 @@ class ClothEnv(gymnasium.Env):
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
         """
-        size = (height, width)
+        size, limit = (height, width), self.model.vis.global_
+        if height > limit.offheight or width > limit.offwidth:
+            raise ValueError(f"{width}×{height} pixels are more than Scene(picture_size=...) made room for")
         if size not in self._renderers:
             self._renderers[size] = _make_renderer(self.model, height, width)
         return self._renderers[size]
 
     def cloth_points(self) -> np.ndarray:
         """Positions of the point masses in the world, `[rows, columns, 3]` [m]; row 0 is in the hand."""
-        points = np.array([self.data.body(name).xpos for name in self._points])
-        return points.reshape(self.cloth.rows, self.cloth.columns, 3)
+        return np.array([[self.data.body(name).xpos for name in row] for row in point_names(self.cloth)])
 
     def close(self) -> None:
         """Release the OpenGL contexts."""
         while self._renderers:
             self._renderers.popitem()[1].close()
 
-    def _hang_cloth(self) -> None:
-        """Move the free points straight below the hand.
-
-        Their coordinates count from where they hang when all joints are at zero.
-        """
-        mujoco.mj_kinematics(self.model, self.data)
-        displacement = self.data.body("hand").xpos - self._hand_at_zero
-        for name in self._points[self.cloth.columns :]:
-            for axis_name, value in zip("xyz", displacement, strict=True):
-                self.data.joint(f"{name}_{axis_name}").qpos[0] = value
-
-    def _advance(self, steps: int) -> None:
+    def _simulate(self, steps: int) -> None:
         mujoco.mj_step(self.model, self.data, steps)
         warnings = self.data.warning
         if any(warnings[kind].number for kind in _DIVERGED):
             raise SimulationError(
-                f"the simulation of cloth {self.cloth.name!r} diverged at {self.data.time:.2f} s; "
-                f"use a smaller time_step than {self.scene.time_step} s or a softer cloth"
+                f"the simulation of cloth {self.cloth.label} diverged; use a smaller time_step than "
+                f"{self.scene.time_step} s, a heavier cloth or a softer one"
             )
-
-    def _observation(self) -> dict[str, np.ndarray]:
-        mujoco.mj_forward(self.model, self.data)
-        mask = vision.cloth_mask(self.camera_picture())
-        return {"image": mask.astype(np.int8), "robot": self.arm.state(self.data)}
 
 
 _DIVERGED = (
@@ -300,3 +367,10 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return renderer
+
+
+for _arm, _cloth in (
+    ("torque", "damp0.05-mass0.10"),
+    ("muscle", "soft-1"),
+):  # gymnasium.make("clothlab.env:clothlab/...")
+    gymnasium.register(f"clothlab/{_arm.title()}-v0", "clothlab.env:ClothEnv", kwargs={"arm": _arm, "cloth": _cloth})

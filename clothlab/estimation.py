@@ -1,29 +1,62 @@
 """Online estimation of the parametric bias of an unknown cloth: W stays, only p moves (paper, "Online Estimation")."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
 
-from clothlab.dpmpb import DPMPB, Sequences
+from clothlab._validation import Checked, check_array, setting
+from clothlab.autoencoder import Autoencoder
+from clothlab.dpmpb import DPMPB, Sequences, observe
+from clothlab.env import Observation
+from clothlab.trials import Policy, Wrapper
 
-__all__ = ["BiasEstimator", "EstimationSettings", "estimate_bias"]
+__all__ = ["BiasEstimator", "EstimatingPolicy", "EstimationSettings", "estimate_bias", "prediction_loss"]
 
 
 @dataclass(frozen=True)
-class EstimationSettings:
+class EstimationSettings(Checked):
     """Momentum SGD on p. The paper names the rule and no numbers; these are this project's, see notebook 07."""
 
-    rate: float = field(default=0.1, metadata={"unit": "-"})
-    momentum: float = field(default=0.9, metadata={"unit": "-"})
-    window: int = field(default=200, metadata={"unit": "step"})  # how far back the data reach
-    warmup: int = field(default=10, metadata={"unit": "step"})  # first steps of the memory, not in the loss
+    rate: float = setting(0.1, above=0)
+    momentum: float = setting(0.9, at_least=0, at_most=1)
+    window: int = setting(200, "step", at_least=1)  # how far back the data reach
+    warmup: int = setting(10, "step", at_least=0)  # first steps of the memory, not in the loss
+
+    def __post_init__(self) -> None:
+        """Refuse windows from which p would never move."""
+        super().__post_init__()
+        if self.window <= self.warmup:
+            raise ValueError(
+                f"EstimationSettings.window must be longer than the warmup of {self.warmup} steps, got {self.window}"
+            )
+
+
+def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = EstimationSettings.warmup) -> Tensor:
+    """L(p) over a run: how far the model's next states are from those that were seen (eq. 4, with W fixed).
+
+    Args:
+        model: trained network.
+        s: states `[T, D_s]`.
+        u: commands `[T, D_u]`.
+        p: one parametric bias `[D_p]`, or several `[B, D_p]`.
+        warmup: first steps, in which the memory fills, left out.
+
+    Returns:
+        Mean squared error in standard deviations, of each p: `[]` or `[B]`.
+    """
+    many = p.reshape(-1, model.bias_size)
+    predicted, _ = model(s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many)
+    error = (predicted - s[1:]) / model.s_std
+    return error[:, warmup:].square().mean(dim=(1, 2)).reshape(p.shape[:-1])
 
 
 class BiasEstimator:
     """Takes one step of momentum SGD on p whenever a control step has been observed."""
 
-    def __init__(self, model: DPMPB, p: np.ndarray | None = None, settings: EstimationSettings | None = None):
+    def __init__(self, model: DPMPB, p: ArrayLike | None = None, settings: EstimationSettings | None = None):
         """Start from the current p.
 
         Args:
@@ -36,20 +69,21 @@ class BiasEstimator:
         """
         self.settings = settings or EstimationSettings()
         self.model = model
-        p = np.zeros(model.bias_size) if p is None else np.asarray(p)
-        if p.shape != (model.bias_size,) or not np.isfinite(p).all():
-            raise ValueError(f"p is [{model.bias_size}] and finite, got {p}")
-        self._p = torch.tensor(p, dtype=torch.float32, requires_grad=True)
+        self._start = check_array("p", np.zeros(model.bias_size) if p is None else p, (model.bias_size,), np.float32)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the p it started from, and forget what was seen."""
+        self._p = torch.tensor(self._start, requires_grad=True)
         self._optimizer = torch.optim.SGD([self._p], lr=self.settings.rate, momentum=self.settings.momentum)
-        self._s: list[np.ndarray] = []
-        self._u: list[np.ndarray] = []
+        self._seen: list[tuple[np.ndarray, np.ndarray]] = []
 
     @property
     def p(self) -> np.ndarray:
         """The current estimate, `[D_p]`."""
         return self._p.detach().numpy().copy()
 
-    def update(self, s: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
         """Take in one step and move p once.
 
         Args:
@@ -58,25 +92,60 @@ class BiasEstimator:
 
         Returns:
             The new estimate `[D_p]`.
+
+        Raises:
+            ValueError: a state or a command of another size or not finite; the estimate stays as it was.
         """
-        window = self.settings.window + 1
-        self._s, self._u = [*self._s, s][-window:], [*self._u, u][-window:]
-        if len(self._s) > self.settings.warmup + 1:
-            s = torch.as_tensor(np.stack(self._s), dtype=torch.float32).unsqueeze(0)
-            u = torch.as_tensor(np.stack(self._u), dtype=torch.float32).unsqueeze(0)
+        step = (
+            check_array("s", s, (self.model.state_size,), np.float32),
+            check_array("u", u, (self.model.command_size,), np.float32),
+        )
+        self._seen = [*self._seen, step][-self.settings.window - 1 :]
+        if len(self._seen) > self.settings.warmup + 1:
+            states, commands = (torch.as_tensor(np.stack(column)) for column in zip(*self._seen, strict=True))
             self._optimizer.zero_grad()
-            self._loss(s, u).backward(inputs=[self._p])
+            loss = prediction_loss(self.model, states, commands, self._p, self.settings.warmup)
+            loss.backward(inputs=[self._p])
             self._optimizer.step()
         return self.p
 
-    def _loss(self, s: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        predicted, _ = self.model(s[:, :-1], u[:, :-1], self._p)
-        first = self.settings.warmup
-        return self.model.loss(predicted[:, first:], s[:, 1 + first :])
+
+class EstimatingPolicy(Wrapper):
+    """Any policy, while p is estimated from what it does; the policy is told each new estimate.
+
+    Attributes:
+        trace: the estimate after each step, a list of `[D_p]`.
+    """
+
+    def __init__(self, policy: Policy, estimator: BiasEstimator, autoencoder: Autoencoder):
+        """Join a policy and an estimator.
+
+        Args:
+            policy: chooses the commands.
+            estimator: starts from a p and improves it.
+            autoencoder: the one that the estimator's model was trained with.
+        """
+        super().__init__(policy)
+        self.estimator, self.autoencoder = estimator, autoencoder
+        self.trace: list[np.ndarray] = []
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run, and begin with the p that the estimator started from."""
+        super().reset(seed)
+        self.estimator.reset()
+        self.set_bias(self.estimator.p)
+        self.trace = []
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        u = self.policy(observation)
+        self.trace.append(self.estimator.update(observe(self.autoencoder, observation), u))
+        self.set_bias(self.trace[-1])
+        return u
 
 
 def estimate_bias(
-    model: DPMPB, run: Sequences, p: np.ndarray | None = None, settings: EstimationSettings | None = None
+    model: DPMPB, run: Sequences, p: ArrayLike | None = None, settings: EstimationSettings | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Run the online estimation over a recorded run, as if it were happening.
 

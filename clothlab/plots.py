@@ -11,10 +11,12 @@ import mediapy
 import numpy as np
 from matplotlib.figure import Figure
 
-from clothlab.analysis import principal_axes
-from clothlab.arm import Arm, MuscleArm, static_posture
-from clothlab.cloth import DAMPINGS, FOAMS, Cloth
+from clothlab.analysis import Landscape, principal_axes
+from clothlab.arm import Arm, MuscleArm
+from clothlab.cloth import DAMPINGS, Cloth
+from clothlab.control import ControlSettings
 from clothlab.env import CONTROL_PERIOD
+from clothlab.stiffness import static_posture
 from clothlab.trials import Trial
 
 __all__ = [
@@ -26,6 +28,7 @@ __all__ = [
     "film_strips",
     "image_grid",
     "loss_curves",
+    "loss_landscapes",
     "material_map",
     "predicted_states",
     "show_video",
@@ -144,12 +147,13 @@ def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | N
 
 
 def trial_traces(trial: Trial, arm: Arm) -> Figure:
-    """Commands as steps, and the joint angles that follow them, one panel for each command."""
+    """Commands as steps, one panel for each, and the joint angles that follow them where the robot senses them."""
     figure, axes = _axes(len(arm.command_names), size=(8.0, 1.9), sharex=True)
     for k, ax in enumerate(axes[:, 0]):
         ax.step(trial.time, trial.commands[:, k], "--", where="post", color=COLOURS[1], label="commanded")
-        ax.plot(trial.time, trial.robot[:, k], color=COLOURS[0], label="measured")
-        ax.set_ylabel(arm.state_names[k])
+        ax.set_ylabel(arm.command_names[k])
+    for ax, angle in zip(axes[:, 0], trial.robot[:, arm.sensed_angles].T, strict=False):
+        ax.plot(trial.time, angle, color=COLOURS[0], label="measured")
     axes[0, 0].legend(loc="upper right", ncols=2)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
@@ -197,13 +201,13 @@ def material_map(
             x,
             y,
             s=900 * cloth.mass,
-            marker=MARKERS.get(name.split("-")[0] if name in FOAMS else cloth.damping, "D"),
+            marker=MARKERS.get(cloth.foam or cloth.damping, "D"),
             color="0.75",
             edgecolor="0.2",
             zorder=2,
         )
         ax.annotate(
-            name if name in FOAMS else f"({cloth.damping:.2f}, {cloth.mass:.2f})",
+            cloth.label,
             (x, y),
             xytext=(8, 5),
             textcoords="offset points",
@@ -216,10 +220,46 @@ def material_map(
     share = pca.explained_variance_ratio_
     ax.margins(0.14)  # room for the labels
     ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")
-    if not set(cloths) <= set(FOAMS):
+    if not all(cloth.foam for cloth in cloths.values()):
         ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
     if trajectories:
         figure.legend(loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3))
+    return figure
+
+
+def loss_landscapes(
+    landscapes: dict[str, Landscape],
+    biases: dict[str, np.ndarray],
+    right: str | None = None,
+    paths: dict[str, np.ndarray] | None = None,
+) -> Figure:
+    """Loss over the plane of p, a panel for each run.
+
+    Args:
+        landscapes: `{title: landscape}`.
+        biases: trained p of each material, drawn as dots.
+        right: name of the material in the hand, which is ringed.
+        paths: estimates over time to draw into the panel of the same title, `{title: [T, D_p]}`.
+    """
+    figure, axes = _axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
+    for ax, (title, ground) in zip(axes.flat, landscapes.items(), strict=True):
+        levels = np.geomspace(ground.loss.min(), ground.loss.max(), 16)
+        filled = ax.contourf(ground.x, ground.y, ground.loss, levels=levels, cmap="Blues")
+        places = ground.axes.transform(np.stack(list(biases.values())))
+        ax.scatter(*places.T, s=20, color="0.2", label="trained p")
+        ax.plot(*ground.axes.transform(np.zeros((1, len(places.T))))[0], "x", color="k", ms=8, mew=2, label="p = 0")
+        if right is not None:
+            ring = ground.axes.transform(biases[right][None])[0]
+            ax.scatter(*ring, s=160, facecolor="none", edgecolor=COLOURS[1], lw=2.5, label="right p")
+        if paths and title in paths:
+            path = ground.axes.transform(paths[title])
+            ax.plot(*path.T, "-", color=COLOURS[4], lw=2, label="estimate")
+            ax.plot(*path[-1], "D", color=COLOURS[4], ms=8, mec="black")
+        ax.set(title=title, xlabel="PC1")
+        ax.locator_params(nbins=5)
+    axes[0, 0].set_ylabel("PC2")
+    figure.colorbar(filled, ax=axes[0, -1], label="L, mean squared error [variances]", format="%.3f")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
 
 
@@ -258,7 +298,7 @@ def solve_traces(traces: Sequence[np.ndarray]) -> Figure:
     return figure
 
 
-def distance_transition(distances: dict[str, np.ndarray], period: int = 8) -> Figure:
+def distance_transition(distances: dict[str, np.ndarray], period: int = ControlSettings.period) -> Figure:
     """Distance to the target over time, each period's best marked (the paper's figure on the integrated experiment).
 
     Args:

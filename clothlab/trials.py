@@ -1,37 +1,45 @@
 """Recorded runs, the one loop that records them, and the policies that need no model.
 
-A policy is a callable `policy(observation) -> u` `[D_u]`. Random commands, the scripted operator, a person's sliders
-and the controller are all policies, and `rollout` runs any of them.
+A policy is called with an observation and returns the command. Random commands, the scripted operator, a person's
+sliders and the controller are all policies; a wrapper is a policy around another. `rollout` runs any of them.
 """
 
+import io
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._files import atomic_write
-from clothlab.arm import Arm, check_command
+from clothlab._files import write_bytes
+from clothlab._validation import check_array
+from clothlab.arm import Arm, get_arm
 from clothlab.cloth import Cloth
-from clothlab.env import CONTROL_PERIOD, ClothEnv
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.env import CONTROL_PERIOD, ClothEnv, Observation
+from clothlab.vision import check_masks
 
 __all__ = [
+    "FunctionPolicy",
     "Motion",
+    "Noisy",
     "OperatorPolicy",
     "Policy",
     "RandomPolicy",
+    "ReplayPolicy",
+    "Timed",
     "Trial",
+    "Wrapper",
     "load_trial",
     "replay",
     "rollout",
     "save_trial",
 ]
 
-Policy = Callable[[dict[str, np.ndarray]], np.ndarray]
+FORMAT = 1  # of trial files
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +66,16 @@ class Trial:
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not belong together."""
-        steps = len(self.images)
-        if self.images.shape != (steps, HEIGHT, WIDTH) or self.images.dtype != bool:
-            raise ValueError(
-                f"images are [T, {HEIGHT}, {WIDTH}] of bool, got {self.images.shape} of {self.images.dtype}"
-            )
-        for name in ("robot", "commands"):
-            array = getattr(self, name)
-            if array.ndim != 2 or len(array) != steps:
-                raise ValueError(f"{name} must have one row for each of the {steps} images, got {array.shape}")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{name} must be finite")
+        images = check_masks(self.images)
+        if images.ndim != 3:
+            raise ValueError(f"images are [T, H, W], got the shape {list(images.shape)}")
+        object.__setattr__(self, "images", images)
+        arm = get_arm(self.arm)
+        for name, width in (("robot", len(arm.state_names)), ("commands", len(arm.command_names))):
+            array = check_array(f"{name} of the {self.arm} arm", getattr(self, name), ("T", width))
+            if len(array) != len(images):
+                raise ValueError(f"{name} must have one row for each of the {len(images)} images, got {len(array)}")
+            object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
         """Return the number of control steps T."""
@@ -79,41 +86,205 @@ class Trial:
         """Time of each step, `[T]` [s]."""
         return np.arange(len(self)) * CONTROL_PERIOD
 
+    def __getitem__(self, steps: slice) -> "Trial":
+        """Return a stretch of the trial, `trial[:100]`."""
+        if not isinstance(steps, slice):
+            raise TypeError(f"a trial is cut with a slice, such as trial[:100], not with {steps!r}")
+        return replace(self, **{name: getattr(self, name)[steps] for name in ("images", "robot", "commands")})
+
+
+class Policy:
+    """Chooses commands; a subclass says how. What a policy has no use for, it does not listen to.
+
+    Attributes:
+        name: what recorded trials call it.
+    """
+
+    name = "policy"
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run, before a new one.
+
+        Args:
+            seed: of the policy's own random numbers.
+        """
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from now on."""
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from now on."""
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        raise NotImplementedError
+
+
+class Wrapper(Policy):
+    """A policy around another one, to which it passes on all that it is told."""
+
+    def __init__(self, policy: Policy):
+        """Wrap a policy."""
+        self.policy = policy
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """What recorded trials call it: as the policy within."""
+        return self.policy.name
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run."""
+        self.policy.reset(seed)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]`."""
+        self.policy.set_target(mask)
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]`."""
+        self.policy.set_bias(p)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        return self.policy(observation)
+
+
+class Timed(Wrapper):
+    """Measures how long each command takes to choose.
+
+    Attributes:
+        seconds: of each call since the reset [s].
+    """
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run and its times."""
+        super().reset(seed)
+        self.seconds: list[float] = []
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        start = time.perf_counter()
+        u = self.policy(observation)
+        self.seconds.append(time.perf_counter() - start)
+        return u
+
+
+class Noisy(Wrapper):
+    """Adds normal noise to the angles that another policy commands, kept in the arm's range."""
+
+    def __init__(self, policy: Policy, arm: Arm, sigma: float):
+        """Wrap a policy.
+
+        Args:
+            policy: chooses the commands.
+            arm: gives their range.
+            sigma: standard deviation of the noise [rad].
+
+        Raises:
+            ValueError: a sigma that is negative or not finite.
+        """
+        super().__init__(policy)
+        if not (np.isfinite(sigma) and sigma >= 0):
+            raise ValueError(f"sigma must be finite and at least 0, got {sigma}")
+        self.arm, self.sigma = arm, sigma
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run; start the noise anew."""
+        super().reset(seed)
+        self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy within draws
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        u = np.array(self.policy(observation), dtype=np.float64)
+        u[self.arm.angle_command] += self._rng.normal(0.0, self.sigma, len(self.arm.home))
+        return np.clip(u, self.arm.command_lower, self.arm.command_upper)
+
+
+class FunctionPolicy(Policy):
+    """A plain function `observation -> u` as a policy."""
+
+    def __init__(self, function: Callable[[Observation], ArrayLike]):
+        """Wrap a function."""
+        self.function = function
+        self.name = getattr(function, "__name__", type(function).__name__)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        return np.asarray(self.function(observation))
+
+
+class ReplayPolicy(Policy):
+    """Sends recorded commands again, whatever it sees."""
+
+    name = "replay"
+
+    def __init__(self, commands: ArrayLike):
+        """Prepare to send `commands` `[T, D_u]`."""
+        self.commands = check_array("commands", commands, ("T", "D_u"))
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Begin with the first command again."""
+        self._left = iter(self.commands)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`.
+
+        Raises:
+            ValueError: more steps than recorded commands.
+        """
+        u = next(self._left, None)
+        if u is None:
+            raise ValueError(f"only {len(self.commands)} commands were recorded: ask for no more steps than that")
+        return u
+
 
 def rollout(
     env: ClothEnv,
-    policy: Policy,
+    policy: Policy | Callable[[Observation], ArrayLike],
     steps: int,
     *,
     seed: int = 0,
     random_start: bool = False,
     name: str | None = None,
+    watch: Callable[[], None] | None = None,
+    samples: int = 5,
     progress: bool = False,
 ) -> Trial:
-    """Let a policy move the cloth and record what happens.
+    """Let a policy move the cloth and record what happens. Policy and environment are reset first.
 
     Args:
         env: the scene.
-        policy: chooses the command from each observation.
+        policy: chooses the command from each observation; a plain function will do.
         steps: how many control steps to run.
-        seed: of the environment's start; stored in the trial.
+        seed: of the policy's random numbers and of the environment's start; stored in the trial, it says which trial
+            it is.
         random_start: start from a random posture instead of the arm's home.
-        name: what to call the policy in the trial; by default its class or function name.
+        name: what to call the policy in the trial; by default its own name.
+        watch: called while each step goes by, as `ClothEnv.advance` has it.
+        samples: how often a step; 5 make a video of 25 pictures a second.
         progress: show a progress bar.
 
     Returns:
         The recorded run, of `steps` steps.
+
+    Raises:
+        ValueError: no steps, or a command that the arm refuses.
+        SimulationError: the physics diverged.
     """
+    if steps < 1:
+        raise ValueError(f"a run has at least one step, got {steps}")
+    policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+    policy.reset(seed)
     observation, _ = env.reset(seed=seed, options={"random_start": random_start})
-    images, robot, commands = [], [], []
-    for _ in tqdm(range(steps), desc=f"{env.cloth.name}", disable=not progress, unit="step"):
-        u = np.asarray(policy(observation), dtype=np.float64)
-        images.append(observation["image"].astype(bool))
-        robot.append(observation["robot"])
-        commands.append(u)
-        observation, *_ = env.step(u)
-    name = name or getattr(policy, "__name__", type(policy).__name__)
-    return Trial(np.array(images), np.array(robot), np.array(commands), env.cloth, env.arm.name, name, seed)
+    rows = []
+    for _ in tqdm(range(steps), desc=env.cloth.label, disable=not progress, unit="step"):
+        u = np.array(policy(observation), dtype=np.float64)  # a copy: the policy may go on changing its own
+        rows.append((observation["image"].astype(bool), observation["robot"], u))
+        env.advance(u, watch, samples)
+        observation = env.observe()
+    images, robot, commands = (np.array(column) for column in zip(*rows, strict=True))
+    return Trial(images, robot, commands, env.cloth, env.arm.name, name or policy.name, seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,44 +313,51 @@ def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> 
     Args:
         trial: a run that started from the arm's home.
         arm: another arm to send them to; by default the trial's own.
-        interval: between samples [s].
+        interval: between samples [s]; it divides the control period of 0.2 s.
 
     Raises:
-        ValueError: the arm does not do again what the trial recorded, as after a random start.
+        ValueError: the arm does not do again what the trial recorded, as after a random start; or an interval that does
+            not divide the control period.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
-    env.reset(seed=trial.seed)
-    steps = max(1, round(interval / env.scene.time_step))
-    samples = []
+    samples = round(CONTROL_PERIOD / interval) if interval > 0 else 0
+    if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
+        raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
+    env.start(seed=trial.seed)
+    rows: list[tuple[float, ...]] = []
     for u, recorded in zip(trial.commands, trial.robot, strict=True):
         if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
             raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
-        env.arm.command(env.data, check_command(env.arm, u))
-        for _ in range(round(CONTROL_PERIOD / env.scene.time_step / steps)):
-            mujoco.mj_step(env.model, env.data, steps)
-            samples.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos))
-        mujoco.mj_forward(env.model, env.data)  # as the recording did, before it looked
-    env.close()
-    time, theta, hand = np.split(np.array(samples), [1, 3], axis=1)
+        env.advance(
+            u,
+            lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)),
+            samples,
+        )
+    time, theta, hand = np.split(np.array(rows), [1, 3], axis=1)
     return Motion(time[:, 0], theta, hand)
 
 
-class RandomPolicy:
+class RandomPolicy(Policy):
     """Uniform random commands, each held for a random number of steps (the paper's Random)."""
 
-    def __init__(self, arm: Arm, *, seed: int, longest_hold: int = 4):
+    name = "random"
+
+    def __init__(self, arm: Arm, *, longest_hold: int = 4):
         """Prepare.
 
         Args:
             arm: gives the range of the commands.
-            seed: of this policy's own random numbers.
             longest_hold: a command is held for 1 to this many steps, so that slow and fast motions both occur.
         """
         self.arm, self.longest_hold = arm, longest_hold
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Start anew; the same seed gives the same commands."""
         self._rng = np.random.default_rng(seed)
         self._steps_left = 0
 
-    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+    def __call__(self, observation: Observation) -> np.ndarray:
         """Return the command `[D_u]`."""
         if self._steps_left == 0:
             self._u = self._rng.uniform(self.arm.command_lower, self.arm.command_upper)
@@ -188,36 +366,40 @@ class RandomPolicy:
         return self._u.copy()
 
 
-class OperatorPolicy:
+class OperatorPolicy(Policy):
     """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly, throws it down fast to spread it.
 
     Every swing draws its own height, depth, speeds and pauses, so that no two are alike. What the arm takes beside
     joint angles (stiffness) is random, as in the paper.
     """
 
-    def __init__(self, arm: Arm, *, seed: int):
-        """Prepare.
+    name = "operator"
 
-        Args:
-            arm: gives the range of the commands.
-            seed: of this policy's own random numbers.
-        """
+    def __init__(self, arm: Arm):
+        """Prepare; `arm` gives the range of the commands."""
         self.arm = arm
-        self._rng = np.random.default_rng(seed)
-        self._random = RandomPolicy(arm, seed=seed)
-        self._theta = arm.home_command[: len(arm.lower)]
-        self._plan: list[np.ndarray] = []
+        self._random = RandomPolicy(arm)
+        self.reset()
 
-    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+    def reset(self, seed: int = 0) -> None:
+        """Start anew; the same seed gives the same swings."""
+        self._rng = np.random.default_rng(seed)
+        self._random.reset(seed)
+        self._theta = self.arm.home_command[self.arm.angle_command]
+        self._plan: Iterator[np.ndarray] = iter(())
+
+    def __call__(self, observation: Observation) -> np.ndarray:
         """Return the command `[D_u]`."""
-        if not self._plan:
-            self._plan = self._swing()
-        self._theta = self._plan.pop(0)
+        theta = next(self._plan, None)
+        if theta is None:
+            self._plan = iter(self._swing())
+            theta = next(self._plan)
+        self._theta = theta
         u = self._random(observation)
-        u[: len(self._theta)] = self._theta
+        u[self.arm.angle_command] = theta
         return u
 
-    def _swing(self) -> list[np.ndarray]:
+    def _swing(self) -> Sequence[np.ndarray]:
         """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3."""
         rng, lower, upper = self._rng, np.array(self.arm.lower), np.array(self.arm.upper)
         high = lower + rng.uniform(0.0, 0.35, len(lower)) * (upper - lower)
@@ -228,16 +410,24 @@ class OperatorPolicy:
 
 
 def save_trial(trial: Trial, path: str | Path) -> None:
-    """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was."""
-    about = {"cloth": asdict(trial.cloth), "arm": trial.arm, "policy": trial.policy, "seed": trial.seed}
-    with atomic_write(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            images=np.packbits(trial.images, axis=-1),
-            robot=trial.robot,
-            commands=trial.commands,
-            about=np.array(json.dumps(about)),
-        )
+    """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was.
+
+    Raises:
+        ValueError: a path that does not end in `.npz`, where no loader would look.
+    """
+    if Path(path).suffix != ".npz":
+        raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
+    about = {"format": FORMAT, "cloth": asdict(trial.cloth), "arm": trial.arm, "policy": trial.policy}
+    about["seed"] = int(trial.seed)
+    content = io.BytesIO()
+    np.savez_compressed(
+        content,
+        images=np.packbits(trial.images, axis=-1),
+        robot=trial.robot,
+        commands=trial.commands,
+        about=np.array(json.dumps(about)),
+    )
+    write_bytes(path, content.getvalue())
 
 
 def load_trial(path: str | Path) -> Trial:
@@ -245,11 +435,13 @@ def load_trial(path: str | Path) -> Trial:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: the file is damaged or is no trial.
+        ValueError: the file is damaged, is no trial, or was written by a newer version.
     """
     try:
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
+            if about.pop("format") != FORMAT:
+                raise ValueError(f"its format is not {FORMAT}, this version's")
             about["cloth"] = Cloth(**about["cloth"])
             images = np.unpackbits(file["images"], axis=-1).astype(bool)
             return Trial(images, file["robot"], file["commands"], **about)

@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
-__all__ = ["HEIGHT", "KERNEL", "WIDTH", "chamfer_distance", "check_mask", "cloth_mask"]
+__all__ = ["HEIGHT", "KERNEL", "WIDTH", "chamfer_distance", "check_mask", "check_masks", "cloth_mask"]
 
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
 
@@ -38,22 +39,40 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     return mask.astype(bool)
 
 
-def check_mask(mask: np.ndarray) -> np.ndarray:
-    """Return `mask` as bool `[H, W]`.
+def check_masks(images: ArrayLike) -> np.ndarray:
+    """Return masks as bool `[..., H, W]`.
 
     Raises:
-        ValueError: another shape, or no cloth in it.
+        ValueError: another shape, or numbers beside 0 and 1, as in a grey picture or a reconstruction.
     """
-    mask = np.asarray(mask)
-    if mask.shape != (HEIGHT, WIDTH):
-        raise ValueError(f"a cloth image has the shape ({HEIGHT}, {WIDTH}), got {mask.shape}")
-    mask = mask.astype(bool)
+    images = np.asarray(images)
+    if images.shape[-2:] != (HEIGHT, WIDTH):
+        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape {list(images.shape)}")
+    if images.dtype == bool:
+        return images
+    if images.dtype.kind not in "iuf" or not np.isin(images, (0, 1)).all():
+        raise ValueError(
+            "a cloth image holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5` of a "
+            "reconstruction"
+        )
+    return images.astype(bool)
+
+
+def check_mask(mask: ArrayLike) -> np.ndarray:
+    """Return one mask as bool `[H, W]`.
+
+    Raises:
+        ValueError: as `check_masks`, several masks, or no cloth in it.
+    """
+    mask = check_masks(mask)
+    if mask.ndim != 2:
+        raise ValueError(f"one cloth image is [{HEIGHT}, {WIDTH}], got the shape {list(mask.shape)}")
     if not mask.any():
         raise ValueError("no cloth in the image: the mask is empty")
     return mask
 
 
-def chamfer_distance(a: np.ndarray, b: np.ndarray) -> float:
+def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
     """Symmetric chamfer distance between two masks (paper, section "Simulation Experiment").
 
     The mean distance from a pixel of one cloth to the nearest pixel of the other, in both directions, averaged.
