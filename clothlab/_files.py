@@ -5,8 +5,6 @@ import os
 import tempfile
 from pathlib import Path
 
-__all__ = ["LEFT_OVER", "sha256", "write_bytes"]
-
 LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
 

@@ -11,8 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-__all__ = ["Checked", "check_array", "check_name", "choose", "setting"]
-
 T = TypeVar("T")
 
 

@@ -19,19 +19,6 @@ from clothlab.estimation import prediction_loss
 from clothlab.trials import Trial
 from clothlab.vision import chamfer_distance, check_mask
 
-__all__ = [
-    "Landscape",
-    "MaterialReadout",
-    "best_per_period",
-    "chamfer_against_z",
-    "loss_landscape",
-    "nearest_material",
-    "principal_axes",
-    "spread",
-    "success_rate",
-    "target_distance",
-]
-
 
 def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
     """PCA of the trained p.

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.muscle import MUSCLES, Muscles
 
-__all__ = ["ARMS", "JOINTS", "Arm", "Camera", "MuscleArm", "StateLayout", "TorqueArm", "check_command", "get_arm"]
-
 JOINTS = ("shoulder", "elbow")
 SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
 SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)

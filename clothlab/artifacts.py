@@ -28,24 +28,6 @@ from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
-__all__ = [
-    "OWN_TRIALS",
-    "Trained",
-    "check_data",
-    "data_folder",
-    "load",
-    "load_autoencoder",
-    "load_results",
-    "load_target",
-    "load_targets",
-    "load_trials",
-    "save",
-    "save_autoencoder",
-    "save_results",
-    "save_target",
-    "write_checksums",
-]
-
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
 WEIGHTS_FORMAT = 1

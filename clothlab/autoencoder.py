@@ -16,8 +16,6 @@ from tqdm.auto import tqdm
 from clothlab._validation import Checked, check_array, setting
 from clothlab.vision import HEIGHT, WIDTH, check_masks
 
-__all__ = ["Autoencoder", "AutoencoderTraining", "decode", "encode", "iou", "train_autoencoder"]
-
 CHANNELS = (1, 8, 16, 32, 64, 128)  # five 3×3 convolutions of stride 2; the paper does not give their widths
 HIDDEN = 256
 
@@ -29,14 +27,12 @@ class Autoencoder(nn.Module):
     it would cut each axis in half, and the batch normalisation has no scale of its own: z keeps unit variance on each
     axis, so that distances mean the same for every training. That each batch has its own mean and variance also shakes
     z a little, which keeps neighbours in z neighbours in the image.
+
+    Args:
+        latent_size: D_z.
     """
 
     def __init__(self, latent_size: int = 3):
-        """Build it with random weights.
-
-        Args:
-            latent_size: D_z.
-        """
         super().__init__()
         self.latent_size = latent_size
         height, width = HEIGHT // 32, WIDTH // 32

@@ -9,22 +9,6 @@ import numpy as np
 
 from clothlab._validation import Checked, choose, setting
 
-__all__ = [
-    "CLOTHS",
-    "DAMPINGS",
-    "FOAMS",
-    "MASSES",
-    "SHEETS",
-    "Cloth",
-    "FoamSheet",
-    "add_cloth",
-    "cloth_name",
-    "foam",
-    "get_cloth",
-    "point_names",
-    "springs",
-]
-
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
 
@@ -193,19 +177,11 @@ def _add_point(
         body = spec.worldbody.add_body(name=name, pos=hand_position + offset)
         for axis_name, axis in zip("xyz", np.eye(3), strict=True):
             body.add_joint(
-                name=f"{name}_{axis_name}",
-                type=mujoco.mjtJoint.mjJNT_SLIDE,
-                axis=axis,
-                damping=[cloth.damping, 0, 0],
+                name=f"{name}_{axis_name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, damping=[cloth.damping, 0, 0]
             )
     # A sphere gives the point its mass; it neither collides nor shows: the surface is drawn by a skin.
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[0.005, 0, 0],
-        mass=cloth.point_mass,
-        contype=0,
-        conaffinity=0,
-        group=4,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], mass=cloth.point_mass, contype=0, conaffinity=0, group=4
     )
     body.add_site(name=name, size=[0.001, 0, 0], group=4)
 
@@ -213,10 +189,7 @@ def _add_point(
 def springs(cloth: Cloth) -> Iterator[tuple[str, str, float]]:
     """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs."""
     names = point_names(cloth)
-    kinds = [
-        (cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]),
-        (cloth.bending, [(2, 0), (0, 2)]),
-    ]
+    kinds = [(cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]), (cloth.bending, [(2, 0), (0, 2)])]
     for stiffness, steps in kinds:
         for (di, dj), i, j in product(steps, range(cloth.rows), range(cloth.columns)):
             end_i, end_j = i + di, j + dj

@@ -17,18 +17,6 @@ from clothlab.env import Observation
 from clothlab.trials import Policy, Trial
 from clothlab.vision import check_mask
 
-__all__ = [
-    "ControlPolicy",
-    "ControlSettings",
-    "control_loss",
-    "optimise_commands",
-    "period_mask",
-    "recorded_plans",
-    "shift_left",
-    "step_sizes",
-]
-
-
 Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
 Loss = Callable[[Tensor], Tensor]  # predicted states → loss of each sequence [B]
 
@@ -142,6 +130,21 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
 class ControlPolicy(Policy):
     """Realises a target image again and again, once a period.
 
+    Args:
+        model: trained network.
+        autoencoder: the one that the model was trained with.
+        arm: gives the range of the commands and says which states are tensions.
+        target: mask `[H, W]` of the cloth to realise.
+        p: parametric bias of the cloth in the hand `[D_p]`.
+        settings: the paper's constants.
+        plans: command sequences `[N, horizon, D_u]`, such as `recorded_plans`. Each period then starts from the one
+            that the model likes best, where that beats the warm start. The paper has none and leaves open where
+            the first solve starts.
+
+    Raises:
+        ValueError: a target of another size or without a cloth; a p of another size; a model of other sizes than
+            the arm's; plans of another shape.
+
     Attributes:
         trace: losses of each solve since the reset, a list of `[iterations + 1]`.
     """
@@ -158,23 +161,6 @@ class ControlPolicy(Policy):
         settings: ControlSettings | None = None,
         plans: ArrayLike | None = None,
     ):
-        """Prepare.
-
-        Args:
-            model: trained network.
-            autoencoder: the one that the model was trained with.
-            arm: gives the range of the commands and says which states are tensions.
-            target: mask `[H, W]` of the cloth to realise.
-            p: parametric bias of the cloth in the hand `[D_p]`.
-            settings: the paper's constants.
-            plans: command sequences `[N, horizon, D_u]`, such as `recorded_plans`. Each period then starts from the one
-                that the model likes best, where that beats the warm start. The paper has none and leaves open where
-                the first solve starts.
-
-        Raises:
-            ValueError: a target of another size or without a cloth; a p of another size; a model of other sizes than
-                the arm's; plans of another shape.
-        """
         self.settings = settings or ControlSettings()
         self.model, self.autoencoder, self.arm = model, autoencoder, arm
         self.layout = arm.layout(autoencoder.latent_size)

@@ -15,21 +15,6 @@ from clothlab.autoencoder import Autoencoder, encode
 from clothlab.env import Observation
 from clothlab.trials import Trial
 
-__all__ = [
-    "DPMPB",
-    "FrozenDPMPB",
-    "Memory",
-    "ModelTraining",
-    "Sequences",
-    "TrainingTrace",
-    "fit_normalisation",
-    "observe",
-    "predict",
-    "stretches",
-    "to_sequences",
-    "train_dpmpb",
-]
-
 
 class Memory(NamedTuple):
     """Hidden and cell state of the two LSTM layers, each `[2, B, 30]`."""
@@ -43,16 +28,14 @@ class DPMPB(nn.Module):
 
     It speaks physical units: means and standard deviations of `s` and `u` are buffers, set from the training data by
     `fit_normalisation`, and travel with the weights.
+
+    Args:
+        state_size: D_s.
+        command_size: D_u.
+        bias_size: D_p.
     """
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
-        """Build it with random weights and no normalisation.
-
-        Args:
-            state_size: D_s.
-            command_size: D_u.
-            bias_size: D_p.
-        """
         super().__init__()
         self.state_size, self.command_size, self.bias_size = state_size, command_size, bias_size
         self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
@@ -100,15 +83,13 @@ class FrozenDPMPB:
 
     Each layer is one `addmm` on a weight that is transposed once. The normalisation and p are folded into the first
     layer, and the state stays normalised while it goes round the loop.
+
+    Args:
+        model: trained network.
+        p: parametric bias `[D_p]`.
     """
 
     def __init__(self, model: DPMPB, p: Tensor):
-        """Fold.
-
-        Args:
-            model: trained network.
-            p: parametric bias `[D_p]`.
-        """
         with torch.no_grad():
             linear = [layer for layer in (*model.fc_in, *model.fc_out) if isinstance(layer, nn.Linear)]
             weights = [layer.weight.T.contiguous().detach() for layer in linear]

@@ -14,8 +14,6 @@ from clothlab._validation import Checked, setting
 from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
-__all__ = ["CONTROL_PERIOD", "ClothEnv", "Observation", "Scene", "SimulationError", "build_spec"]
-
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
 BACKGROUND = (0.93, 0.95, 0.97)  # light, because pictures are projected
 NO_CLOTH_IN_VIEW = -float(np.hypot(vision.HEIGHT, vision.WIDTH))  # [pixel] no two pixels are further apart
@@ -113,6 +111,18 @@ class ClothEnv(gymnasium.Env):
     An episode has no natural end: `terminated` and `truncated` stay false. Reset draws nothing at random unless
     `options={"random_start": True}` asks for a random posture; the cloth then hangs still before the episode starts.
 
+    Args:
+        arm: an arm or its name.
+        cloth: a cloth or its name.
+        target: mask `[H, W]` that the reward compares with.
+        scene: time step and start.
+        render_mode: `"rgb_array"` makes Gymnasium's `render` return what `picture` does.
+
+    Raises:
+        KeyError: unknown arm or cloth.
+        ValueError: a target of another shape or with no cloth in it, or an unknown render mode.
+        SimulationError: this cloth cannot be simulated with this time step.
+
     Attributes:
         arm: the arm.
         cloth: the cloth in its hand.
@@ -135,20 +145,6 @@ class ClothEnv(gymnasium.Env):
         scene: Scene | None = None,
         render_mode: str | None = None,
     ):
-        """Build the scene.
-
-        Args:
-            arm: an arm or its name.
-            cloth: a cloth or its name.
-            target: mask `[H, W]` that the reward compares with.
-            scene: time step and start.
-            render_mode: `"rgb_array"` makes Gymnasium's `render` return what `picture` does.
-
-        Raises:
-            KeyError: unknown arm or cloth.
-            ValueError: a target of another shape or with no cloth in it, or an unknown render mode.
-            SimulationError: this cloth cannot be simulated with this time step.
-        """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"unknown render_mode {render_mode!r}; choose from None, rgb_array")
         self.arm = get_arm(arm)
@@ -332,11 +328,7 @@ class ClothEnv(gymnasium.Env):
             )
 
 
-_DIVERGED = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 def _shape(cloth: Cloth) -> tuple:

@@ -13,8 +13,6 @@ from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
 from clothlab.trials import Policy, Wrapper
 
-__all__ = ["BiasEstimator", "EstimatingPolicy", "EstimationSettings", "estimate_bias", "prediction_loss"]
-
 
 @dataclass(frozen=True)
 class EstimationSettings(Checked):
@@ -54,19 +52,18 @@ def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int =
 
 
 class BiasEstimator:
-    """Takes one step of momentum SGD on p whenever a control step has been observed."""
+    """Takes one step of momentum SGD on p whenever a control step has been observed.
+
+    Args:
+        model: trained network.
+        p: parametric bias to start from `[D_p]`; zeros when left out, as at the start of training.
+        settings: rate, momentum, window.
+
+    Raises:
+        ValueError: p of another size or not finite.
+    """
 
     def __init__(self, model: DPMPB, p: ArrayLike | None = None, settings: EstimationSettings | None = None):
-        """Start from the current p.
-
-        Args:
-            model: trained network.
-            p: parametric bias to start from `[D_p]`; zeros when left out, as at the start of training.
-            settings: rate, momentum, window.
-
-        Raises:
-            ValueError: p of another size or not finite.
-        """
         self.settings = settings or EstimationSettings()
         self.model = model
         self._start = check_array("p", np.zeros(model.bias_size) if p is None else p, (model.bias_size,), np.float32)
@@ -113,18 +110,16 @@ class BiasEstimator:
 class EstimatingPolicy(Wrapper):
     """Any policy, while p is estimated from what it does; the policy is told each new estimate.
 
+    Args:
+        policy: chooses the commands.
+        estimator: starts from a p and improves it.
+        autoencoder: the one that the estimator's model was trained with.
+
     Attributes:
         trace: the estimate after each step, a list of `[D_p]`.
     """
 
     def __init__(self, policy: Policy, estimator: BiasEstimator, autoencoder: Autoencoder):
-        """Join a policy and an estimator.
-
-        Args:
-            policy: chooses the commands.
-            estimator: starts from a p and improves it.
-            autoencoder: the one that the estimator's model was trained with.
-        """
         super().__init__(policy)
         self.estimator, self.autoencoder = estimator, autoencoder
         self.trace: list[np.ndarray] = []

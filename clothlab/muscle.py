@@ -12,8 +12,6 @@ import numpy as np
 
 from clothlab._validation import Checked, setting
 
-__all__ = ["MUSCLES", "Muscles"]
-
 MUSCLES = (
     "shoulder flexor",
     "shoulder extensor",

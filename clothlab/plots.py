@@ -19,25 +19,6 @@ from clothlab.env import CONTROL_PERIOD
 from clothlab.stiffness import static_posture
 from clothlab.trials import Trial
 
-__all__ = [
-    "COLOURS",
-    "chamfer_scatter",
-    "cloth_profiles",
-    "distance_transition",
-    "ellipse_at_hand",
-    "film_strips",
-    "image_grid",
-    "loss_curves",
-    "loss_landscapes",
-    "material_map",
-    "predicted_states",
-    "show_video",
-    "solve_traces",
-    "success_curves",
-    "time_series",
-    "trial_traces",
-]
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
 MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "hard": "s"}
@@ -48,12 +29,7 @@ def _axes(
 ) -> tuple[Figure, np.ndarray]:
     """Figure and its axes `[rows, columns]`. The figure leaves pyplot's list, so that a notebook shows it once."""
     figure, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(size[0] * columns, size[1] * rows),
-        squeeze=False,
-        layout="constrained",
-        **options,
+        rows, columns, figsize=(size[0] * columns, size[1] * rows), squeeze=False, layout="constrained", **options
     )
     plt.close(figure)
     for ax in axes.flat:
@@ -169,14 +145,7 @@ def cloth_profiles(profiles: dict[str, Sequence[np.ndarray]]) -> Figure:
     for ax, (label, moments) in zip(axes.flat, profiles.items(), strict=True):
         for k, points in enumerate(moments):
             side = points.mean(axis=1)
-            ax.plot(
-                side[:, 0],
-                side[:, 2],
-                "o-",
-                ms=3,
-                color=COLOURS[0],
-                alpha=0.15 + 0.85 * (k + 1) / len(moments),
-            )
+            ax.plot(side[:, 0], side[:, 2], "o-", ms=3, color=COLOURS[0], alpha=0.15 + 0.85 * (k + 1) / len(moments))
         ax.set(title=label, xlabel="forward x [m]", aspect="equal")
     axes[0, 0].set_ylabel("height z [m]")
     return figure
@@ -206,13 +175,7 @@ def material_map(
             edgecolor="0.2",
             zorder=2,
         )
-        ax.annotate(
-            cloth.label,
-            (x, y),
-            xytext=(8, 5),
-            textcoords="offset points",
-            fontsize=8,
-        )
+        ax.annotate(cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=8)
     for k, (label, path) in enumerate((trajectories or {}).items()):
         x, y = pca.transform(path).T
         ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], lw=1.5, label=label, zorder=3)
@@ -309,14 +272,7 @@ def distance_transition(distances: dict[str, np.ndarray], period: int = ControlS
     ax = axes[0, 0]
     for k, (label, distance) in enumerate(distances.items()):
         colour, distance = COLOURS[k % 7], np.asarray(distance)
-        ax.plot(
-            np.arange(len(distance)) * CONTROL_PERIOD,
-            distance,
-            STYLES[k % 4],
-            color=colour,
-            lw=1,
-            label=label,
-        )
+        ax.plot(np.arange(len(distance)) * CONTROL_PERIOD, distance, STYLES[k % 4], color=colour, lw=1, label=label)
         whole = len(distance) // period * period
         best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)

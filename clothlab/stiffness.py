@@ -14,8 +14,6 @@ from sklearn.preprocessing import StandardScaler
 from clothlab._validation import check_array
 from clothlab.arm import MuscleArm, check_command
 
-__all__ = ["ellipse_area", "learn_body_image", "static_posture", "stiffness_ellipse"]
-
 SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
 
 

@@ -22,23 +22,6 @@ from clothlab.cloth import Cloth
 from clothlab.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.vision import check_masks
 
-__all__ = [
-    "FunctionPolicy",
-    "Motion",
-    "Noisy",
-    "OperatorPolicy",
-    "Policy",
-    "RandomPolicy",
-    "ReplayPolicy",
-    "Timed",
-    "Trial",
-    "Wrapper",
-    "load_trial",
-    "replay",
-    "rollout",
-    "save_trial",
-]
-
 FORMAT = 1  # of trial files
 
 
@@ -124,7 +107,6 @@ class Wrapper(Policy):
     """A policy around another one, to which it passes on all that it is told."""
 
     def __init__(self, policy: Policy):
-        """Wrap a policy."""
         self.policy = policy
 
     @property
@@ -170,19 +152,18 @@ class Timed(Wrapper):
 
 
 class Noisy(Wrapper):
-    """Adds normal noise to the angles that another policy commands, kept in the arm's range."""
+    """Adds normal noise to the angles that another policy commands, kept in the arm's range.
+
+    Args:
+        policy: chooses the commands.
+        arm: gives their range.
+        sigma: standard deviation of the noise [rad].
+
+    Raises:
+        ValueError: a sigma that is negative or not finite.
+    """
 
     def __init__(self, policy: Policy, arm: Arm, sigma: float):
-        """Wrap a policy.
-
-        Args:
-            policy: chooses the commands.
-            arm: gives their range.
-            sigma: standard deviation of the noise [rad].
-
-        Raises:
-            ValueError: a sigma that is negative or not finite.
-        """
         super().__init__(policy)
         if not (np.isfinite(sigma) and sigma >= 0):
             raise ValueError(f"sigma must be finite and at least 0, got {sigma}")
@@ -204,7 +185,6 @@ class FunctionPolicy(Policy):
     """A plain function `observation -> u` as a policy."""
 
     def __init__(self, function: Callable[[Observation], ArrayLike]):
-        """Wrap a function."""
         self.function = function
         self.name = getattr(function, "__name__", type(function).__name__)
 
@@ -219,7 +199,6 @@ class ReplayPolicy(Policy):
     name = "replay"
 
     def __init__(self, commands: ArrayLike):
-        """Prepare to send `commands` `[T, D_u]`."""
         self.commands = check_array("commands", commands, ("T", "D_u"))
         self.reset()
 
@@ -329,26 +308,23 @@ def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> 
         if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
             raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
         env.advance(
-            u,
-            lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)),
-            samples,
+            u, lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)), samples
         )
     time, theta, hand = np.split(np.array(rows), [1, 3], axis=1)
     return Motion(time[:, 0], theta, hand)
 
 
 class RandomPolicy(Policy):
-    """Uniform random commands, each held for a random number of steps (the paper's Random)."""
+    """Uniform random commands, each held for a random number of steps (the paper's Random).
+
+    Args:
+        arm: gives the range of the commands.
+        longest_hold: a command is held for 1 to this many steps, so that slow and fast motions both occur.
+    """
 
     name = "random"
 
     def __init__(self, arm: Arm, *, longest_hold: int = 4):
-        """Prepare.
-
-        Args:
-            arm: gives the range of the commands.
-            longest_hold: a command is held for 1 to this many steps, so that slow and fast motions both occur.
-        """
         self.arm, self.longest_hold = arm, longest_hold
         self.reset()
 
@@ -376,7 +352,6 @@ class OperatorPolicy(Policy):
     name = "operator"
 
     def __init__(self, arm: Arm):
-        """Prepare; `arm` gives the range of the commands."""
         self.arm = arm
         self._random = RandomPolicy(arm)
         self.reset()

@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["HEIGHT", "KERNEL", "WIDTH", "chamfer_distance", "check_mask", "check_masks", "cloth_mask"]
-
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three numbers could describe.
