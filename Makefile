@@ -6,10 +6,10 @@ STAMP := $(VENV)/installed
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab test browser chromium bench data train results picture editions format doctor
+.PHONY: help lab check test browser chromium bench data train results findings picture editions format doctor lock
 
 help:  ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 $(STAMP): environment.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -26,12 +26,17 @@ doctor: $(STAMP)  ## check this machine: versions, drawing, data
 lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) notebooks/00_start_here.ipynb
 
-test: doctor chromium  ## ruff, unit tests, every notebook from top to bottom, and the live lab in a browser
+check: $(STAMP)  ## linter, types and unit tests, in parallel: under a minute
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest
+	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
+
+test: doctor chromium check  ## check, every notebook from top to bottom, and the live lab in a browser
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
 	$(BIN)/pytest -m browser -s tests/browser
+
+findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
+	$(BIN)/python scripts/make_findings.py $(if $(RECORD),--record)
 
 browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
@@ -57,6 +62,15 @@ picture: $(STAMP)  ## draw the README's moving picture anew
 
 editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 	$(BIN)/python scripts/make_editions.py
+
+lock:  ## resolve environment.in anew and pin everything in environment.txt
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/pip install --quiet --upgrade pip
+	build/lock/bin/pip install --quiet --requirement environment.in
+	@{ echo "# Every package and its version, made from environment.in by \`make lock\`."; \
+		build/lock/bin/pip freeze --exclude pip --exclude setuptools | sed 's/+cpu$$//' | grep == ; echo "-e ."; } > build/environment.txt
+	mv build/environment.txt environment.txt
+	rm -r build/lock
 
 format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/ruff check --fix .

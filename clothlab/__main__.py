@@ -9,7 +9,7 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from clothlab.artifacts import DATA, check_data, write_checksums
+from clothlab.artifacts import check_data, data_folder, write_checksums
 from clothlab.env import ClothEnv
 
 ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
@@ -17,8 +17,13 @@ ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
 
 def check_versions() -> list[str]:
     """Compare what is installed with what `environment.txt` pins; return one line of advice for each difference."""
+    shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
+    print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+    print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
+    if not ENVIRONMENT.exists():
+        return []  # installed as a wheel, whose user chooses versions
     advice = []
-    pins = re.findall(r"^([\w-]+)==(\S+)$", ENVIRONMENT.read_text(), flags=re.MULTILINE)
+    pins = re.findall(r"^([\w.-]+)==(\S+)$", ENVIRONMENT.read_text(), flags=re.MULTILINE)
     for name, pinned in pins:
         try:
             installed = version(name).split("+")[0]
@@ -26,9 +31,6 @@ def check_versions() -> list[str]:
             installed = "missing"
         if installed != pinned:
             advice.append(f"{name} is {installed}, pinned is {pinned}: pip install {name}=={pinned}")
-    shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
-    print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
-    print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
     print(f"          {len(pins) - len(advice)} of {len(pins)} pins met")
     return advice
 
@@ -53,14 +55,17 @@ def check_drawing() -> list[str]:
 
 def check_files() -> list[str]:
     """Compare `data/` with its recorded hashes; return advice for each file that differs."""
-    verdict = check_data()
+    try:
+        folder, verdict = data_folder(), check_data()
+    except FileNotFoundError as error:
+        return [str(error)]
     good = sum(value == "ok" for value in verdict.values())
-    print(f"data      {good} of {len(verdict)} files as recorded")
+    print(f"data      {good} of {len(verdict)} files as recorded in {folder}")
     if not verdict:
         return ["data/ is empty: git checkout data, or make data train"]
+    cures = {"not recorded": "python -m clothlab checksums", "left over": "an interrupted write; delete it"}
     return [
-        f"data/{name} is {value}: "
-        + ("python -m clothlab checksums" if value == "not recorded" else f"git checkout data/{name}")
+        f"data/{name} is {value}: {cures.get(value, f'git checkout data/{name}')}"
         for name, value in verdict.items()
         if value != "ok"
     ]
@@ -83,7 +88,7 @@ def main() -> int:
     if parser.parse_args().command == "doctor":
         return doctor()
     write_checksums()
-    print(f"wrote {DATA / 'SHA256SUMS'}")
+    print(f"wrote {data_folder() / 'SHA256SUMS'}")
     return 0
 
 

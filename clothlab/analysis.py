@@ -1,5 +1,6 @@
 """What the figures and the results table show: geometry of p, distances to a target, success rates."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from clothlab.control import ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.estimation import prediction_loss
 from clothlab.trials import Trial
-from clothlab.vision import chamfer_distance, check_mask
+from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 
 def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
@@ -137,6 +138,17 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
     distances = check_array("distances", distances, ("T",))
     whole = len(distances) // period * period
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
+
+
+def median_best(runs: Iterable[ArrayLike], period: int = ControlSettings.period) -> float:
+    """Median over periods and runs of the smallest distance in a period."""
+    return float(np.median(np.concatenate([best_per_period(distances, period) for distances in runs])))
+
+
+def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
+    """Distance ‖z_ref - z‖₂ of an image without cloth to a target mask `[H, W]` [s.d. of z]."""
+    nothing = np.zeros((HEIGHT, WIDTH), bool)
+    return float(np.linalg.norm(encode(autoencoder, check_mask(target)) - encode(autoencoder, nothing)))
 
 
 def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:

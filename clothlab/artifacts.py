@@ -134,7 +134,7 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
 
 def save(trained: Trained, *, data: Folder = None) -> None:
     """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
-    about = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
+    about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
     about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
     p = torch.as_tensor(np.stack(list(trained.biases.values())))
     losses = torch.as_tensor(trained.losses, dtype=torch.float32)

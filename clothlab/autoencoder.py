@@ -112,7 +112,7 @@ def train_autoencoder(
 def _train(
     images: np.ndarray, settings: AutoencoderTraining, device: str, progress: bool
 ) -> tuple[Autoencoder, list[float]]:
-    model = Autoencoder().to(device, memory_format=torch.channels_last)
+    model = Autoencoder().to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     data = torch.as_tensor(images).unsqueeze(1).to(device)
     batches = len(data) // settings.batch_size
     optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -34,6 +34,11 @@ class DPMPB(nn.Module):
         command_size: D_u.
         bias_size: D_p.
     """
+
+    s_mean: Tensor
+    s_std: Tensor
+    u_mean: Tensor
+    u_std: Tensor
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
         super().__init__()
@@ -289,7 +294,7 @@ def _train(
 
     materials = list(dict.fromkeys(run.material for run in runs))
     p = torch.zeros(len(materials), settings.bias_size, device=device, requires_grad=True)
-    groups = [{"params": model.parameters()}, {"params": [p], "lr": settings.bias_learning_rate}]
+    groups: list[dict[str, Any]] = [{"params": model.parameters()}, {"params": [p], "lr": settings.bias_learning_rate}]
     optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
     s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
     batches = -(-len(s) // settings.batch_size)

@@ -47,8 +47,8 @@ def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int =
     """
     many = p.reshape(-1, model.bias_size)
     predicted, _ = model(s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many)
-    error = (predicted - s[1:]) / model.s_std
-    return error[:, warmup:].square().mean(dim=(1, 2)).reshape(p.shape[:-1])
+    losses = [model.loss(each[warmup:], s[1 + warmup :]) for each in predicted]
+    return torch.stack(losses).reshape(p.shape[:-1])
 
 
 class BiasEstimator:

@@ -4,9 +4,9 @@ Colours are Okabe and Ito's, which colour-blind readers can tell apart; where li
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import imageio_ffmpeg
-import matplotlib.pyplot as plt
 import mediapy
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,13 +25,12 @@ MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "h
 
 
 def _axes(
-    rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options: Any
 ) -> tuple[Figure, np.ndarray]:
-    """Figure and its axes `[rows, columns]`. The figure leaves pyplot's list, so that a notebook shows it once."""
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(size[0] * columns, size[1] * rows), squeeze=False, layout="constrained", **options
-    )
-    plt.close(figure)
+    """Figure and its axes `[rows, columns]`. Made without pyplot, so that a notebook shows it once, and so that widgets
+    may draw from a thread of their own."""
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(alpha=0.25)

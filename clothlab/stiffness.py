@@ -89,7 +89,7 @@ def stiffness_ellipse(
         ValueError: a posture or an f_const outside the arm's range, a force that is no positive number, or fewer than
             three directions.
     """
-    u = check_command(arm, [*theta_ref, f_const])
+    u = check_command(arm, [*np.atleast_1d(theta_ref), f_const])
     if not (np.isfinite(force) and force > 0 and directions >= 3):
         raise ValueError(f"push with a positive force from three directions or more, got {force} N from {directions}")
     spec = mujoco.MjSpec()

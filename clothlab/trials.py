@@ -337,7 +337,7 @@ class RandomPolicy(Policy):
         """Return the command `[D_u]`."""
         if self._steps_left == 0:
             self._u = self._rng.uniform(self.arm.command_lower, self.arm.command_upper)
-            self._steps_left = self._rng.integers(1, self.longest_hold + 1)
+            self._steps_left = int(self._rng.integers(1, self.longest_hold + 1))
         self._steps_left -= 1
         return self._u.copy()
 

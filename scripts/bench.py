@@ -51,11 +51,10 @@ def bench_step() -> None:
     env.reset(seed=0)
     env.step(env.arm.home_command)
     rng = np.random.default_rng(0)
-    substeps = round(CONTROL_PERIOD / env.scene.time_step)
     renderer = env.renderer(96, 128)
 
     def bare() -> None:
-        mujoco.mj_step(env.model, env.data, substeps)
+        mujoco.mj_step(env.model, env.data, env.scene.substeps)
         mujoco.mj_forward(env.model, env.data)  # the picture is to show where the last step has led
         renderer.update_scene(env.data, "camera")
         renderer.render()
@@ -109,15 +108,13 @@ def bench_solve() -> None:
 
 def bench_solve_of(name: str, arm: Arm) -> None:
     """The same, for one arm's numbers of commands and states."""
-    model, biases, _ = artifacts.load_dpmpb(f"{name}-0")
-    model.requires_grad_(False)
-    settings = ControlSettings()
+    learned, settings = artifacts.load(f"{name}-0"), ControlSettings()
+    model, tension = learned.model, learned.layout.tensions
     generator = torch.Generator().manual_seed(0)
-    p = torch.as_tensor(next(iter(biases.values())))
+    p = torch.as_tensor(next(iter(learned.biases.values())))
     frozen = FrozenDPMPB(model, p)
     lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
     mask = torch.as_tensor(period_mask(3, settings))
-    tension = slice(arm.tension_slice.start + 3, arm.tension_slice.stop + 3)
     problems = []
     for _ in range(20):
         s = model.s_mean + model.s_std * torch.randn(model.state_size, generator=generator)

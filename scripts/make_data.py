@@ -3,7 +3,6 @@
 import argparse
 import os
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
@@ -53,7 +52,7 @@ def record(name: str, cloth: str, policy: str, seed: int) -> Trial:
     """Record one trial."""
     env = ClothEnv(RECORDINGS[name].arm, cloth)
     try:
-        return rollout(env, POLICIES[policy](env.arm, seed=seed), RECORDINGS[name].steps, seed=seed, name=policy)
+        return rollout(env, POLICIES[policy](env.arm), RECORDINGS[name].steps, seed=seed)
     finally:
         env.close()
 
@@ -64,31 +63,30 @@ def record_all(workers: int, progress: bool = True) -> list[Trial]:
     return list(tqdm(results, total=len(jobs()), desc="trials", unit="trial", disable=not progress))
 
 
-def find_moments(arm: str, cloths: Iterable[str], seeds: Iterable[int]) -> tuple[list, list]:
+def find_moments(arm: str, cloth: str, seed: int) -> tuple[list, list]:
     """Moments `(reach [m], mask)` at which an operator's cloth is spread in the air, and those at which it swings.
 
     Reach is how far the free edge is from the hand, towards the side on which the front faces up. The cloth is spread
     where that is more than 0.3 m and the edge is level with the hand to 0.1 m; it swings where the edge is below. In
     both the front is in view and the hand well in front of the shoulder, so that the arm hides little.
     """
+    env = ClothEnv(arm, cloth)
+    points: list[np.ndarray] = []
+    steps = TARGET_STEPS + 1  # the image after a step is the one that the next step sees
+    watch = lambda: points.append(env.cloth_points())  # noqa: E731
+    trial = rollout(env, OperatorPolicy(env.arm), steps, seed=seed, watch=watch, samples=1)
+    env.close()
+    side = np.sign(env.arm.camera.position[0] - points[0][0, :, 0].mean())
     spread, swinging = [], []
-    for cloth, seed in product(cloths, seeds):
-        env = ClothEnv(arm, cloth)
-        policy = OperatorPolicy(env.arm, seed=seed)
-        observation, _ = env.reset(seed=seed)
-        side = np.sign(env.arm.camera.position[0] - env.cloth_points()[0, :, 0].mean())
-        for _ in range(TARGET_STEPS):
-            observation, *_ = env.step(policy(observation))
-            points = env.cloth_points()
-            forward, _, up = points[-1].mean(axis=0) - points[0].mean(axis=0)
-            if observation["image"].any() and points[0, :, 0].mean() > HAND_AHEAD:
-                moment = (side * forward, observation["image"].astype(bool))
-                if side * forward > 0.3 and abs(up) < 0.1:
-                    spread.append(moment)
-                elif up < -0.1:
-                    swinging.append(moment)
-        env.close()
-    return sorted(spread, key=lambda moment: moment[0]), swinging
+    for after, image in zip(points[:-1], trial.images[1:], strict=True):
+        forward, _, up = after[-1].mean(axis=0) - after[0].mean(axis=0)
+        if image.any() and after[0, :, 0].mean() > HAND_AHEAD:
+            moment = (side * forward, image)
+            if side * forward > 0.3 and abs(up) < 0.1:
+                spread.append(moment)
+            elif up < -0.1:
+                swinging.append(moment)
+    return spread, swinging
 
 
 def find_targets() -> dict[str, np.ndarray]:
@@ -98,13 +96,17 @@ def find_targets() -> dict[str, np.ndarray]:
     widest: a record is hard to repeat even for who set it. Target-2 (easier) swings half as far, its free edge below
     the hand.
     """
-    spread, swinging = find_moments("torque", ["damp0.05-mass0.10"], range(3000, 3004))
+    found = [find_moments("torque", "damp0.05-mass0.10", seed) for seed in range(3000, 3004)]
+    spread, swinging = ([moment for run in found for moment in run[kind]] for kind in (0, 1))
+    spread = sorted(spread, key=lambda moment: moment[0])
     median, target_1 = spread[len(spread) // 2]
     _, target_2 = min(swinging, key=lambda moment: abs(moment[0] - median / 2))
-    foams, _ = find_moments("muscle", TRAINED_FOAMS, [13000])
-    whole = [
-        mask for _, mask in foams if not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
-    ]  # a near camera cuts some
+    foams = [moment for foam in TRAINED_FOAMS for moment in find_moments("muscle", foam, 13000)[0]]
+    whole = [  # a near camera cuts some
+        mask
+        for _, mask in sorted(foams, key=lambda moment: moment[0])
+        if not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
+    ]
     return {"target-1": target_1, "target-2": target_2, "muscle": whole[len(whole) // 2]}
 
 
@@ -115,7 +117,7 @@ def main() -> None:
     workers = parser.parse_args().workers
     start = time.perf_counter()
     for (name, cloth, policy, _), trial in zip(jobs(), record_all(workers), strict=True):
-        save_trial(trial, artifacts.DATA / "trials" / name / f"{cloth}_{policy}.npz")
+        save_trial(trial, artifacts.data_folder() / "trials" / name / f"{cloth}_{policy}.npz")
     targets = find_targets()
     for name, mask in targets.items():
         artifacts.save_target(mask, name)

@@ -13,7 +13,7 @@ from nbconvert import HTMLExporter
 from nbconvert.preprocessors import ExecutePreprocessor
 from tqdm.auto import tqdm
 
-from clothlab._files import atomic_write
+from clothlab._files import write_bytes
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL_SECONDS = 600  # [s] a cell that takes longer has hung
@@ -49,11 +49,11 @@ def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbforma
 def write_editions(path: Path, build: Path) -> None:
     """Write both editions of the notebook at `path` into `build`: nothing of the second if a cell fails."""
     notebook = nbformat.read(path, as_version=4)
-    _write(build / "student" / path.name, nbformat.writes(student_edition(notebook)))
+    write_bytes(build / "student" / path.name, nbformat.writes(student_edition(notebook)).encode())
     executed = instructor_edition(notebook, path.parent)
     page, _ = HTMLExporter().from_notebook_node(executed, {"metadata": {"name": path.stem}})
-    _write(build / "instructor" / path.name, nbformat.writes(executed))
-    _write(build / "instructor" / f"{path.stem}.html", page)
+    write_bytes(build / "instructor" / path.name, nbformat.writes(executed).encode())
+    write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
 
 
 def _moved(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -63,11 +63,6 @@ def _moved(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
         if cell.cell_type == "markdown":
             cell.source = cell.source.replace("](../", "](../../")
     return edition
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def main() -> None:

@@ -1,11 +1,12 @@
 """Draw the README's moving picture: the controller at work, what it sees, and the target. About a minute."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 from PIL import Image
 
 from clothlab import artifacts
-from clothlab.control import ControlPolicy
 from clothlab.env import ClothEnv, Scene
 from clothlab.trials import rollout
 from clothlab.vision import cloth_mask
@@ -28,18 +29,23 @@ def from_mask(mask: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Control for a few periods and write `docs/control.gif`."""
-    autoencoder, _ = artifacts.load_autoencoder()
-    model, biases, _ = artifacts.load_dpmpb()
-    target = artifacts.load_target("target-2")
-    env = ClothEnv("torque", CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)), pictures_per_step=PICTURES_PER_STEP)
-    policy = ControlPolicy(model, autoencoder, env.arm, target, biases[CLOTH])
-    rollout(env, policy, STEPS, progress=True)
+    learned, target = artifacts.load(), artifacts.load_target("target-2")
+    env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
+    pictures: list[np.ndarray] = []
+    rollout(
+        env,
+        learned.controller(target, CLOTH),
+        STEPS,
+        watch=lambda: pictures.append(env.picture()),
+        samples=PICTURES_PER_STEP,
+        progress=True,
+    )
     frames = []
-    for picture in env.pictures[FIRST_STEP * PICTURES_PER_STEP :]:
+    for picture in pictures[FIRST_STEP * PICTURES_PER_STEP :]:
         small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
         side = np.vstack([label(from_mask(target), "target"), label(from_mask(cloth_mask(small)), "seen")])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
-    path = artifacts.DATA.parent / "docs" / "control.gif"
+    path = Path(__file__).resolve().parents[1] / "docs" / "control.gif"
     path.parent.mkdir(exist_ok=True)
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10  # GIF counts in hundredths of a second
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)

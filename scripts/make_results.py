@@ -1,31 +1,46 @@
-"""`make results`: compute every figure of the results tables from `data/` with fresh simulation.
+"""`make results`: run every experiment at full size from `data/`, with fresh simulation.
 
-Prints the tables, writes `data/results/*.json`, which the notebooks read, and puts the tables into the README. About
-six minutes on two cores.
+Writes the records to `data/results/`, which notebooks and claims read, and the tables into the README. About six
+minutes on two cores.
 """
 
 import argparse
 import os
 import time
+from pathlib import Path
 
-import results_simulation
-import results_stiffness
-from reporting import publish
+from clothlab import artifacts, experiments
+from clothlab._files import write_bytes
+from clothlab.experiments import tables
 
-EXPERIMENTS = {"simulation": results_simulation, "stiffness": results_stiffness}
+README = Path(__file__).resolve().parents[1] / "README.md"
+
+
+def publish() -> None:
+    """Make the tables from the stored records: print them, store them, put them into the README."""
+    records = {name: experiments.load(name) for name in experiments.EXPERIMENTS}
+    write_bytes(README, tables.in_readme(README.read_text(), records).encode())
+    artifacts.save_results({"tables": tables.as_json(records)}, "table")
+    artifacts.write_checksums()
+    for make in tables.TABLES.values():
+        for row in make(records):
+            mark = {True: "✓", False: "✗", None: " "}[row.held]
+            print(f"{mark} {row.what}: {row.here} (aim {row.aim}, paper {row.paper})")
 
 
 def main() -> None:
-    """Compute, print, save."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=EXPERIMENTS, help="leave the other as it is")
+    """Run, store, publish."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="*", choices=experiments.EXPERIMENTS, help="leave the others as they are")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
-    for name in [arguments.only] if arguments.only else EXPERIMENTS:
+    for name in experiments.EXPERIMENTS if arguments.only is None else arguments.only:
         start = time.perf_counter()
-        results = EXPERIMENTS[name].compute(arguments.workers)
-        publish(results, EXPERIMENTS[name].table(results), name)
-        print(f"{time.perf_counter() - start:.0f} s; data/results/{name}.json")
+        record = experiments.EXPERIMENTS[name].run(workers=arguments.workers, progress=True)
+        experiments.save(name, record)
+        artifacts.write_checksums()
+        print(f"{name}: {time.perf_counter() - start:.0f} s")
+    publish()
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ import numpy as np
 import torch
 
 from clothlab import artifacts
+from clothlab.arm import get_arm
+from clothlab.artifacts import Trained
 from clothlab.autoencoder import train_autoencoder
 from clothlab.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
 
@@ -44,8 +46,9 @@ def train_autoencoder_weights(arm: str) -> None:
 def train_one(arm: str, runs: list[Sequences], seed: int, threads: int, progress: bool) -> None:
     """Train one DPMPB and save."""
     torch.set_num_threads(threads)
-    model, biases, losses = train_dpmpb(runs, TRAININGS[arm].model, seed=seed, progress=progress)
-    artifacts.save_dpmpb(model, biases, losses, f"{arm}-{seed}")
+    model, biases, trace = train_dpmpb(runs, TRAININGS[arm].model, seed=seed, progress=progress)
+    autoencoder, _ = artifacts.load_autoencoder(arm)
+    artifacts.save(Trained(f"{arm}-{seed}", get_arm(arm), autoencoder, model, biases, trace.losses, sees_with=arm))
 
 
 def train_models(arm: str, seeds: list[int]) -> None:

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.analysis import (
-    MaterialReadout,
-    best_per_period,
-    nearest_material,
-    principal_axes,
-    spread,
-    success_rate,
-)
+from clothlab.analysis import MaterialReadout, best_per_period, nearest_material, principal_axes, spread, success_rate
 from clothlab.cloth import DAMPINGS, MASSES, Cloth
 
 GRID = {f"{c}-{m}": Cloth(f"{c}-{m}", damping=c, mass=m) for c in DAMPINGS for m in MASSES}

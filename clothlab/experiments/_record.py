@@ -1,0 +1,86 @@
+"""What all experiments share: records on disk, runs side by side, and the trials that nobody controls."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import ModuleType
+from typing import Any, TypeVar
+
+import cattrs
+import joblib
+import numpy as np
+import torch
+from tqdm.auto import tqdm
+
+from clothlab import artifacts
+from clothlab._validation import choose
+from clothlab.artifacts import Folder, Trained
+from clothlab.cloth import Cloth
+from clothlab.env import ClothEnv
+from clothlab.trials import RandomPolicy, Trial, rollout
+
+T = TypeVar("T")
+EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
+
+converter = cattrs.Converter(forbid_extra_keys=True)
+converter.register_unstructure_hook(np.ndarray, np.ndarray.tolist)
+converter.register_structure_hook(np.ndarray, lambda value, _: np.asarray(value))
+
+
+def save(name: str, record: Any, *, data: Folder = None) -> None:
+    """Write the record of an experiment as `data/results/NAME.json`.
+
+    Raises:
+        KeyError: unknown experiment; the message lists the choices.
+        ValueError: a record with numbers that are not finite.
+    """
+    choose("experiment", name, EXPERIMENTS)
+    artifacts.save_results({"experiment": name, "record": converter.unstructure(record)}, name, data=data)
+
+
+def load(name: str, *, data: Folder = None) -> Any:
+    """Read the stored record of an experiment, a `Record` of its module.
+
+    Raises:
+        KeyError: unknown experiment, or none stored; the message lists the choices.
+        ValueError: a damaged or altered file, or a record of another shape.
+    """
+    module = choose("experiment", name, EXPERIMENTS)
+    stored = artifacts.load_results(name, data=data)
+    try:
+        return converter.structure(stored["record"], module.Record)
+    except (cattrs.BaseValidationError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"data/results/{name}.json is damaged or of another version: {error}") from error
+
+
+def run_jobs(
+    function: Callable[..., T], jobs: Sequence[tuple], *, workers: int, progress: bool, what: str = "runs"
+) -> list[T]:
+    """Call `function(*job)` for each job, several at once; the answers in the order of the jobs."""
+    answers = joblib.Parallel(n_jobs=workers, return_as="generator")(
+        joblib.delayed(_alone)(function, job) for job in jobs
+    )
+    return list(tqdm(answers, total=len(jobs), desc=what, unit="run", disable=not progress))
+
+
+def _alone(function: Callable[..., T], job: tuple) -> T:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # jobs run side by side, and matrices this small gain nothing from a second core
+    try:
+        return function(*job)
+    finally:
+        torch.set_num_threads(threads)
+
+
+@cache
+def trained(name: str) -> Trained:
+    """`artifacts.load`, once in each process."""
+    return artifacts.load(name)
+
+
+def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """Random commands on a fresh scene."""
+    env = ClothEnv(arm, cloth)
+    try:
+        return rollout(env, RandomPolicy(env.arm), steps, seed=seed)
+    finally:
+        env.close()

@@ -1,0 +1,154 @@
+"""A claim is a condition on a record. Every **Finding** of the notebooks is followed by a cell that states it as one.
+
+A condition is a figure (a number made of arrays) and its bounds. It is checked on what is stored from a full-size run,
+and on the live run where that has the full size. To show that it can fail, it is fed noise, most of which it must
+refuse: a condition that noise passes says nothing.
+"""
+
+import contextlib
+import os
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from clothlab import artifacts
+from clothlab.artifacts import Folder
+
+RECORD = "CLOTHLAB_RECORD_FINDINGS"  # environment variable: live figures are stored, as `make findings` does
+DRAWS = 40  # of noise
+REFUSED = 0.25  # share of them that a condition must refuse, at the least
+SYMBOLS = {"at_least": "≥", "above": ">", "at_most": "≤", "below": "<"}
+
+Figure = Callable[..., Any]
+
+
+class ClaimError(AssertionError):
+    """A claim that does not hold, or cannot fail; the text says which, with its figure and its bounds."""
+
+
+class Findings:
+    """The claims of one notebook.
+
+    Args:
+        notebook: its file's name without the ending.
+        data: folder with the stored figures.
+        parameters: those of the notebook that say how large its live runs are. Live claims are checked on the live run
+            where these are as stored, which is the full size.
+
+    Raises:
+        ValueError: no name of a notebook, or damaged stored figures.
+    """
+
+    def __init__(self, notebook: str, *, data: Folder = None, **parameters: Any):
+        self.name, self._data = f"findings-{notebook}", data
+        self.parameters = _plain(parameters)
+        self.recording = bool(os.environ.get(RECORD))
+        stored: dict[str, Any] = {"parameters": None, "figures": {}}
+        if not self.recording:
+            with contextlib.suppress(KeyError):  # nothing was recorded yet; claims about stored records need nothing
+                stored = artifacts.load_results(self.name, data=data)
+        if not {"parameters", "figures"} <= set(stored):
+            raise ValueError(f"data/results/{self.name}.json is damaged: record it anew with `make findings RECORD=1`")
+        self._figures: dict[str, dict[str, Any]] = stored["figures"]
+        self.full_size = self.recording or stored["parameters"] == self.parameters
+
+    def stored(self, claim: str, figure: Figure, /, **given: Any) -> None:
+        """Check a claim about a stored record, such as that of an experiment.
+
+        Args:
+            claim: what is claimed, a sentence.
+            figure: a function of the arrays, which returns a number.
+            given: the bounds, `at_least`, `above`, `at_most`, `below`, one or two of them; all others are arrays.
+
+        Raises:
+            ClaimError: the claim does not hold, or cannot fail.
+            ValueError: no bounds, or no arrays.
+        """
+        bounds, arrays = _sorted_out(claim, given)
+        _must_refuse_noise(claim, figure, bounds, arrays)
+        _must_hold(claim, "stored", figure, bounds, arrays)
+
+    def live(self, claim: str, figure: Figure, /, **given: Any) -> None:
+        """Check a claim about what was measured in this notebook: on the stored figures, and here at full size.
+
+        Args:
+            claim: what is claimed, a sentence.
+            figure: a function of the arrays, which returns a number.
+            given: the bounds, as for `stored`; all others are the arrays that were measured, small ones.
+
+        Raises:
+            ClaimError: the claim does not hold, cannot fail, or has no stored figures.
+            ValueError: no bounds, or no arrays.
+        """
+        bounds, arrays = _sorted_out(claim, given)
+        if self.recording:
+            self._figures[claim] = {name: _plain(array) for name, array in arrays.items()}
+            stored = {"parameters": self.parameters, "figures": self._figures}
+            artifacts.save_results(stored, self.name, data=self._data)
+        if claim not in self._figures:
+            raise ClaimError(f"nothing is stored for the claim {claim!r}: run `make findings RECORD=1`")
+        before = {name: np.asarray(array) for name, array in self._figures[claim].items()}
+        _must_refuse_noise(claim, figure, bounds, before)
+        _must_hold(claim, "stored", figure, bounds, before)
+        if self.full_size:
+            _must_hold(claim, "here", figure, bounds, arrays)
+
+
+def _sorted_out(claim: str, given: dict[str, Any]) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+    bounds = {name: value for name, value in given.items() if name in SYMBOLS}
+    arrays = {name: np.asarray(value) for name, value in given.items() if name not in SYMBOLS}
+    if not bounds or not arrays:
+        raise ValueError(f"the claim {claim!r} needs a bound ({', '.join(SYMBOLS)}) and arrays by name")
+    return bounds, arrays
+
+
+def _holds(value: float, bounds: dict[str, float]) -> bool:
+    tests = {
+        "at_least": lambda bound: value >= bound,
+        "above": lambda bound: value > bound,
+        "at_most": lambda bound: value <= bound,
+        "below": lambda bound: value < bound,
+    }
+    return all(tests[name](bound) for name, bound in bounds.items())
+
+
+def _must_hold(claim: str, where: str, figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
+    value = float(figure(**arrays))
+    wanted = " and ".join(f"{SYMBOLS[name]} {bound:.4g}" for name, bound in bounds.items())
+    if not _holds(value, bounds):
+        raise ClaimError(f"this does not hold: {claim}\n  {where}: {value:.4g}, claimed: {wanted}")
+    print(f"✓ {claim}: {value:.3g} {where} ({wanted})")
+
+
+def _must_refuse_noise(claim: str, figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
+    rng = np.random.default_rng(0)
+    passed = sum(_passes(figure, bounds, {n: _noise(rng, a) for n, a in arrays.items()}) for _ in range(DRAWS))
+    if passed > (1 - REFUSED) * DRAWS:
+        raise ClaimError(f"this condition can hardly fail: {claim}\n  noise passes it in {passed} of {DRAWS} draws")
+
+
+def _passes(figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> bool:
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+            return _holds(float(figure(**arrays)), bounds)
+    except Exception:  # noise may make anything fail; a figure that cannot be computed supports no claim
+        return False
+
+
+def _noise(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
+    """An array of the same shape and kind that knows nothing: another size, another offset, or the order lost."""
+    if array.dtype.kind not in "iuf":
+        return rng.choice(np.unique(array) if array.dtype.kind != "b" else [False, True], array.shape)
+    if rng.random() < 0.1 and array.size > 1:
+        return rng.permutation(array.ravel()).reshape(array.shape)
+    size = float(np.sqrt(np.mean(np.square(array, dtype=float)))) or 1.0
+    return size * 10 ** rng.uniform(-0.5, 1.5) * (rng.normal(size=array.shape) + rng.choice([-1, 0, 1]))
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it."""
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return np.asarray(value).tolist()

@@ -1,0 +1,102 @@
+"""Which cloth is in the hand? p is estimated online from 0 while the cloth is moved at random (paper, "Simulation
+Experiment": the figure on parametric biases)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothlab._validation import Checked, choose, setting
+from clothlab.analysis import MaterialReadout, nearest_material, spread
+from clothlab.cloth import CLOTHS, Cloth
+from clothlab.estimation import estimate_bias
+from clothlab.experiments._record import random_trial, run_jobs, trained
+
+BETWEEN = {  # never trained on: geometric means of neighbouring trained values
+    name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5)
+    for name, (c, d), (m, n) in (
+        ("between-light", (0.03, 0.05), (0.05, 0.10)),
+        ("between-heavy", (0.05, 0.07), (0.10, 0.15)),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Settings(Checked):
+    """Which cloths and trainings; the defaults are the full size."""
+
+    weights: str = setting("torque")
+    models: tuple[int, ...] = setting((0, 1, 2), at_least=0)  # seeds of the trainings
+    cloths: tuple[str, ...] = setting((*CLOTHS, *BETWEEN))
+    steps: int = setting(200, "step", at_least=12)  # 40 s, about as in the paper
+    first_seed: int = setting(6000, at_least=0)  # of the commands: this + 100 model + number of the cloth
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One estimation.
+
+    Attributes:
+        cloth: name of the cloth in the hand.
+        model: seed of the training.
+        trace: p after each step `[T, D_p]`.
+        nearest: the material whose trained p is nearest in the end.
+        distance: final distance to the right p [spreads of the trained p]; none for a cloth that was never trained.
+        read: C_damp [N s/m] and C_mass [kg] read off the final p `[2]`.
+        error: their relative errors `[2]`.
+    """
+
+    cloth: str
+    model: int
+    trace: np.ndarray
+    nearest: str
+    distance: float | None
+    read: np.ndarray
+    error: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was found.
+
+    Attributes:
+        settings: of the experiment.
+        runs: one for each training and cloth.
+    """
+
+    settings: Settings
+    runs: tuple[Run, ...]
+
+    @property
+    def trained(self) -> list[Run]:
+        """The runs with cloths that the model was trained on."""
+        return [run for run in self.runs if run.distance is not None]
+
+    @property
+    def between(self) -> list[Run]:
+        """The runs with cloths between those."""
+        return [run for run in self.runs if run.distance is None]
+
+
+def get_cloth(name: str) -> Cloth:
+    """One of the nine cloths, or one between them, by its name."""
+    return choose("cloth", name, CLOTHS | BETWEEN)
+
+
+def run_one(settings: Settings, name: str, model: int) -> Run:
+    """Estimate p of one cloth."""
+    learned, cloth = trained(f"{settings.weights}-{model}"), get_cloth(name)
+    seed = settings.first_seed + 100 * model + [*CLOTHS, *BETWEEN].index(name)
+    trial = random_trial(learned.arm.name, cloth, settings.steps, seed)
+    p, trace = estimate_bias(learned.model, learned.sequences(trial))
+    right = learned.biases.get(name)
+    distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
+    read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
+    error = read / (cloth.damping, cloth.mass) - 1
+    return Run(name, model, trace.round(4), nearest_material(p, learned.biases), distance, read, error)
+
+
+def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
+    """Estimate p of every cloth with every training."""
+    settings = settings or Settings()
+    jobs = [(settings, name, model) for model in settings.models for name in settings.cloths]
+    return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="estimation")))

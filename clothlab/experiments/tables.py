@@ -1,0 +1,211 @@
+"""The results tables: paper beside here, each row computed from the stored records."""
+
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from clothlab.analysis import median_best
+from clothlab.experiments import control, estimation, integrated, perception, self_organisation, stiffness
+from clothlab.experiments.stiffness import CONDITIONS, CORRECT, FIXED, RANDOM, WARM
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a results table.
+
+    Attributes:
+        what: what was measured.
+        paper: the paper's figure, or what it says.
+        here: ours, with its spread.
+        aim: the bound that this project aims at.
+        held: whether ours is within it; None where there is none.
+    """
+
+    what: str
+    paper: str
+    here: str
+    aim: str
+    held: bool | None
+
+
+def row(
+    what: str,
+    paper: str,
+    value: float,
+    *,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    unit: str = "",
+    spread: str = "",
+) -> Row:
+    """A row from a figure and its bounds."""
+    if at_least is not None and at_most is not None:
+        aim = f"{at_least:.3g} to {at_most:.3g}{unit}"
+    elif at_least is not None:
+        aim = f"≥ {at_least:.2g}{unit}"
+    else:
+        aim = "–" if at_most is None else f"≤ {at_most:.2g}{unit}"
+    held = (at_least is None or value >= at_least) and (at_most is None or value <= at_most)
+    return Row(what, paper, f"{value:.2f}{unit}{spread}", aim, None if aim == "–" else bool(held))
+
+
+def simulation(records: dict[str, Any]) -> list[Row]:
+    """Rows of the paper's section "Simulation Experiment", from the records by their experiments' names."""
+    return [
+        *_perception(records["perception"]),
+        *_self_organisation(records["self_organisation"]),
+        *_estimation(records["estimation"]),
+        *_control(records["control"]),
+        *_integrated(records["integrated"]),
+    ]
+
+
+def _perception(record: perception.Record) -> list[Row]:
+    (target_2,) = (each for each in record.chamfer if each.target == "target-2")
+    what = "correlation of z distance and log chamfer distance, Target-2"
+    return [
+        row("autoencoder: mean IoU on evaluation trials", "–", record.iou, at_least=0.80),
+        row(what, "0.811", target_2.correlation, at_least=0.81),
+    ]
+
+
+def _self_organisation(record: self_organisation.Record) -> list[Row]:
+    r2, ratio = np.array([run.r2 for run in record.runs]), np.array([run.ratio_r2 for run in record.runs])
+    rows = [
+        row(
+            f"p explains log {name}, leave one cloth out: R²",
+            "–",
+            values.mean(),
+            at_least=0.9,
+            spread=f" ± {values.std():.2f}",
+        )
+        for name, values in zip(("C_damp", "C_mass"), r2.T, strict=True)
+    ]
+    what = "… and log (C_damp / C_mass), the speed of falling"
+    return [*rows, row(what, "–", ratio.mean(), spread=f" ± {ratio.std():.2f}")]
+
+
+def _estimation(record: estimation.Record) -> list[Row]:
+    right = float(np.mean([run.nearest == run.cloth for run in record.trained]))
+    distance = float(np.median([run.distance for run in record.trained]))
+    what = "estimation from p = 0, 40 s: nearest trained p is the right one"
+    rows = [
+        row(what, "–", 100 * right, at_least=70, unit=" %"),
+        row("… final distance to the right p, in spreads, median", "–", distance, at_most=0.35),
+    ]
+    errors = 100 * np.abs([run.error for run in record.between])
+    for name, values in zip(("C_damp", "C_mass"), errors.T, strict=True):
+        what = f"cloths between the trained ones: largest error of {name} read off p"
+        rows.append(row(what, "–", values.max(), at_most=25, unit=" %", spread=f" (mean {values.mean():.0f} %)"))
+    return rows
+
+
+def _control(record: control.Record) -> list[Row]:
+    rows = []
+    for (target, cloth), runs in record.cases().items():
+        ours, chance = (median_best(getattr(run, who) for run in runs) for who in ("control", "random"))
+        deviation = np.std([np.median(run.best("control")) / chance for run in runs])
+        others = f"still {runs[0].still:.2f}, empty image {runs[0].empty:.2f}"
+        rows.append(
+            row(
+                f"control, {target}, {cloth}: best distance a period, median, over Random's",
+                "Control better",
+                ours / chance,
+                at_most=0.4,
+                spread=f" ± {deviation:.2f} ({ours:.2f} / {chance:.2f}; {others})",
+            )
+        )
+    return rows
+
+
+def _integrated(record: integrated.Record) -> list[Row]:
+    ratios = np.array([run.ratio for run in record.runs])
+    what = "integrated: distance to the right p after 50 s, over the start's, mean of five"
+    return [row(what, "approaches", ratios.mean(), at_most=1 / 3, spread=f" ± {ratios.std():.2f}")]
+
+
+def muscle_arm(records: dict[str, Any]) -> list[Row]:
+    """Rows of the paper's section "Actual Robot Experiment", from the records by their experiments' names."""
+    record: stiffness.Record = records["stiffness"]
+    low, *_, high = tensions = record.settings.tensions
+    falls = sum(record.area("nonlinear", a) > record.area("nonlinear", b) for a, b in pairwise(tensions))
+    right = 100 * float(np.mean([each.nearest == each.cloth for each in record.held_out]))
+    between = sum(0 < each.place < 1 for each in record.estimation if each.cloth == "hard-2")
+    gain, linear = (
+        record.area("nonlinear", low) / record.area("nonlinear", high),
+        record.area("linear", 30) / record.area("linear", high),
+    )
+    rows = [
+        row("stiffness ellipse: area at 10 N over that at 70 N", "changes greatly", gain, at_least=5),
+        row("… how often it falls from 10 to 30, 50 and 70 N", "–", falls, at_least=3),
+        row("… with linear springs, 30 N over 70 N: the control", "–", linear, at_least=0.98, at_most=1.02),
+        row(
+            "foams, p estimated from held-out trials: nearest trained p is the right one",
+            "–",
+            right,
+            at_least=80,
+            unit=" %",
+        ),
+        row("hard-2, never trained on, lies between hard-1 and hard-3: trainings of five", "yes", between, at_least=4),
+    ]
+    return [*rows, *(each for cloth in record.settings.cloths for each in _foam(record, cloth))]
+
+
+def _foam(record: stiffness.Record, cloth: str) -> list[Row]:
+    runs = {name: record.case(name, cloth) for name in CONDITIONS}
+    ours, chance = (median_best(run.distance for run in runs[name]) for name in (CORRECT, RANDOM))
+    first = runs[CORRECT][0]
+    others = f"still {first.distance[0]:.2f}, empty image {first.empty:.2f}"
+    rows = [
+        row(
+            f"{cloth}: best distance a period, median, Correct over Random",
+            "Correct better",
+            ours / chance,
+            at_most=0.4,
+            spread=f" ({ours:.2f} / {chance:.2f}; {others})",
+        )
+    ]
+    for name, each_of in runs.items():
+        rate = 100 * np.array([run.rate for run in each_of])
+        paper = {CORRECT: "highest", RANDOM: "lowest", WARM: "–"}.get(name, "lower than Correct")
+        what = f"{cloth}, {name}: steps nearer than {record.settings.threshold}"
+        rows.append(row(what, paper, rate.mean(), unit=" %", spread=f" ± {rate.std():.2f}"))
+    free, fixed = (np.array([[*run.peak_hand_speed.values()] for run in runs[name]]) for name in (CORRECT, FIXED))
+    gain = 100 * (free.mean(axis=0) / fixed.mean(axis=0) - 1)
+    speeds = " / ".join(f"{speed[:, 0].mean():.2f} ± {speed[:, 0].std():.2f}" for speed in (free, fixed))
+    other = f"{gain.min():.0f} to {gain.max():.0f} % with other motors and friction"
+    what = f"{cloth}: gain in peak hand speed by optimised stiffness over {record.settings.fixed_tension:.0f} N"
+    return [*rows, row(what, "+12 %", gain[0], unit=" %", spread=f" ({speeds} m/s; {other})")]
+
+
+TABLES = {"simulation": simulation, "muscle-arm": muscle_arm}
+
+
+def markdown(rows: list[Row]) -> str:
+    """A table for the README."""
+    marks = {True: "✓", False: "short of it", None: ""}
+    lines = ["| | paper | here | aim | |", "| --- | --- | --- | --- | --- |"]
+    lines += [f"| {each.what} | {each.paper} | {each.here} | {each.aim} | {marks[each.held]} |" for each in rows]
+    return "\n".join(lines)
+
+
+def as_json(records: dict[str, Any]) -> dict[str, list[dict]]:
+    """All tables as JSON has them."""
+    return {name: [asdict(each) for each in table(records)] for name, table in TABLES.items()}
+
+
+def in_readme(readme: str, records: dict[str, Any]) -> str:
+    """The README with each table between its marks, `<!-- NAME -->` and `<!-- /NAME -->`.
+
+    Raises:
+        ValueError: a table without its marks.
+    """
+    for name, table in TABLES.items():
+        before, mark, rest = readme.partition(f"<!-- {name} -->")
+        _, end, after = rest.partition(f"<!-- /{name} -->")
+        if not mark or not end:
+            raise ValueError(f"the README has no place for the table {name!r}: <!-- {name} --> and <!-- /{name} -->")
+        readme = f"{before}{mark}\n{markdown(table(records))}\n{end}{after}"
+    return readme
