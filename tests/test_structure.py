@@ -1,10 +1,11 @@
-"""What keeps the project in shape: layers, names, units, notebooks."""
+"""What keeps the project in shape: layers, names, units, sizes, files."""
 
 import ast
 import dataclasses
 import importlib
-import json
+import inspect
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,95 +13,147 @@ import pytest
 import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
-LAYERS = ["_choices", "_files", "cloth", "arm", "vision", "env", "trials", "autoencoder", "dpmpb"]
-LAYERS += ["estimation", "control", "analysis", "plots", "artifacts", "session", "widgets", "checks", "__main__"]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+PACKAGE = ROOT / "clothlab"
+LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "trials", "autoencoder"]
+LAYERS += [
+    "dpmpb",
+    "estimation",
+    "control",
+    "artifacts",
+    "analysis",
+    "plots",
+    "experiments",
+    "lab",
+    "checks",
+    "__main__",
+]
+MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def sources(name):
-    """The files of a layer: one module, or the modules of a package."""
-    path = ROOT / "clothlab" / name
-    return sorted(path.glob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
-
-
-@pytest.mark.parametrize("name", LAYERS)
-def test_imports_go_down_only(name):
-    used = set()
-    for node in (node for path in sources(name) for node in ast.walk(ast.parse(path.read_text()))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("clothlab"):
+def imported(path):
+    """Layers that a file imports."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothlab":
             parts = node.module.split(".")
-            used |= {parts[1]} if len(parts) > 1 else {alias.name for alias in node.names}
-    within = {name} if len(sources(name)) > 1 else set()
-    assert used <= set(LAYERS[: LAYERS.index(name)]) | within
+            yield from [parts[1]] if len(parts) > 1 else [alias.name for alias in node.names]
+
+
+def layer(path):
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_down_only(path):
+    if layer(path) == "__init__":
+        assert not set(imported(path))
+    else:
+        below = LAYERS[: LAYERS.index(layer(path))]
+        assert set(imported(path)) <= {*below, layer(path)}
 
 
 def test_every_module_has_its_layer():
-    files = {path.relative_to(ROOT / "clothlab").parts[0] for path in (ROOT / "clothlab").rglob("*.py")}
-    assert {name.removesuffix(".py") for name in files} - {"__init__"} == set(LAYERS)
+    assert {layer(path) for path in MODULES} - {"__init__"} == set(LAYERS)
+
+
+def name_of(path):
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def public(module):
+    """What a module defines under names without an underscore."""
+    for name, item in vars(module).items():
+        if not name.startswith("_") and getattr(item, "__module__", None) == module.__name__:
+            yield name, item
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES if path.stem != "__main__"], ids=name_of)
+def test_what_is_public_is_documented(path):
+    module = importlib.import_module(name_of(path))
+    assert module.__doc__
+    for name, item in public(module):
+        if inspect.isclass(item) or inspect.isfunction(item):
+            assert item.__doc__, f"{module.__name__}.{name}"
 
 
 @pytest.mark.parametrize("name", clothlab.__all__)
-def test_exported_names_exist_and_are_documented(name):
-    module = importlib.import_module(f"clothlab.{name}")
-    assert module.__doc__
-    for public in module.__all__:
-        item = getattr(module, public)
-        if callable(item) and item.__module__.startswith(module.__name__):
-            assert item.__doc__, f"{name}.{public}"
+def test_modules_are_found_as_attributes(name):
+    assert getattr(clothlab, name) is importlib.import_module(f"clothlab.{name}")
+    assert name in dir(clothlab)
+
+
+def test_unknown_modules_list_the_choices():
+    with pytest.raises(AttributeError, match="clothlab has no 'alchemy'; it has analysis, arm"):
+        clothlab.alchemy  # noqa: B018
 
 
 def settings_classes():
-    for name in clothlab.__all__:
-        module = importlib.import_module(f"clothlab.{name}")
-        for item in vars(module).values():
-            if (
-                dataclasses.is_dataclass(item)
-                and item.__module__ == module.__name__
-                and item.__dataclass_params__.frozen
-            ):
+    for path in MODULES:
+        if path.stem == "__main__":
+            continue
+        module = importlib.import_module(name_of(path))
+        for _, item in public(module):
+            if dataclasses.is_dataclass(item) and issubclass(item, clothlab._validation.Checked):
                 yield item
 
 
-@pytest.mark.parametrize("cls", list(settings_classes()), ids=lambda cls: cls.__name__)
-def test_every_parameter_has_its_unit(cls):
+@pytest.mark.parametrize("cls", list(settings_classes()), ids=lambda cls: f"{cls.__module__}.{cls.__name__}")
+def test_every_number_of_a_setting_has_its_unit(cls):
     for field in dataclasses.fields(cls):
-        holds_data = "ndarray" in str(field.type) or cls.__name__ in ("Trial", "Sequences", "MaterialReadout", "Moment")
-        if not holds_data:
+        if not isinstance(field.type, str) and "float" in str(field.type):
             assert field.metadata.get("unit"), f"{cls.__name__}.{field.name} has no unit"
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebooks_are_stripped_and_short(path):
-    notebook = json.loads(path.read_text())
-    assert notebook["metadata"]["kernelspec"]["name"] == "python3"
-    for cell in notebook["cells"]:
-        if cell["cell_type"] == "code":
-            assert cell["outputs"] == []
-            assert cell["execution_count"] is None
-            assert len(cell["source"]) <= 30, "a cell that a student cannot read at a glance"
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_rooms_stay_small(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        lines = getattr(node, "end_lineno", 0) - getattr(node, "lineno", 0) + 1
+        if isinstance(node, ast.ClassDef):
+            assert lines < 250, f"{node.name} has {lines} lines"
+        elif isinstance(node, ast.FunctionDef):
+            assert lines < 50, f"{node.name} has {lines} lines"
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebooks_follow_the_rhythm(path):
-    notebook = json.loads(path.read_text())
-    text = "".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown").lower()
-    for part in ("goals", "prerequisites", "running time", "exercise", "summary", "references"):
-        assert part in text, f"{path.stem} lacks its {part}"
+def test_nothing_asks_which_policy_or_arm_it_is_talking_to():
+    for path in MODULES:
+        for call in re.findall(r"isinstance\([^)]*\)", path.read_text()):
+            assert not re.search(r"ControlPolicy|MuscleArm|TorqueArm", call), f"{path.name}: {call}"
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_ci_changes_only_parameters_that_exist(path):
-    """The runner assigns `mock` after the cell that carries it, and looks for it on cells only."""
-    notebook = json.loads(path.read_text())
-    assert "nbmake" not in notebook["metadata"], "mock belongs to the cell that is tagged parameters"
-    for cell in notebook["cells"]:
-        mock = cell["metadata"].get("nbmake", {}).get("mock", {})
-        names = re.findall(r"^(\w+) = ", "".join(cell["source"]), flags=re.MULTILINE)
-        assert set(mock) <= set(names)
-        assert not mock or "parameters" in cell["metadata"].get("tags", [])
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_every_module_has_its_tests(path):
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    if parts[-1] in ("__init__", "__main__"):
+        return
+    own, shared = f"test_{'_'.join(part.strip('_') for part in parts)}.py", f"test_{parts[0].strip('_')}.py"
+    assert (ROOT / "tests" / own).exists() or (ROOT / "tests" / shared).exists(), f"no tests/{own}"
 
 
-def test_the_readme_maps_every_notebook():
-    readme = (ROOT / "README.md").read_text()
-    for path in NOTEBOOKS:
-        assert path.name in readme
+def pins(name):
+    return dict(re.findall(r"^([\w.-]+)==(\S+)$", (ROOT / name).read_text(), flags=re.MULTILINE))
+
+
+def normal(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def test_the_lock_holds_all_that_is_asked_for():
+    locked = {normal(name): version for name, version in pins("environment.txt").items()}
+    asked = {normal(name): version for name, version in pins("environment.in").items()}
+    assert asked.items() <= locked.items(), "run `make lock`"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    names = {normal(re.match(r"[\w.-]+", need)[0]) for need in project["dependencies"]}
+    assert names <= set(asked)
+
+
+def test_versions_agree():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == clothlab.__version__
+    assert f"version: {clothlab.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f"## {clothlab.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+@pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "data/README.md"])
+def test_links_between_files_lead_somewhere(name):
+    path = ROOT / name
+    for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
+        assert (path.parent / link).exists(), f"{name}: {link}"

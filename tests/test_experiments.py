@@ -1,0 +1,149 @@
+"""Every experiment, run tiny: from settings to a record that survives being written and read."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from clothlab import artifacts, experiments
+from clothlab.experiments import _record
+
+TINY = {
+    "perception": {"targets": ("target-2",), "steps": 6},
+    "self_organisation": {"models": (0,)},
+    "estimation": {"models": (1,), "cloths": ("damp0.03-mass0.15", "between-light"), "steps": 14},
+    "control": {"models": (0,), "targets": ("target-2",), "cloths": ("damp0.03-mass0.05",), "steps": 16},
+    "integrated": {"models": (0,), "steps": 16},
+    "stiffness": {
+        "models": (0,),
+        "tensions": (10.0, 70.0),
+        "estimated": ("hard-1", "hard-3"),
+        "estimation_steps": 12,
+        "conditions": ("Correct w/o stiffness", "Random"),
+        "cloths": ("hard-1", "soft-1"),
+        "control_steps": 16,
+        "speed_steps": 2,
+    },
+}
+
+
+@pytest.fixture(scope="session")
+def tiny():
+    """Records by name, each run once."""
+    records = {}
+
+    def run(name):
+        if name not in records:
+            module = experiments.EXPERIMENTS[name]
+            records[name] = module.run(module.Settings(**TINY[name]))
+        return records[name]
+
+    return run
+
+
+@pytest.fixture(autouse=True)
+def short_trials(monkeypatch):
+    """The first steps of a few recorded trials."""
+    whole = artifacts.load_trials
+    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial[:20] for trial in whole(name)[::4]])
+
+
+def same(a, b):
+    """Whether two records hold the same."""
+    if dataclasses.is_dataclass(a):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return np.array_equal(a, b)
+
+
+def test_every_experiment_is_run():
+    assert set(TINY) == set(experiments.EXPERIMENTS)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_a_record_survives_the_round_trip(name, tiny, tmp_path):
+    record = tiny(name)
+    experiments.save(name, record, data=tmp_path)
+    assert same(experiments.load(name, data=tmp_path), record)
+    assert record.settings == experiments.EXPERIMENTS[name].Settings(**TINY[name])
+
+
+@pytest.mark.parametrize("name", ["estimation", "control"])
+def test_the_same_settings_give_the_same_record_on_any_number_of_workers(name, tiny):
+    module = experiments.EXPERIMENTS[name]
+    assert same(module.run(module.Settings(**TINY[name]), workers=2), tiny(name))
+
+
+def test_an_estimation_knows_whether_its_cloth_was_trained(tiny):
+    record = tiny("estimation")
+    assert [run.cloth for run in record.trained] == ["damp0.03-mass0.15"]
+    assert [run.cloth for run in record.between] == ["between-light"]
+    assert record.runs[0].trace.shape == (14, 2)
+
+
+def test_control_starts_from_the_cloth_that_hangs_still(tiny):
+    (run,) = tiny("control").runs
+    assert run.control[0] == pytest.approx(run.still, abs=1e-4)
+    assert run.control[0] == pytest.approx(run.random[0], abs=1e-4)
+    assert run.best("control") == pytest.approx([run.control[8:].min()])
+    assert run.empty > 0
+
+
+def test_an_arm_without_a_stiffness_command_keeps_its_stiffness(tiny):
+    (fixed,) = tiny("stiffness").case("Correct w/o stiffness", "hard-1")
+    (free,) = tiny("stiffness").case("Random", "hard-1")
+    assert (fixed.commands[:, 2] == 10).all()
+    assert np.ptp(free.commands[:, 2]) > 1
+    assert set(fixed.peak_hand_speed) == set(experiments.stiffness.VARIANTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("control", {"steps": 3}, "Settings.steps must be at least 16"),
+        ("estimation", {"models": (0.5,)}, "Settings.models is a whole number"),
+        ("integrated", {"weights": 7}, "Settings.weights is a string"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(name, change, message):
+    with pytest.raises(ValueError, match=message):
+        experiments.EXPERIMENTS[name].Settings(**change)
+
+
+def test_unknown_cloths_weights_and_experiments_list_the_choices(tmp_path):
+    module = experiments.estimation
+    with pytest.raises(KeyError, match=r"unknown cloth 'felt'; choose from damp0\.03"):
+        module.run(module.Settings(models=(0,), cloths=("felt",), steps=12))
+    with pytest.raises(KeyError, match="unknown dpmpb weights 'torque-77'; choose from muscle-0"):
+        module.run(module.Settings(models=(77,), steps=12))
+    with pytest.raises(KeyError, match="unknown experiment 'alchemy'; choose from perception"):
+        experiments.load("alchemy")
+    with pytest.raises(KeyError, match="unknown results 'control'"):
+        experiments.load("control", data=tmp_path)
+
+
+def test_a_record_of_another_version_is_refused(tiny, tmp_path):
+    experiments.save("control", tiny("control"), data=tmp_path)
+    path = tmp_path / "results" / "control.json"
+    stored = json.loads(path.read_text())
+    del stored["record"]["runs"][0]["still"]
+    path.write_text(json.dumps(stored))
+    with pytest.raises(ValueError, match="damaged or of another version"):
+        experiments.load("control", data=tmp_path)
+
+
+def test_a_record_that_is_not_finite_is_not_written(tiny, tmp_path):
+    broken = dataclasses.replace(tiny("perception"), iou=float("nan"))
+    with pytest.raises(ValueError, match="cannot be written"):
+        experiments.save("perception", broken, data=tmp_path)
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_jobs_give_the_callers_number_of_threads_back():
+    import torch
+
+    torch.set_num_threads(1)
+    assert _record.run_jobs(len, [("abc",), ("",)], workers=1, progress=False) == [3, 0]
+    assert torch.get_num_threads() == 1
