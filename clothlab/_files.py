@@ -3,6 +3,8 @@
 import hashlib
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
@@ -24,6 +26,22 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def reading(path: str | Path, kind: str) -> Iterator[None]:
+    """Say that a file is damaged in one sentence, whatever zip, JSON or the constructors of its content say.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: anything else that goes wrong.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        raise ValueError(f"{path} is damaged or holds no {kind}: {error}") from error
 
 
 def sha256(path: str | Path) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import numbers
+import operator
 import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -67,59 +68,57 @@ def check_array(what: str, value: ArrayLike, shape: Sequence[int | str], dtype: 
     return array
 
 
-def setting(
-    default: Any = dataclasses.MISSING,
-    unit: str = "-",
-    *,
-    at_least: float | None = None,
-    above: float | None = None,
-    at_most: float | None = None,
-) -> Any:
-    """A field of a `Checked` dataclass: its default, its unit, and the range of its numbers."""
-    bounds = {"at least": at_least, "above": above, "at most": at_most}
+def check_number(what: str, value: Any, kind: type = float, **bounds: float) -> Any:
+    """Return `value` as one of Python's own numbers, since NumPy's cannot be written as JSON.
+
+    Args:
+        what: its name, for the message.
+        value: a number of Python's or NumPy's.
+        kind: `float` or `int`.
+        bounds: `at_least`, `above` or `at_most`.
+
+    Raises:
+        ValueError: no number of that kind, not finite, or out of bounds.
+    """
+    right = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
+    if not (right and abs(value) < math.inf):
+        raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {str(value)[:80]}")
+    for word, bound in bounds.items():
+        if not {"at_least": operator.ge, "above": operator.gt, "at_most": operator.le}[word](value, bound):
+            raise ValueError(f"{what} must be {word.replace('_', ' ')} {bound:g}, got {value}")
+    return kind(value)
+
+
+def setting(default: Any = dataclasses.MISSING, unit: str = "-", **bounds: float) -> Any:
+    """A field of a `Checked` dataclass: its default, its unit, and the bounds that `check_number` holds it to."""
     return dataclasses.field(default=default, metadata={"unit": unit, "bounds": bounds})
 
 
 @dataclasses.dataclass(frozen=True)
 class Checked:
-    """Settings that check themselves when they are made: numbers are finite, in range, and of the type they claim."""
+    """Settings that check themselves when they are made: values are of the types they claim, numbers in range."""
 
     def __post_init__(self) -> None:
         """Refuse what the fields do not allow.
 
         Raises:
-            ValueError: a number out of range, not finite or of another type; the message names the field.
+            ValueError: a number out of range or not finite, or a value of another type; the message names the field.
         """
         for field in dataclasses.fields(self):
-            value = _as_declared(f"{type(self).__name__}.{field.name}", field.type, getattr(self, field.name))
-            object.__setattr__(self, field.name, value)
-            for number in value if isinstance(value, tuple) else (value,):
-                _check_bounds(self, field, number)
+            name, bounds = f"{type(self).__name__}.{field.name}", field.metadata.get("bounds", {})
+            object.__setattr__(self, field.name, _as_declared(name, field.type, getattr(self, field.name), bounds))
 
 
-def _as_declared(name: str, kind: Any, value: Any) -> Any:
-    """Numbers as Python's own, since NumPy's cannot be written as JSON."""
-    inner = typing.get_args(kind)
+def _as_declared(name: str, kind: Any, value: Any, bounds: Mapping[str, float]) -> Any:
     if typing.get_origin(kind) is tuple:
+        kinds = typing.get_args(kind)
         items = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
-        kinds = inner[:1] * len(items) if inner[-1] is ... else inner
+        kinds = kinds[:1] * len(items) if kinds[-1] is ... else kinds
         if len(items) != len(kinds):
             raise ValueError(f"{name} has {len(kinds)} entries, got {value}")
-        return tuple(_as_declared(name, each, item) for each, item in zip(kinds, items, strict=True))
-    if kind is str and not isinstance(value, str):
-        raise ValueError(f"{name} is a string, got {value!r}")
-    if kind not in (int, float):
-        return value
-    right = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
-    if not right or not math.isfinite(value):
-        raise ValueError(f"{name} is {'a whole number' if kind is int else 'a finite number'}, got {value!r}")
-    return kind(value)
-
-
-def _check_bounds(owner: Checked, field: dataclasses.Field, number: Any) -> None:
-    for word, bound in field.metadata.get("bounds", {}).items():
-        if bound is None:
-            continue
-        held = {"at least": number >= bound, "above": number > bound, "at most": number <= bound}[word]
-        if not held:
-            raise ValueError(f"{type(owner).__name__}.{field.name} must be {word} {bound:g}, got {number}")
+        return tuple(_as_declared(name, each, item, bounds) for each, item in zip(kinds, items, strict=True))
+    if kind in (int, float):
+        return check_number(name, value, kind, **bounds)
+    if isinstance(kind, type) and not isinstance(value, kind):
+        raise ValueError(f"{name} is a {kind.__name__}, got {str(value)[:80]}")
+    return value

@@ -1,6 +1,6 @@
 """What the figures and the results table show: geometry of p, distances to a target, success rates."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
-from clothlab._validation import check_array
+from clothlab._validation import check_array, check_number
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import Cloth
 from clothlab.control import ControlSettings
@@ -21,17 +21,22 @@ from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 
+def _stacked(biases: Mapping[str, ArrayLike]) -> np.ndarray:
+    """Trained p of all materials, `[K, D_p]`."""
+    return check_array("trained p", list(biases.values()), ("K", "D_p"))
+
+
 def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
     """PCA of the trained p.
 
     `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their shares.
     """
-    return PCA(n_components=2).fit(np.stack(list(biases.values())))
+    return PCA(n_components=2).fit(_stacked(biases))
 
 
 def spread(biases: dict[str, np.ndarray]) -> float:
     """Root mean square distance of the trained p from their mean: the yardstick for errors of p."""
-    p = np.stack(list(biases.values()))
+    p = _stacked(biases)
     return float(np.sqrt(((p - p.mean(0)) ** 2).sum(1).mean()))
 
 
@@ -41,8 +46,9 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
     Raises:
         ValueError: p of another size or not finite.
     """
-    p = check_array("p", p, next(iter(biases.values())).shape)
-    return min(biases, key=lambda name: float(np.linalg.norm(biases[name] - p)))
+    trained = _stacked(biases)
+    gaps = trained - check_array("p", p, trained.shape[1:])
+    return list(biases)[np.linalg.norm(gaps, axis=1).argmin()]
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ def loss_landscape(model: DPMPB, run: Sequences, biases: dict[str, np.ndarray], 
         biases: trained p of each material.
         points: of the grid, along each axis.
     """
-    axes = principal_axes(biases)
+    axes, points = principal_axes(biases), check_number("points", points, int, at_least=2)
     corners = axes.transform(np.stack([*biases.values(), np.zeros(model.bias_size)]))
     margin = 0.3 * np.ptp(corners, axis=0)
     x, y = np.linspace(corners.min(0) - margin, corners.max(0) + margin, points).T
@@ -136,7 +142,7 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
     The first period, in which the arm only swings up from rest, is left out.
     """
     distances = check_array("distances", distances, ("T",))
-    whole = len(distances) // period * period
+    whole = len(distances) // check_number("period", period, int, at_least=1) * period
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
@@ -161,7 +167,8 @@ def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     Returns:
         `[N]`, 0 to 1.
     """
-    return (np.asarray(distances)[None, :] < np.asarray(thresholds)[:, None]).mean(axis=1)
+    distances, thresholds = check_array("distances", distances, ("T",)), check_array("thresholds", thresholds, ("N",))
+    return (distances < thresholds[:, None]).mean(axis=1)
 
 
 def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -81,6 +81,12 @@ class Arm(Checked, ABC):
     stop_margin: float = setting(0.3, "rad", at_least=0)  # from the range of θ_ref to the joint's stops
     bar_length: float = setting(0.44, "m", above=0)  # the rod in the hand that holds the cloth
 
+    def __post_init__(self) -> None:
+        """Refuse ranges that do not rise, and a home outside."""
+        super().__post_init__()
+        if not all(a <= b <= c for a, b, c in zip(self.lower, self.home, self.upper, strict=True)):
+            raise ValueError(f"{self.home} is not from {self.lower} to {self.upper}: home, lower and upper of an arm")
+
     tensions = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
     sensed_angles = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
     angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import LEFT_OVER, sha256, write_bytes
-from clothlab._validation import check_array, check_name, choose
+from clothlab._files import LEFT_OVER, reading, sha256, write_bytes
+from clothlab._validation import check_array, check_name, check_number, choose
 from clothlab.arm import Arm, StateLayout, get_arm
 from clothlab.autoencoder import Autoencoder
 from clothlab.control import ControlPolicy, ControlSettings
@@ -115,30 +115,31 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file, or a model and an autoencoder that do not belong together.
     """
-    about, tensors = _load_tensors("dpmpb", name, data)
-    arm = get_arm(_entry(about, "arm", name))
-    autoencoder, _ = load_autoencoder(_entry(about, "sees_with", name), data=data)
-    if autoencoder.fingerprint() != about.get("autoencoder"):
+    path, about, tensors = _load_tensors("dpmpb", name, data)
+    with reading(path, "dpmpb weights"):
+        arm, sees_with, materials = get_arm(about["arm"]), about["sees_with"], list(about["materials"])
+        fingerprint = about["autoencoder"]
+    autoencoder, _ = load_autoencoder(sees_with, data=data)
+    if autoencoder.fingerprint() != fingerprint:
         raise ValueError(
-            f"the weights {name!r} were trained with another autoencoder than the {about['sees_with']!r} that lies "
-            "here: train them again with `make train`, or restore the files with `git checkout data/weights`"
+            f"the weights {name!r} were trained with another autoencoder than the {sees_with!r} that lies here: train "
+            "them again with `make train`, or restore the files with `git checkout data/weights`"
         )
-    losses = check_array(f"losses of {name!r}", tensors.pop("losses", ()), ("epochs",))
-    materials = list(about.get("materials", ()))
-    layout = arm.layout(autoencoder.latent_size)
-    p = check_array(f"p of {name!r}", tensors.pop("p", ()), (len(materials), "D_p"), np.float32)
-    model = DPMPB(layout.size, len(arm.command_names), p.shape[1])
-    _fill(model, tensors, name)
-    return Trained(name, arm, autoencoder, model, dict(zip(materials, p, strict=True)), losses, about["sees_with"])
+    with reading(path, "dpmpb weights"):
+        losses = check_array("losses", tensors.pop("losses"), ("epochs",))
+        p = check_array("p", tensors.pop("p"), (len(materials), "D_p"), np.float32)
+        model = DPMPB(arm.layout(autoencoder.latent_size).size, len(arm.command_names), p.shape[1])
+        model.load_state_dict(tensors)
+    model.eval().requires_grad_(False)
+    return Trained(name, arm, autoencoder, model, dict(zip(materials, p, strict=True)), losses, sees_with)
 
 
 def save(trained: Trained, *, data: Folder = None) -> None:
     """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
     about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
     about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
-    p = torch.as_tensor(np.stack(list(trained.biases.values())))
-    losses = torch.as_tensor(trained.losses, dtype=torch.float32)
-    _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=losses, p=p)
+    p = check_array("p", list(trained.biases.values()), ("K", trained.model.bias_size), np.float32)
+    _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=trained.losses, p=p)
 
 
 def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Autoencoder, np.ndarray]:
@@ -148,17 +149,18 @@ def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Auto
         KeyError: unknown name; the message lists the choices.
         ValueError: a damaged or altered file.
     """
-    about, tensors = _load_tensors("autoencoder", name, data)
-    losses = check_array(f"losses of {name!r}", tensors.pop("losses", ()), ("epochs",))
-    model = Autoencoder(int(_entry(about, "latent_size", name)))
-    _fill(model, tensors, name)
-    return model, losses
+    path, about, tensors = _load_tensors("autoencoder", name, data)
+    with reading(path, "autoencoder weights"):
+        losses = check_array("losses", tensors.pop("losses"), ("epochs",))
+        model = Autoencoder(check_number("latent_size", about["latent_size"], int, at_least=1))
+        model.load_state_dict(tensors)
+    return model.eval().requires_grad_(False), losses
 
 
 def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None) -> None:
     """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`."""
     about = {"kind": "autoencoder", "latent_size": model.latent_size}
-    _save_tensors("autoencoder", name, model, about, data, losses=torch.as_tensor(losses, dtype=torch.float32))
+    _save_tensors("autoencoder", name, model, about, data, losses=losses)
 
 
 def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
@@ -214,12 +216,10 @@ def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) 
     """Write measured results as `data/results/NAME.json`.
 
     Raises:
-        ValueError: numbers that are not finite, or what JSON has no word for.
+        ValueError: numbers that are not finite.
+        TypeError: what JSON has no word for.
     """
-    try:
-        text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"results {name!r} cannot be written: {error}") from error
+    text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
     write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
 
 
@@ -231,13 +231,11 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
         ValueError: a damaged or altered file, or one of another format.
     """
     path = _find("results", "", ".json", "results", name, data)
-    try:
+    with reading(path, "results"):
         results = json.loads(path.read_bytes())
         if results.pop("format") != RESULTS_FORMAT:
             raise ValueError(f"its format is not {RESULTS_FORMAT}, this version's")
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
-        raise ValueError(f"{path} is damaged or holds no results: {error}") from error
-    return results
+        return results
 
 
 def write_checksums(data: Folder = None) -> None:
@@ -317,38 +315,34 @@ def _find(folder: str, prefix: str, suffix: str, kind: str, name: str, data: Fol
 
 
 def _save_tensors(
-    kind: str, name: str, model: torch.nn.Module, about: dict[str, Any], data: Folder, **extra: torch.Tensor
+    kind: str,
+    name: str,
+    model: torch.nn.Module,
+    about: dict[str, Any],
+    data: Folder,
+    losses: ArrayLike,
+    **extra: np.ndarray,
 ) -> None:
     path = data_folder(data) / "weights" / f"{kind}-{check_name('training', name)}.safetensors"
-    tensors = {key: tensor.contiguous() for key, tensor in model.state_dict().items()} | extra
+    extra["losses"] = check_array("losses", losses, ("epochs",), np.float32)
+    tensors = {key: tensor.contiguous() for key, tensor in model.state_dict().items()}
+    tensors |= {key: torch.as_tensor(array) for key, array in extra.items()}
+    _check_finite(tensors)
     write_bytes(path, to_bytes(tensors, metadata={"clothlab": json.dumps({"format": WEIGHTS_FORMAT} | about)}))
 
 
-def _load_tensors(kind: str, name: str, data: Folder) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+def _load_tensors(kind: str, name: str, data: Folder) -> tuple[Path, dict[str, Any], dict[str, torch.Tensor]]:
     path = _find("weights", f"{kind}-", ".safetensors", f"{kind} weights", name, data)
-    try:
-        with safe_open(path, "pt") as file:
-            about = json.loads(file.metadata()["clothlab"])
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-        if (about.get("format"), about.get("kind")) != (WEIGHTS_FORMAT, kind):
+    with reading(path, f"{kind} weights"), safe_open(path, "pt") as file:
+        about = json.loads(file.metadata()["clothlab"])
+        if (about["format"], about["kind"]) != (WEIGHTS_FORMAT, kind):
             raise ValueError(f"its format is not {WEIGHTS_FORMAT}, this version's")
-    except (SafetensorError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"{path} is damaged or holds no {kind} weights: {error}") from error
-    return about, tensors
+        tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+        _check_finite(tensors)
+    return path, about, tensors
 
 
-def _entry(about: Mapping[str, Any], key: str, name: str) -> Any:
-    if key not in about:
-        raise ValueError(f"the weights {name!r} are damaged: they do not say their {key}")
-    return about[key]
-
-
-def _fill(model: torch.nn.Module, tensors: dict[str, torch.Tensor], name: str) -> None:
-    """Put loaded weights into a model, in evaluation mode, if they are this model's and finite."""
-    try:
-        model.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise ValueError(f"the weights {name!r} are damaged or of another network: {error}") from error
-    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
-        raise ValueError(f"the weights {name!r} are damaged: numbers that are not finite")
-    model.eval().requires_grad_(False)
+def _check_finite(tensors: dict[str, torch.Tensor]) -> None:
+    broken = [key for key, tensor in tensors.items() if not tensor.isfinite().all()]
+    if broken:
+        raise ValueError(f"numbers of {broken[0]} are not finite")

@@ -59,7 +59,7 @@ class Autoencoder(nn.Module):
         return self.decoder(self.encoder(images))
 
     def fingerprint(self) -> str:
-        """Hash of the weights: two autoencoders that give the same z for every image have the same."""
+        """Hash of the weights, by which a model knows the autoencoder whose z it was trained on."""
         digest = hashlib.sha256()
         for name, tensor in self.state_dict().items():
             digest.update(name.encode() + tensor.numpy().tobytes())

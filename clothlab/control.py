@@ -9,8 +9,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, setting
-from clothlab.arm import Arm
+from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab.arm import Arm, get_arm
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
 from clothlab.env import Observation
@@ -120,7 +120,8 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
     Raises:
         ValueError: no trials, or trials shorter than a stretch.
     """
-    if not trials or min(map(len, trials)) < horizon:
+    check_number("count", count, int, at_least=1)
+    if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
         raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
     chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
@@ -155,14 +156,14 @@ class ControlPolicy(Policy):
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: Arm,
+        arm: Arm | str,
         target: ArrayLike,
         p: ArrayLike,
         settings: ControlSettings | None = None,
         plans: ArrayLike | None = None,
     ):
         self.settings = settings or ControlSettings()
-        self.model, self.autoencoder, self.arm = model, autoencoder, arm
+        self.model, self.autoencoder, self.arm = model, autoencoder, (arm := get_arm(arm))
         self.layout = arm.layout(autoencoder.latent_size)
         if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
             raise ValueError(

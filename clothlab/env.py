@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import vision
-from clothlab._validation import Checked, setting
+from clothlab._validation import Checked, check_number, setting
 from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
@@ -29,9 +29,9 @@ class SimulationError(RuntimeError):
 class Scene(Checked):
     """Time step and start of a scene, and how large its pictures for people are."""
 
-    time_step: float = setting(0.002, "s", above=0)  # notebook 01 measures what halving it changes
-    settle_time: float = setting(2.0, "s", at_least=0)  # the cloth hangs still before a trial starts
-    picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0)  # height and width, for people
+    time_step: float = setting(0.002, "s", at_least=1e-5)  # notebook 01 measures what halving it changes
+    settle_time: float = setting(2.0, "s", at_least=0, at_most=60)  # the cloth hangs still before a trial starts
+    picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0, at_most=4096)  # height and width, for people
 
     def __post_init__(self) -> None:
         """Refuse time steps that do not fill a control period."""
@@ -227,8 +227,9 @@ class ClothEnv(gymnasium.Env):
 
         Raises:
             SimulationError: the physics diverged.
+            TypeError: an option of another name.
         """
-        self.start(seed=seed, random_start=(options or {}).get("random_start", False))
+        self.start(seed=seed, **options or {})
         return self.observe(), {}
 
     def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
@@ -244,8 +245,7 @@ class ClothEnv(gymnasium.Env):
             ValueError: a command of another shape, not finite or out of range, or more samples than time steps.
             SimulationError: the physics diverged.
         """
-        if not 1 <= samples <= self.scene.substeps:
-            raise ValueError(f"samples must be 1 to {self.scene.substeps}, the time steps of a period, got {samples}")
+        check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps)
         self.arm.command(self.data, check_command(self.arm, u))
         for part in np.array_split(np.arange(self.scene.substeps), samples if watch else 1):
             self._simulate(len(part))
@@ -302,9 +302,11 @@ class ClothEnv(gymnasium.Env):
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
         """
-        size, limit = (height, width), self.model.vis.global_
-        if height > limit.offheight or width > limit.offwidth:
-            raise ValueError(f"{width}×{height} pixels are more than Scene(picture_size=...) made room for")
+        size, room = (height, width), self.model.vis.global_
+        if not (1 <= height <= room.offheight and 1 <= width <= room.offwidth):
+            raise ValueError(
+                f"Scene(picture_size=...) made room for {room.offwidth}×{room.offheight} pixels, got {width}×{height}"
+            )
         if size not in self._renderers:
             self._renderers[size] = _make_renderer(self.model, height, width)
         return self._renderers[size]

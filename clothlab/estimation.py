@@ -91,19 +91,22 @@ class BiasEstimator:
             The new estimate `[D_p]`.
 
         Raises:
-            ValueError: a state or a command of another size or not finite; the estimate stays as it was.
+            ValueError: a state or a command of another size, not finite or absurdly large; the estimate stays.
         """
         step = (
             check_array("s", s, (self.model.state_size,), np.float32),
             check_array("u", u, (self.model.command_size,), np.float32),
         )
-        self._seen = [*self._seen, step][-self.settings.window - 1 :]
-        if len(self._seen) > self.settings.warmup + 1:
-            states, commands = (torch.as_tensor(np.stack(column)) for column in zip(*self._seen, strict=True))
+        seen = [*self._seen, step][-self.settings.window - 1 :]
+        if len(seen) > self.settings.warmup + 1:
+            states, commands = (torch.as_tensor(np.stack(column)) for column in zip(*seen, strict=True))
             self._optimizer.zero_grad()
             loss = prediction_loss(self.model, states, commands, self._p, self.settings.warmup)
             loss.backward(inputs=[self._p])
+            if not self._p.grad.isfinite().all():
+                raise ValueError("this step is so far from what the model was trained on that p has no gradient")
             self._optimizer.step()
+        self._seen = seen
         return self.p
 
 
@@ -120,16 +123,15 @@ class EstimatingPolicy(Wrapper):
     """
 
     def __init__(self, policy: Policy, estimator: BiasEstimator, autoencoder: Autoencoder):
-        super().__init__(policy)
         self.estimator, self.autoencoder = estimator, autoencoder
-        self.trace: list[np.ndarray] = []
+        super().__init__(policy)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and begin with the p that the estimator started from."""
         super().reset(seed)
         self.estimator.reset()
         self.set_bias(self.estimator.p)
-        self.trace = []
+        self.trace: list[np.ndarray] = []
 
     def __call__(self, observation: Observation) -> np.ndarray:
         """Return the command `[D_u]`."""

@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array
+from clothlab._validation import check_array, check_number
 from clothlab.arm import MuscleArm, check_command
 
 SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
@@ -90,8 +90,7 @@ def stiffness_ellipse(
             three directions.
     """
     u = check_command(arm, [*np.atleast_1d(theta_ref), f_const])
-    if not (np.isfinite(force) and force > 0 and directions >= 3):
-        raise ValueError(f"push with a positive force from three directions or more, got {force} N from {directions}")
+    force, directions = check_number("force", force, above=0), check_number("directions", directions, int, at_least=3)
     spec = mujoco.MjSpec()
     spec.option.gravity = [0, 0, 0]
     arm.add_to(spec)

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._files import write_bytes
-from clothlab._validation import check_array
-from clothlab.arm import Arm, get_arm
+from clothlab._files import reading, write_bytes
+from clothlab._validation import Checked, check_array, check_number
+from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth
 from clothlab.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.vision import check_masks
@@ -26,7 +26,7 @@ FORMAT = 1  # of trial files
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Trial(Checked):
     """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}, with the image in place of z.
 
     Attributes:
@@ -48,7 +48,7 @@ class Trial:
     seed: int
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together."""
+        """Refuse arrays that do not belong together, and what is no cloth, no name or no seed."""
         images = check_masks(self.images)
         if images.ndim != 3:
             raise ValueError(f"images are [T, H, W], got the shape {list(images.shape)}")
@@ -59,6 +59,7 @@ class Trial:
             if len(array) != len(images):
                 raise ValueError(f"{name} must have one row for each of the {len(images)} images, got {len(array)}")
             object.__setattr__(self, name, array)
+        super().__post_init__()
 
     def __len__(self) -> int:
         """Return the number of control steps T."""
@@ -104,10 +105,11 @@ class Policy:
 
 
 class Wrapper(Policy):
-    """A policy around another one, to which it passes on all that it is told."""
+    """A policy around another one, to which it passes on all that it is told; both begin anew."""
 
-    def __init__(self, policy: Policy):
-        self.policy = policy
+    def __init__(self, policy: "Policy | Callable[[Observation], ArrayLike]"):
+        self.policy = as_policy(policy)
+        self.reset()
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -164,10 +166,8 @@ class Noisy(Wrapper):
     """
 
     def __init__(self, policy: Policy, arm: Arm, sigma: float):
+        self.arm, self.sigma = get_arm(arm), check_number("sigma", sigma, at_least=0)
         super().__init__(policy)
-        if not (np.isfinite(sigma) and sigma >= 0):
-            raise ValueError(f"sigma must be finite and at least 0, got {sigma}")
-        self.arm, self.sigma = arm, sigma
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run; start the noise anew."""
@@ -191,6 +191,17 @@ class FunctionPolicy(Policy):
     def __call__(self, observation: Observation) -> np.ndarray:
         """Return the command `[D_u]`."""
         return np.asarray(self.function(observation))
+
+
+def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
+    """Return a plain function as a policy; a policy as it is.
+
+    Raises:
+        TypeError: neither of them.
+    """
+    if not callable(policy) or isinstance(policy, type):
+        raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
+    return policy if isinstance(policy, Policy) else FunctionPolicy(policy)
 
 
 class ReplayPolicy(Policy):
@@ -251,15 +262,16 @@ def rollout(
         ValueError: no steps, or a command that the arm refuses.
         SimulationError: the physics diverged.
     """
-    if steps < 1:
-        raise ValueError(f"a run has at least one step, got {steps}")
-    policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+    check_number("steps", steps, int, at_least=1)
+    policy = as_policy(policy)
     policy.reset(seed)
     observation, _ = env.reset(seed=seed, options={"random_start": random_start})
     rows = []
     for _ in tqdm(range(steps), desc=env.cloth.label, disable=not progress, unit="step"):
-        u = np.array(policy(observation), dtype=np.float64)  # a copy: the policy may go on changing its own
-        rows.append((observation["image"].astype(bool), observation["robot"], u))
+        # Copies: a policy may go on changing what it was given and what it gave.
+        image, robot = observation["image"].astype(bool), observation["robot"].copy()
+        u = check_command(env.arm, policy(observation))
+        rows.append((image, robot, u))
         env.advance(u, watch, samples)
         observation = env.observe()
     images, robot, commands = (np.array(column) for column in zip(*rows, strict=True))
@@ -324,8 +336,8 @@ class RandomPolicy(Policy):
 
     name = "random"
 
-    def __init__(self, arm: Arm, *, longest_hold: int = 4):
-        self.arm, self.longest_hold = arm, longest_hold
+    def __init__(self, arm: Arm | str, *, longest_hold: int = 4):
+        self.arm, self.longest_hold = get_arm(arm), check_number("longest_hold", longest_hold, int, at_least=1)
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
@@ -351,8 +363,8 @@ class OperatorPolicy(Policy):
 
     name = "operator"
 
-    def __init__(self, arm: Arm):
-        self.arm = arm
+    def __init__(self, arm: Arm | str):
+        self.arm = get_arm(arm)
         self._random = RandomPolicy(arm)
         self.reset()
 
@@ -392,8 +404,8 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     """
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
-    about = {"format": FORMAT, "cloth": asdict(trial.cloth), "arm": trial.arm, "policy": trial.policy}
-    about["seed"] = int(trial.seed)
+    about = {"format": FORMAT, "cloth": asdict(trial.cloth)}
+    about |= {name: getattr(trial, name) for name in ("arm", "policy", "seed")}
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -412,15 +424,10 @@ def load_trial(path: str | Path) -> Trial:
         FileNotFoundError: no such file.
         ValueError: the file is damaged, is no trial, or was written by a newer version.
     """
-    try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            if about.pop("format") != FORMAT:
-                raise ValueError(f"its format is not {FORMAT}, this version's")
-            about["cloth"] = Cloth(**about["cloth"])
-            images = np.unpackbits(file["images"], axis=-1).astype(bool)
-            return Trial(images, file["robot"], file["commands"], **about)
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # zip, numpy and json each have their own for a damaged file
-        raise ValueError(f"{path} is damaged or is no trial: {error}") from error
+    with reading(path, "trial"), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        about = json.loads(str(file["about"]))
+        if about.pop("format") != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}, this version's")
+        about["cloth"] = Cloth(**about["cloth"])
+        images = np.unpackbits(file["images"], axis=-1).astype(bool)
+        return Trial(images, file["robot"], file["commands"], **about)

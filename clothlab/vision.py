@@ -23,7 +23,7 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
         ValueError: not a colour picture of 8 bits, or another aspect.
     """
     rgb = np.asarray(rgb)
-    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:
         raise ValueError(f"a picture is [height, width, 3] of uint8, got {rgb.shape} of {rgb.dtype}")
     if rgb.shape[0] * WIDTH != rgb.shape[1] * HEIGHT:
         raise ValueError(f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; crop it first")

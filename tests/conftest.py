@@ -1,37 +1,88 @@
-"""Small things that several tests share. Nothing here reads `data/`."""
+"""Small things that several tests share. Nothing here reads `data/`, and what costs time is made once a session."""
+
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import threadpool_limits
 
 from clothlab.dpmpb import DPMPB, Memory
 from clothlab.env import ClothEnv
-from clothlab.trials import RandomPolicy, rollout
+from clothlab.trials import RandomPolicy, Trial, rollout
+
+KILLED_WRITES = """
+import os, signal, sys, time
+from pathlib import Path
+from clothlab._files import LEFT_OVER, write_bytes
+
+path, times = Path(sys.argv[1]), int(sys.argv[2])
+for k in range(times):
+    child = os.fork()
+    if child == 0:
+        os.fsync = lambda _: time.sleep(60)  # in the middle for as long as it takes to be killed
+        write_bytes(path, b"half of something new")
+        os._exit(1)
+    while len(list(path.parent.glob(f".*{LEFT_OVER}"))) == k:
+        time.sleep(0.0005)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+"""
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> Iterator[None]:
     """Tiny matrices run faster on one core, and two runs add up in the same order."""
     torch.set_num_threads(1)
+    with threadpool_limits(1):
+        yield
 
 
-@pytest.fixture
-def env():
+@pytest.fixture(scope="session")
+def _torque_env() -> Iterator[ClothEnv]:
     env = ClothEnv("torque", "damp0.05-mass0.10")
     yield env
     env.close()
 
 
 @pytest.fixture(scope="session")
-def trial():
-    env = ClothEnv("torque", "damp0.05-mass0.10")
-    trial = rollout(env, RandomPolicy(env.arm, seed=0), 12)
+def _muscle_env() -> Iterator[ClothEnv]:
+    env = ClothEnv("muscle", "hard-1")
+    yield env
     env.close()
-    return trial
 
 
 @pytest.fixture
-def model():
+def env(_torque_env: ClothEnv) -> ClothEnv:
+    """A torque arm at the start. A test that changes the cloth or closes it makes its own."""
+    _torque_env.start()
+    return _torque_env
+
+
+@pytest.fixture
+def muscle_env(_muscle_env: ClothEnv) -> ClothEnv:
+    """A muscle arm at the start, for reading likewise."""
+    _muscle_env.start()
+    return _muscle_env
+
+
+@pytest.fixture(scope="session")
+def trial(_torque_env: ClothEnv) -> Trial:
+    return rollout(_torque_env, RandomPolicy(_torque_env.arm), 12)
+
+
+@pytest.fixture(scope="session")
+def muscle_trial(_muscle_env: ClothEnv) -> Trial:
+    return rollout(_muscle_env, RandomPolicy(_muscle_env.arm), 12)
+
+
+@pytest.fixture
+def model() -> DPMPB:
     """Random weights in double precision, so that finite differences are exact enough to compare with."""
     torch.manual_seed(0)
     model = DPMPB(state_size=7, command_size=2).double()
@@ -42,15 +93,41 @@ def model():
 
 
 @pytest.fixture
-def memory():
+def memory() -> Memory:
     generator = torch.Generator().manual_seed(1)
     h, c = (torch.randn(2, 1, 30, generator=generator, dtype=torch.float64) * 0.3 for _ in range(2))
     return Memory(h, c)
 
 
 @pytest.fixture
-def square():
+def square() -> np.ndarray:
     """A mask with a square of cloth in it."""
     mask = np.zeros((96, 128), bool)
     mask[30:50, 40:70] = True
     return mask
+
+
+@pytest.fixture
+def full_disk() -> Callable[[], AbstractContextManager]:
+    """While inside, no file can be written: the system itself refuses, as it does when a disk is full."""
+
+    @contextmanager
+    def full() -> Iterator[None]:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return full
+
+
+@pytest.fixture
+def kill_writes() -> Callable[[Path, int], None]:
+    """Begin to write a file so many times, and kill the process in the middle each time."""
+
+    def kill(path: Path, times: int) -> None:
+        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True)
+
+    return kill

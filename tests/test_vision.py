@@ -5,7 +5,17 @@ import numpy as np
 import pytest
 
 from clothlab.autoencoder import iou
-from clothlab.vision import chamfer_distance, cloth_mask
+from clothlab.vision import chamfer_distance, check_mask, check_masks, cloth_mask
+
+RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
+
+
+def picture(*patches, colour=RED) -> np.ndarray:
+    """A grey picture with patches of a colour."""
+    picture = np.full((96, 128, 3), GREY, np.uint8)
+    for rows, columns in patches:
+        picture[rows, columns] = colour
+    return picture
 
 
 def project(env, points):
@@ -17,39 +27,40 @@ def project(env, points):
 
 
 def test_mask_of_a_rendered_cloth_matches_the_projected_points(env):
-    observation, _ = env.reset()
     points = env.cloth_points()
     outline = np.concatenate([points[0], points[1:, -1], points[-1, -2::-1], points[-2:0:-1, 0]])
     fine = np.zeros((960, 1280), np.uint8)  # ten times as fine, because a polygon's border takes a whole pixel
     cv2.fillPoly(fine, [np.round(10 * project(env, outline)).astype(np.int32)], 255)
     expected = cv2.resize(fine, (128, 96), interpolation=cv2.INTER_AREA) > 127
-    assert iou(observation["image"], expected) > 0.9
+    assert iou(env.observe()["image"], expected) > 0.9
 
 
 def test_only_the_red_front_is_seen():
-    picture = np.full((96, 128, 3), 128, np.uint8)
-    picture[20:40, 20:40] = (200, 30, 40)
-    picture[20:40, 60:80] = (25, 60, 165)
-    mask = cloth_mask(picture)
+    both = picture((slice(20, 40), slice(20, 40)))
+    both[20:40, 60:80] = BLUE
+    mask = cloth_mask(both)
+    assert mask.dtype == bool
     assert mask[22:38, 22:38].all()
     assert not mask[:, 50:].any()
 
 
 def test_specks_and_pinholes_are_cleaned():
-    picture = np.full((96, 128, 3), 128, np.uint8)
-    picture[20:40, 20:40] = (200, 30, 40)
-    picture[30, 30] = 128  # a pinhole
-    picture[70, 100] = (200, 30, 40)  # a speck
-    mask = cloth_mask(picture)
+    spotted = picture((slice(20, 40), slice(20, 40)), (70, 100))
+    spotted[30, 30] = GREY
+    mask = cloth_mask(spotted)
     assert mask[30, 30]
     assert not mask[70, 100]
 
 
 def test_a_larger_picture_gives_the_same_mask():
-    small = np.full((96, 128, 3), 128, np.uint8)
-    small[20:60, 20:70] = (200, 30, 40)
+    small = picture((slice(20, 60), slice(20, 70)))
     large = small.repeat(3, axis=0).repeat(3, axis=1)
     assert (cloth_mask(small) == cloth_mask(large)).mean() > 0.999
+
+
+def test_a_view_of_a_picture_is_as_good_as_a_picture():
+    whole = picture((slice(20, 60), slice(20, 70)))
+    assert np.array_equal(cloth_mask(whole[::-1, ::-1]), cloth_mask(whole[::-1, ::-1].copy()))
 
 
 def test_chamfer_is_zero_on_equals_and_symmetric(square):
@@ -70,12 +81,61 @@ def test_chamfer_grows_with_the_shift(square):
     assert (np.diff(distances) > 0).all()
 
 
-def test_bad_images_are_refused(square):
+@pytest.mark.parametrize("kind", [bool, np.int8, np.uint8, np.int64, np.float32, np.float64])
+def test_zero_and_one_are_a_mask_in_whatever_type(square, kind):
+    assert np.array_equal(check_masks(square.astype(kind)), square)
+    assert chamfer_distance(square.astype(kind), square) == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda mask: mask * np.uint8(255),
+        lambda mask: mask * 0.9,
+        lambda mask: np.where(mask, 1, 1e-9),
+        lambda mask: np.where(mask, 1, np.nan),
+        lambda mask: mask * -1,
+        lambda mask: mask.astype(object),
+        lambda mask: mask.astype(str),
+        lambda mask: mask.astype(complex),
+    ],
+)
+@pytest.mark.parametrize("use", [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)])
+def test_an_image_of_another_kind_is_no_mask(square, wrong, use):
+    with pytest.raises(
+        ValueError, match=r"holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5`"
+    ):
+        use(wrong(square))
+
+
+@pytest.mark.parametrize("wrong", [None, "mask", 1.0, [], np.zeros((48, 64), bool), np.zeros((128, 96), bool)])
+@pytest.mark.parametrize("use", [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)])
+def test_an_image_of_another_size_is_refused(wrong, use):
+    with pytest.raises(ValueError, match=r"cloth images are \[..., 96, 128\], got the shape \["):
+        use(wrong)
+
+
+def test_one_mask_is_one_and_shows_cloth(square):
     with pytest.raises(ValueError, match="no cloth in the image"):
-        chamfer_distance(square, np.zeros((96, 128), bool))
-    with pytest.raises(ValueError, match=r"shape \(96, 128\), got \(48, 64\)"):
-        chamfer_distance(square, square[::2, ::2])
-    with pytest.raises(ValueError, match="aspect 4:3"):
-        cloth_mask(np.zeros((96, 96, 3), np.uint8))
-    with pytest.raises(ValueError, match="uint8"):
-        cloth_mask(np.zeros((96, 128, 3)))
+        check_mask(np.zeros((96, 128), bool))
+    with pytest.raises(ValueError, match=r"one cloth image is \[96, 128\], got the shape \[2, 96, 128\]"):
+        check_mask(np.stack([square, square]))
+    with pytest.raises(ValueError, match="no cloth in the image"):
+        chamfer_distance(square, ~square & False)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (np.zeros((96, 96, 3), np.uint8), "aspect 4:3, got 96×96; crop it first"),
+        (np.zeros((0, 0, 3), np.uint8), "aspect 4:3|uint8"),
+        (np.zeros((96, 128, 3)), "uint8, got .* of float64"),
+        (np.zeros((96, 128, 4), np.uint8), "uint8, got"),
+        (np.zeros((96, 128), np.uint8), "uint8, got"),
+        (None, "uint8, got"),
+        ("picture.png", "uint8, got"),
+    ],
+)
+def test_a_picture_of_another_kind_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        cloth_mask(wrong)

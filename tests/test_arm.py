@@ -1,0 +1,186 @@
+"""Laws that every arm obeys, and those of the torque arm and of the muscle arm."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from clothlab.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.muscle import MUSCLES
+from clothlab.trials import RandomPolicy
+
+MUSCLE = MuscleArm()
+
+
+def bare(arm: Arm) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The arm without cloth or gravity."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, 0]
+    arm.add_to(spec)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_names_sizes_and_places_of_an_arm_belong_together(name):
+    arm = get_arm(name)
+    assert arm.name == name
+    assert len(arm.command_names) == len(arm.command_lower) == len(arm.command_upper) == len(arm.home_command)
+    model, data = bare(arm)
+    assert len(arm.state(data)) == len(arm.state_names)
+    assert all("[N]" in each for each in arm.state_names[arm.tensions])
+    assert all("[rad]" in each for each in arm.state_names[arm.sensed_angles])
+    assert len(arm.command_names[arm.angle_command]) == len(JOINTS)
+    assert arm.has_stiffness == bool(arm.command_names[arm.stiffness_command])
+    assert model.nu == len(model.actuator_ctrlrange)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_state_is_z_and_then_the_robot(name):
+    arm, layout = get_arm(name), get_arm(name).layout(3)
+    numbered = np.arange(layout.size)
+    assert layout.size == len(layout.names) == 3 + len(arm.state_names)
+    assert numbered[layout.z].tolist() == [0, 1, 2]
+    assert np.array_equal(numbered[layout.robot], numbered[3:])
+    assert all(layout.names[n].startswith("f ") for n in numbered[layout.tensions])
+    assert len(numbered[layout.tensions]) == (len(MUSCLES) if name == "muscle" else 0)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_home_is_within_the_range(name):
+    arm = get_arm(name)
+    assert np.array_equal(check_command(arm, arm.home_command), arm.home_command)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_jacobian_is_the_derivative_of_the_hand(name):
+    arm, theta = get_arm(name), np.array([0.3, -0.9])
+    differences = [(arm.hand(theta + step) - arm.hand(theta - step)) / 2e-6 for step in 1e-6 * np.eye(2)]
+    assert arm.hand_jacobian(theta) == pytest.approx(np.transpose(differences), abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_hand_is_where_the_joints_put_it(name):
+    arm = get_arm(name)
+    model, data = bare(arm)
+    u = arm.home_command
+    u[:2] = 0.3, -0.8
+    arm.reset(data, u)
+    mujoco.mj_kinematics(model, data)
+    forward, up = arm.hand(arm.angles(data))
+    assert data.site("hand").xpos == pytest.approx([forward, 0, 1 + up], abs=1e-9)
+
+
+def test_the_torque_arm_reaches_its_command(env):
+    u = np.array([0.2, -1.0])
+    for _ in range(15):
+        env.advance(u)
+    assert env.arm.state(env.data)[:2] == pytest.approx(u, abs=0.12)  # without integral part it sags under weight
+
+
+@pytest.mark.parametrize("theta", [(-0.7, -1.5), (0.3, -1.57), (0.9, -0.1)])
+@pytest.mark.parametrize("f_const", [10.0, 70.0])
+def test_without_gravity_the_muscle_arm_rests_at_its_reference(theta, f_const):
+    model, data = bare(MUSCLE)
+    MUSCLE.reset(data, np.array([0.1, -0.8, 40.0]))
+    MUSCLE.command(data, np.array([*theta, f_const]))
+    mujoco.mj_step(model, data, 4000)
+    assert MUSCLE.angles(data) == pytest.approx(theta, abs=1e-4)
+    assert MUSCLE.state(data)[:6] == pytest.approx(np.full(6, f_const), rel=1e-3)
+
+
+def test_set_points_survive_reset():
+    model, data = bare(MUSCLE)
+    u = np.array([0.5, -1.0, 50.0])
+    MUSCLE.reset(data, u)
+    mujoco.mj_step(model, data, 100)
+    assert MUSCLE.angles(data) == pytest.approx(u[:2], abs=1e-9)
+    assert np.abs(data.qvel).max() < 1e-9
+
+
+def test_the_body_image_is_what_the_arm_senses_at_rest(muscle_env):
+    for _ in range(15):
+        muscle_env.advance(np.array([0.2, -1.0, 30.0]))
+    f, length = np.split(muscle_env.arm.state(muscle_env.data), 2)
+    angles = muscle_env.arm.angles(muscle_env.data)
+    assert muscle_env.arm.body_image(angles, f) == pytest.approx(length, abs=1e-5)
+
+
+def test_tension_is_never_negative_and_motors_stay_in_their_limits(muscle_env):
+    arm, data = muscle_env.arm, muscle_env.data
+    policy = RandomPolicy(arm)
+    for _ in range(30):
+        muscle_env.advance(policy({}))
+        assert (arm.state(data)[arm.tensions] >= 0).all()
+        assert (data.actuator_force >= arm.tension_bias).all()
+        assert (data.actuator_force <= arm.tension_max).all()
+
+
+def test_a_slack_muscle_does_no_work():
+    model, data = bare(MUSCLE)
+    MUSCLE.reset(data, MUSCLE.home_command)
+    for name in MUSCLES:
+        data.joint(name).qpos[0] -= 0.05  # every wire far too long
+    model.actuator_forcerange[:] = 0
+    data.joint("shoulder").qvel[0] = 1.0
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qfrc_passive[:2] + MUSCLE.hinge_damping * data.qvel[:2]).max() < 1e-12
+    assert MUSCLE.state(data)[:6] == pytest.approx(np.zeros(6))
+
+
+def test_a_fixed_stiffness_leaves_nothing_to_command():
+    stiff = MUSCLE.with_stiffness(70)
+    assert stiff.command_lower[2] == stiff.command_upper[2] == stiff.home_command[2] == 70
+    assert np.array_equal(stiff.command_lower[:2], MUSCLE.command_lower[:2])
+
+
+@pytest.mark.parametrize(
+    ("arm", "f_const", "message"),
+    [(MUSCLE, 9, "outside"), (MUSCLE, np.nan, "finite"), (MUSCLE, None, "finite"), (TorqueArm(), 30, "no stiffness")],
+)
+def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message):
+    with pytest.raises(ValueError, match=message):
+        arm.with_stiffness(f_const)
+
+
+@pytest.mark.parametrize(
+    ("arm", "u", "message"),
+    [
+        ("torque", [0.0], r"a command of the torque arm is \[2\] and finite, got the shape \[1\]"),
+        ("torque", 0.0, r"got the shape \[\]"),
+        ("torque", [0.0, np.nan], "finite, got nan"),
+        ("torque", None, "finite"),
+        ("torque", ["left", "right"], "finite, got"),
+        ("torque", [3.0, 0.0], r"outside the torque arm's range \[-0.8 -1.6\] to \[1. 0.\]; use numpy.clip"),
+        ("torque", [0.0, 1e300], "outside"),
+        ("muscle", [0.0, -0.5], r"is \[3\]"),
+        ("muscle", [0.0, -0.5, 9.0], "outside the muscle arm's range"),
+        ("muscle", [0.0, -0.5, 71.0], "outside the muscle arm's range"),
+        ("muscle", [1.2, -0.5, 30.0], "outside the muscle arm's range"),
+        ("muscle", [0.0, 0.2, 30.0], "outside the muscle arm's range"),
+    ],
+)
+def test_a_command_that_the_arm_cannot_follow_is_refused(arm, u, message):
+    with pytest.raises(ValueError, match=message):
+        check_command(get_arm(arm), u)
+
+
+def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_kept():
+    u = np.array([-0.8, -1.6], np.float32)  # -0.8 in single precision lies outside
+    checked = check_command(TorqueArm(), u)
+    assert checked.tolist() == [-0.8, -1.6]
+    assert checked.dtype == np.float64
+    assert u[0] != checked[0]
+
+
+@pytest.mark.parametrize("change", [{"lower": (1.1, -1.6)}, {"upper": (1.0, -2.0)}, {"home": (0.4, 0.1)}])
+def test_a_range_that_does_not_rise_through_home_is_refused(change):
+    with pytest.raises(ValueError, match="home, lower and upper"):
+        replace(TorqueArm(), **change)
+
+
+@pytest.mark.parametrize("name", ["octopus", None, 3, {"a": 1}])
+def test_an_unknown_arm_lists_the_choices(name):
+    with pytest.raises(KeyError, match=r"unknown arm .*; choose from torque, muscle"):
+        get_arm(name)

@@ -1,0 +1,152 @@
+"""Laws that the cloth obeys, whatever its parameters."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from clothlab.cloth import CLOTHS, FOAMS, SHEETS, Cloth, add_cloth, cloth_name, foam, get_cloth, point_names, springs
+from clothlab.env import ClothEnv, Scene
+from clothlab.trials import RandomPolicy
+
+GRAVITY = 9.81
+
+
+def falling(cloth: Cloth) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A cloth that nobody holds: its bar slides down with the drag of the points tied to it."""
+    spec = mujoco.MjSpec()
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    bar = spec.worldbody.add_body(name="bar")
+    bar.add_joint(
+        name="bar", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], damping=[cloth.columns * cloth.damping, 0, 0]
+    )
+    add_cloth(spec, cloth, bar, np.zeros(3))
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("name", ["damp0.03-mass0.05", "damp0.07-mass0.15", "soft-1"])
+def test_terminal_speed_is_weight_over_drag(name):
+    cloth = get_cloth(name)
+    model, data = falling(cloth)
+    mujoco.mj_step(model, data, 3000)
+    assert -data.joint("bar").qvel[0] == pytest.approx(cloth.point_mass * GRAVITY / cloth.damping, rel=1e-3)
+    assert cloth.terminal_speed == pytest.approx(cloth.point_mass * GRAVITY / cloth.damping)
+
+
+def test_without_drag_there_is_no_terminal_speed():
+    assert replace(get_cloth("soft-1"), damping=0).terminal_speed == float("inf")
+
+
+@pytest.mark.parametrize("name", [*CLOTHS, *FOAMS])
+def test_a_cloth_weighs_what_it_says(name):
+    model, _ = falling(get_cloth(name))
+    assert model.body_subtreemass[0] == pytest.approx(get_cloth(name).mass)
+
+
+def test_a_cloth_at_rest_stays_at_rest(env):
+    before = env.cloth_points()
+    for _ in range(10):
+        env.advance(env.arm.home_command)
+    assert np.abs(env.cloth_points() - before).max() < 1e-3
+    assert np.abs(env.data.qvel).max() < 1e-3
+
+
+def test_a_hanging_cloth_stretches_by_its_weight(env):
+    points = env.cloth_points()
+    drop = points[0, :, 2].mean() - points[-1, :, 2].mean()
+    assert env.cloth.length < drop < 1.02 * env.cloth.length
+
+
+def motion(cloth: Cloth, time_step: float = 0.002) -> np.ndarray:
+    """Where the points are after each of 15 steps of three random runs, `[45, rows, columns, 3]` [m]."""
+    env = ClothEnv("torque", cloth, scene=Scene(time_step=time_step))
+    moments = []
+    for seed in range(3):
+        env.start()
+        policy = RandomPolicy(env.arm)
+        policy.reset(seed)
+        for _ in range(15):
+            env.advance(policy({}))
+            moments.append(env.cloth_points())
+    return np.array(moments)
+
+
+def mean_shift(a: np.ndarray, b: np.ndarray) -> float:
+    return np.linalg.norm(a - b, axis=-1).mean()
+
+
+def test_materials_matter_more_than_the_time_step():
+    cloth = get_cloth("damp0.05-mass0.10")
+    base = motion(cloth)
+    halved = mean_shift(base, motion(cloth, time_step=0.001))
+    for change in ({"damping": 0.07}, {"damping": 0.03}, {"mass": 0.15}, {"mass": 0.05}):
+        assert mean_shift(base, motion(replace(cloth, **change))) > 2 * halved
+
+
+def test_springs_join_neighbours_and_leave_the_hand_bar_out():
+    cloth = Cloth("small", rows=3, columns=3)
+    found = {(a, b): stiffness for a, b, stiffness in springs(cloth)}
+    assert not any(a.startswith("cloth_0_") and b.startswith("cloth_0_") for a, b in found)
+    assert found["cloth_0_0", "cloth_1_0"] == found["cloth_0_0", "cloth_1_1"] == cloth.stiffness
+    assert found["cloth_0_1", "cloth_2_1"] == cloth.bending
+    assert len(found) == 6 + 4 + 4 + 4 + 3 + 2
+
+
+def test_points_are_named_by_row_and_column():
+    assert point_names(Cloth("small", rows=2, columns=2)) == [["cloth_0_0", "cloth_0_1"], ["cloth_1_0", "cloth_1_1"]]
+
+
+def test_sheets_add_mass_and_stiffness_but_no_drag():
+    one, three = foam("hard", 1), foam("hard", 3)
+    assert (three.mass, three.bending, three.stiffness) == pytest.approx((3 * one.mass, 3 * one.bending, 180))
+    assert three.damping == one.damping == FOAMS["soft-1"].damping
+
+
+def test_thick_sheets_bend_less_by_the_third_power():
+    soft, hard = (foam(kind, 1).bending / (SHEETS[kind].modulus * SHEETS[kind].thickness ** 3) for kind in SHEETS)
+    assert soft == pytest.approx(hard)
+
+
+@pytest.mark.parametrize("name", FOAMS)
+def test_foams_hold_the_time_step(name):
+    env = ClothEnv("muscle", name)
+    policy = RandomPolicy(env.arm)
+    policy.reset(1)
+    for _ in range(25):
+        env.advance(policy({}))
+    assert np.isfinite(env.arm.state(env.data)).all()
+
+
+def test_a_cloth_is_found_by_its_name_and_returned_as_it_is():
+    cloth = get_cloth(cloth_name(0.03, 0.1))
+    assert (cloth.damping, cloth.mass) == (0.03, 0.10)
+    assert get_cloth(cloth) is cloth
+    assert list(FOAMS) == ["soft-1", "soft-2", "hard-1", "hard-2", "hard-3"]
+
+
+@pytest.mark.parametrize(
+    ("cloth", "label"),
+    [
+        ("damp0.03-mass0.10", "(0.03, 0.10)"),
+        ("hard-2", "hard-2"),
+        (Cloth("x", damping=0.035, mass=0.1), "(0.035, 0.100)"),
+    ],
+)
+def test_people_see_a_foam_by_its_name_and_a_cloth_by_its_numbers(cloth, label):
+    assert get_cloth(cloth).label == label
+
+
+@pytest.mark.parametrize("name", ["felt", None, 3, ["soft-1"]])
+def test_an_unknown_cloth_lists_the_choices(name):
+    with pytest.raises(KeyError, match=r"unknown cloth .*; choose from damp0.03-mass0.05"):
+        get_cloth(name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sheets", "error"), [("felt", 1, KeyError), ("soft", 0, ValueError), ("soft", "2", ValueError)]
+)
+def test_impossible_foams_are_refused(kind, sheets, error):
+    with pytest.raises(error, match=r"unknown foam 'felt'; choose from soft, hard|Cloth.sheets"):
+        foam(kind, sheets)

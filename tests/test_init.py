@@ -1,0 +1,47 @@
+"""Importing the package: cheap, lazy, and able to draw in whatever order."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+import clothlab
+
+
+def run(code: str, **environment: str) -> str:
+    """What Python prints, started afresh without a choice of OpenGL."""
+    inherited = {name: value for name, value in os.environ.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+    process = [sys.executable, "-c", code]
+    return subprocess.run(process, env=inherited | environment, capture_output=True, text=True, check=True).stdout
+
+
+def test_importing_the_package_imports_neither_torch_nor_mujoco():
+    assert run("import clothlab, sys; print({'torch', 'mujoco', 'numpy'} & set(sys.modules))") == "set()\n"
+
+
+def test_a_module_is_imported_when_it_is_asked_for_and_no_more_than_it_needs():
+    code = "import clothlab, sys; clothlab.env.ClothEnv; print({'torch', 'sklearn', 'matplotlib'} & set(sys.modules))"
+    assert run(code) == "set()\n"
+
+
+def test_an_unknown_module_lists_the_choices():
+    with pytest.raises(AttributeError, match="clothlab has no 'physics'; it has analysis, arm"):
+        clothlab.physics  # noqa: B018
+    assert {"analysis", "vision"} <= set(dir(clothlab))
+
+
+@pytest.mark.parametrize("first", ["import mujoco", "import clothlab"])
+def test_it_draws_in_whatever_order_it_is_imported(first):
+    code = f"{first}; from clothlab.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
+    assert run(code) == "True\n"
+
+
+def test_a_choice_of_opengl_is_respected():
+    assert run("import clothlab, os; print(os.environ['MUJOCO_GL'])", MUJOCO_GL="disable") == "disable\n"
+
+
+@pytest.mark.parametrize(("found", "chosen"), [("{'EGL'}", "egl"), ("{'OSMesa'}", "osmesa"), ("set()", "disable")])
+def test_opengl_is_chosen_by_what_is_installed(found, chosen):
+    code = f"import ctypes.util, os; ctypes.util.find_library = lambda name: name in {found} or None"
+    assert run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
