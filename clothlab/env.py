@@ -15,7 +15,26 @@ from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
-BACKGROUND = (0.93, 0.95, 0.97)  # light, because pictures are projected
+# Not implicitfast: that treats the springs' damping as if each neighbour stood still, which adds up to 14 % to the inertia
+# of a light cloth (notebook 01). A smaller shadowclip leaves speckles on the floor. The cylinder holds up the shoulder.
+WORLD = """
+<mujoco model="clothlab">
+  <option integrator="Euler"/>
+  <visual>
+    <map shadowclip="6"/>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.3 0.3 0.3"/>
+  </visual>
+  <asset>
+    <texture name="sky" type="skybox" builtin="flat" rgb1="0.93 0.95 0.97" rgb2="0.93 0.95 0.97"
+      width="16" height="16"/>
+  </asset>
+  <worldbody>
+    <light type="directional" pos="0 0 3" dir="-0.3 0.4 -1" diffuse="0.35 0.35 0.35"/>
+    <geom type="plane" size="0 0 0.1" rgba="0.95 0.95 0.93 1" contype="0" conaffinity="0"/>
+    <geom type="cylinder" fromto="0 0 0 0 0 1" size="0.03" rgba="0.55 0.56 0.58 1" contype="0" conaffinity="0"/>
+  </worldbody>
+</mujoco>
+"""
 NO_CLOTH_IN_VIEW = -float(np.hypot(vision.HEIGHT, vision.WIDTH))  # [pixel] no two pixels are further apart
 
 Observation = dict[str, np.ndarray]  # {"image": cloth mask [H, W], "robot": robot state [D_r]}
@@ -48,53 +67,15 @@ class Scene(Checked):
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of arm, cloth, camera, light and floor; `.to_xml()` shows it as MJCF."""
     scene = scene or Scene()
-    spec = mujoco.MjSpec()
+    spec = mujoco.MjSpec.from_string(WORLD)
     spec.option.timestep = scene.time_step
-    # Not implicitfast: it treats the springs' damping as if each neighbour stood still, which adds up to 14 % to the
-    # inertia of a light cloth. Notebook 01 measures both.
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    world = spec.worldbody
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=BACKGROUND,
-        rgb2=BACKGROUND,
-        width=16,
-        height=16,
-    )
-    spec.visual.map.shadowclip = 6  # smaller ones leave speckles on the floor
     spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
     spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
-    spec.visual.headlight.ambient = [0.45] * 3
-    spec.visual.headlight.diffuse = [0.3] * 3
-    world.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 3], dir=[-0.3, 0.4, -1.0], diffuse=[0.35] * 3
-    )
-    world.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.1],  # without end
-        rgba=(0.95, 0.95, 0.93, 1),
-        contype=0,
-        conaffinity=0,
-    )
-    world.add_geom(  # a post, so that the shoulder does not float
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0, 0, 0, 0, 0, 1.0],
-        size=[0.03, 0, 0],
-        rgba=(0.55, 0.56, 0.58, 1),
-        contype=0,
-        conaffinity=0,
-    )
-    target = world.add_body(name="camera_target", pos=arm.camera.target)
+    target = spec.worldbody.add_body(name="camera_target", pos=arm.camera.target)
     target.add_site(size=[0.001, 0, 0], group=4)
-    world.add_camera(
-        name="camera",
-        pos=arm.camera.position,
-        fovy=arm.camera.fovy,
-        mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
-        targetbody="camera_target",
-    )
+    follow = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY
+    camera = {"pos": arm.camera.position, "fovy": arm.camera.fovy, "mode": follow, "targetbody": target.name}
+    spec.worldbody.add_camera(name="camera", **camera)
     hand, position = arm.add_to(spec)
     add_cloth(spec, cloth, hand, position, front_forward=arm.camera.position[0] > position[0])
     return spec
