@@ -15,8 +15,8 @@ from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
-# Not implicitfast: that treats the springs' damping as if each neighbour stood still, which adds up to 14 % to the inertia
-# of a light cloth (notebook 01). A smaller shadowclip leaves speckles on the floor. The cylinder holds up the shoulder.
+# Not implicitfast: that treats the springs' damping as if each neighbour stood still, which adds up to 14 % to the
+# inertia of a light cloth (notebook 01). A smaller shadowclip leaves speckles on the floor. The cylinder holds the arm.
 WORLD = """
 <mujoco model="clothlab">
   <option integrator="Euler"/>
