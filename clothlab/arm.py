@@ -6,6 +6,7 @@ robot state, where angles, tensions and stiffness lie in them, and where the cam
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -87,10 +88,12 @@ class Arm(Checked, ABC):
         if not all(a <= b <= c for a, b, c in zip(self.lower, self.home, self.upper, strict=True)):
             raise ValueError(f"{self.home} is not from {self.lower} to {self.upper}: home, lower and upper of an arm")
 
-    tensions = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
-    sensed_angles = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
-    angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`
-    stiffness_command = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
+    command_names: ClassVar[tuple[str, ...]]  # what each number of `u` is, with its unit
+    state_names: ClassVar[tuple[str, ...]]  # what each number of the robot state is, with its unit
+    tensions: ClassVar = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
+    sensed_angles: ClassVar = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
+    angle_command: ClassVar = slice(0, len(JOINTS))  # where θ_ref lies in `u`
+    stiffness_command: ClassVar = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
 
     @property
     def has_stiffness(self) -> bool:
@@ -108,16 +111,6 @@ class Arm(Checked, ABC):
     def layout(self, latent_size: int) -> StateLayout:
         """Where things lie in `s`, for a z of so many numbers."""
         return StateLayout(self, latent_size)
-
-    @property
-    @abstractmethod
-    def command_names(self) -> tuple[str, ...]:
-        """What each number of `u` is, with its unit."""
-
-    @property
-    @abstractmethod
-    def state_names(self) -> tuple[str, ...]:
-        """What each number of the robot state is, with its unit."""
 
     @property
     def home_command(self) -> np.ndarray:
@@ -207,17 +200,9 @@ class TorqueArm(Arm):
     servo_stiffness: tuple[float, float] = setting((120.0, 60.0), "N m/rad", above=0)
     servo_damping: tuple[float, float] = setting((8.0, 4.0), "N m s/rad", at_least=0)
 
+    command_names = ("θ_ref shoulder [rad]", "θ_ref elbow [rad]")
+    state_names = ("θ shoulder [rad]", "θ elbow [rad]", "θ' shoulder [rad/s]", "θ' elbow [rad/s]")
     sensed_angles = slice(0, len(JOINTS))
-
-    @property
-    def command_names(self) -> tuple[str, ...]:
-        """What each number of `u` is, with its unit."""
-        return ("θ_ref shoulder [rad]", "θ_ref elbow [rad]")
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """What each number of the robot state is, with its unit."""
-        return ("θ shoulder [rad]", "θ elbow [rad]", "θ' shoulder [rad/s]", "θ' elbow [rad/s]")
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         for i, joint in enumerate(JOINTS):
@@ -231,13 +216,11 @@ class TorqueArm(Arm):
             servo.set_to_position(kp=self.servo_stiffness[i], kv=self.servo_damping[i])
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        """Put the joints where `u` `[2]` [rad] wants them, at rest."""
         for joint, angle in zip(JOINTS, u, strict=True):
             data.joint(joint).qpos[0] = angle
         self.command(data, u)
 
     def command(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        """Send the command `u` `[2]` [rad] to the servos."""
         for joint, angle in zip(JOINTS, u, strict=True):
             data.actuator(joint).ctrl[0] = angle
 
@@ -258,37 +241,25 @@ class MuscleArm(Muscles, Arm):
     stop_margin: float = setting(0.6, "rad", at_least=0)  # wide, because a soft arm sags
     home_tension: float = setting(30.0, "N", above=0)  # f_const at the start, where the range allows it
 
+    command_names = (*TorqueArm.command_names, "f_const [N]")
+    state_names = (*(f"f {name} [N]" for name in MUSCLES), *(f"l {name} [m]" for name in MUSCLES))
     tensions = slice(0, len(MUSCLES))
     stiffness_command = slice(len(JOINTS), len(JOINTS) + 1)
 
     def with_stiffness(self, f_const: float) -> "MuscleArm":
-        """The same arm with its stiffness command fixed at `f_const` [N]."""
         check_command(self, [*self.home, f_const])
         return replace(self, tension_range=(f_const, f_const))
 
     @property
-    def command_names(self) -> tuple[str, ...]:
-        """What each number of `u` is, with its unit."""
-        return ("θ_ref shoulder [rad]", "θ_ref elbow [rad]", "f_const [N]")
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """What each number of the robot state is, with its unit."""
-        return (*(f"f {name} [N]" for name in MUSCLES), *(f"l {name} [m]" for name in MUSCLES))
-
-    @property
     def command_lower(self) -> np.ndarray:
-        """Smallest command, `[3]` [rad] [rad] [N]."""
         return np.array([*self.lower, self.tension_range[0]])
 
     @property
     def command_upper(self) -> np.ndarray:
-        """Largest command, `[3]` [rad] [rad] [N]."""
         return np.array([*self.upper, self.tension_range[1]])
 
     @property
     def home_command(self) -> np.ndarray:
-        """θ_ref and f_const at the start, `[3]` [rad] [rad] [N]."""
         return np.array([*self.home, np.clip(self.home_tension, *self.tension_range)])
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
@@ -319,7 +290,6 @@ class MuscleArm(Muscles, Arm):
             motor.set_to_pid(kp=self.motor_stiffness, kv=self.motor_damping, slewmax=self.motor_speed, ctrlspec=inputs)
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        """Put joints, rotors and set-points where `u` `[3]` wants them, at rest."""
         *theta, f_const = u
         for joint, angle in zip(JOINTS, theta, strict=True):
             data.joint(joint).qpos[0] = angle
@@ -331,7 +301,6 @@ class MuscleArm(Muscles, Arm):
         self.command(data, u)
 
     def command(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        """Send the command `u` `[3]` to the motors."""
         for name, length in zip(MUSCLES, self.sent_length(u), strict=True):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
 

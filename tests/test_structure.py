@@ -73,6 +73,9 @@ def test_what_is_public_is_documented(path):
     for name, item in public(module):
         if inspect.isclass(item) or inspect.isfunction(item):
             assert item.__doc__, f"{module.__name__}.{name}"
+        for method, each in vars(item).items() if inspect.isclass(item) else ():
+            if not method.startswith("_") and (inspect.isfunction(each) or isinstance(each, property)):
+                assert inspect.getdoc(getattr(item, method)), f"{module.__name__}.{name}.{method}"
 
 
 @pytest.mark.parametrize("name", clothlab.__all__)
