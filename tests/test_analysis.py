@@ -40,6 +40,13 @@ def test_materials_written_linearly_into_p_are_read_off_exactly():
         assert readout(biases[name]) == pytest.approx((cloth.damping, cloth.mass))
 
 
+@pytest.mark.parametrize("p", [[0.0], [0.0, np.nan], None, "a", [[0.0, 0.0]]])
+def test_what_is_no_p_says_nothing_of_a_material(p):
+    readout = MaterialReadout.fit(biases_from([[1.0, -0.5], [0.3, 2.0]]), GRID)
+    with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
+        readout(p)
+
+
 def test_a_p_that_knows_only_the_ratio_explains_only_the_ratio():
     rng = np.random.default_rng(0)
     biases = {name: np.array([p[0], rng.normal()]) for name, p in biases_from([[1, -1], [0, 0]]).items()}

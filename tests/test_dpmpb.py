@@ -185,12 +185,18 @@ def test_a_stretch_of_a_run_is_a_run():
         (GOOD.s[0], GOOD.u, r"got the shape \[7\]"),
         (GOOD.s[:5], GOOD.u, "as many states as commands, got 5 and 40"),
         (None, GOOD.u, "s of a run"),
+        (GOOD.s[:0], GOOD.u, "got 0 and 40"),
         (GOOD.s, "left", "u of a run"),
     ],
 )
 def test_what_does_not_belong_together_is_no_run(s, u, message):
     with pytest.raises(ValueError, match=message):
         Sequences(s, u, "a")
+
+
+def test_a_run_says_its_material():
+    with pytest.raises(ValueError, match=r"Sequences.material is a str, got None"):
+        Sequences(GOOD.s, GOOD.u, None)
 
 
 def test_runs_that_no_model_can_learn_are_refused():
