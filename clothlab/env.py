@@ -250,9 +250,7 @@ class ClothEnv(gymnasium.Env):
         for part in np.array_split(np.arange(self.scene.substeps), samples if watch else 1):
             self._simulate(len(part))
             if watch:
-                mujoco.mj_kinematics(self.model, self.data)
-                mujoco.mj_comPos(self.model, self.data)  # which places cameras and lights
-                mujoco.mj_camlight(self.model, self.data)
+                mujoco.mj_kinematics(self.model, self.data)  # all that a picture needs: camera and light stand still
                 watch()
         mujoco.mj_forward(self.model, self.data)
 

@@ -132,6 +132,6 @@ def kill_writes() -> Callable[[Path, int], None]:
     """Begin to write a file so many times, and kill the process in the middle each time."""
 
     def kill(path: Path, times: int) -> None:
-        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True)
+        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True, timeout=60)
 
     return kill

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -127,6 +128,8 @@ def test_what_is_watched_is_up_to_date(env):
         forward, up = env.arm.hand(env.arm.angles(env.data))
         hands.append(env.data.site("hand").xpos - [forward, 0, 1 + up])
         pictures.append(env.camera_picture())
+        mujoco.mj_forward(env.model, env.data)  # all that there is to bring up to date
+        assert np.array_equal(pictures[-1], env.camera_picture())
 
     env.advance([-0.5, -1.0], look, 2)
     assert np.abs(hands).max() < 1e-9
