@@ -78,9 +78,10 @@ class MaterialReadout:
             r2_score(logs @ ratio, left_out @ ratio),
         )
 
-    def __call__(self, p: np.ndarray) -> tuple[float, float]:
+    def __call__(self, p: ArrayLike) -> tuple[float, float]:
         """Read C_damp [N s/m] and C_mass [kg] off one p `[D_p]`."""
-        damping, mass = np.exp(self.model.predict(np.asarray(p)[None])[0])
+        p = check_array("p", p, (self.model.n_features_in_,))
+        damping, mass = np.exp(self.model.predict(p[None])[0])
         return float(damping), float(mass)
 
 

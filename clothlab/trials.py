@@ -311,7 +311,7 @@ def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> 
             not divide the control period.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
-    samples = round(CONTROL_PERIOD / interval) if interval > 0 else 0
+    samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
     if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
         raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
     env.start(seed=trial.seed)
@@ -424,7 +424,7 @@ def load_trial(path: str | Path) -> Trial:
         FileNotFoundError: no such file.
         ValueError: the file is damaged, is no trial, or was written by a newer version.
     """
-    with reading(path, "trial"), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+    with reading(path, "trial"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         if about.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}, this version's")
