@@ -3,12 +3,16 @@
 import ast
 import json
 import re
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 import clothlab
 from clothlab import checks
+from clothlab.checks._check import array, check, number
 from clothlab.checks.cloth_simulation import acceleration
 from clothlab.checks.variable_stiffness import spring_stiffness
 
@@ -95,7 +99,8 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
     assert capsys.readouterr().out == "correct\n"
 
 
-# What goes wrong easily: the solution with `right` replaced by `wrong`, and what the reader is told.
+# What goes wrong easily: the solution with `right` replaced by `wrong`, and what the reader is told. Where `right` is
+# "return", `wrong` is what the last line returns instead.
 SLIPS = [
     ("best_moment", "skip + np.argmin(distance[skip:])", "np.argmin(distance)", "first two steps do not count"),
     ("best_moment", "skip + np", "np", "from the start of the run"),
@@ -115,7 +120,7 @@ SLIPS = [
     ("time_to_reach", "cloth.point_mass", "cloth.mass", "mass of one point"),
     ("time_to_reach", "np.log(1 - share)", "np.log(share)", "not 90%"),
     ("time_to_reach", "-cloth", "cloth", "not 50%"),
-    ("euler_step", "v = v + dt *", "v += dt *", "copy them"),
+    ("euler_step", "v = v + dt *", "v += dt *", "in place: work on a copy"),
     ("euler_step", "v[: cloth.columns] = 0.0", "pass", "its velocity stays zero"),
     ("euler_step", "v[: cloth.columns]", "v[:1]", "three points, is held"),
     ("euler_step", "acceleration(cloth, x, v)", "acceleration(cloth, x, 0 * v)", "acceleration(cloth, x, v)"),
@@ -125,7 +130,6 @@ SLIPS = [
         "x, v = x + dt * v, v + dt * acceleration(cloth, x, v); v[:3] = 0; return x, v",
         "not the old",
     ),
-    ("euler_step", "x + dt * v, v", "[x + dt * v, v]", "the positions and the velocities"),
     ("pair_stiffness", "2 * r", "r", "two muscles"),
     ("pair_stiffness", "2 * r", "-2 * r", "a positive number"),
     ("pair_stiffness", "r**2", "r", "r enters twice"),
@@ -148,7 +152,7 @@ SLIPS = [
     ("wave", "+ (upper", "- (upper", "rises first"),
     ("wave", "(upper - lower) / 2", "(upper - lower) / 4", "the wave reaches"),
     ("wave", "/ period", "/ 10", "starts again"),
-    ("wave", "lambda observation: ", "", "return a function"),
+    ("wave", "lambda observation: ", "", "return a policy"),
     ("take_turns", "// every % 2", "% 2", "eight steps ask"),
     ("take_turns", "(observation)", "(0.0)", "pass the observation on"),
     (
@@ -157,11 +161,11 @@ SLIPS = [
         "first",
         "yours asked",
     ),
-    ("handmade", "np.zeros(3)", "np.zeros(2)", "three zeros"),
+    ("handmade", "np.zeros(3)", "np.zeros(2)", "of the shape (3,)"),
     ("handmade", "columns.mean(), rows.mean()", "rows.mean(), columns.mean()", "column 41.5"),
     ("handmade", "[len(rows),", "[mask.mean(),", "40 pixels"),
     ("linear_reconstruction", "PCA(components", "PCA(3", "more components"),
-    ("linear_reconstruction", "images.shape", "len(images), -1", "the shape is"),
+    ("linear_reconstruction", "images.shape", "len(images), -1", "of the shape (…, 96, 128)"),
     (
         "linear_reconstruction",
         "fit(train.reshape(len(train)",
@@ -173,13 +177,13 @@ SLIPS = [
     ("touching", ".any(axis=(1, 2)).mean()", ".any(axis=(1, 2)).sum()", "share is 0.5"),
     (
         "chamfer_by_hand",
-        "(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2",
+        "return",
         "distances.min(axis=1).mean()",
         "only, from a to b",
     ),
     (
         "chamfer_by_hand",
-        "(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2",
+        "return",
         "distances.min(axis=0).mean()",
         "only, from b to a",
     ),
@@ -192,7 +196,7 @@ SLIPS = [
     ),
     (
         "chamfer_by_hand",
-        "(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2",
+        "return",
         "max(distances.min(axis=1).max(), distances.min(axis=0).max())",
         "Hausdorff",
     ),
@@ -200,13 +204,13 @@ SLIPS = [
     ("chamfer_by_hand", ".mean()", ".sum()", "a sum over the pixels"),
     (
         "chamfer_by_hand",
-        "(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2",
+        "return",
         "np.concatenate([distances.min(axis=1), distances.min(axis=0)]).mean()",
         "however many pixels",
     ),
     (
         "chamfer_by_hand",
-        "(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2",
+        "return",
         "distances.mean()",
         "all pairs",
     ),
@@ -230,7 +234,7 @@ SLIPS = [
     ("extrapolate", "s[1:-1] + (s[1:-1] - s[:-2])", "s[1:] + (s[1:] - s[:-1])", "four predictions"),
     ("influence", "z.square().sum()", "z.norm()", "the last command"),
     ("influence", "[0, -1, :3]", "[0, -1]", "the last command"),
-    ("influence", "gradient.norm(dim=1)", "gradient.norm(dim=0)", "three lengths"),
+    ("influence", "gradient.norm(dim=1)", "gradient.norm(dim=0)", "of the shape (3,)"),
     ("influence", "u[None], p, memory", "u[None], p, None", "the last command"),
     ("terminal_speed", "cloth.point_mass", "cloth.mass", "mass of one point"),
     ("terminal_speed", "/ cloth.damping", "* cloth.damping", "m g / c"),
@@ -262,8 +266,8 @@ SLIPS = [
     ),
     (
         "gain_of_dimension",
-        "return np.mean(gains), np.std(gains, ddof=1)",
-        "few, more = (sum(error(n, k) for k in seeds) for n in (2, 3)); return 100 - 100 * more / few, 0",
+        "return",
+        "100 - 100 * sum(error(3, k) for k in seeds) / sum(error(2, k) for k in seeds), 0",
         "large errors must not count more",
     ),
     ("gain_of_dimension", "error(dimensions - 1, seed)", "error(dimensions - 1, seeds[0])", "not paired"),
@@ -277,7 +281,12 @@ SLIPS = [
     ("gain_of_dimension", ", ddof=1", "", "ddof=1"),
     ("gain_of_dimension", "np.std(gains, ddof=1)", "np.std(gains, ddof=1) / len(gains) ** 0.5", "standard error"),
     ("gain_of_dimension", "np.std(gains, ddof=1)", "np.ptp(gains)", "standard deviation 3"),
-    ("gain_of_dimension", "return np.mean(gains), np.std(gains, ddof=1)", "return np.mean(gains)", "two numbers"),
+    (
+        "gain_of_dimension",
+        "return",
+        "np.mean(gains)",
+        "the mean and the standard deviation",
+    ),
     ("momentum_step", "p - rate * v", "p - rate * gradient", "times the momentum"),
     ("momentum_step", "return p - rate * v, v", "return p, v", "by the new v"),
     ("momentum_step", "momentum * v + gradient", "gradient", "times the momentum"),
@@ -301,15 +310,15 @@ SLIPS = [
     ),
     ("steps_along", "gammas[:, None, None]", "gammas[0]", "one sequence of commands for each γ"),
     ("alternate", "t // period % len", "t % len", "a a a b b b a"),
-    ("alternate", "return policy(observation)", "return policy", "a a a b b b a"),
-    ("alternate", "return call", "return call(None)", "must return a policy"),
+    ("alternate", "return policy(observation)", "return policy", "return a command"),
+    ("alternate", "return call", "return call(None)", "return a policy"),
     (
         "random_shooting",
         "candidates[np.argmin(predict_loss(candidates))]",
         "predict_loss(candidates).min()",
-        "not their loss",
+        "the best sequence of commands",
     ),
-    ("random_shooting", "[np.argmin(predict_loss(candidates))]", "", "return one sequence"),
+    ("random_shooting", "[np.argmin(predict_loss(candidates))]", "", "of the shape (4, 2)"),
     ("random_shooting", "candidates[0] = start", "pass", "the start is a sequence to try"),
     ("random_shooting", "(count, *np.shape(start))", "(count + 1, *np.shape(start))", "was asked about 201"),
     ("random_shooting", "predict_loss(candidates)", "predict_loss(candidates[0])", "a batch of sequences"),
@@ -346,7 +355,7 @@ SLIPS = [
         "below[0] * CONTROL_PERIOD, 1)) if len(below) else 0.0",
         "must give None",
     ),
-    ("averaged", "mean(axis=0)", "mean()", "has shape (2,)"),
+    ("averaged", "mean(axis=0)", "mean()", "of the shape (2,)"),
     ("averaged", "[-n:]", "[:n]", "the last four"),
     ("averaged", "mean(axis=0)", "sum(axis=0) / n", "take them all"),
     ("shaken", "rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
@@ -388,12 +397,19 @@ SLIPS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "right", "wrong", "told"), SLIPS)
-def test_a_slip_is_refused_and_named(name, right, wrong, told, capsys):
+def replaced(name, right, wrong):
+    """The solution of an exercise with another piece in it."""
     solution = EXERCISES[name][2]
     assert right in solution, "the solution has changed: change this slip, too"
+    if right == "return":
+        right = solution[solution.rindex("return ") + len("return ") :]
+    return define(name, solution.replace(right, wrong))
+
+
+@pytest.mark.parametrize(("name", "right", "wrong", "told"), SLIPS)
+def test_a_slip_is_refused_and_named(name, right, wrong, told, capsys):
     with pytest.raises(checks.CheckFailed, match=re.escape(told)):
-        getattr(checks, name)(define(name, solution.replace(right, wrong)))
+        getattr(checks, name)(replaced(name, right, wrong))
     assert capsys.readouterr().out == ""
 
 
@@ -404,3 +420,110 @@ def test_every_check_has_met_a_slip():
 def test_a_check_wants_the_function_itself():
     with pytest.raises(checks.CheckFailed, match="the function wave itself"):
         checks.wave(None)
+
+
+ODD = [None, "three", b"3", float("nan"), np.inf, 1j, (), (1,), range(9), [[1], [2, 3]], {"a": 1}, {1}, object(), dict]
+ODD += [np.array("three"), np.full(2, np.nan), np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), ValueError("odd")]
+ODD += [lambda *args, **kwargs: None, (k for k in range(3)), np.array([None, 1.0]), ["1", "2"], (np.zeros(2), None)]
+POLICIES = {"wave", "take_turns", "alternate", "shaken"}
+
+
+def fails(*args, **kwargs):
+    raise ZeroDivisionError("in the answer")
+
+
+def turning(solution, calls, then):
+    """An answer that is right for so many calls, and something else from then on."""
+    right = iter([solution] * calls)
+    return lambda *args, **kwargs: next(right, then)(*args, **kwargs)
+
+
+def calls_of(name):
+    """How often a check calls its solution."""
+    solution, calls = define(name, EXERCISES[name][2]), []
+    getattr(checks, name)(lambda *args, **kwargs: calls.append(1) or solution(*args, **kwargs))
+    return len(calls)
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
+    for odd in ODD:
+        for answer in (lambda *args, odd=odd, **kwargs: odd, lambda *args, odd=odd, **kwargs: lambda observation: odd):
+            with pytest.raises(checks.CheckFailed, match=r"\w \w") as refused:
+                getattr(checks, name)(answer)
+            assert "\n" not in str(refused.value)
+            assert len(str(refused.value)) < 250
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_whenever_an_answer_goes_wrong_it_is_refused_in_a_sentence(name):
+    solution = define(name, EXERCISES[name][2])
+    for calls in range(calls_of(name)):
+        with pytest.raises(checks.CheckFailed, match=f"{name} raised ZeroDivisionError: in the answer"):
+            getattr(checks, name)(turning(solution, calls, fails))
+        with pytest.raises(checks.CheckFailed, match=f"{name} returned 'three': return"):
+            getattr(checks, name)(turning(solution, calls, lambda *args, **kwargs: "three"))
+
+
+@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("calls", [0, 1, 5])
+def test_whenever_a_policy_goes_wrong_it_is_refused_in_a_sentence(name, calls):
+    solution = define(name, EXERCISES[name][2])
+    for then, told in ((fails, "raised ZeroDivisionError: in the answer"), (lambda observation: "up", "returned 'up'")):
+        with pytest.raises(checks.CheckFailed, match=f"the policy of {name} {told}"):
+            getattr(checks, name)(lambda *args, **kw: turning(solution(*args, **kw), calls, then))  # noqa: B023
+
+
+@pytest.mark.parametrize("error", [AssertionError("no"), KeyError("p"), StopIteration(), RuntimeError("two\nlines")])
+def test_every_error_of_an_answer_is_named(error):
+    def answer(*args, **kwargs):
+        raise error
+
+    with pytest.raises(checks.CheckFailed, match=f"best_moment raised {type(error).__name__}.*`raise error`"):
+        checks.best_moment(answer)
+
+
+def test_arguments_in_another_number_are_told_as_python_tells_them():
+    with pytest.raises(checks.CheckFailed, match=r"best_moment raised TypeError: .*unexpected keyword argument 'skip'"):
+        checks.best_moment(lambda distance: 0.0)
+
+
+def test_an_error_of_a_check_itself_is_not_taken_for_the_answers():
+    @check(number("a number"))
+    def faulty(answer):
+        return {}[answer()]
+
+    with pytest.raises(KeyError):
+        faulty(lambda: 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "change"),
+    [
+        ([2, 1], list.sort),
+        ([np.array([2, 1])], lambda x: x[0].sort()),
+        ({"p": np.array([2, 1])}, lambda x: x["p"].sort()),
+        ({"p": 1}, dict.clear),
+        (np.array([2, 1]), np.ndarray.sort),
+        (torch.tensor([2, 1]), torch.Tensor.zero_),
+    ],
+)
+def test_an_answer_must_not_change_what_it_was_given(given, change):
+    @check(number("a number"))
+    def compare(answer):
+        answer(given)
+
+    compare(lambda x: len(x))
+    with pytest.raises(checks.CheckFailed, match="changes its argument `x` in place: work on a copy"):
+        compare(lambda x: bool(change(x) is x))
+
+
+@pytest.mark.parametrize("found", [2, 2.0, np.float32(2), np.int64(2), np.array(2), torch.tensor(2.0), Fraction(2)])
+def test_a_number_of_any_kind_is_a_number(found):
+    assert number("a number")("f", found) == 2.0
+
+
+@pytest.mark.parametrize("found", [(1, 2), [True, 2], np.array([1, 2], np.float32), torch.tensor([1, 2]), range(1, 3)])
+def test_an_array_of_any_kind_is_an_array(found):
+    assert array("two numbers", 2)("f", found).tolist() == [1.0, 2.0]

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.arm import get_arm
-from clothlab.checks._check import check
+from clothlab.checks._check import array, arrays, check, policy
 from clothlab.cloth import get_cloth
 from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH
@@ -13,13 +13,15 @@ from clothlab.vision import HEIGHT, WIDTH
 __all__ = ["take_turns", "transitions", "wave"]
 
 
-@check
+_STATES, _COMMANDS = array("states", None, 4), array("the commands", None, 2)
+
+
+@check(arrays("three arrays: before, commands, after", _STATES, _COMMANDS, _STATES))
 def transitions(answer: Callable) -> None:
     """A made-up trial of six steps, no two of whose numbers are equal."""
     images, robot = np.zeros((6, HEIGHT, WIDTH), bool), np.arange(24.0).reshape(6, 4)
     trial = Trial(images, robot, 100 + np.arange(12.0).reshape(6, 2), get_cloth("soft-1"), "torque", "made up", seed=0)
     found = answer(trial)
-    assert isinstance(found, tuple), "return a tuple of three arrays: before, commands, after"
     lengths = [len(array) for array in found]
     expected = len(trial) - 1
     assert lengths == [expected] * 3, f"{expected} steps have an after, your arrays have {lengths} rows"
@@ -29,14 +31,12 @@ def transitions(answer: Callable) -> None:
     assert np.array_equal(commands, trial.commands[:-1]), "commands[t] acts between states t and t + 1"
 
 
-@check
+@check(policy(2))
 def wave(answer: Callable) -> None:
     """Two periods of eight steps."""
     arm = get_arm("torque")
     policy = answer(arm, 8)
-    assert callable(policy), "return a function (or an object that can be called) of one argument, the observation"
     u = np.array([policy({}) for _ in range(16)])
-    assert u.shape == (16, 2), f"a command has shape (2,), yours {u.shape[1:]}"
     middle = (arm.command_lower + arm.command_upper) / 2
     assert np.allclose(u[0], middle), f"the first command is the middle of the range, {middle}, not {u[0]}"
     assert (u[1] > u[0]).all(), "the wave rises first"
@@ -45,13 +45,12 @@ def wave(answer: Callable) -> None:
     assert np.allclose(u.min(axis=0), arm.command_lower), f"the wave reaches {arm.command_lower}, not {u.min(axis=0)}"
 
 
-@check
+@check(policy(2))
 def take_turns(answer: Callable) -> None:
     """Two policies that note when they are asked, and whose commands tell what they were asked."""
     asked = []
     policies = [lambda observation, k=k: asked.append(k) or np.full(2, 10.0 * k + observation) for k in (0, 1)]
     policy = answer(*policies, every=3)
-    assert callable(policy), "return a function (or an object that can be called) of one argument, the observation"
     commands = [policy(float(t)) for t in range(8)]
     turns = [0, 0, 0, 1, 1, 1, 0, 0]
     assert asked == turns, f"with every=3, eight steps ask {turns}, yours asked {asked}"

@@ -4,33 +4,30 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import check
+from clothlab.checks._check import CheckFailed, array, check, policy
 from clothlab.control import ControlSettings, period_mask
 
 __all__ = ["alternate", "my_mask", "random_shooting", "steps_along"]
 
 
-@check
+@check(array("a list of 0 and 1", None))
 def my_mask(answer: Callable) -> None:
     """The paper's example, then any horizon and period."""
     for t, wanted in ((2, [0, 1, 0, 0]), (3, [1, 0, 0, 0]), (4, [0, 0, 0, 1])):
         found = answer(t, 4, 4)
-        assert found is not None, "my_mask returned None"
         assert list(found) == wanted, f"for t = {t} the paper's example has {wanted}, got {list(found)}"
     for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8)):
         wanted = list(period_mask(t, ControlSettings(horizon=horizon, period=period)).astype(int))
         assert list(answer(t, horizon, period)) == wanted, f"wrong for t = {t}, horizon = {horizon}, period = {period}"
 
 
-@check
+@check(array("one sequence of commands for each γ", None, 8, 2))
 def steps_along(answer: Callable) -> None:
     """Shape, length, direction, range."""
     rng = np.random.default_rng(0)
     u, g, gammas = rng.uniform(-0.5, 0.5, (8, 2)), rng.normal(size=(8, 2)), np.array([0.0, 0.01, 0.1])
     found = answer(u, g, gammas, -1.0, 1.0)
-    assert found is not None, "steps_along returned None"
-    message = f"one sequence of commands for each γ: shape (3, 8, 2), got {np.shape(found)}"
-    assert np.shape(found) == (3, 8, 2), message
+    assert len(found) == 3, f"one sequence of commands for each γ: three, not {len(found)}"
     longer = answer(u, 5 * g, gammas, -1.0, 1.0)
     assert np.allclose(found, longer), "the length of g must not matter, only its direction"
     moved = np.linalg.norm(found - u, axis=(1, 2))
@@ -41,20 +38,19 @@ def steps_along(answer: Callable) -> None:
 
 
 class _Recorder:
-    """Stands in for a controller: returns the reference it was given."""
+    """Stands in for a controller: its commands tell which reference it was given."""
 
     z_ref = None
 
-    def __call__(self, observation: None) -> str | None:
-        return self.z_ref
+    def __call__(self, observation: None) -> list[float]:
+        return [ord(self.z_ref or "?"), 0.0]
 
 
-@check
+@check(policy(2))
 def alternate(answer: Callable) -> None:
     """Seven solves of a period of three with two references."""
     policy = answer(_Recorder(), ["a", "b"], period=3)
-    assert callable(policy), "alternate must return a policy, a function of the observation"
-    found = "".join(str(policy(None)) for _ in range(7))
+    found = "".join(chr(int(policy(None)[0])) for _ in range(7))
     assert found == "aaabbba", f"with a period of 3 the references are a a a b b b a, got {' '.join(found)}"
 
 
@@ -65,13 +61,14 @@ class _Bowl:
         self.bottom, self.asked, self.calls = bottom, np.empty((0, 4, 2)), 0
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
-        message = f"predict_loss takes a batch of sequences, here of shape (…, 4, 2); yours has {np.shape(u)}"
-        assert np.shape(u)[1:] == (4, 2), message
+        if np.shape(u)[1:] != (4, 2):
+            told = "predict_loss takes a batch of sequences, here of shape (…, 4, 2); yours has"
+            raise CheckFailed(f"{told} {np.shape(u)}")
         self.asked, self.calls = np.concatenate([self.asked, u]), self.calls + 1
         return np.square(u - self.bottom).sum(axis=(1, 2))
 
 
-@check
+@check(array("the best sequence of commands", 4, 2))
 def random_shooting(answer: Callable) -> None:
     """What is tried: how many, from where, the start; what is returned: the best of it."""
     lower, upper, start, count = np.array([-1.0, -0.2]), np.array([0.5, 0.3]), np.full((4, 2), -0.1), 200
@@ -81,9 +78,6 @@ def random_shooting(answer: Callable) -> None:
         return answer(bowl, start.copy(), lower, upper, np.random.default_rng(seed), count), bowl
 
     found, bowl = shoot(upper + 0.2)
-    assert found is not None, "random_shooting returned None"
-    assert np.shape(found) != (), "return the commands, not their loss"
-    assert np.shape(found) == (4, 2), f"return one sequence, of the start's shape (4, 2); yours has {np.shape(found)}"
     asked = bowl.asked
     tried = f"of {count} sequences, the start among them, predict_loss was asked about {len(asked)}"
     assert len(asked) == count, tried

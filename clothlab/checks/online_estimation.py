@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, number
 
 __all__ = ["curvature", "momentum_step", "steps_until_right"]
 
 
-@check
+@check(array("the new p and the new v", 2, 2))
 def momentum_step(answer: Callable) -> None:
     """Compare with torch on the bowl x² + 5 y², for ten steps."""
     scale = torch.tensor([1.0, 5.0])
@@ -22,13 +22,12 @@ def momentum_step(answer: Callable) -> None:
         (scale * wanted**2).sum().backward()
         optimizer.step()
         found = answer(p, v, 2 * scale.numpy() * p, rate=0.02, momentum=0.9)
-        assert found is not None, "momentum_step returned None: return the new p and the new v"
         p, v = found
         hint = "p moves by the new v, not by the old one" if step == 1 else "the old v must be kept, times the momentum"
         assert np.allclose(p, wanted.detach().numpy(), atol=1e-4), f"wrong after step {step}: {hint}"
 
 
-@check
+@check(number("a second derivative"))
 def curvature(answer: Callable) -> None:
     """A bowl of known curvature, off its bottom, with a direction that is not of length 1."""
 
@@ -36,14 +35,13 @@ def curvature(answer: Callable) -> None:
         return 3 * (p[0] - 1) ** 2 + 0.5 * p[1] ** 2 + p[0]
 
     found = answer(bowl, np.zeros(2), np.array([1.0, 0.0]))
-    assert found is not None, "curvature returned None"
     assert np.isclose(found, 6), f"3 x² has the second derivative 6 everywhere, got {found:.3f}"
     found = answer(bowl, np.zeros(2), np.array([0.0, 4.0]))
     message = f"0.5 y² has the second derivative 1, got {found:.3f}: divide the direction by its length"
     assert np.isclose(found, 1), message
 
 
-@check
+@check(number("a number of steps, or None", none=True))
 def steps_until_right(answer: Callable) -> None:
     """A made-up map of two cloths."""
     two = {"left": np.array([-1.0, 0.0]), "right": np.array([1.0, 0.0])}

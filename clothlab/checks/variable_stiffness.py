@@ -6,19 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from clothlab.arm import MuscleArm, static_posture
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, number
 
 __all__ = ["compliance", "length_for_measured_tension", "pair_stiffness", "stretch_by_bisection"]
 
 
-@check
+@check(number("a stiffness in N m/rad"))
 def pair_stiffness(answer: Callable) -> None:
     """Compare with the slope of the torque of a flexor and an extensor whose motors stand still."""
     arm = MuscleArm()
     linear_arm = replace(arm, spring_linear=5000.0, spring_cubic=0.0)
     for one, r, e0 in ((arm, 0.04, 0.01), (linear_arm, 0.04, 0.01), (arm, 0.03, 0.02)):
         k = answer(one.spring_linear, one.spring_cubic, r, e0)
-        assert k is not None, "pair_stiffness returned None: return a number"
         h = 1e-5  # [rad]
         torque = [r * (one.tension(e0 - r * theta) - one.tension(e0 + r * theta)) for theta in (-h, h)]
         wanted = (torque[0] - torque[1]) / (2 * h)
@@ -31,27 +30,24 @@ def pair_stiffness(answer: Callable) -> None:
         assert np.isclose(k, wanted, rtol=1e-4), f"the torque's slope is {wanted:.2f} N m/rad, yours is {k:.2f}"
 
 
-@check
+@check(number("a stretch in metres"))
 def stretch_by_bisection(answer: Callable) -> None:
     """Our spring, whose inverse is known, and an exponential one."""
     curves = {"our spring": MuscleArm().tension, "an exponential spring": lambda e: 5 * np.expm1(e / 0.0075)}
     for name, curve in curves.items():
         for tension in (0.5, 10.0, 70.0):
             e = answer(curve, tension)
-            assert e is not None, "stretch_by_bisection returned None: return a stretch in metres"
             assert 0 <= e <= 0.05, f"{name}: {e:.4g} m lies outside the interval 0 to 0.05 m"
             message = f"{name}, stretched by your {1e3 * e:.4f} mm, pulls with {curve(e):.4f} N, not {tension:g} N"
             assert abs(curve(e) - tension) < 1e-3, message + "; go on halving, and keep the half with the answer"
 
 
-@check
+@check(array("the matrix C", 2, 2))
 def compliance(answer: Callable) -> None:
     """Compare with the exact solution for a tiny push."""
     arm, push = MuscleArm(), 1e-4  # [N]
     for theta, f_const in ((np.array([0.3, -np.pi / 2]), 30.0), (np.array([0.6, -0.7]), 70.0)):
         C = answer(arm, theta, f_const)
-        assert C is not None, "compliance returned None"
-        assert np.shape(C) == (2, 2), f"C has the shape (2, 2), yours has {np.shape(C)}"
         pushed = [static_posture(arm, [*theta, f_const], push * axis) for axis in np.eye(2)]
         wanted = np.stack([arm.hand(q) - arm.hand(theta) for q in pushed], axis=1) / push
         rigid = 1 + spring_stiffness(arm, arm.elongation(f_const)) / arm.motor_stiffness
@@ -64,15 +60,13 @@ def compliance(answer: Callable) -> None:
         assert np.allclose(C, wanted, rtol=1e-3), message
 
 
-@check
+@check(array("a length for each of the six muscles", 6))
 def length_for_measured_tension(answer: Callable) -> None:
     """Equal tensions must give the known path; others the lengths at which the motors pull just so."""
     arm = MuscleArm()
     home = arm.home_command[:2]
     for f in (np.full(6, 30.0), np.array([120.0, 5.0, 40.0, 50.0, 90.0, 20.0])):
         sent = answer(arm, home, f)
-        assert sent is not None, "length_for_measured_tension returned None: return six lengths"
-        assert np.shape(sent) == (6,), f"return one length for each of the six muscles, not shape {np.shape(sent)}"
         measured = arm.body_image(home, f)
         assert not np.allclose(sent, measured), "that is l_ref, the length to be measured: the motor gives way, too"
         pull = arm.tension_bias + arm.motor_stiffness * (measured - sent)
