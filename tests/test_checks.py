@@ -100,17 +100,35 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 
 
 # What goes wrong easily: the solution with `right` replaced by `wrong`, and what the reader is told. Where `right` is
-# "return", `wrong` is what the last line returns instead.
+# "return", `wrong` is what the last line returns instead; where it is "body", all that the function does.
 SLIPS = {
     "best_moment": [
         ("skip + np.argmin(distance[skip:])", "np.argmin(distance)", "first two steps do not count"),
         ("skip + np", "np", "from the start of the run"),
-        ("0.2 * ", "", "at 0.6 s, not 3 s"),
+        ("0.2 * ", "", "a step lasts 0.2 s"),
+        ("return", "distance[skip:].min()", "return its time"),
+        ("argmin", "argmax", "largest distance"),
+        ("skip + np", "skip + 1 + np", "count from 0"),
+        ("body", "return 0.2 * (8 + np.argmin(distance[8:]))", "not always eight"),
+        ("body", "return 0.2 * (2 + np.argmin(distance[2:]))", "eight steps are left out"),
+        ("return", "0.2 * len(distance)", "at 0.6 s, not 2.4 s"),
+        ("body", "distance[:skip] = np.inf; return 0.2 * np.argmin(distance)", "changes its argument `distance`"),
     ],
     "share_won": [
-        ("best_a < best_b", "best_a > best_b", "0.75, not 0.25"),
-        ("(best_a < best_b).mean()", "(best_a < best_b).sum()", "0.75, not 3"),
-        ("mean()", "sum() / -(-len(a) // period)", "three whole periods"),
+        ("best_a < best_b", "best_a <= best_b", "both come equally close"),
+        ("best_a < best_b", "best_a > best_b", "periods that `b` wins"),
+        ("(best_a < best_b).mean()", "(best_a < best_b).sum()", "number of periods won"),
+        ("return ", "return 100 * ", "per cent"),
+        (".min(axis=1)", ".mean(axis=1)", "not the mean"),
+        ("return", "(np.asarray(a) < b).mean()", "share of steps"),
+        ("return", "float(min(a) < min(b))", "0.5, not 1"),
+        ("mean()", "sum() / -(-len(a) // period)", "divide by the number of whole periods"),
+        (
+            "body",
+            "w = [min(a[k:][:period]) < min(b[k:][:period]) for k in range(0, len(a), period)]; return np.mean(w)",
+            "the last step is none",
+        ),
+        ("[:whole]", "[len(x) - whole :]", "periods count from the start"),
     ],
     "count_springs": [
         ("structural = (rows - 1) * columns + (rows - 1)", "structural = rows * columns + (rows - 1)", "not 28"),
@@ -390,13 +408,32 @@ SLIPS = {
 }
 
 
-def replaced(name, right, wrong):
+# Other ways to be right, and as readers write them: the solution with one piece replaced by another.
+RIGHTS = {
+    "best_moment": [
+        ("body", "return float(min(range(skip, len(distance)), key=lambda k: distance[k])) / 5"),
+        ("return", "np.float32(0.2) * (skip + np.asarray(distance, np.float32)[skip:].argmin())"),
+        ("return", "np.round(0.2 * (skip + np.argmin(distance[skip:])), 1)"),
+    ],
+    "share_won": [
+        ("return", "sum(bool(x < y) for x, y in zip(best_a, best_b, strict=True)) / (len(a) // period)"),
+        ("return", "np.float32(np.mean(best_b > best_a))"),
+    ],
+}
+
+
+def replaced(name, old, new):
     """The solution of an exercise with another piece in it."""
     solution = EXERCISES[name][2]
-    assert right in solution, "the solution has changed: change this slip, too"
-    if right == "return":
-        right = solution[solution.rindex("return ") + len("return ") :]
-    return define(name, solution.replace(right, wrong))
+    if old == "body":
+        (function,) = functions(solution)
+        function.body = ast.parse(new).body
+        module = ast.Module([ast.FunctionDef(**vars(function))], [])
+        return define(name, ast.unparse(ast.fix_missing_locations(module)))
+    assert old in solution, "the solution has changed: change this row of the table, too"
+    if old == "return":
+        old = solution[solution.rindex("return ") + len("return ") :]
+    return define(name, solution.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -406,6 +443,14 @@ def test_a_slip_is_refused_and_named(name, right, wrong, told, capsys):
     with pytest.raises(checks.CheckFailed, match=re.escape(told)):
         getattr(checks, name)(replaced(name, right, wrong))
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"), [(name, *other) for name, others in RIGHTS.items() for other in others]
+)
+def test_another_way_to_be_right_is_accepted(name, old, new, capsys):
+    getattr(checks, name)(replaced(name, old, new))
+    assert capsys.readouterr().out == "correct\n"
 
 
 def test_every_check_has_met_a_slip():
