@@ -185,22 +185,50 @@ SLIPS = {
         ("r**2", "r", "r enters twice"),
         ("3 * k3", "k3", "df/de, not f/e"),
         ("e0**2", "e0", "slope is"),
+        ("k1 + 3 * k3 * e0**2", "k1", "slope is"),
+        ("return", "0.0", "slope is"),
     ],
     "stretch_by_bisection": [
-        ("curve(middle) < tension", "curve(middle) > tension", "keep the half with the answer"),
+        ("curve(middle) < tension", "curve(middle) > tension", "keep the half in which"),
         ("1e-9", "1e-3", "go on halving"),
+        ("while high - low > 1e-9:", "for _ in range(20):", "go on halving"),
+        ("while high - low > 1e-9:", "while abs(curve((low + high) / 2) - tension) > 1e-6:", "go on halving"),
+        ("while high - low > 1e-9:", "while high > low:", "you go on"),
+        ("low, high = 0.0, longest", "low, high = 0.0, 0.05", "0.2 m"),
         ("return (low + high) / 2", "return 1000 * low", "outside the interval"),
+        ("body", "e = np.linspace(0, longest, 100_001); return np.interp(tension, curve(e), e)", "go on halving"),
+        (
+            "body",
+            "e = np.linspace(0, longest, 9_999); return e[np.searchsorted([curve(x) for x in e], tension)]",
+            "go on",
+        ),
     ],
     "compliance": [
         ("+ 1 / arm.motor_stiffness", "", "motors are rigid"),
+        (
+            "1 / (1 / spring_stiffness(arm, arm.elongation(f_const)) + 1 / arm.motor_stiffness)",
+            "spring_stiffness(arm, arm.elongation(f_const)) + arm.motor_stiffness",
+            "not their stiffnesses that add up",
+        ),
+        ("arm.elongation(f_const)", "f_const", "not its tension"),
+        ("spring_stiffness(arm, arm.elongation(f_const))", "(f_const / arm.elongation(f_const))", "not f/e"),
         ("J @ np.linalg.inv(k * G.T @ G) @ J.T", "J.T @ np.linalg.inv(k * G.T @ G) @ J", "changed places"),
         ("@ J.T", "@ J", "symmetric"),
-        ("np.linalg.inv(k * G.T @ G)", "(k * G.T @ G)", "tiny pushes"),
+        ("return", "np.linalg.inv(k * G.T @ G)", "where does J enter"),
+        ("np.linalg.inv(k * G.T @ G)", "(k * G.T @ G)", "in place of its inverse"),
+        ("return", "np.linalg.inv(J @ np.linalg.inv(k * G.T @ G) @ J.T)", "the inverse of C"),
+        ("k * G.T", "G.T", "tiny pushes"),
+        ("return", "J @ np.linalg.inv(G @ G.T) @ J.T", "raised"),
     ],
     "length_for_measured_tension": [
         ("- (f - arm.tension_bias) / arm.motor_stiffness", "", "l_ref"),
         ("f - arm.tension_bias", "f", "subtract it"),
-        (") - (f", ") + (f", "the motors pull"),
+        (") - (f", ") + (f", "not a longer one"),
+        ("arm.body_image(theta_ref, f)", "theta_ref @ arm.moment_arms.T", "springs stretch, too"),
+        ("arm.body_image(theta_ref, f) -", "", "where is the length"),
+        ("(theta_ref, f)", "(theta_ref, np.full(6, f.mean()))", "the motors pull"),
+        ("(theta_ref, f)", "(arm.home_command[:2], f)", "the motors pull"),
+        ("return", "np.full(6, 0.1)", "the motors pull"),
     ],
     "transitions": [
         ("robot[1:]", "robot[:-1]", "one step later"),
@@ -463,6 +491,37 @@ RIGHTS = {
         ("return", "np.stack([x + dt * v, v])"),
         ("return", "(x + dt * v).tolist(), v.astype(np.float32)"),
         ("v[: cloth.columns] = 0.0", "v = np.vstack([np.zeros((3, 3)), v[3:]])"),
+    ],
+    "pair_stiffness": [
+        ("e0**2", "e0 * e0 * np.float32(1)"),
+        ("body", "f = lambda q: r * (k1 * (e0 + r * q) + k3 * (e0 + r * q) ** 3); return (f(1e-4) - f(-1e-4)) / 1e-4"),
+    ],
+    "stretch_by_bisection": [
+        ("return (low + high) / 2", "return low"),
+        ("while high - low > 1e-9:", "for _ in range(60):"),
+        (
+            "body",
+            "from scipy.optimize import brentq; return brentq(lambda e: curve(e) - tension, 0, longest, xtol=1e-12)",
+        ),
+        (
+            "body",
+            "low, high = 0.0, longest\nwhile high - low > 1e-9:\n"
+            " e = np.linspace(low, high, 11); k = np.sum(curve(e) < tension); low, high = e[k - 1], e[k]\nreturn high",
+        ),
+    ],
+    "compliance": [
+        ("return", "(J @ np.linalg.solve(k * G.T @ G, J.T)).tolist()"),
+        ("return", "(J @ np.linalg.inv(G.T @ np.diag(np.full(6, k)) @ G) @ J.T).astype(np.float32)"),
+    ],
+    "length_for_measured_tension": [
+        (
+            "body",
+            "back = (f - arm.tension_bias) / arm.motor_stiffness; return list(arm.body_image(theta_ref, f) - back)",
+        ),
+        (
+            "body",
+            "return theta_ref @ arm.moment_arms.T - arm.elongation(f) - (f - arm.tension_bias) / arm.motor_stiffness",
+        ),
     ],
 }
 
