@@ -234,18 +234,47 @@ SLIPS = {
         ("robot[1:]", "robot[:-1]", "one step later"),
         ("commands[:-1]", "commands[1:]", "between states"),
         ("commands[:-1]", "commands", "have an after"),
+        ("return", "trial.robot[1:], trial.commands[:-1], trial.robot[:-1]", "changed places"),
+        ("return", "trial.robot[1:], trial.commands[1:], trial.robot[1:]", "is not a before"),
+        ("return", "trial.robot[:-1], trial.robot[1:], trial.commands[:-1]", "the commands between them, of the shape"),
+        ("return", "trial.images[:-1], trial.commands[:-1], trial.images[1:]", "the states, of the shape"),
+        ("return", "list(zip(trial.robot[:-1], trial.commands, trial.robot[1:]))", "return three arrays"),
     ],
     "wave": [
         ("(lower + upper) / 2 +", "", "middle of the range"),
-        ("+ (upper", "- (upper", "rises first"),
+        ("sin(", "cos(", "middle of the range"),
+        ("+ (upper", "- (upper", "which lowers the arm"),
+        ("np.sin(next(angles))", "np.array([1, -1]) * np.sin(next(angles))", "both of them"),
         ("(upper - lower) / 2", "(upper - lower) / 4", "the wave reaches"),
+        ("(upper - lower) / 2", "(upper - lower).max() / 2", "the wave reaches"),
         ("/ period", "/ 10", "starts again"),
+        ("/ period", "/ 8", "starts again"),
+        ("2 * np.pi", "4 * np.pi", "yours sooner"),
+        ("2 * np.pi", "np.pi", "starts again"),
+        ("np.sin(next(angles))", "2 / np.pi * np.arcsin(np.sin(next(angles)))", "not a sine"),
+        ("range(10**9)", "range(period)", "raised StopIteration"),
+        (
+            "iter(2 * np.pi * k / period for k in range(10**9))",
+            "(2 * np.pi * k / period for k in vars(arm).setdefault('k', iter(range(99))))",
+            "counts its own steps",
+        ),
         ("lambda observation: ", "", "return a policy"),
+        ("lambda observation: ", "lambda: ", "takes 0 positional arguments"),
     ],
     "take_turns": [
         ("// every % 2", "% 2", "eight steps ask"),
+        ("// every % 2", "// 3 % 2", "with every=2"),
+        ("// every % 2", "// every == 1", "with every=2"),
+        ("(first, second)", "(second, first)", "`first` comes first"),
         ("(observation)", "(0.0)", "pass the observation on"),
-        ("lambda observation: (first, second)[next(steps) // every % 2](observation)", "first", "yours asked"),
+        (
+            "(first, second)[next(steps) // every % 2](observation)",
+            "(first(observation), second(observation))[next(steps) // every % 2]",
+            "whose turn it is",
+        ),
+        ("(observation)", "(observation) + 1", "as it is"),
+        ("return", "first", "yours asked"),
+        ("body", "u = first(0.0); return lambda observation: u", "before there is an observation"),
     ],
     "handmade": [
         ("np.zeros(3)", "np.zeros(2)", "of the shape (3,)"),
@@ -521,6 +550,29 @@ RIGHTS = {
         (
             "body",
             "return theta_ref @ arm.moment_arms.T - arm.elongation(f) - (f - arm.tension_bias) / arm.motor_stiffness",
+        ),
+    ],
+    "transitions": [
+        ("return", "[trial.robot[:-1], trial.commands[:-1].tolist(), trial.robot[1:].astype(np.float32)]"),
+        (
+            "return",
+            "tuple(zip(*[(trial.robot[t], trial.commands[t], trial.robot[t + 1]) for t in range(len(trial) - 1)]))",
+        ),
+    ],
+    "wave": [
+        ("return lambda observation:", "return lambda observation=None, *more:"),
+        ("np.sin(next(angles))", "np.float32(np.sin(next(angles)))"),
+        (
+            "(lower + upper) / 2 + (upper - lower) / 2 * np.sin(next(angles))",
+            "[(a + b + (b - a) * np.sin(k)) / 2 for k in [next(angles)] for a, b in zip(lower, upper)]",
+        ),
+    ],
+    "take_turns": [
+        ("return", "lambda _: list([first, second][next(steps) % (2 * every) >= every](_).astype(np.float32))"),
+        (
+            "body",
+            "import itertools\nturns = itertools.cycle([first] * every + [second] * every)\n"
+            "return lambda observation: next(turns)(observation)",
         ),
     ],
 }
