@@ -399,18 +399,48 @@ SLIPS = {
     ],
     "terminal_speed": [
         ("cloth.point_mass", "cloth.mass", "mass of one point"),
-        ("/ cloth.damping", "* cloth.damping", "m g / c"),
-        ("/ cloth.damping", "/ 0.05", "halve the speed"),
+        ("* 9.81 ", "", "where is the weight"),
+        ("9.81", "9.8", "take g"),
+        ("return ", "return -", "positive"),
+        ("/ cloth.damping", "* cloth.damping", "slower, not faster"),
+        ("return", "cloth.damping / (cloth.point_mass * 9.81)", "faster, not slower"),
+        ("return", "(cloth.point_mass * 9.81 / cloth.damping) ** 0.5", "not with its square"),
+        ("/ cloth.damping", "/ 0.05", "right for the middle cloth"),
+        ("cloth.point_mass", "0.1 / 18", "right for the middle cloth"),
+        ("cloth.point_mass", "cloth.mass / 18", "8 × 3 points"),
+        ("return", "1.0", "yours at 1.000 m/s"),
     ],
     "shares_by_hand": [
-        ("[::-1]", "", "all variance on one axis"),
+        ("[::-1]", "", "the larger one first"),
         ("np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
-        ("return eigenvalues / eigenvalues.sum()", "return eigenvalues", "all variance on one axis"),
+        ("np.cov(np.asarray(points, dtype=float).T)", "np.corrcoef(points.T)", "scikit-learn finds"),
+        ("return eigenvalues / eigenvalues.sum()", "return eigenvalues", "divide by their sum"),
+        ("return ", "return 100 * ", "per cent"),
+        ("return ", "eigenvalues = np.sqrt(eigenvalues); return ", "not of its root"),
+        ("return ", "eigenvalues = eigenvalues**2; return ", "a variance already"),
+        ("return", "np.var(points, axis=0) / np.var(points, axis=0).sum()", "shares of the two columns"),
+        ("eigenvalues.sum()", "eigenvalues.max()", "add up to 1"),
+        ("np.cov(np.asarray(points, dtype=float).T)", "np.cov(points)", "of the shape (2,)"),
     ],
     "chance": [
-        ("abs(np.corrcoef(x, rng", "(np.corrcoef(x, rng", "loose order"),
-        (">=", "<", "very unlikely"),
-        ("np.mean(", "np.sum(", "very unlikely"),
+        ("abs(np.corrcoef(x, rng", "(np.corrcoef(x, rng", "as good as a rising one"),
+        ("true = abs(", "true = (", "take absolute values"),
+        (">= true - 1e-12", "> true", "not larger"),
+        (">=", "<", "share of worse orders"),
+        ("np.mean(", "np.sum(", "divide by the number"),
+        ("np.mean(", "100 * np.mean(", "divide by the number"),
+        (
+            "body",
+            "r = lambda z: abs(np.corrcoef(x, z)[0, 1])\n"
+            "with np.errstate(all='ignore'): return np.mean([r(rng.choice(y, len(y))) >= r(y) for _ in range(n)])",
+            "only once",
+        ),
+        ("rng.permutation(y)", "rng.permutation(np.linspace(0, 1, len(y)))", "a third is as good"),
+        ("rng.permutation(y)", "np.random.permutation(y)", "use it, and no other"),
+        ("rng.permutation(y)", "np.random.default_rng(_).permutation(y)", "the one that is handed over"),
+        ("range(n)", "range(1000)", "whole number of sevenths"),
+        ("return np.mean(", "return 1 / (n + 1) + n / (n + 1) * np.mean(", "whole number of sevenths"),
+        ("rng.permutation(y)", "(rng.shuffle(y), y)[1]", "changes its argument `y` in place"),
     ],
     "gain_of_dimension": [
         (
@@ -441,8 +471,13 @@ SLIPS = {
             "3 dimensions with 2",
         ),
         ("in seeds", "in range(len(seeds))", "none of"),
+        ("gains = ", "dimensions = 3; gains = ", "compare 5 dimensions with 4"),
         (", ddof=1", "", "ddof=1"),
         ("np.std(gains, ddof=1)", "np.std(gains, ddof=1) / len(gains) ** 0.5", "standard error"),
+        ("np.mean(gains)", "np.median(gains)", "the median"),
+        ("1 - error(dimensions, seed)", "error(dimensions, seed)", "what is gained"),
+        ("np.std(gains, ddof=1)", "np.var(gains, ddof=1)", "take its root"),
+        ("np.std(gains, ddof=1)", "np.std(gains, ddof=1) / 100", "the mean is in per cent"),
         ("np.std(gains, ddof=1)", "np.ptp(gains)", "standard deviation 3"),
         ("return", "np.mean(gains)", "the mean and the standard deviation"),
     ],
@@ -696,6 +731,36 @@ RIGHTS = {
             "e = 1e-2 * torch.eye(u.numel()).reshape(-1, *u.shape)\n"
             "return torch.stack([f(u + d) - f(u - d) for d in e]).reshape(u.shape).norm(dim=1) / 2e-2",
         ),
+    ],
+    "terminal_speed": [
+        ("return", "np.float32(cloth.point_mass) * np.float32(9.81) / np.float32(cloth.damping)"),
+        ("cloth.point_mass", "cloth.mass / cloth.rows / cloth.columns"),
+    ],
+    "shares_by_hand": [
+        ("body", "s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2; return list(s / s.sum())"),
+        (
+            "body",
+            "e = np.sort(np.linalg.eig(np.cov(points, rowvar=False))[0])[::-1]; return (e / sum(e)).astype(np.float32)",
+        ),
+    ],
+    "chance": [
+        ("true - 1e-12", "true"),
+        ("np.corrcoef(x, rng.permutation(y))", "np.corrcoef(rng.permutation(x), y)"),
+        (
+            "return",
+            "(np.abs([np.corrcoef(x, z)[0, 1] for z in rng.permuted([y] * n, axis=1)]) >= true - 1e-9).mean()",
+        ),
+        ("return np", "y = y.copy(); return np"),
+        ("np.mean(", "np.float32(1 / n) * sum("),
+    ],
+    "gain_of_dimension": [
+        ("return np.mean(gains), np.std(gains, ddof=1)", "return [np.float32(np.mean(gains)), np.std(gains, ddof=1)]"),
+        (
+            "body",
+            "more, few = (np.array([error(n, seed) for seed in seeds]) for n in (dimensions, dimensions - 1))\n"
+            "gains = 100 * (few - more) / few; return np.array([gains.mean(), gains.std(ddof=1)])",
+        ),
+        ("return", "__import__('statistics').mean(gains), __import__('statistics').stdev(gains)"),
     ],
 }
 
