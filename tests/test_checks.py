@@ -482,20 +482,69 @@ SLIPS = {
         ("return", "np.mean(gains)", "the mean and the standard deviation"),
     ],
     "momentum_step": [
-        ("p - rate * v", "p - rate * gradient", "times the momentum"),
-        ("return p - rate * v, v", "return p, v", "by the new v"),
+        ("momentum * v + gradient", "momentum * v + rate * gradient", "v collects the gradients as they are"),
+        (
+            "v = momentum * v + gradient\n    return p - rate * v, v",
+            "v = momentum * v + rate * gradient; return p - v, v",
+            "the rate belongs to the step of p",
+        ),
+        (
+            "v = momentum * v + gradient\n    return p - rate * v, v",
+            "v = momentum * v - rate * gradient; return p + v, v",
+            "rate and minus belong",
+        ),
+        ("momentum * v + gradient", "momentum * v - gradient", "the minus belongs"),
         ("momentum * v + gradient", "gradient", "times the momentum"),
+        ("momentum * v + gradient", "v + gradient", "only momentum times"),
+        ("momentum * v + gradient", "momentum * (v + gradient)", "counts in full"),
+        ("momentum * v + gradient", "momentum * v + (1 - momentum) * gradient", "running mean"),
+        ("p - rate * v", "p - rate * gradient", "not by the last gradient alone"),
+        ("p - rate * v", "p + rate * v", "uphill"),
+        ("p - rate * v", "p - v", "rate times v"),
+        ("p - rate * v, v", "p - rate * (momentum * v + gradient), v", "Nesterov"),
+        ("p - rate * v", "-rate * v", "how far p moves"),
+        ("return p - rate * v, v", "return p, v", "p does not move"),
+        ("return p - rate * v, v", "return v, p - rate * v", "the new p first"),
+        ("    return p - rate * v, v", "    return p - rate * v, (v - gradient) / momentum", "the old one"),
+        ("body", "return p - rate * v, momentum * v + gradient", "by the new v, not by the old"),
+        ("rate * v", "0.1 * v", "the new p is wrong"),
+        ("momentum * v +", "0.9 * v +", "the new v is wrong"),
+        ("v = momentum * v + gradient", "v *= momentum; v += gradient", "changes its argument `v`"),
+        ("return p - rate * v, v", "p -= rate * v; return p, v", "changes its argument `p`"),
+        ("return", "p - rate * v", "the new p and the new v"),
     ],
     "curvature": [
         ("/ np.linalg.norm(direction)", "", "divide the direction by its length"),
-        ("/ epsilon**2", "/ epsilon", "second derivative 6"),
-        ("- 2 * loss(p)", "- loss(p)", "second derivative 6"),
+        ("/ epsilon**2", "/ epsilon", "what is it divided by"),
+        ("- 2 * loss(p)", "- loss(p)", "counts twice"),
+        ("- 2 * loss(p)", "+ 2 * loss(p)", "subtracted, not added"),
+        ("- 2 * loss(p) + loss(p - step)", "- loss(p - step)", "second derivative"),
+        (
+            "(loss(p + step) - 2 * loss(p) + loss(p - step))",
+            "(loss(p + 2 * step) - 2 * loss(p + step) + loss(p))",
+            "not two steps on",
+        ),
+        ("step = ", "p = np.zeros(2); step = ", "not around the origin"),
+        ("step = ", "epsilon = 0.1; step = ", "as far as you are told"),
+        ("step = ", "epsilon = 1e-4; step = ", "as far as you are told"),
+        ("/ np.linalg.norm(direction)", "/ np.abs(direction).sum()", "second derivative"),
     ],
     "steps_until_right": [
-        ("wrong[-1] + 1", "wrong[-1]", "from step 3"),
+        ("wrong[-1] + 1", "wrong[-1]", "the last wrong one"),
         ("wrong[-1] + 1", "wrong[0] + 1", "not for good"),
+        ("wrong[-1] + 1", "len(wrong)", "how often it was wrong"),
+        (
+            "return None if first == len(trace) else first",
+            "return None if first == len(trace) else len(trace) - first",
+            "how many pass before",
+        ),
         ("None if first == len(trace) else first", "first", "must give None"),
+        ("None if first == len(trace) else first", "first or None", "must give None"),
+        ("first == len(trace)", "first >= len(trace) - 1", "right at its last step alone"),
         ("else 0", "else None", "must give 0"),
+        ("return", "None", "must give a number"),
+        ("nearest_material(p, biases) != name", "abs(p[0] - biases[name][0]) > 1", "how often it was wrong"),
+        ("wrong[-1] + 1", "float(wrong[-1]) + 1.5", "from step 5, got 5.5"),
     ],
     "my_mask": [
         ("range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "paper's example"),
@@ -761,6 +810,28 @@ RIGHTS = {
             "gains = 100 * (few - more) / few; return np.array([gains.mean(), gains.std(ddof=1)])",
         ),
         ("return", "__import__('statistics').mean(gains), __import__('statistics').stdev(gains)"),
+    ],
+    "momentum_step": [
+        ("return", "[(p - rate * v).tolist(), v.astype(np.float32)]"),
+        ("return", "np.stack([p - rate * v, v])"),
+        ("return", "(tuple(a - rate * b for a, b in zip(p, v)), torch.tensor(v))"),
+    ],
+    "curvature": [
+        ("/ epsilon**2", "/ np.float32(epsilon**2)"),
+        (
+            "body",
+            "d = epsilon * direction / np.hypot(*direction)\n"
+            "return np.diff([loss(p + k * d) for k in (-1, 0, 1)], 2)[0] / epsilon**2",
+        ),
+    ],
+    "steps_until_right": [
+        ("else first", "else np.float32(first)"),
+        (
+            "body",
+            "far = np.linalg.norm(trace[:, None] - np.array(list(biases.values())), axis=-1).argmin(axis=1)\n"
+            "right = far == list(biases).index(name); n = len(trace) - np.cumprod(right[::-1]).sum()\n"
+            "return n if right[-1] else None",
+        ),
     ],
 }
 
