@@ -547,24 +547,51 @@ SLIPS = {
         ("wrong[-1] + 1", "float(wrong[-1]) + 1.5", "from step 5, got 5.5"),
     ],
     "my_mask": [
-        ("range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "paper's example"),
+        ("range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "not of step t"),
         ("range(t + 1, t + horizon + 1)", "range(t + 1, t + period + 1)", "horizon = 8"),
+        ("range(t + 1, t + horizon + 1)", "range(t + 1, t + 5)", "one number for each of the 8"),
+        ("range(t + 1, t + horizon + 1)", "range(t + 1, t + horizon)", "one number for each of the 4"),
+        ("% period", "% 4", "period = 3"),
+        ("step % period == 0", "step % period != 0", "paper's example has [0, 1, 0, 0], got [1, 0, 1, 1]"),
+        ("return", "[int(k == (period - t - 1) % period) for k in range(horizon)]", "a multiple of 3"),
+        ("return", "(int(step % period == 0) for step in range(t + 1, t + horizon + 1))", "a list of 0 and 1"),
     ],
     "steps_along": [
         (" / np.linalg.norm(g)", "", "only its direction"),
         ("u - gammas", "u + gammas", "uphill"),
         ("np.linalg.norm(g)", "np.abs(g).sum()", "as long as its γ"),
+        ("np.linalg.norm(g)", "np.linalg.norm(g, axis=1, keepdims=True)", "as long as its γ"),
+        ("np.linalg.norm(g)", "0.5", "as long as its γ"),
+        ("g / np.linalg.norm(g)", "np.sign(g) / 4", "another direction"),
+        ("g / np.linalg.norm(g)", "g[::-1] / np.linalg.norm(g)", "another direction"),
+        ("return", "u - gammas[:, None, None] * direction", "numpy.clip"),
+        ("return", "np.clip(u - gammas[:, None, None] * direction, -1, 1)", "lower and the upper"),
+        ("return", "np.minimum(u - gammas[:, None, None] * direction, upper)", "numpy.clip"),
         (
-            "np.clip(u - gammas[:, None, None] * direction, lower, upper)",
-            "u - gammas[:, None, None] * direction",
-            "numpy.clip",
+            "return",
+            "np.array([d if np.all((lower < d) & (d < upper)) else u for d in u - gammas[:, None, None] * direction])",
+            "only the commands that leave",
         ),
         ("gammas[:, None, None]", "gammas[0]", "one sequence of commands for each γ"),
+        ("gammas[:, None, None]", "gammas[:2, None, None]", "one sequence of commands for each γ"),
+        ("direction = ", "u -= 0; g /= 2; direction = ", "changes its argument `g`"),
     ],
     "alternate": [
         ("t // period % len", "t % len", "a a a b b b a"),
+        ("references[t // period % len(references)]", "references[t // period]", "raised IndexError"),
+        ("% len(references)", "% 2", "a b c a b c a"),
+        ("// period", "// 3", "a b c a b c a"),
+        ("t // period", "(t + 1) // period", "a a a b b b a"),
+        ("references[t // period % len(references)]", "references[0]", "got a a a a a a a"),
         ("return policy(observation)", "return policy", "return a command"),
-        ("return call", "return call(None)", "return a policy"),
+        ("return policy(observation)", "return policy(0.0)", "pass the observation on"),
+        (
+            "policy.z_ref = references[t // period % len(references)]",
+            "u = policy(observation); policy.z_ref = references[t // period % len(references)]; t += 1; return u",
+            "before the policy is asked",
+        ),
+        ("return call", "return call(0.0)", "return a policy"),
+        ("nonlocal t", "pass", "raised UnboundLocalError"),
     ],
     "random_shooting": [
         (
@@ -588,6 +615,22 @@ SLIPS = {
             "the last sequence",
         ),
         ("np.argmin(predict_loss(candidates))", "np.argsort(predict_loss(candidates))[1]", "has a lower loss"),
+        ("return", "start", "was asked about 0"),
+        ("return", "(predict_loss(candidates), start)[1]", "others were better"),
+        ("candidates[0] = start", "candidates[:] = start", "yours are all the start"),
+        ("candidates[0] = start", "candidates[:] = candidates[1]; candidates[0] = start", "commands of its own"),
+        (
+            "candidates[0] = start",
+            "candidates[..., 1] = (candidates[..., 0] + 1) / 3 - 0.2; candidates[0] = start",
+            "move together",
+        ),
+        (
+            "candidates[0] = start",
+            "candidates[:] = np.clip(rng.normal(0, 1, candidates.shape), lower, upper); candidates[0] = start",
+            "draw uniformly",
+        ),
+        ("rng.uniform(lower, upper,", "rng.triangular(lower, (lower + upper) / 2, upper,", "draw uniformly"),
+        ("candidates[0] = start", "start[:] = 0; candidates[0] = start", "changes its argument `start`"),
         ("rng.uniform", "np.random.uniform", "must draw the same sequences"),
         ("rng.uniform", "np.random.default_rng(0).uniform", "must draw other sequences"),
     ],
@@ -831,6 +874,37 @@ RIGHTS = {
             "far = np.linalg.norm(trace[:, None] - np.array(list(biases.values())), axis=-1).argmin(axis=1)\n"
             "right = far == list(biases).index(name); n = len(trace) - np.cumprod(right[::-1]).sum()\n"
             "return n if right[-1] else None",
+        ),
+    ],
+    "my_mask": [
+        ("int(step % period == 0)", "step % period == 0"),
+        ("return", "(np.arange(t + 1, t + horizon + 1) % period == 0).astype(np.float32)"),
+        ("return", "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))"),
+    ],
+    "steps_along": [
+        (
+            "return",
+            "[np.minimum(np.maximum(u - gamma * direction, lower), upper).astype(np.float32) for gamma in gammas]",
+        ),
+        ("np.linalg.norm(g)", "np.sqrt((g**2).sum())"),
+        ("gammas[:, None, None] * direction", "np.einsum('b,tu->btu', gammas, direction)"),
+    ],
+    "alternate": [
+        ("return call", "return lambda observation, *more: np.float32(call(observation))"),
+        (
+            "body",
+            "steps = __import__('itertools').cycle([z for z in references for _ in range(period)])\n"
+            "return lambda observation: (setattr(policy, 'z_ref', next(steps)), policy(observation))[1]",
+        ),
+    ],
+    "random_shooting": [
+        ("candidates[0] = start", "candidates[-1] = start"),
+        ("rng.uniform(lower, upper, (count, *np.shape(start)))", "lower + (upper - lower) * rng.random((count, 4, 2))"),
+        ("return", "list(candidates[np.argsort(predict_loss(list(candidates)))[0]])"),
+        (
+            "body",
+            "others = rng.uniform(lower, upper, (count - 1, *start.shape)).astype(np.float32)\n"
+            "both = np.concatenate([others, start[None]]); return both[predict_loss(both).argmin()]",
         ),
     ],
 }
