@@ -636,25 +636,68 @@ SLIPS = {
     ],
     "half_time": [
         (" * CONTROL_PERIOD", "", "3 is the number of steps"),
-        ("distance < ", "distance <= ", "not below"),
+        ("distance < ", "distance <= ", "just half of the first"),
+        ("distance[0] / 2", "distance.max() / 2", "just half of the first"),
+        ("np.asarray(trace) - goal", "np.asarray(trace)", "on a path that reaches its goal"),
+        ("below[0] *", "(below[-1]) *", "stays below"),
+        ("below[0] *", "(below[0] + 1) *", "the first value"),
         (
             "below[0] * CONTROL_PERIOD, 1)) if len(below) else None",
             "below[0] * CONTROL_PERIOD, 1)) if len(below) else 0.0",
             "must give None",
         ),
+        ("else None", "else np.nan", "returned nan: return a time in seconds, or None"),
+        ("return", "None", "on a path that reaches its goal"),
     ],
     "averaged": [
         ("mean(axis=0)", "mean()", "of the shape (2,)"),
-        ("[-n:]", "[:n]", "the last four"),
-        ("mean(axis=0)", "sum(axis=0) / n", "take them all"),
+        ("mean(axis=0)", "mean(axis=1)", "of the shape (2,)"),
+        ("[-n:]", "[:n]", "the first four"),
+        ("[-n:]", "[:-n]", "all but the last four"),
+        ("[-n:]", "[n:]", "all but the first four"),
+        ("[-n:]", "[-n - 1 : -1]", "the last one belongs"),
+        ("[-n:]", "[-1:]", "the last one alone"),
+        ("[-n:]", "", "all of them"),
+        ("mean(axis=0)", "sum(axis=0)", "their sum"),
+        ("np.asarray(trace)[-n:].mean(axis=0)", "np.median(np.asarray(trace)[-n:], axis=0)", "the median"),
+        ("mean(axis=0)", "sum(axis=0) / n", "divide by their number"),
+        ("[-n:]", "[len(trace) - n :]", "n = 12 takes them all"),
+        ("[-n:]", "[-min(n, len(trace) - 1) :]", "with just n estimates"),
     ],
     "shaken": [
         ("rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
-        ("rng.normal(0.0, sigma, len(u))", "rng.uniform(-sigma, sigma, len(u))", "not 0.1 rad"),
+        ("rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma)", "a number for each"),
+        ("rng.normal(0.0, sigma, len(u))", "rng.uniform(-sigma, sigma, len(u))", "not 0.05 rad"),
+        (
+            "rng.normal(0.0, sigma, len(u))",
+            "rng.uniform(-(3**0.5) * sigma, 3**0.5 * sigma, len(u))",
+            "from a normal one",
+        ),
+        ("rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, 0.1, len(u))", "not 0.05 rad"),
+        ("rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma**2, len(u))", "σ²"),
+        ("u + rng.normal(0.0, sigma, len(u))", "u * (1 + rng.normal(0.0, sigma, len(u)))", "not 0.05 rad"),
         ("rng.normal(0.0, sigma", "rng.normal(sigma, sigma", "the mean 0"),
+        ("rng.normal", "np.random.normal", "use it, and no other"),
+        (
+            "u = policy(observation)",
+            "rng = np.random.default_rng(len(str(observation)) + observation); u = policy(observation)",
+            "the one that is handed over",
+        ),
+        ("u = policy(observation)", "u = policy(None)", "pass the observation on"),
+        ("u = policy(observation)", "u = policy(observation); u += rng.normal(0.0, sigma, len(u))", "in place"),
         (
             "np.clip(u + rng.normal(0.0, sigma, len(u)), arm.command_lower, arm.command_upper)",
             "u + rng.normal(0.0, sigma, len(u))",
+            "numpy.clip",
+        ),
+        (
+            "np.clip(u + rng.normal(0.0, sigma, len(u)), arm.command_lower, arm.command_upper)",
+            "np.minimum(u + rng.normal(0.0, sigma, len(u)), arm.command_upper)",
+            "numpy.clip",
+        ),
+        (
+            "np.clip(u + rng.normal(0.0, sigma, len(u)), arm.command_lower, arm.command_upper)",
+            "np.clip(u, arm.command_lower, arm.command_upper) + rng.normal(0.0, sigma, len(u))",
             "numpy.clip",
         ),
     ],
@@ -906,6 +949,24 @@ RIGHTS = {
             "others = rng.uniform(lower, upper, (count - 1, *start.shape)).astype(np.float32)\n"
             "both = np.concatenate([others, start[None]]); return both[predict_loss(both).argmin()]",
         ),
+    ],
+    "half_time": [
+        ("return", "np.float32(0.2) * below[0] if below.any() else None"),
+        (
+            "body",
+            "far = [((x - goal[0]) ** 2 + (y - goal[1]) ** 2) ** 0.5 for x, y in trace]\n"
+            "return next((k / 5 for k, d in enumerate(far) if d < far[0] / 2), None)",
+        ),
+    ],
+    "averaged": [
+        ("return", "[sum(column) / len(column) for column in zip(*trace[-n:])]"),
+        ("return", "torch.tensor(trace[-n:]).float().mean(dim=0)"),
+        ("return", "np.average(trace[max(0, len(trace) - n) :], axis=0)"),
+    ],
+    "shaken": [
+        ("return call", "return lambda observation, *more: list(call(observation).astype(np.float32))"),
+        ("rng.normal(0.0, sigma, len(u))", "sigma * rng.standard_normal(2)"),
+        ("u = policy(observation)", "u = np.array(policy(observation)); u += 0"),
     ],
 }
 
