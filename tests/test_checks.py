@@ -352,6 +352,7 @@ SLIPS = {
         ("np.argwhere(a), np.argwhere(b)", "np.argwhere(a) / 128, np.argwhere(b) / 128", "side of one pixel"),
         ("np.argwhere(a), np.argwhere(b)", "np.argwhere(a)[:, 1:], np.argwhere(b)[:, 1:]", "pixels apart"),
         ("distances.min(axis=1).mean()", "distances.min(axis=1)", "return one number"),
+        ("return", "0.0", "pixels apart, not 0"),
     ],
     "lstm_weights": [
         ("2 * units", "units", "more offsets"),
@@ -977,6 +978,8 @@ RIGHTS = {
     ],
     "alternate": [
         ("return call", "return lambda observation, *more: np.float32(call(observation))"),
+        ("t = 0", "t, references = 0, torch.stack(references)"),
+        ("t = 0", "t, references = 0, np.stack(references)"),
         (
             "body",
             "steps = __import__('itertools').cycle([z for z in references for _ in range(period)])\n"
