@@ -59,9 +59,12 @@ def shaken(answer: Callable) -> None:
 
     def send(seed: int, steps: int) -> np.ndarray:
         command = quiet.copy()
-        policy = answer(
-            lambda observation: asked.append(observation) or command, arm, sigma, np.random.default_rng(seed)
-        )
+
+        def other(observation: int) -> np.ndarray:
+            asked.append(observation)
+            return command
+
+        policy = answer(other, arm, sigma, np.random.default_rng(seed))
         sent = np.array([policy(t) for t in range(steps)])
         told = "your policy changes the command of the other one in place, as `u += …` does: noise adds up; use a copy"
         assert np.array_equal(command, quiet), told
@@ -93,6 +96,6 @@ def _expect_noise(noise: np.ndarray, sigma: float) -> None:
     assert np.allclose(noise.mean(axis=0), 0, atol=0.2 * sigma), "the noise must have the mean 0"
     within = (abs(noise) < sigma).mean()
     told = (
-        f"two thirds of normal noise lie within its standard deviation, {within:.0%} of yours: draw from a normal one"
+        f"two thirds of normal noise lie within one standard deviation, of yours {within:.0%}: draw from a normal one"
     )
     assert abs(within - 0.683) < 0.05, told

@@ -49,7 +49,7 @@ def _polygon(x: np.ndarray, y: np.ndarray) -> Callable[[float], float]:
 
 @check(number("a stretch in metres"))
 def stretch_by_bisection(answer: Callable) -> None:
-    """Three springs whose inverse is known; one has corners, between which no table of its values can tell."""
+    """Springs whose inverse is known; two have corners, which a table of values cuts."""
     arm = MuscleArm()
     corners, pulls = np.array([0.0, 0.0123456, 0.0123477, 0.05]), np.array([0.0, 1.5, 60.0, 100.0])
     springs = {
