@@ -286,9 +286,8 @@ SLIPS = {
     ],
     "handmade": [
         ("np.zeros(3)", "np.zeros(2)", "of the shape (3,)"),
-        ("if len(rows) == 0:", "if False:", "raised RuntimeWarning: Mean of empty slice"),
         ("np.zeros(3)", "np.ones(3)", "three zeros"),
-        ("np.zeros(3)", "np.full(3, np.nan)", "nan among its numbers"),
+        ("np.zeros(3)", "np.full(3, np.nan)", "nan among its numbers: return area, mean column and mean row, or zeros"),
         ("columns.mean(), rows.mean()", "rows.mean(), columns.mean()", "changed places"),
         (
             "columns.mean(), rows.mean()",

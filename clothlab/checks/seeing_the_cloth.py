@@ -11,7 +11,7 @@ from clothlab.vision import HEIGHT, WIDTH, chamfer_distance
 __all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction", "touching"]
 
 
-@check(array("area, mean column and mean row", 3))
+@check(array("area, mean column and mean row, or zeros for an empty mask", 3))
 def handmade(answer: Callable) -> None:
     """An L, whose centre is neither that of its bounding box nor its median, and an empty mask."""
     mask = np.zeros((HEIGHT, WIDTH), bool)
