@@ -3,6 +3,7 @@
 Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines cross, their style differs too.
 """
 
+import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,12 +25,21 @@ STYLES = ("-", "--", "-.", ":")
 MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "hard": "s"}
 
 
+class _Shown(Figure):
+    """A figure that a notebook shows although pyplot, whose back end would show it, has never been used."""
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        self.savefig(png, format="png")
+        return png.getvalue()
+
+
 def _axes(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options: Any
 ) -> tuple[Figure, np.ndarray]:
     """Figure and its axes `[rows, columns]`. Made without pyplot, so that a notebook shows it once, and so that widgets
     may draw from a thread of their own."""
-    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    figure = _Shown(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
@@ -260,11 +270,14 @@ def solve_traces(traces: Sequence[np.ndarray]) -> Figure:
     return figure
 
 
-def distance_transition(distances: dict[str, np.ndarray], period: int = ControlSettings.period) -> Figure:
+def distance_transition(
+    distances: dict[str, np.ndarray], baselines: dict[str, float] | None = None, period: int = ControlSettings.period
+) -> Figure:
     """Distance to the target over time, each period's best marked (the paper's figure on the integrated experiment).
 
     Args:
         distances: `{label: ‖z_ref - z‖₂ [T]}`.
+        baselines: distances that stay, `{label: ‖z_ref - z‖₂}`, such as that of a cloth that hangs still.
         period: control steps of one period.
     """
     figure, axes = _axes(size=(8.0, 2.8))
@@ -275,8 +288,10 @@ def distance_transition(distances: dict[str, np.ndarray], period: int = ControlS
         whole = len(distance) // period * period
         best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
+    for (label, distance), style in zip((baselines or {}).items(), ("--", ":", "-."), strict=False):
+        ax.axhline(distance, color="0.35", ls=style, lw=1.5, label=label)
     ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
-    figure.legend(loc="outside upper right", ncols=3)
+    figure.legend(loc="outside upper right", ncols=4)
     return figure
 
 
