@@ -72,10 +72,7 @@ def touching(answer: Callable) -> None:
     masks[0, 5, 5] = masks[1, :, 5] = masks[2, 50:, :] = True
     two = "two of these four masks contain the pixel (5, 5): the share is 0.5, not"
     found = answer(masks, masks[0])
-    slips = {
-        "2 is the number of images: divide by how many there are": 2,
-        "per cent; a share lies between 0 and 1": 50,
-    }
+    slips = {"2 is the number of images: divide by how many there are": 2, "per cent; a share lies between 0 and 1": 50}
     expect(found, 0.5, f"{two} {found:.3g}", slips)
     expect(answer(masks, masks[3]), 0, "nothing touches an empty target")
     expect(answer(masks[:3], masks[1]), 1, "all three touch the column 5")

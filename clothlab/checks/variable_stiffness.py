@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from clothlab.arm import MuscleArm, static_posture
+from clothlab.arm import MuscleArm
 from clothlab.checks._check import CheckFailed, array, check, expect, number
+from clothlab.stiffness import static_posture
 
 __all__ = ["compliance", "length_for_measured_tension", "pair_stiffness", "stretch_by_bisection"]
 
@@ -24,7 +25,7 @@ def pair_stiffness(answer: Callable) -> None:
         assert not np.isclose(2 * k, wanted, rtol=1e-4), "half of it: there are two muscles"
         assert not np.isclose(-k, wanted, rtol=1e-4), "stiffness is -dτ/dθ: a positive number"
         assert not np.isclose(k * r, wanted, rtol=1e-4), "r enters twice: in the stretch and as the lever"
-        tangent, secant = spring_stiffness(one, e0), one.tension(e0) / e0
+        tangent, secant = one.spring_stiffness(one.tension(e0)), one.tension(e0) / e0
         if not np.isclose(tangent, secant):
             assert not np.isclose(k / secant, wanted / tangent, rtol=1e-4), "stiffness is df/de, not f/e"
         assert np.isclose(k, wanted, rtol=1e-4), f"the torque's slope is {wanted:.2f} N m/rad, yours is {k:.2f}"
@@ -85,7 +86,7 @@ def compliance(answer: Callable) -> None:
 def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict[str, np.ndarray]:
     """What is easily written in place of the compliance: what the reader is told, and the value."""
     J, G, motor, e = arm.hand_jacobian(theta), arm.moment_arms, arm.motor_stiffness, arm.elongation(f_const)
-    tangent = spring_stiffness(arm, e)
+    tangent = arm.spring_stiffness(f_const)
 
     def by(k: float) -> np.ndarray:
         return J @ np.linalg.inv(k * G.T @ G) @ J.T
@@ -97,8 +98,8 @@ def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict
     return {
         "your motors are rigid: they give way in series": by(tangent),
         "motor and spring give way one after the other: it is not their stiffnesses that add up": by(tangent + motor),
-        "spring_stiffness takes the stretch e of a spring [m], not its tension [N]": by(
-            in_series(spring_stiffness(arm, f_const))
+        "spring_stiffness takes the tension of a spring [N], not its stretch e [m]": by(
+            in_series(arm.spring_stiffness(e))
         ),
         "for small pushes the stiffness of a spring is df/de, not f/e": by(in_series(f_const / e)),
         "J and Jᵀ have changed places": J.T @ joints @ J,
@@ -128,8 +129,3 @@ def length_for_measured_tension(answer: Callable) -> None:
             }
             otherwise = f"with your lengths the motors pull {pull.round(1)} N at θ_ref, not {f} N"
             expect(sent, measured - given, otherwise, slips, atol=1e-7)
-
-
-def spring_stiffness(arm: MuscleArm, e: float) -> float:
-    """df/de [N/m] of a taut spring that is stretched by e [m], as the notebook has it."""
-    return arm.spring_linear + 3 * arm.spring_cubic * e**2
