@@ -37,7 +37,7 @@ class Recorder:
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
         self._let_go()
-        self._take_over()
+        self.find()
 
     @property
     def waiting(self) -> bool:
@@ -54,7 +54,7 @@ class Recorder:
         """
         if self.running:
             raise ValueError("a recording runs already: save or discard it first")
-        self._take_over()
+        self.find()
         if self._place is not None:
             raise FileExistsError("there is an unfinished recording: save it under a name, or discard it")
         place = self.folder / "unfinished" / f"{time.time_ns()}-{os.getpid()}"
@@ -156,8 +156,8 @@ class Recorder:
             self._steps += len(self._rows)
             self._rows, self._about = [], {}
 
-    def _take_over(self) -> None:
-        """Hold the oldest recording that a dead kernel or a closed session left, if this one holds none."""
+    def find(self) -> None:
+        """Take over the oldest recording that a dead kernel or a closed session left, unless another waits here."""
         for place in sorted((self.folder / "unfinished").glob("*-*")) if self._place is None else ():
             if re.fullmatch(r"\d+-\d+", place.name) and _abandoned(place):
                 mine = place.with_name(f"{time.time_ns()}-{os.getpid()}")
