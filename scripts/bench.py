@@ -195,7 +195,7 @@ def bench_panel() -> None:
     ):
         lab.wait()
         page = playwright.chromium.launch(**launch_options()).new_page(viewport={"width": 1500, "height": 1100})
-        notebook = Notebook(lab, page, "12_live_lab.ipynb")
+        notebook = Notebook(lab, page, "14_live_lab.ipynb")
         print(f"live lab, from run all to a moving robot: {notebook.start_panel():.1f} s  (≤ 15)")
         page.locator("button", has_text="estimate p online").click()
         notebook.until("panel.session.estimating and panel.session.driver == 'control'")
