@@ -1118,13 +1118,19 @@ def test_whenever_an_answer_goes_wrong_it_is_refused_in_a_sentence(name):
             getattr(checks, name)(turning(solution, calls, lambda *args, **kwargs: "three"))
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", sorted(POLICIES))
 @pytest.mark.parametrize("calls", [0, 1, 5])
 def test_whenever_a_policy_goes_wrong_it_is_refused_in_a_sentence(name, calls):
     solution = define(name, EXERCISES[name][2])
     for then, told in ((fails, "raised ZeroDivisionError: in the answer"), (lambda observation: "up", "returned 'up'")):
         with pytest.raises(checks.CheckFailed, match=f"the policy of {name} {told}"):
             getattr(checks, name)(lambda *args, **kw: turning(solution(*args, **kw), calls, then))  # noqa: B023
+
+
+@pytest.mark.parametrize("name", sorted(set(EXERCISES) - {"half_time", "steps_until_right"}))
+def test_a_stub_is_told_that_it_returned_none(name):
+    with pytest.raises(checks.CheckFailed, match=f"{name} returned None: return"):
+        getattr(checks, name)(define(name, EXERCISES[name][1]))
 
 
 @pytest.mark.parametrize("error", [AssertionError("no"), KeyError("p"), StopIteration(), RuntimeError("two\nlines")])

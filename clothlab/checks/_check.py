@@ -179,8 +179,8 @@ def _real(name: str, found: object, what: str) -> np.ndarray:
     failure = CheckFailed(f"{name} returned {_shown(found)}: return {what}")
     try:
         value = np.asarray(found.detach().numpy() if isinstance(found, torch.Tensor) else found)
-        if value.dtype.kind == "O":  # such as of fractions
-            value = value.astype(float)
+        if value.dtype.kind == "O":  # such as of fractions; numpy would take None for nan
+            value = np.array([float(part) for part in value.ravel()]).reshape(value.shape)
     except Exception:
         raise failure from None  # numpy's own words would not help
     if value.dtype.kind not in "biuf":
