@@ -135,10 +135,10 @@ def test_single_steps_and_reset(panel):
     send(panel, "step")
     assert panel.session.step_number == 2
     assert panel.frame["clock"] == "0.4 s, step 2"
-    assert len(panel.frame["traces"][0]["lines"][0][1]) == 2
+    assert len(panel.frame["traces"][0]["lines"][0]["values"]) == 2
     send(panel, "reset")
     assert panel.session.step_number == 0
-    assert panel.frame["traces"][0]["lines"][0][1] == []
+    assert panel.frame["traces"][0]["lines"][0]["values"] == []
 
 
 def test_all_that_is_shown_comes_from_python(panel):

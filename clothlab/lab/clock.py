@@ -1,6 +1,7 @@
 """Time that goes by in the kernel's event loop, and callbacks that wait for their turn in it."""
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import Callable
 
@@ -13,10 +14,9 @@ class Turns:
 
     def __init__(self) -> None:
         self._thread = threading.get_ident()
-        try:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        with contextlib.suppress(RuntimeError):  # outside a notebook there is none, and no other thread calls us
             self._loop = asyncio.get_running_loop()
-        except RuntimeError:  # outside a notebook; no other thread calls us then
-            self._loop = None
 
     def take(self, act: Callable, *arguments: object) -> None:
         """Call `act` now, or from another thread as soon as the kernel is free."""

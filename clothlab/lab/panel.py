@@ -68,8 +68,6 @@ class LivePanel(anywidget.AnyWidget):
         self._meet_arm()
         self._show(force=True)
 
-    # -- running ---------------------------------------------------------------------------------------------------
-
     @property
     def running(self) -> bool:
         """Whether time goes by."""
@@ -134,8 +132,6 @@ class LivePanel(anywidget.AnyWidget):
         self.steps += 1
         self._unseen += 1
 
-    # -- showing ---------------------------------------------------------------------------------------------------
-
     def _show(self, force: bool = False) -> None:
         """Send how things stand, and a frame unless the browser has not drawn the last one yet."""
         self._refresh()
@@ -161,8 +157,6 @@ class LivePanel(anywidget.AnyWidget):
             self.about = views.fixtures(self.session, self._plane)
             self._aim(self.session.target)
             self._refresh()
-
-    # -- acting ----------------------------------------------------------------------------------------------------
 
     def _hear(self, _: object, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
         """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""

@@ -4,8 +4,10 @@ import os
 import re
 import time
 import weakref
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -36,7 +38,10 @@ class Recorder:
 
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
-        self._let_go()
+        self._place: Path | None = None
+        self.running, self.remark = False, ""
+        self._rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []  # not on disk yet
+        self._steps, self._about = 0, dict[str, Any]()  # on disk; of the rows that are not
         self.find()
 
     @property
@@ -83,24 +88,15 @@ class Recorder:
         self.running = False
         self._flush()
 
-    def path(self, name: str) -> Path:
-        """Where a recording of this name would go.
-
-        Raises:
-            ValueError: a bad name, or one that exists.
-        """
-        path = self.folder / f"{check_name('recording', name)}.npz"
-        if path.exists():
-            raise ValueError(f"a recording named {name!r} exists: choose another name")
-        return path
-
     def save(self, name: str) -> Path:
         """Stop, and join the pieces into `NAME.npz`. A damaged or missing piece ends it; `remark` then says so.
 
         Raises:
-            ValueError: as `path`, or nothing was recorded. A running recording then goes on.
+            ValueError: a bad or existing name, or nothing was recorded. A running recording then goes on.
         """
-        path, damage = self.path(name), ""
+        path, damage = self.folder / f"{check_name('recording', name)}.npz", ""
+        if path.exists():
+            raise ValueError(f"a recording named {name!r} exists: choose another name")
         if self._place is None or not (self._rows or any(self._place.glob("*.npz"))):
             raise ValueError("nothing was recorded")
         self.stop()
@@ -108,17 +104,21 @@ class Recorder:
         for piece in sorted(self._place.glob("*.npz")):
             length = sum(map(len, parts))
             try:
-                part = load_trial(piece)
+                part = load_trial(piece) if int(piece.stem) == length else None
             except ValueError:
                 part = None
-            if part is None or int(piece.stem) != length:
+            if part is None:
                 damage = f"only its first {length} steps: what follows is damaged"
                 break
             parts.append(part)
         if not parts:
             raise ValueError("the first second of this recording is damaged: discard it")
-        rows = {key: np.concatenate([getattr(part, key) for part in parts]) for key in ("images", "robot", "commands")}
-        save_trial(replace(parts[0], policy=_joined([part.policy for part in parts]), **rows), path)
+        policy = _joined([part.policy for part in parts])
+        arrays = {
+            key: np.concatenate([getattr(part, key) for part in parts]) for key in ("images", "robot", "commands")
+        }
+        joined: dict[str, Any] = arrays | {"policy": policy}
+        save_trial(replace(parts[0], **joined), path)
         self.discard()
         self.remark = damage
         return path
@@ -129,24 +129,22 @@ class Recorder:
             for file in sorted(self._place.iterdir(), reverse=True):  # whatever is left can still be saved
                 file.unlink()
             self._place.rmdir()
-        self._let_go()
+        self._hold(None)
 
     def close(self) -> None:
         """Put everything on disk and let go of it: another recorder may save it."""
         if self.running:
             self.stop()
-        self._let_go()
+        self._hold(None)
 
-    def _hold(self, place: Path) -> None:
-        self._place = place
-        _HELD[place] = self
-
-    def _let_go(self) -> None:
-        _HELD.pop(getattr(self, "_place", None), None)
-        self._place: Path | None = None
-        self.running, self.remark = False, ""
-        self._rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._steps, self._about = 0, {}  # on disk; of what is not on disk yet
+    def _hold(self, place: Path | None) -> None:
+        """Go on with the pieces of this folder, or with none."""
+        if self._place is not None:
+            _HELD.pop(self._place, None)
+        if place is not None:
+            _HELD[place] = self
+        self._place, self.running, self.remark = place, False, ""
+        self._rows, self._steps, self._about = [], 0, {}
 
     def _flush(self) -> None:
         """Put what is not on disk yet there, under the number of its first step."""
@@ -158,7 +156,8 @@ class Recorder:
 
     def find(self) -> None:
         """Take over the oldest recording that a dead kernel or a closed session left, unless another waits here."""
-        for place in sorted((self.folder / "unfinished").glob("*-*")) if self._place is None else ():
+        left: Iterable[Path] = (self.folder / "unfinished").glob("*-*") if self._place is None else ()
+        for place in sorted(left):
             if re.fullmatch(r"\d+-\d+", place.name) and _abandoned(place):
                 mine = place.with_name(f"{time.time_ns()}-{os.getpid()}")
                 try:

@@ -47,29 +47,17 @@ SETUPS = {
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What one control step of a session saw and did.
+    """What one control step of a session saw and did."""
 
-    Attributes:
-        step: number of the step since the last reset.
-        image: cloth mask `[H, W]`, bool.
-        reconstruction: what the autoencoder makes of it `[H, W]`, 0 to 1.
-        distance: ‖z_ref - z‖ [s.d. of z].
-        command: `[D_u]`, in the arm's units.
-        theta: joint angles `[2]` [rad].
-        p: parametric bias in use `[D_p]`.
-        seconds: what the step took to compute [s].
-        solved: whether the controller solved for this command, or went on with its last plan.
-    """
-
-    step: int
-    image: np.ndarray
-    reconstruction: np.ndarray
-    distance: float
-    command: np.ndarray
-    theta: np.ndarray
-    p: np.ndarray
-    seconds: float
-    solved: bool
+    step: int  # number since the last reset
+    image: np.ndarray  # cloth mask [H, W], bool
+    reconstruction: np.ndarray  # what the autoencoder makes of it [H, W], 0 to 1
+    distance: float  # ‖z_ref - z‖ [s.d. of z]
+    command: np.ndarray  # [D_u], in the arm's units
+    theta: np.ndarray  # joint angles [2] [rad]
+    p: np.ndarray  # parametric bias in use [D_p]
+    seconds: float  # what the step took to compute [s]
+    solved: bool  # whether the controller solved for this command, or went on with its last plan
 
 
 class Hand(Policy):
@@ -86,10 +74,7 @@ class Hand(Policy):
 
 
 def mask_from_file(content: bytes) -> np.ndarray:
-    """Read a target from a picture file: bright is cloth.
-
-    Returns:
-        Mask `[H, W]`, bool.
+    """Read a target `[H, W]` from a picture file: bright is cloth.
 
     Raises:
         ValueError: not a picture, another size, or no cloth in it.
@@ -114,21 +99,15 @@ class LiveSession:
         KeyError: unknown arm, or weights that are missing; the message lists the choices.
 
     Attributes:
-        trained: arm, autoencoder, model and trained p.
-        env: the scene.
         driver: who chooses the commands, one of `DRIVERS`.
         estimating: whether p follows what is observed.
         hand: the command `[D_u]` that the driver "hand" sends.
         tension: f_const [N] that everyone has to send, or None.
-        target: mask `[H, W]` to realise.
-        believed: what the autoencoder makes of the target `[H, W]`, 0 to 1.
+        believed: what the autoencoder makes of `target` `[H, W]`, 0 to 1.
         misunderstanding: chamfer distance [pixel] between the two; infinite where no cloth is left.
         usual_distance: the same of recorded images, 99th percentile [pixel]: beyond it, an image is unlike any cloth.
         gallery: images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
-        observation: what camera and robot sense now.
-        step_number: steps since the last reset.
         seed: of the random numbers since the last reset.
-        recorder: keeps recordings.
     """
 
     def __init__(
@@ -184,7 +163,7 @@ class LiveSession:
             raise SimulationError(
                 f"the cloth {cloth.label} is too light or too stiff to be simulated: {before.label} stays in the hand"
             ) from error
-        self.reset()
+        self._begin()
 
     def set_material(self, damping: float, mass: float) -> None:
         """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest.
@@ -201,10 +180,12 @@ class LiveSession:
     def reset(self) -> None:
         """Let the cloth hang still at the arm's home; controller and estimator forget what they saw."""
         self._refuse_while_recording("the run")
+        self.env.start()
         self._begin()
 
     def _begin(self) -> None:
-        self.observation, _ = self.env.reset()
+        """Go on from a cloth that was just made to hang still."""
+        self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
         self.step_number, self.seed = 0, int(np.random.default_rng().integers(2**32))
         for policy in self._policies.values():
@@ -291,7 +272,7 @@ class LiveSession:
         start = time.perf_counter()
         seen, policy = self.observation, self._policies[self.driver]
         solved = self.driver == "control" and (solve or not policy.trace)  # the first plan must come from a solve
-        u = policy.coast(seen) if self.driver == "control" and not solved else policy(seen)
+        u = (policy.coast if self.driver == "control" and not solved else policy)(seen)
         before = copy.copy(self.env.data)
         try:
             self.env.advance(u)
@@ -343,6 +324,7 @@ class LiveSession:
         """
         self.recorder.start()
         try:
+            self.env.start()
             self._begin()
         except BaseException:
             self.recorder.discard()

@@ -1,7 +1,7 @@
 """What the panel shows, as plain data: its JavaScript draws what it is given, and knows no number of its own."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from clothlab import plots
 from clothlab.analysis import principal_axes
-from clothlab.arm import ARMS, JOINTS
+from clothlab.arm import ARMS, JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.control import ControlSettings
 from clothlab.env import CONTROL_PERIOD
@@ -60,8 +60,9 @@ class Plane:
 
     def __init__(self, biases: Mapping[str, np.ndarray], labels: Mapping[str, str]):
         self._axes = principal_axes(dict(biases))
-        dots = [{"name": name, "label": labels.get(name, name), "at": self.at(p)} for name, p in biases.items()]
-        reach = 1.3 * max(abs(x) for dot in dots for x in dot["at"])  # half of the width shown
+        at = {name: self.at(p) for name, p in biases.items()}
+        dots = [{"name": name, "label": labels.get(name, name), "at": place} for name, place in at.items()]
+        reach = 1.2 * float(np.abs(list(at.values())).max())  # half of the width shown
         self.map = {"dots": dots, "reach": reach, "axes": ["PC1 of p", "PC2 of p"]}
 
     def at(self, p: ArrayLike) -> list[float]:
@@ -127,7 +128,7 @@ def target(session: LiveSession) -> dict[str, Any]:
         "believed": encoded(session.believed),
         "known": bool(distance <= usual),
         "verdict": "It knows such cloths." if distance <= usual else "It knows no such cloth.",
-        "reason": f"What the network believes it was shown: {believed} (chamfer distance; the worst in a hundred "
+        "reason": f"What it believes is {believed} (chamfer distance; the worst in a hundred "
         f"recorded images has {usual:.1f}).",
     }
 
@@ -150,35 +151,33 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
 
 
 def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, Any]]:
-    """The curves of a history: `{title, unit, lines: [(name, values)], limit: (name, value)}`."""
-    limits = {"distance to the target": ("hanging still", session.still_distance)}
-    limits["time a step took"] = ("control period", 1e3 * CONTROL_PERIOD)
-    curves: dict[tuple[str, str], dict[str, list]] = {
-        ("distance to the target", "s.d. of z"): {"now": [m.distance for m in history]},
-        ("joint angles", "rad"): {},
-    }
-    for j, joint in enumerate(JOINTS):
-        curves["joint angles", "rad"][joint] = [m.theta[j] for m in history]
-        curves["joint angles", "rad"][f"{joint} commanded"] = [m.command[j] for m in history]
-    if session.arm.has_stiffness:
-        k = session.arm.stiffness_command.start
-        curves["stiffness command", "N"] = {"f_const": [m.command[k] for m in history]}
-    curves["time a step took", "ms"] = {"step": [1e3 * m.seconds for m in history]}
-    return [
-        {
-            "title": title,
-            "unit": unit,
-            "lines": [(name, [round(float(v), 4) for v in values]) for name, values in lines.items()],
-            "limit": limits.get(title),
-        }
-        for (title, unit), lines in curves.items()
+    """The curves of a history: `{title, unit, lines: [{name, values, colour, dash}], limit: (name, value)}`."""
+
+    def line(name: str, values: Iterable[float], colour: int = 0, dash: int = 0) -> dict[str, Any]:
+        return {"name": name, "values": [round(float(v), 4) for v in values], "colour": colour, "dash": dash}
+
+    def plot(title: str, unit: str, *lines: dict, limit: tuple[str, float] | None = None) -> dict[str, Any]:
+        return {"title": title, "unit": unit, "lines": lines, "limit": limit}
+
+    angles = [line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
+    angles += [line(f"{joint} ref", (m.command[j] for m in history), j, 1) for j, joint in enumerate(JOINTS)]
+    distance = line("distance", (m.distance for m in history))
+    seconds = line("step", (1e3 * m.seconds for m in history))
+    shown = [
+        plot("distance to the target", "s.d. of z", distance, limit=("hanging still", session.still_distance)),
+        plot("joint angles", "rad", *angles),
+        plot("time a step took", "ms", seconds, limit=("control period", 1e3 * CONTROL_PERIOD)),
     ]
+    if session.arm.has_stiffness:
+        f_const = line("f_const", (m.command[session.arm.stiffness_command][0] for m in history))
+        shown.insert(2, plot("stiffness command", "N", f_const))
+    return shown
 
 
 def ellipse(session: LiveSession, u: np.ndarray) -> bytes:
     """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; nothing for an arm without muscles."""
     arm = session.arm
-    if not arm.has_stiffness:
+    if not isinstance(arm, MuscleArm):
         return b""
     f_const = u[arm.stiffness_command][0] if session.tension is None else session.tension
     return encoded(plots.ellipse_at_hand(arm, u[arm.angle_command], f_const))

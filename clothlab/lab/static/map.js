@@ -11,7 +11,7 @@ function placeLabel(width, [x, y], taken, size) {
 }
 
 function pbMap(choose) {
-  const SIZE = 340, PAD = 26, SHARP = 2; // [CSS pixel], and canvas pixels to each
+  const SIZE = 310, PAD = 26, SHARP = 2; // [CSS pixel], and canvas pixels to each
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
   canvas.width = canvas.height = SIZE * SHARP;
   canvas.style.cssText = `width:${SIZE}px;height:${SIZE}px;cursor:crosshair;touch-action:none`;
@@ -42,6 +42,12 @@ function pbMap(choose) {
     const places = shown.dots.map(({ at }) => toScreen(at)), taken = places.map(([x, y]) => [x - 6, y - 6, x + 6, y + 6]);
     taken.push([0, 0, 24, SIZE], [0, SIZE - 22, SIZE, SIZE]); // the names of the axes
     ctx.font = "13px sans-serif";
+    ctx.strokeStyle = "#0072B2";
+    ctx.lineWidth = 2;
+    ctx.beginPath();
+    for (const point of [...shown.trail, shown.at]) ctx.lineTo(...toScreen(point));
+    ctx.stroke();
+    ctx.lineWidth = 1;
     shown.dots.forEach(({ name, label }, i) => {
       ctx.fillStyle = name === shown.held ? "#000" : "#ccc";
       ctx.strokeStyle = "#333";
@@ -50,13 +56,13 @@ function pbMap(choose) {
       ctx.fill();
       ctx.stroke();
       ctx.fillStyle = "#222";
-      ctx.fillText(label, ...placeLabel(ctx.measureText(label).width, places[i], taken, SIZE));
+      const at = placeLabel(ctx.measureText(label).width, places[i], taken, SIZE);
+      ctx.strokeStyle = "#fff"; // a rim, because the trail may run below
+      ctx.lineWidth = 3;
+      ctx.strokeText(label, ...at);
+      ctx.lineWidth = 1;
+      ctx.fillText(label, ...at);
     });
-    ctx.strokeStyle = "#0072B2";
-    ctx.lineWidth = 2;
-    ctx.beginPath();
-    for (const point of [...shown.trail, shown.at]) ctx.lineTo(...toScreen(point));
-    ctx.stroke();
     const [x, y] = toScreen(shown.at);
     ctx.strokeStyle = "#D55E00";
     ctx.lineWidth = 3.5;

@@ -5,15 +5,19 @@ const STYLE = `
 .clothlab figure { margin: 0; }
 .clothlab .row { display: flex; flex-wrap: wrap; gap: 8px; align-items: center; }
 .clothlab .columns { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-start; margin-top: 8px; }
-.clothlab section { flex: 1 1 330px; min-width: 330px; max-width: 520px; border-top: 2px solid #0072B2; padding-top: 4px; }
+.clothlab section { flex: 1 1 var(--least); min-width: min(100%, var(--least)); max-width: 600px; border-top: 2px solid #0072B2; padding-top: 4px; }
+.clothlab .traces { flex: 1 1 470px; }
+.clothlab section > .row, .clothlab .lone { margin-top: 6px; }
 .clothlab h3 { font-size: 16px; margin: 2px 0 6px; }
 .clothlab button, .clothlab select, .clothlab input[type=text] { font: inherit; padding: 3px 10px; border: 1px solid #888; border-radius: 4px; background: #f6f6f6; color: inherit; }
-.clothlab button:hover:not(:disabled) { background: #e8f1f8; }
+.clothlab button:hover:not(:disabled, [aria-pressed=true]) { background: #e8f1f8; }
 .clothlab button[aria-pressed=true] { background: #0072B2; border-color: #0072B2; color: #fff; }
 .clothlab button.picture { padding: 0; border: 2px solid #ccc; line-height: 0; }
 .clothlab :disabled { opacity: 0.45; }
 .clothlab :focus-visible { outline: 3px solid #E69F00; outline-offset: 1px; }
-.clothlab label.slider { display: grid; grid-template-columns: 150px 1fr 56px; gap: 6px; align-items: center; }
+.clothlab label.slider { display: grid; grid-template-columns: 150px minmax(50px, 1fr) 48px; gap: 5px; align-items: center; white-space: nowrap; }
+.clothlab label.slider input { width: 100%; min-width: 0; }
+.clothlab .key { display: inline-block; white-space: nowrap; }
 .clothlab label.slider output { text-align: right; font-variant-numeric: tabular-nums; }
 .clothlab .status { font-weight: 600; padding: 2px 12px; border-radius: 12px; background: #e4e4e4; }
 .clothlab .status.running { background: #009E73; color: #fff; }
@@ -39,7 +43,7 @@ function make(tag, properties = {}, ...children) {
 }
 
 function makeSlider(name, [low, high, step], change, event = "change") {
-  const digits = step >= 1 ? 0 : step >= 0.01 ? 2 : 3;
+  const digits = step >= 1 ? 0 : step >= 0.1 ? 1 : step >= 0.01 ? 2 : 3;
   const input = make("input", { type: "range", min: low, max: high, step }), output = make("output");
   const row = make("label", { className: "slider" }, name, input, output);
   input.setAttribute("aria-label", name);
@@ -87,9 +91,9 @@ function render({ model, el }) {
   const status = make("span", { className: "status", role: "status" });
   const message = make("div", { className: "message", role: "alert" });
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
-  const scene = makePicture("the robot", 430), seen = makePicture("what the camera sees", 200), decoded = makePicture("what z says of it", 200);
-  const plots = make("div");
-  const shown = make("div", { className: "columns" }, scene.figure, make("div", {}, seen.figure, decoded.figure), plots);
+  const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
+  const plots = make("div", { className: "traces" }), pair = make("div", { className: "row" }, seen.figure, decoded.figure);
+  const shown = make("div", { className: "columns" }, make("div", {}, scene.figure, pair), plots);
 
   // -- target
   const tool = { brush: get("about").brush.start, erase: false };
@@ -111,22 +115,22 @@ function render({ model, el }) {
     act("clear");
   });
   const tools = make("div", { className: "row" }, erase, clear, button("take this image", () => act("take")), button("from a file", () => file.click()), file);
-  const believed = makePicture("what the network believes", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
-  const target = make("section", { style: "flex-basis:500px;max-width:none" }, make("h3", { textContent: "Target" }),
-    make("div", { className: "beside" }, make("div", { style: "flex:none" }, canvas.canvas), make("div", {}, verdict, believed.figure, reason)), tools, brush.row, gallery);
+  const believed = makePicture("what the network believes", 170), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
+  const target = make("section", { style: "--least:430px" }, make("h3", { textContent: "Target" }),
+    make("div", { className: "beside" }, make("div", { style: "flex:none" }, canvas.canvas), make("div", {}, verdict, believed.figure)), reason, tools, brush.row, gallery);
 
   // -- material
   const cloth = makeMenu("cloth", (name) => act("set cloth", { cloth: name }));
   const material = make("div"), estimate = button("estimate p online", () => act("estimate", { on: !get("state").estimating }));
   const map = pbMap((at) => act("set p", { at })), legend = make("div", { className: "note" });
-  const materials = make("section", {}, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, map.canvas);
+  const materials = make("section", { style: "--least:310px" }, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, map.canvas);
 
   // -- stiffness
   const fixed = make("input", { type: "checkbox" });
   fixed.addEventListener("change", () => act("set tension", { f_const: fixed.checked ? +tension.input.value : null }));
   let tension = null;
-  const tensions = make("div"), ellipse = makePicture("stiffness ellipse of the hand", 300);
-  const stiffness = make("section", {}, make("h3", { textContent: "Stiffness" }), make("label", {}, fixed, " fix the stiffness"), tensions, ellipse.figure);
+  const tensions = make("div"), ellipse = makePicture("stiffness ellipse of the hand", 270);
+  const stiffness = make("div", {}, make("h3", { textContent: "Stiffness" }), make("label", {}, fixed, " fix the stiffness"), tensions, ellipse.figure);
 
   // -- hand and recording
   const hand = make("div"), handNote = make("div", { className: "note" });
@@ -135,7 +139,7 @@ function render({ model, el }) {
   name.addEventListener("keydown", (event) => event.stopPropagation());
   const record = button("record", () => act(get("state").recording ? "stop" : "record"));
   const save = button("save", () => act("save", { name: name.value })), discard = button("discard", () => act("discard"));
-  const own = make("section", {}, make("h3", { textContent: "Your own hand" }), handNote, hand,
+  const own = make("section", { style: "--least:280px" }, stiffness, make("h3", { textContent: "Your own hand" }), handNote, hand,
     make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
 
   function meetArm() {
@@ -222,7 +226,7 @@ function render({ model, el }) {
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
 
   const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row);
-  el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, stiffness, own)));
+  el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, own)));
   for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
     const showSafely = trait === "about" ? () => (meetArm(), showState()) : show;
     model.on(`change:${trait}`, showSafely);

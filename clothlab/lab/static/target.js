@@ -9,7 +9,7 @@ const bytesOf = (view) => new Uint8Array(view.buffer.slice(view.byteOffset, view
 
 function targetCanvas(size, tool, drawn) {
   // tool: {brush, erase}, read at every stroke
-  const [width, height] = size, SCALE = 2.4;
+  const [width, height] = size, SCALE = 2;
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d", { willReadFrequently: true });
   canvas.width = width;
   canvas.height = height;

@@ -1,11 +1,18 @@
 // Curves over the last steps. Titles and legends are text of the page, which never collides; only the plot is a canvas.
 const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]; // Okabe and Ito's
-const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
+const DASHES = [[], [6, 3]];
 const GREY = "#555", SHARP = 2; // canvas pixels to each CSS pixel, so that a projector shows no blur
 
 function roundStep(span, wanted) {
   const rough = span / wanted, power = 10 ** Math.floor(Math.log10(rough));
   return power * [1, 2, 5, 10].find((k) => k * power >= rough);
+}
+
+function legendKey(name, colour, dashes) {
+  const key = document.createElement("span");
+  key.className = "key";
+  key.append(swatch(colour, dashes), name);
+  return key;
 }
 
 function swatch(colour, dashes) {
@@ -25,34 +32,34 @@ function swatch(colour, dashes) {
 }
 
 function tracePlot() {
-  const WIDTH = 470, HEIGHT = 96, left = 46, right = WIDTH - 12, bottom = HEIGHT - 21, top = 8;
+  const HEIGHT = 116, left = 46, bottom = HEIGHT - 21, top = 8;
   const figure = document.createElement("figure"), caption = document.createElement("figcaption"), canvas = document.createElement("canvas");
   figure.append(caption, canvas);
-  canvas.width = WIDTH * SHARP;
-  canvas.height = HEIGHT * SHARP;
-  canvas.style.cssText = `width:${WIDTH}px;height:${HEIGHT}px;display:block`;
+  canvas.style.cssText = `width:100%;height:${HEIGHT}px;display:block`;
   const ctx = canvas.getContext("2d");
   let captioned = "";
 
   function draw({ title, unit, lines, limit }, marks, { history, period }) {
-    const names = [...lines.map(([name]) => name), limit?.[0]].join();
+    const names = [...lines.map(({ name }) => name), limit?.[0]].join();
+    const WIDTH = figure.clientWidth || 470, right = WIDTH - 12;
+    if (canvas.width !== WIDTH * SHARP) [canvas.width, canvas.height] = [WIDTH * SHARP, HEIGHT * SHARP];
     if (captioned !== title + names) {
       captioned = title + names;
       const bold = document.createElement("b");
       bold.textContent = `${title} [${unit}]`;
       caption.replaceChildren(bold);
-      if (lines.length > 1) lines.forEach(([name], i) => caption.append(swatch(COLOURS[i], DASHES[i]), name));
-      if (limit) caption.append(swatch(GREY, [3, 3]), limit[0]);
+      if (lines.length > 1) lines.forEach(({ name, colour, dash }) => caption.append(legendKey(name, COLOURS[colour], DASHES[dash])));
+      if (limit) caption.append(legendKey(limit[0], GREY, [3, 3]));
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", `${title} [${unit}]`);
     }
     ctx.setTransform(SHARP, 0, 0, SHARP, 0, 0);
     ctx.fillStyle = "#fff";
     ctx.fillRect(0, 0, WIDTH, HEIGHT);
-    const values = lines.flatMap((line) => line[1]).concat(limit ? [limit[1]] : []);
+    const values = lines.flatMap((line) => line.values).concat(limit ? [limit[1]] : []);
     const least = Math.min(0, ...values), most = Math.max(least + 1e-3, ...values), step = roundStep(most - least, 3);
     const low = Math.floor(least / step + 1e-9) * step, high = Math.ceil(most / step - 1e-9) * step;
-    const count = Math.max(0, ...lines.map((line) => line[1].length)), first = history - count;
+    const count = Math.max(0, ...lines.map((line) => line.values.length)), first = history - count;
     const x = (k) => left + ((right - left) * (first + k)) / (history - 1), y = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
     const path = (points, colour, width, dashes) => {
       ctx.strokeStyle = colour;
@@ -79,7 +86,7 @@ function tracePlot() {
     ctx.textAlign = "right";
     ctx.fillText("now", right, HEIGHT - 4);
     if (limit) path([[left, y(limit[1])], [right, y(limit[1])]], GREY, 1.5, [3, 3]);
-    lines.forEach(([, points], i) => path(points.map((v, k) => [x(k), y(v)]), COLOURS[i % COLOURS.length], 2, DASHES[i % DASHES.length]));
+    for (const { values, colour, dash } of lines) path(values.map((v, k) => [x(k), y(v)]), COLOURS[colour], 2, DASHES[dash]);
     ctx.setLineDash([]);
   }
   return { figure, draw };
