@@ -21,7 +21,7 @@ from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 
-def _stacked(biases: Mapping[str, ArrayLike]) -> np.ndarray:
+def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
     """Trained p of all materials, `[K, D_p]`."""
     return check_array("trained p", list(biases.values()), ("K", "D_p"))
 

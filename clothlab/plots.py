@@ -288,8 +288,8 @@ def distance_transition(
         whole = len(distance) // period * period
         best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
-    for (label, distance), style in zip((baselines or {}).items(), ("--", ":", "-."), strict=False):
-        ax.axhline(distance, color="0.35", ls=style, lw=1.5, label=label)
+    for (label, level), style in zip((baselines or {}).items(), ("--", ":", "-."), strict=False):
+        ax.axhline(level, color="0.35", ls=style, lw=1.5, label=label)
     ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
     figure.legend(loc="outside upper right", ncols=4)
     return figure

@@ -10,9 +10,11 @@ import inspect
 import reprlib
 import traceback
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 __all__ = ["CheckFailed", "Read", "array", "arrays", "check", "expect", "number", "policy"]
 
@@ -57,10 +59,10 @@ def check(read: Read) -> Callable[[Callable[[Callable], None]], Callable[[Callab
 
 
 def expect(
-    found: object,
-    truth: object,
+    found: ArrayLike,
+    truth: ArrayLike,
     otherwise: str,
-    slips: Mapping[str, object] | None = None,
+    slips: Mapping[str, ArrayLike] | None = None,
     rtol: float = 1e-5,
     atol: float = 1e-6,
 ) -> None:
@@ -163,7 +165,7 @@ def _data(answer: Callable, args: tuple, kwargs: dict) -> dict[str, object]:
     return {name: value for name, value in arguments.items() if isinstance(value, kinds)}
 
 
-def _same(a: object, b: object) -> bool:
+def _same(a: Any, b: Any) -> bool:
     """Whether nothing has changed: both of one kind, with equal contents."""
     if isinstance(a, dict):
         return list(a) == list(b) and all(_same(a[key], b[key]) for key in a)

@@ -83,11 +83,11 @@ def euler_step(answer: Callable) -> None:
 
 def acceleration(cloth: Cloth, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Newton's law for every point, as the notebook has it: `[N, 3]` [m] and [m/s] -> `[N, 3]` [m/s²]."""
-    index = {name: k for k, name in enumerate(np.ravel(point_names(cloth)))}
+    index = {name: k for k, name in enumerate(sum(point_names(cloth), []))}
     start = _flat(cloth)
     force = np.array([0.0, 0.0, -9.81]) * cloth.point_mass - cloth.damping * v
-    for a, b, stiffness in springs(cloth):
-        a, b = index[a], index[b]
+    for *ends, stiffness in springs(cloth):
+        a, b = (index[name] for name in ends)
         length, rest = np.linalg.norm(x[b] - x[a]), np.linalg.norm(start[b] - start[a])
         n = (x[b] - x[a]) / length
         tension = stiffness * (length - rest) + cloth.spring_damping * (v[b] - v[a]) @ n

@@ -64,7 +64,7 @@ def _expect_wave(u: np.ndarray, period: int, lower: np.ndarray, upper: np.ndarra
 def take_turns(answer: Callable) -> None:
     """Turns of three steps, then of two."""
     for every, turns in ((3, [0, 0, 0, 1, 1, 1, 0, 0]), (2, [0, 0, 1, 1, 0, 0, 1, 1])):
-        asked = []
+        asked: list[int] = []
         turn = answer(_Noting(0, asked), _Noting(1, asked), every=every)
         assert not asked, "no policy may be asked before there is an observation"
         commands = [turn(float(t)) for t in range(8)]

@@ -23,7 +23,7 @@ def my_mask(answer: Callable) -> None:
     for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8), (21, 8, 8)):
         found, case = answer(t, horizon, period), f"t = {t}, horizon = {horizon}, period = {period}"
         assert len(found) == horizon, f"{case}: one number for each of the {horizon} predicted steps, not {len(found)}"
-        wanted = period_mask(t, ControlSettings(horizon=horizon, period=period))
+        wanted = period_mask(t, ControlSettings(horizon=horizon, period=period)).tolist()
         told = f"{case}: 1 is where the step is a multiple of {period}; got {_integers(found)}"
         expect(found, wanted, told)
 

@@ -40,7 +40,7 @@ def terminal_speed(answer: Callable) -> None:
 def shares_by_hand(answer: Callable) -> None:
     """Nine random points beside scikit-learn, then three on a line."""
     points = np.random.default_rng(0).normal(size=(9, 2)) @ [[2.0, 1.0], [0.0, 1.0]]
-    truth = principal_axes(dict(enumerate(points))).explained_variance_ratio_
+    truth = principal_axes({str(k): each for k, each in enumerate(points)}).explained_variance_ratio_
     moments, columns = np.linalg.eigvalsh(points.T @ points)[::-1], np.var(points, axis=0)
     slips = {
         "the right shares in the wrong order: the larger one first": truth[::-1],
@@ -100,10 +100,10 @@ def _expect_third(found: float) -> None:
 class _Errors:
     """Made-up errors: seeds differ in size far more than in their gains. Remembers what it was asked."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.size = {2: 1.0, 5: 4.0, 7: 20.0, 11: 2.0}
         self.gain = {2: 0.10, 5: 0.06, 7: 0.01, 11: 0.03}
-        self.asked = set()
+        self.asked: set[tuple[int, int]] = set()
 
     def __call__(self, dimensions: int, seed: int) -> float:
         self.asked.add((dimensions, seed))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -88,10 +89,10 @@ def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict
     J, G, motor, e = arm.hand_jacobian(theta), arm.moment_arms, arm.motor_stiffness, arm.elongation(f_const)
     tangent = arm.spring_stiffness(f_const)
 
-    def by(k: float) -> np.ndarray:
+    def by(k: Any) -> np.ndarray:
         return J @ np.linalg.inv(k * G.T @ G) @ J.T
 
-    def in_series(k: float) -> float:
+    def in_series(k: Any) -> Any:
         return k * motor / (k + motor)
 
     joints = np.linalg.inv(in_series(tangent) * G.T @ G)
