@@ -396,18 +396,16 @@ SLIPS = {
         ("u.clone().requires_grad_()", "u.zero_().requires_grad_()", "changes its argument `u`"),
         (".requires_grad_()", "", "raised RuntimeError"),
     ],
-    "terminal_speed": [
-        ("cloth.point_mass", "cloth.mass", "mass of one point"),
-        ("* 9.81 ", "", "where is the weight"),
-        ("9.81", "9.8", "take g"),
-        ("return ", "return -", "positive"),
-        ("/ cloth.damping", "* cloth.damping", "slower, not faster"),
-        ("return", "cloth.damping / (cloth.point_mass * 9.81)", "faster, not slower"),
-        ("return", "(cloth.point_mass * 9.81 / cloth.damping) ** 0.5", "not with its square"),
-        ("/ cloth.damping", "/ 0.05", "right for the middle cloth"),
-        ("cloth.point_mass", "0.1 / 18", "right for the middle cloth"),
-        ("cloth.point_mass", "cloth.mass / 18", "8 × 3 points"),
-        ("return", "1.0", "yours at 1.000 m/s"),
+    "matching_drag": [
+        ("* mass / cloth.mass", "", "heavier cloth fall faster"),
+        ("mass / cloth.mass", "cloth.mass / mass", "upside down"),
+        ("cloth.mass", "cloth.point_mass", "compare like with like"),
+        ("return", "cloth.terminal_speed", "that is a speed"),
+        ("cloth.damping * ", "", "how many times"),
+        ("* mass / cloth.mass", "/ cloth.mass", "drag over mass"),
+        ("cloth.damping", "0.05", "falls at"),
+        ("cloth.mass", "0.1", "falls at"),
+        ("return", "-1.0", "falls at"),
     ],
     "shares_by_hand": [
         ("[::-1]", "", "the larger one first"),
@@ -906,9 +904,9 @@ RIGHTS = {
             "return torch.stack([f(u + d) - f(u - d) for d in e]).reshape(u.shape).norm(dim=1) / 2e-2",
         ),
     ],
-    "terminal_speed": [
-        ("return", "np.float32(cloth.point_mass) * np.float32(9.81) / np.float32(cloth.damping)"),
-        ("cloth.point_mass", "cloth.mass / cloth.rows / cloth.columns"),
+    "matching_drag": [
+        ("return", "np.float32(cloth.damping) * mass / cloth.mass"),
+        ("return", "9.81 * mass / (cloth.rows * cloth.columns) / cloth.terminal_speed"),
     ],
     "shares_by_hand": [
         ("body", "s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2; return list(s / s.sum())"),

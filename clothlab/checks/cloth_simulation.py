@@ -83,7 +83,7 @@ def euler_step(answer: Callable) -> None:
 
 def acceleration(cloth: Cloth, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Newton's law for every point, as the notebook has it: `[N, 3]` [m] and [m/s] -> `[N, 3]` [m/s²]."""
-    index = {name: k for k, name in enumerate(sum(point_names(cloth), []))}
+    index = {name: k for k, name in enumerate(name for row in point_names(cloth) for name in row)}
     start = _flat(cloth)
     force = np.array([0.0, 0.0, -9.81]) * cloth.point_mass - cloth.damping * v
     for *ends, stiffness in springs(cloth):

@@ -9,30 +9,29 @@ from clothlab.analysis import principal_axes
 from clothlab.checks._check import CheckFailed, array, check, expect, number
 from clothlab.cloth import get_cloth
 
-__all__ = ["chance", "gain_of_dimension", "shares_by_hand", "terminal_speed"]
+__all__ = ["chance", "gain_of_dimension", "matching_drag", "shares_by_hand"]
 
 
-@check(number("a speed in m/s"))
-def terminal_speed(answer: Callable) -> None:
-    """The middle one of the nine cloths, then with twice its drag, then with another mass and other points."""
+@check(number("a drag in N s/m"))
+def matching_drag(answer: Callable) -> None:
+    """The middle one of the nine cloths with another mass, then cloths with another drag and other points."""
     middle = get_cloth("damp0.05-mass0.10")
-    for cloth in (middle, replace(middle, damping=0.1), replace(middle, mass=0.15), replace(middle, rows=8)):
-        found, m, c = answer(cloth), cloth.point_mass, cloth.damping
-        truth = m * 9.81 / c
+    cloths = (middle, replace(middle, damping=0.1), replace(middle, mass=0.15), replace(middle, rows=8))
+    for cloth, mass in ((cloth, mass) for cloth in cloths for mass in (0.04, 0.30)):
+        found, truth = answer(cloth, mass), cloth.damping * mass / cloth.mass
         slips = {
-            "use the mass of one point, not of the whole cloth": cloth.mass * 9.81 / c,
-            "mass over drag is not yet a speed: where is the weight?": m / c,
-            "a speed is positive, also downwards": -truth,
-            "more drag must make the cloth slower, not faster": m * 9.81 * c,
-            "a heavier cloth must fall faster, not slower": 1 / truth,
-            "drag grows with the speed itself, not with its square": truth**0.5,
+            "the same drag makes the heavier cloth fall faster": cloth.damping,
+            "upside down: the heavier cloth needs more drag, not less": cloth.damping * cloth.mass / mass,
+            "one mass is a point's, the other the whole cloth's: compare like with like": truth
+            * cloth.mass
+            / cloth.point_mass,
+            "that is a speed: which drag brings it about?": cloth.terminal_speed,
+            "that is how many times as much drag it needs": mass / cloth.mass,
+            "that is drag over mass: equal for both cloths, and not yet a drag": cloth.damping / cloth.mass,
         }
-        otherwise = f"{cloth.rows} × 3 points, {cloth.mass:g} kg in all, with a drag of {c:g} N s/m on each point"
-        otherwise += f" fall at {truth:.3f} m/s, yours at {found:.3f} m/s"
-        if cloth != middle:
-            otherwise = "right for the middle cloth, not for every other one: " + otherwise
-        if abs(found / truth - 1) < 0.03:
-            otherwise = "nearly: take g = 9.81 m/s²"
+        otherwise = f"with your drag of {found:.4f} N s/m, a cloth of {mass:g} kg falls at "
+        speed = replace(cloth, mass=mass, damping=abs(found)).terminal_speed
+        otherwise += f"{speed:.3f} m/s, the other at {cloth.terminal_speed:.3f} m/s"
         expect(found, truth, otherwise, slips)
 
 
