@@ -134,7 +134,6 @@ class EstimatingPolicy(Wrapper):
         self.trace: list[np.ndarray] = []
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         u = self.policy(observation)
         self.trace.append(self.estimator.update(observe(self.autoencoder, observation), u))
         self.set_bias(self.trace[-1])

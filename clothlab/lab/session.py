@@ -69,7 +69,6 @@ class Hand(Policy):
         self.arm, self.u = arm, u
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         return np.clip(self.u, self.arm.command_lower, self.arm.command_upper)
 
 
