@@ -139,7 +139,7 @@ def trial_traces(trial: Trial, arm: Arm) -> Figure:
         ax.set_ylabel(arm.command_names[k])
     for ax, angle in zip(axes[:, 0], trial.robot[:, arm.sensed_angles].T, strict=False):
         ax.plot(trial.time, angle, color=COLOURS[0], label="measured")
-    axes[0, 0].legend(loc="upper right", ncols=2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
 
