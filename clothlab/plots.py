@@ -214,8 +214,9 @@ def loss_landscapes(
         paths: estimates over time to draw into the panel of the same title, `{title: [T, D_p]}`.
     """
     figure, axes = _axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
+    every = np.concatenate([ground.loss.ravel() for ground in landscapes.values()])
+    levels = np.geomspace(every.min(), every.max(), 16)  # one scale for all panels, which the colour bar shows
     for ax, (title, ground) in zip(axes.flat, landscapes.items(), strict=True):
-        levels = np.geomspace(ground.loss.min(), ground.loss.max(), 16)
         filled = ax.contourf(ground.x, ground.y, ground.loss, levels=levels, cmap="Blues")
         places = ground.axes.transform(np.stack(list(biases.values())))
         ax.scatter(*places.T, s=20, color="0.2", label="trained p")
