@@ -140,8 +140,10 @@ class LivePanel(anywidget.AnyWidget):
             self._unseen = 0
             self.frame = views.frame(self.session, self._plane, list(self.history)) | {"number": number + 1}
             if self.steps % ELLIPSE_EVERY == 0 or force:
-                u = self.history[-1].command if self.history else self.session.hand
-                self.ellipse = views.ellipse(self.session, u)
+                self._draw_ellipse()
+
+    def _draw_ellipse(self) -> None:
+        self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
 
     def _refresh(self) -> None:
         more = {"running": self.running, "message": self._message, "answered": self._answered}
@@ -200,7 +202,7 @@ class LivePanel(anywidget.AnyWidget):
             "set driver": session.set_driver,
             "set cloth": session.set_cloth,
             "set material": session.set_material,
-            "set tension": session.set_tension,
+            "set tension": self._set_tension,
             "set p": lambda at: session.set_p(self._plane.p(at)),
             "estimate": lambda on: setattr(session, "estimating", bool(on)),
             "set hand": self._take_over,
@@ -220,6 +222,10 @@ class LivePanel(anywidget.AnyWidget):
     def _set_arm(self, name: str) -> None:
         self.session.set_arm(name)
         self._meet_arm()
+
+    def _set_tension(self, f_const: float | None) -> None:
+        self.session.set_tension(f_const)
+        self._draw_ellipse()
 
     def _aim(self, mask: np.ndarray, show: bool = True) -> None:
         """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is already."""

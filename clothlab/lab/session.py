@@ -133,11 +133,10 @@ class LiveSession:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
         self.arm, autoencoder = self.trained.arm, self.trained.autoencoder
         images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
-        images = images[images.any(axis=(1, 2))]
+        images = images[images.any(axis=(1, 2))]  # those with a cloth in view
         distances = map(_misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
         self.usual_distance = float(np.percentile(list(distances), 99))
-        large_to_small = images[images.sum(axis=(1, 2)).argsort()[::-1]]
-        recorded = large_to_small[:: -(-len(images) // RECORDED_TARGETS)]
+        recorded = images[images.sum(axis=(1, 2)).argsort()[::-1]][:: -(-len(images) // RECORDED_TARGETS)]
         targets, self._plans = artifacts.load_targets(), recorded_plans(trials)
         self.gallery = targets | {f"recorded {k + 1}": image for k, image in enumerate(recorded)}
         self.target = choose("target", setup.target, targets)
@@ -151,7 +150,6 @@ class LiveSession:
         """Put another cloth into the hand, hanging still; p stays, so that the estimation has something to find.
 
         Raises:
-            KeyError: unknown cloth.
             SimulationError: this cloth cannot be simulated.
         """
         self._refuse_while_recording("the cloth")
@@ -168,8 +166,7 @@ class LiveSession:
         """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest.
 
         Raises:
-            ValueError: values that no cloth has.
-            SimulationError: this cloth cannot be simulated.
+            ValueError, SimulationError: values that no cloth has, or with which it cannot be simulated.
         """
         own = replace(self.env.cloth, name="own", damping=damping, mass=mass, foam="")
         own = replace(own, name=f"damp{own.damping:.3f}-mass{own.mass:.3f}")
@@ -317,9 +314,7 @@ class LiveSession:
         """Let the cloth hang still, and record from there, so that the trial can be replayed.
 
         Raises:
-            ValueError: a recording runs already.
-            FileExistsError: an unfinished recording was found: save or discard it first.
-            OSError: nothing can be written there.
+            ValueError, FileExistsError, OSError: as `Recorder.start`.
         """
         self.recorder.start()
         try:

@@ -1,7 +1,8 @@
 // The plane of p: trained materials as dots, the p in use as a cross with its trail. A click or the arrow keys choose.
 function placeLabel(width, [x, y], taken, size) {
-  // Beside, above or below its dot, wherever it is inside and covers nothing yet.
-  const places = [[10, 5], [-10 - width, 5], [-width / 2, -11], [-width / 2, 21], [8, -9], [8, 19], [-8 - width, -9], [-8 - width, 19]];
+  // Beside, above or below its dot, as near as it is inside and covers nothing yet.
+  const around = (r) => [[r, 5], [-r - width, 5], [-width / 2, -r - 1], [-width / 2, r + 11], [r, -r], [r, r + 10], [-r - width, -r], [-r - width, r + 10]];
+  const places = [10, 16, 22, 30].flatMap(around);
   const boxes = places.map(([dx, dy]) => [x + dx, y + dy - 12, x + dx + width, y + dy + 3]);
   const inside = (box) => box[0] > 2 && box[1] > 2 && box[2] < size - 2 && box[3] < size - 2;
   const free = (box) => !taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]);

@@ -27,8 +27,8 @@ const STYLE = `
 .clothlab .message.fault { border-color: #b00020; color: #b00020; background: #fdecee; font-weight: 600; }
 .clothlab .note { color: #444; font-size: 14px; margin: 4px 0; }
 .clothlab .inactive { opacity: 0.5; }
-.clothlab .beside { display: flex; gap: 8px; flex-wrap: wrap; }
-.clothlab .beside > div { flex: 1 1 150px; }
+.clothlab .beside { display: flex; gap: 8px; }
+.clothlab .beside > div { flex: 1 1 0; min-width: 0; }
 .clothlab .no { color: #b00020; font-weight: 600; }
 `;
 
@@ -89,7 +89,7 @@ function render({ model, el }) {
   // -- what is always there
   const commands = ["start", "pause", "step", "reset"].map((name) => button(name, () => act(name)));
   const status = make("span", { className: "status", role: "status" });
-  const message = make("div", { className: "message", role: "alert" });
+  const message = make("div", { role: "alert" }), again = make("div", { "aria-hidden": true }); // at the top and, for small screens, below
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
   const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
   const plots = make("div", { className: "traces" }), pair = make("div", { className: "row" }, seen.figure, decoded.figure);
@@ -115,7 +115,7 @@ function render({ model, el }) {
     act("clear");
   });
   const tools = make("div", { className: "row" }, erase, clear, button("take this image", () => act("take")), button("from a file", () => file.click()), file);
-  const believed = makePicture("what the network believes", 170), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
+  const believed = makePicture("what it believes", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
   const target = make("section", { style: "--least:430px" }, make("h3", { textContent: "Target" }),
     make("div", { className: "beside" }, make("div", { style: "flex:none" }, canvas.canvas), make("div", {}, verdict, believed.figure)), reason, tools, brush.row, gallery);
 
@@ -140,7 +140,7 @@ function render({ model, el }) {
   const record = button("record", () => act(get("state").recording ? "stop" : "record"));
   const save = button("save", () => act("save", { name: name.value })), discard = button("discard", () => act("discard"));
   const own = make("section", { style: "--least:280px" }, stiffness, make("h3", { textContent: "Your own hand" }), handNote, hand,
-    make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
+    make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard), again);
 
   function meetArm() {
     const about = get("about");
@@ -163,10 +163,12 @@ function render({ model, el }) {
   }
   function showState() {
     const state = get("state"), about = get("about");
-    status.textContent = `${state.running ? "▶ running" : "⏸ paused"}${state.recording ? " ● recording" : ""}`;
+    status.textContent = `${state.running ? "▶ running" : "paused"}${state.recording ? " ● recording" : ""}`;
     status.classList.toggle("running", state.running);
-    message.textContent = state.message.text;
-    message.className = `message ${state.message.kind}`;
+    for (const each of [message, again]) {
+      each.textContent = state.message.text;
+      each.className = `message ${state.message.kind}`;
+    }
     if (pending !== null && state.answered !== pending) return; // this is how things stood before a control was moved
     pending = wanted = null;
     arm.select.value = state.arm;
