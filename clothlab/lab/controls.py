@@ -101,7 +101,10 @@ class Control(ipywidgets.VBox):
         for button, act in zip(self.buttons, (actions or {}).values(), strict=True):
             button.on_click(lambda _, act=act: self._turns.take(self._redraw, act))
         self.picture, self.message = ipywidgets.Image(format="png"), ipywidgets.HTML()
-        super().__init__([*self.controls.values(), ipywidgets.HBox(self.buttons), self.message, self.picture])
+        maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
+        others = [each for each in self.controls.values() if each not in maps]
+        drawn = ipywidgets.VBox([self.message, self.picture])
+        super().__init__([*others, ipywidgets.HBox(self.buttons), ipywidgets.HBox([*maps, drawn])])
         self._redraw()
 
     def check(self) -> None:

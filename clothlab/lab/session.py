@@ -265,8 +265,7 @@ class LiveSession:
             SimulationError: the physics diverged.
             OSError: a recording cannot be written any more; it is stopped, and the step has happened.
         """
-        start = time.perf_counter()
-        seen, policy = self.observation, self._policies[self.driver]
+        start, seen, policy = time.perf_counter(), self.observation, self._policies[self.driver]
         solved = self.driver == "control" and (solve or not policy.trace)  # the first plan must come from a solve
         u = (policy.coast if self.driver == "control" and not solved else policy)(seen)
         before = copy.copy(self.env.data)
@@ -276,8 +275,7 @@ class LiveSession:
         except BaseException:  # an interrupt, too: half a step could not be replayed
             self.env.data = before
             raise
-        self.observation = observation
-        self.step_number += 1
+        self.observation, self.step_number = observation, self.step_number + 1
         if self.recording:
             about = {"cloth": self.env.cloth, "arm": self.arm.name, "policy": self.driver, "seed": self.seed}
             self.recorder.add(seen, u, about)

@@ -11,8 +11,8 @@ function placeLabel(width, [x, y], taken, size) {
   return [box[0], box[3] - 3];
 }
 
-function pbMap(choose) {
-  const SIZE = 310, PAD = 26, SHARP = 2; // [CSS pixel], and canvas pixels to each
+function pbMap(choose, SIZE = 310) {
+  const PAD = 26, SHARP = 2; // [CSS pixel], and canvas pixels to each
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
   canvas.width = canvas.height = SIZE * SHARP;
   canvas.style.cssText = `width:${SIZE}px;height:${SIZE}px;cursor:crosshair;touch-action:none`;
@@ -57,7 +57,15 @@ function pbMap(choose) {
       ctx.fill();
       ctx.stroke();
       ctx.fillStyle = "#222";
-      const at = placeLabel(ctx.measureText(label).width, places[i], taken, SIZE);
+      const width = ctx.measureText(label).width, at = placeLabel(width, places[i], taken, SIZE), [x, y] = places[i];
+      const near = [Math.min(Math.max(x, at[0]), at[0] + width), Math.min(Math.max(y, at[1] - 10), at[1])];
+      if (Math.hypot(near[0] - x, near[1] - y) > 13) {
+        ctx.strokeStyle = "#555"; // so far away that a line has to say whose label it is
+        ctx.beginPath();
+        ctx.moveTo(x, y);
+        ctx.lineTo(...near);
+        ctx.stroke();
+      }
       ctx.strokeStyle = "#fff"; // a rim, because the trail may run below
       ctx.lineWidth = 3;
       ctx.strokeText(label, ...at);

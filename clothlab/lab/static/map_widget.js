@@ -3,7 +3,7 @@ function render({ model, el }) {
   const map = pbMap((at) => {
     model.set("chosen", at);
     model.save_changes();
-  });
+  }, 420);
   const draw = () => {
     const { line, ...about } = model.get("about");
     map.draw({ ...about, trail: line, at: model.get("chosen") });
