@@ -28,7 +28,7 @@ def choose(kind: str, name: str, choices: Mapping[str, T], none_yet: str = "(non
         KeyError: unknown name; the message lists the choices.
     """
     if not isinstance(name, str) or name not in choices:
-        raise KeyError(f"unknown {kind} {name!r}; choose from {', '.join(choices) or none_yet}")
+        raise KeyError(f"unknown {kind} {name!r:.80}; choose from {', '.join(choices) or none_yet}")
     return choices[name]
 
 
@@ -60,7 +60,7 @@ def check_array(what: str, value: ArrayLike, shape: Sequence[int | str], dtype: 
         with np.errstate(over="ignore"):
             array = np.asarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError, RuntimeError):
-        raise ValueError(f"{wanted}, got {str(value)[:80]}") from None
+        raise ValueError(f"{wanted}, got {value!s:.80}") from None
     if array.ndim != len(shape) or any(n != m for n, m in zip(shape, array.shape, strict=True) if isinstance(n, int)):
         raise ValueError(f"{wanted}, got the shape {list(array.shape)}")
     if not np.isfinite(array).all():
@@ -82,7 +82,7 @@ def check_number(what: str, value: Any, kind: type = float, **bounds: float) -> 
     """
     right = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
     if not (right and abs(value) < math.inf):
-        raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {str(value)[:80]}")
+        raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {value!s:.80}")
     for word, bound in bounds.items():
         if not {"at_least": operator.ge, "above": operator.gt, "at_most": operator.le}[word](value, bound):
             raise ValueError(f"{what} must be {word.replace('_', ' ')} {bound:g}, got {value}")
@@ -112,7 +112,7 @@ class Checked:
 def _as_declared(name: str, kind: Any, value: Any, bounds: Mapping[str, float]) -> Any:
     if typing.get_origin(kind) is tuple:
         kinds = typing.get_args(kind)
-        items = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
+        items = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else (value,)
         kinds = kinds[:1] * len(items) if kinds[-1] is ... else kinds
         if len(items) != len(kinds):
             raise ValueError(f"{name} has {len(kinds)} entries, got {value}")
@@ -120,5 +120,5 @@ def _as_declared(name: str, kind: Any, value: Any, bounds: Mapping[str, float]) 
     if kind in (int, float):
         return check_number(name, value, kind, **bounds)
     if isinstance(kind, type) and not isinstance(value, kind):
-        raise ValueError(f"{name} is a {kind.__name__}, got {str(value)[:80]}")
+        raise ValueError(f"{name} is a {kind.__name__}, got {value!s:.80}")
     return value

@@ -21,7 +21,7 @@ from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 
-def _stacked(biases: Mapping[str, ArrayLike]) -> np.ndarray:
+def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
     """Trained p of all materials, `[K, D_p]`."""
     return check_array("trained p", list(biases.values()), ("K", "D_p"))
 
@@ -78,9 +78,10 @@ class MaterialReadout:
             r2_score(logs @ ratio, left_out @ ratio),
         )
 
-    def __call__(self, p: np.ndarray) -> tuple[float, float]:
+    def __call__(self, p: ArrayLike) -> tuple[float, float]:
         """Read C_damp [N s/m] and C_mass [kg] off one p `[D_p]`."""
-        damping, mass = np.exp(self.model.predict(np.asarray(p)[None])[0])
+        p = check_array("p", p, (self.model.n_features_in_,))
+        damping, mass = np.exp(self.model.predict(p[None])[0])
         return float(damping), float(mass)
 
 

@@ -31,36 +31,17 @@ class Camera(Checked):
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Where things lie in the state `s = (z, robot state)` of an arm, for a z of `latent_size` numbers."""
+    """Where things lie in the state `s = (z, robot state)` of an arm."""
 
-    arm: "Arm"
-    latent_size: int
+    names: tuple[str, ...]  # what each number of `s` is, with its unit
+    z: slice  # the latent image
+    robot: slice  # what the robot feels of itself
+    tensions: slice  # the muscle tensions [N]; empty for an arm without muscles
 
     @property
     def size(self) -> int:
         """D_s."""
-        return self.latent_size + len(self.arm.state_names)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What each number of `s` is, with its unit."""
-        return (*(f"z{n + 1} [s.d.]" for n in range(self.latent_size)), *self.arm.state_names)
-
-    @property
-    def z(self) -> slice:
-        """The latent image."""
-        return slice(0, self.latent_size)
-
-    @property
-    def robot(self) -> slice:
-        """What the robot feels of itself."""
-        return slice(self.latent_size, self.size)
-
-    @property
-    def tensions(self) -> slice:
-        """The muscle tensions [N]; empty for an arm without muscles."""
-        part = self.arm.tensions
-        return slice(part.start + self.latent_size, part.stop + self.latent_size)
+        return len(self.names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,18 +63,18 @@ class Arm(Checked, ABC):
     stop_margin: float = setting(0.3, "rad", at_least=0)  # from the range of θ_ref to the joint's stops
     bar_length: float = setting(0.44, "m", above=0)  # the rod in the hand that holds the cloth
 
+    command_names: ClassVar[tuple[str, ...]]  # what each number of `u` is, with its unit
+    state_names: ClassVar[tuple[str, ...]]  # what each number of the robot state is, with its unit
+    tensions = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
+    sensed_angles = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
+    angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`
+    stiffness_command = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
+
     def __post_init__(self) -> None:
         """Refuse ranges that do not rise, and a home outside."""
         super().__post_init__()
         if not all(a <= b <= c for a, b, c in zip(self.lower, self.home, self.upper, strict=True)):
             raise ValueError(f"{self.home} is not from {self.lower} to {self.upper}: home, lower and upper of an arm")
-
-    command_names: ClassVar[tuple[str, ...]]  # what each number of `u` is, with its unit
-    state_names: ClassVar[tuple[str, ...]]  # what each number of the robot state is, with its unit
-    tensions: ClassVar = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
-    sensed_angles: ClassVar = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
-    angle_command: ClassVar = slice(0, len(JOINTS))  # where θ_ref lies in `u`
-    stiffness_command: ClassVar = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
 
     @property
     def has_stiffness(self) -> bool:
@@ -110,7 +91,9 @@ class Arm(Checked, ABC):
 
     def layout(self, latent_size: int) -> StateLayout:
         """Where things lie in `s`, for a z of so many numbers."""
-        return StateLayout(self, latent_size)
+        names = (*(f"z{n + 1} [s.d.]" for n in range(latent_size)), *self.state_names)
+        tensions = slice(self.tensions.start + latent_size, self.tensions.stop + latent_size)
+        return StateLayout(names, slice(0, latent_size), slice(latent_size, len(names)), tensions)
 
     @property
     def home_command(self) -> np.ndarray:

@@ -29,8 +29,8 @@ class Cloth(Checked):
     mass: float = setting(0.10, "kg", above=0)  # C_mass: the whole cloth
     length: float = setting(0.50, "m", above=0)  # from the hand to the free edge
     width: float = setting(0.40, "m", above=0)  # along the hand bar
-    rows: int = setting(6, at_least=2)  # point masses along the length
-    columns: int = setting(3, at_least=2)  # point masses across the width
+    rows: int = setting(6, at_least=2, at_most=100)  # point masses along the length
+    columns: int = setting(3, at_least=2, at_most=100)  # point masses across the width
     stiffness: float = setting(100.0, "N/m", above=0)  # structural and shear springs
     bending: float = setting(0.5, "N/m", at_least=0)  # springs that skip one point
     spring_damping: float = setting(0.2, "N s/m", at_least=0)  # dashpot beside every spring

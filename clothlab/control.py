@@ -213,7 +213,6 @@ class ControlPolicy(Policy):
         self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         s = self._follow(observation)
         mask = torch.as_tensor(period_mask(self._t, self.settings))
 

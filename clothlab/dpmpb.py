@@ -199,7 +199,7 @@ class TrainingTrace:
 
 
 @dataclass(frozen=True, eq=False)
-class Sequences:
+class Sequences(Checked):
     """One run as the model sees it.
 
     Attributes:
@@ -221,6 +221,7 @@ class Sequences:
             object.__setattr__(self, name, array)
         if len(self.s) != len(self.u):
             raise ValueError(f"a run has as many states as commands, got {len(self.s)} and {len(self.u)}")
+        super().__post_init__()
 
     def __len__(self) -> int:
         """Return the number of control steps T."""

@@ -231,9 +231,7 @@ class ClothEnv(gymnasium.Env):
         for part in np.array_split(np.arange(self.scene.substeps), samples if watch else 1):
             self._simulate(len(part))
             if watch:
-                mujoco.mj_kinematics(self.model, self.data)
-                mujoco.mj_comPos(self.model, self.data)  # which places cameras and lights
-                mujoco.mj_camlight(self.model, self.data)
+                mujoco.mj_kinematics(self.model, self.data)  # all that a picture needs: camera and light stand still
                 watch()
         mujoco.mj_forward(self.model, self.data)
 
@@ -344,8 +342,6 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
     return renderer
 
 
-for _arm, _cloth in (
-    ("torque", "damp0.05-mass0.10"),
-    ("muscle", "soft-1"),
-):  # gymnasium.make("clothlab.env:clothlab/...")
+for _arm, _cloth in {"torque": "damp0.05-mass0.10", "muscle": "soft-1"}.items():
+    # gymnasium.make("clothlab.env:clothlab/Torque-v0")
     gymnasium.register(f"clothlab/{_arm.title()}-v0", "clothlab.env:ClothEnv", kwargs={"arm": _arm, "cloth": _cloth})

@@ -102,9 +102,9 @@ class BiasEstimator:
             states, commands = (torch.as_tensor(np.stack(column)) for column in zip(*seen, strict=True))
             self._optimizer.zero_grad()
             loss = prediction_loss(self.model, states, commands, self._p, self.settings.warmup)
+            if not loss.isfinite():
+                raise ValueError("this step is so far from what the model was trained on that there is no loss")
             loss.backward(inputs=[self._p])
-            if not self._p.grad.isfinite().all():
-                raise ValueError("this step is so far from what the model was trained on that p has no gradient")
             self._optimizer.step()
         self._seen = seen
         return self.p
@@ -134,7 +134,6 @@ class EstimatingPolicy(Wrapper):
         self.trace: list[np.ndarray] = []
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         u = self.policy(observation)
         self.trace.append(self.estimator.update(observe(self.autoencoder, observation), u))
         self.set_bias(self.trace[-1])

@@ -9,6 +9,7 @@ tensions f and muscle lengths `l = -s`.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clothlab._validation import Checked, setting
 
@@ -59,16 +60,16 @@ class Muscles(Checked):
         flexors = [(self.shoulder_moment_arm, 0.0), (0.0, self.elbow_moment_arm), self.biarticular_moment_arms]
         return np.array([sign * np.array(arms) for arms in flexors for sign in (1, -1)])
 
-    def tension(self, elongation: np.ndarray) -> np.ndarray:
+    def tension(self, elongation: ArrayLike) -> np.ndarray:
         """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
         e = np.maximum(elongation, 0.0)
         return self.spring_linear * e + self.spring_cubic * e**3
 
-    def spring_stiffness(self, tension: np.ndarray) -> np.ndarray:
+    def spring_stiffness(self, tension: ArrayLike) -> np.ndarray:
         """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de = k₁ + 3k₃e²."""
         return self.spring_linear + 3 * self.spring_cubic * self.elongation(tension) ** 2
 
-    def elongation(self, tension: np.ndarray, more_stiffness: float = 0.0) -> np.ndarray:
+    def elongation(self, tension: ArrayLike, more_stiffness: float = 0.0) -> np.ndarray:
         """Inverse of `tension`: stretch [m] at which the springs pull with `tension` [N].
 
         Args:
@@ -82,7 +83,7 @@ class Muscles(Checked):
         a = np.sqrt(linear / (3 * cubic))
         return 2 * a * np.sinh(np.arcsinh(np.asarray(tension) / (2 * cubic * a**3)) / 3)
 
-    def body_image(self, theta: np.ndarray, tension: np.ndarray) -> np.ndarray:
+    def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
         """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2): geometry minus what the springs give.
 
         Args:

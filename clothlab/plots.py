@@ -139,7 +139,7 @@ def trial_traces(trial: Trial, arm: Arm) -> Figure:
         ax.set_ylabel(arm.command_names[k])
     for ax, angle in zip(axes[:, 0], trial.robot[:, arm.sensed_angles].T, strict=False):
         ax.plot(trial.time, angle, color=COLOURS[0], label="measured")
-    axes[0, 0].legend(loc="upper right", ncols=2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
 
@@ -214,8 +214,9 @@ def loss_landscapes(
         paths: estimates over time to draw into the panel of the same title, `{title: [T, D_p]}`.
     """
     figure, axes = _axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
+    every = np.concatenate([ground.loss.ravel() for ground in landscapes.values()])
+    levels = np.geomspace(every.min(), every.max(), 16)  # one scale for all panels, which the colour bar shows
     for ax, (title, ground) in zip(axes.flat, landscapes.items(), strict=True):
-        levels = np.geomspace(ground.loss.min(), ground.loss.max(), 16)
         filled = ax.contourf(ground.x, ground.y, ground.loss, levels=levels, cmap="Blues")
         places = ground.axes.transform(np.stack(list(biases.values())))
         ax.scatter(*places.T, s=20, color="0.2", label="trained p")
@@ -288,8 +289,8 @@ def distance_transition(
         whole = len(distance) // period * period
         best = distance[:whole].reshape(-1, period).argmin(axis=1) + np.arange(0, whole, period)
         ax.plot(best * CONTROL_PERIOD, distance[best], "o", ms=4, color=colour)
-    for (label, distance), style in zip((baselines or {}).items(), ("--", ":", "-."), strict=False):
-        ax.axhline(distance, color="0.35", ls=style, lw=1.5, label=label)
+    for (label, level), style in zip((baselines or {}).items(), ("--", ":", "-."), strict=False):
+        ax.axhline(level, color="0.35", ls=style, lw=1.5, label=label)
     ax.set(xlabel="time [s]", ylabel="‖z_ref - z‖ [s.d. of z]", ylim=(0, None))
     figure.legend(loc="outside upper right", ncols=4)
     return figure

@@ -86,8 +86,8 @@ def stiffness_ellipse(
         Displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
 
     Raises:
-        ValueError: a posture or an f_const outside the arm's range, a force that is no positive number, or fewer than
-            three directions.
+        ValueError: a posture or an f_const outside the arm's range, a force that is no positive number or pushes a
+            joint to its stop, or fewer than three directions.
     """
     u = check_command(arm, [*np.atleast_1d(theta_ref), f_const])
     force, directions = check_number("force", force, above=0), check_number("directions", directions, int, at_least=3)
@@ -102,7 +102,9 @@ def stiffness_ellipse(
         arm.reset(data, u)
         mujoco.mj_kinematics(model, data)
         start = data.site("hand").xpos.copy()
-        data.body("hand").xfrc_applied[:3] = force * np.array([np.cos(angle), 0, np.sin(angle)])
+        push = force * np.array([np.cos(angle), np.sin(angle)])
+        static_posture(arm, u, push)  # which refuses what the muscles cannot hold
+        data.body("hand").xfrc_applied[[0, 2]] = push
         mujoco.mj_step(model, data, round(SETTLING_TIME / model.opt.timestep))
         displacements.append((data.site("hand").xpos - start)[[0, 2]])
     return np.array(displacements)

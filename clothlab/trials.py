@@ -117,19 +117,15 @@ class Wrapper(Policy):
         return self.policy.name
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run."""
         self.policy.reset(seed)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]`."""
         self.policy.set_target(mask)
 
     def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]`."""
         self.policy.set_bias(p)
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         return self.policy(observation)
 
 
@@ -141,12 +137,10 @@ class Timed(Wrapper):
     """
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run and its times."""
         super().reset(seed)
         self.seconds: list[float] = []
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         start = time.perf_counter()
         u = self.policy(observation)
         self.seconds.append(time.perf_counter() - start)
@@ -170,12 +164,10 @@ class Noisy(Wrapper):
         super().__init__(policy)
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run; start the noise anew."""
         super().reset(seed)
         self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy within draws
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         u = np.array(self.policy(observation), dtype=np.float64)
         u[self.arm.angle_command] += self._rng.normal(0.0, self.sigma, len(self.arm.home))
         return np.clip(u, self.arm.command_lower, self.arm.command_upper)
@@ -189,7 +181,6 @@ class FunctionPolicy(Policy):
         self.name = getattr(function, "__name__", type(function).__name__)
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         return np.asarray(self.function(observation))
 
 
@@ -214,7 +205,6 @@ class ReplayPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        """Begin with the first command again."""
         self._left = iter(self.commands)
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -311,7 +301,7 @@ def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> 
             not divide the control period.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
-    samples = round(CONTROL_PERIOD / interval) if interval > 0 else 0
+    samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
     if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
         raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
     env.start(seed=trial.seed)
@@ -346,7 +336,6 @@ class RandomPolicy(Policy):
         self._steps_left = 0
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         if self._steps_left == 0:
             self._u = self._rng.uniform(self.arm.command_lower, self.arm.command_upper)
             self._steps_left = int(self._rng.integers(1, self.longest_hold + 1))
@@ -376,7 +365,6 @@ class OperatorPolicy(Policy):
         self._plan: Iterator[np.ndarray] = iter(())
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
         theta = next(self._plan, None)
         if theta is None:
             self._plan = iter(self._swing())
@@ -424,7 +412,7 @@ def load_trial(path: str | Path) -> Trial:
         FileNotFoundError: no such file.
         ValueError: the file is damaged, is no trial, or was written by a newer version.
     """
-    with reading(path, "trial"), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+    with reading(path, "trial"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         if about.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}, this version's")

@@ -195,9 +195,9 @@ def bench_panel() -> None:
     ):
         lab.wait()
         page = playwright.chromium.launch(**launch_options()).new_page(viewport={"width": 1500, "height": 1100})
-        notebook = Notebook(lab, page, "12_live_lab.ipynb")
+        notebook = Notebook(lab, page, "14_live_lab.ipynb")
         print(f"live lab, from run all to a moving robot: {notebook.start_panel():.1f} s  (≤ 15)")
-        page.locator("button", has_text="estimate p online").click()
+        page.get_by_role("button", name="estimate p online").click()
         notebook.until("panel.session.estimating and panel.session.driver == 'control'")
         bench_panel_pace(notebook)
         bench_panel_answers(notebook)
@@ -232,23 +232,23 @@ def bench_panel_answers(notebook: Notebook) -> None:
         "import time as _time\n"
         "drawn = []\n"
         "def _note(*_):\n"
-        "    moment = panel._history[-1] if panel._history else None\n"
+        "    moment = panel.history[-1] if panel.history else None\n"
         "    if moment: drawn.append((_time.time(), moment.command[0], moment.p[0], panel.session.env.cloth.mass))\n"
-        "panel.view.on_msg(_note)",
+        "panel.on_msg(lambda _, content, __: _note() if content['do'] == 'drawn' else None)",
     )
 
     rng, waits = np.random.default_rng(0), []
     controls = {  # what is pressed, and which column of `drawn` it changes for good
         "hand": (lambda k: slider(page, "shoulder").press("ArrowLeft"), 1),
         "map of p": (
-            lambda k: page.locator(".clothlab-map").click(
-                position=dict(zip("xy", rng.uniform(60, 260, 2), strict=True))
+            lambda k: page.get_by_role("application", name="map of the parametric bias").click(
+                position=dict(zip("xy", rng.uniform(60, 250, 2), strict=True))
             ),
             2,
         ),
         "C_mass": (lambda k: slider(page, "C_mass").press("ArrowRight" if k % 2 else "ArrowLeft"), 3),
     }
-    page.locator("button", has_text="estimate p online").click()  # p is to move by clicks alone
+    page.get_by_role("button", name="estimate p online").click()  # p is to move by clicks alone
     slider(page, "shoulder").press("ArrowLeft")  # takes over: the command now is the slider's
     for press, column in controls.values():
         for k in range(PRESSES):

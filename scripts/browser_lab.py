@@ -32,8 +32,8 @@ def frame(page: Page) -> int:
 
 
 def slider(page: Page, name: str) -> Locator:
-    """Handle of the first slider of this name, to press keys on."""
-    return page.locator(".widget-slider", has_text=name).first.locator(".noUi-handle")
+    """The live lab's first slider whose name contains this, to press keys on."""
+    return page.get_by_role("slider", name=name).first
 
 
 class Lab:

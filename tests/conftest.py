@@ -22,13 +22,17 @@ from pathlib import Path
 from clothlab._files import LEFT_OVER, write_bytes
 
 path, times = Path(sys.argv[1]), int(sys.argv[2])
-for k in range(times):
+def left_over():
+    return set(path.parent.glob(f".*{LEFT_OVER}"))
+
+for _ in range(times):
+    before = left_over()
     child = os.fork()
     if child == 0:
         os.fsync = lambda _: time.sleep(60)  # in the middle for as long as it takes to be killed
         write_bytes(path, b"half of something new")
         os._exit(1)
-    while len(list(path.parent.glob(f".*{LEFT_OVER}"))) == k:
+    while left_over() == before:
         time.sleep(0.0005)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
@@ -128,6 +132,6 @@ def kill_writes() -> Callable[[Path, int], None]:
     """Begin to write a file so many times, and kill the process in the middle each time."""
 
     def kill(path: Path, times: int) -> None:
-        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True)
+        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True, timeout=60)
 
     return kill

@@ -1,12 +1,30 @@
 """Figures of merit, on cases whose answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
-from clothlab.analysis import MaterialReadout, best_per_period, nearest_material, principal_axes, spread, success_rate
+from clothlab.analysis import (
+    MaterialReadout,
+    best_per_period,
+    chamfer_against_z,
+    loss_landscape,
+    nearest_material,
+    principal_axes,
+    spread,
+    success_rate,
+    target_distance,
+)
+from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import DAMPINGS, MASSES, Cloth
+from clothlab.dpmpb import DPMPB, Sequences
+from clothlab.estimation import prediction_loss
+from clothlab.vision import chamfer_distance
 
 GRID = {f"{c}-{m}": Cloth(f"{c}-{m}", damping=c, mass=m) for c in DAMPINGS for m in MASSES}
+TWO = {"a": np.array([0.0, 3.0]), "b": np.array([0.0, -3.0])}
 
 
 def biases_from(matrix) -> dict[str, np.ndarray]:
@@ -22,6 +40,13 @@ def test_materials_written_linearly_into_p_are_read_off_exactly():
         assert readout(biases[name]) == pytest.approx((cloth.damping, cloth.mass))
 
 
+@pytest.mark.parametrize("p", [[0.0], [0.0, np.nan], None, "a", [[0.0, 0.0]]])
+def test_what_is_no_p_says_nothing_of_a_material(p):
+    readout = MaterialReadout.fit(biases_from([[1.0, -0.5], [0.3, 2.0]]), GRID)
+    with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
+        readout(p)
+
+
 def test_a_p_that_knows_only_the_ratio_explains_only_the_ratio():
     rng = np.random.default_rng(0)
     biases = {name: np.array([p[0], rng.normal()]) for name, p in biases_from([[1, -1], [0, 0]]).items()}
@@ -31,9 +56,22 @@ def test_a_p_that_knows_only_the_ratio_explains_only_the_ratio():
 
 
 def test_the_spread_is_a_distance_and_the_nearest_is_near():
-    biases = {"a": np.array([0.0, 3.0]), "b": np.array([0.0, -3.0])}
-    assert spread(biases) == pytest.approx(3)
-    assert nearest_material(np.array([5.0, 0.1]), biases) == "a"
+    assert spread(TWO) == pytest.approx(3)
+    assert nearest_material([5.0, 0.1], TWO) == "a"
+    assert nearest_material(np.float32([5.0, -0.1]), TWO) == "b"
+
+
+@pytest.mark.parametrize("p", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [[0.0, 0.0]], None, "a"])
+def test_what_is_no_p_is_near_to_nothing(p):
+    with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
+        nearest_material(p, TWO)
+
+
+@pytest.mark.parametrize("biases", [{}, {"a": [np.nan, 0.0]}, {"a": [0.0, 0.0], "b": [0.0]}])
+@pytest.mark.parametrize("use", [spread, principal_axes, lambda biases: nearest_material([0, 0], biases)])
+def test_trained_p_are_all_of_one_size_and_finite(use, biases):
+    with pytest.raises(ValueError, match=r"trained p is \[K, D_p\] and finite, got"):
+        use(biases)
 
 
 def test_the_first_principal_axis_is_the_longest():
@@ -43,11 +81,67 @@ def test_the_first_principal_axis_is_the_longest():
     assert pca.explained_variance_ratio_.sum() == pytest.approx(1)
 
 
+def test_a_landscape_covers_the_trained_p_and_zero_and_says_where_it_is_lowest(trial):
+    torch.manual_seed(0)
+    model = DPMPB(7, 2).eval().requires_grad_(False)
+    run = Sequences(np.random.default_rng(0).normal(size=(14, 7)), np.zeros((14, 2)), "a")
+    biases = {"a": np.array([1.0, 0.5]), "b": np.array([2.0, -0.5]), "c": np.array([1.5, 1.0])}
+    ground = loss_landscape(model, run, biases, points=7)
+    assert ground.loss.shape == (7, 7)
+    places = ground.axes.transform([*biases.values(), np.zeros(2)])
+    assert ground.x[0] < places[:, 0].min() < places[:, 0].max() < ground.x[-1]
+    assert ground.y[0] < places[:, 1].min() < places[:, 1].max() < ground.y[-1]
+    lowest = torch.as_tensor(ground.lowest, dtype=torch.float32)
+    loss = prediction_loss(model, torch.as_tensor(run.s), torch.as_tensor(run.u), lowest)
+    assert float(loss) == pytest.approx(ground.loss.min(), rel=1e-4)
+    with pytest.raises(ValueError, match=r"points must be at least 2"):
+        loss_landscape(model, run, biases, points=1)
+
+
 def test_the_best_of_each_period_leaves_the_swing_up_and_the_rest_out():
-    distances = np.array([0, 0, 0, 0, 5, 2, 7, 9, 4, 4, 3, 4, -1])  # three whole periods of four
+    distances = [0, 0, 0, 0, 5, 2, 7, 9, 4, 4, 3, 4, -1]  # three whole periods of four
     assert best_per_period(distances, period=4) == pytest.approx([2, 3])
+    assert len(best_per_period(distances[:5], period=4)) == 0
 
 
 def test_success_rises_with_the_threshold():
-    distances = np.array([0.1, 0.5, 0.9, 1.3])
-    assert success_rate(distances, np.array([0.0, 0.5, 1.0, 2.0])) == pytest.approx([0, 0.25, 0.75, 1])
+    assert success_rate([0.1, 0.5, 0.9, 1.3], [0.0, 0.5, 1.0, 2.0]) == pytest.approx([0, 0.25, 0.75, 1])
+
+
+@pytest.mark.parametrize("distances", [[[0.1]], [np.nan], None, "far"])
+def test_distances_are_finite_numbers_in_a_row(distances):
+    for use in (best_per_period, lambda distances: success_rate(distances, [1.0])):
+        with pytest.raises(ValueError, match=r"distances is \[T\] and finite"):
+            use(distances)
+
+
+@pytest.mark.parametrize("period", [0, -4, 2.5, None])
+def test_a_period_has_steps(period):
+    with pytest.raises(ValueError, match=r"period (must be at least 1|is a whole number)"):
+        best_per_period([1.0] * 10, period)
+
+
+def test_distance_to_a_target_is_that_of_their_z(trial):
+    autoencoder = Autoencoder().eval()
+    distances = target_distance(autoencoder, trial, trial.images[0])
+    assert distances.shape == (12,)
+    assert distances[0] == pytest.approx(0, abs=1e-5)
+    z = encode(autoencoder, trial.images)
+    assert distances == pytest.approx(np.linalg.norm(z - z[0], axis=1), abs=1e-5)
+
+
+def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_exists(trial):
+    images = trial.images.copy()
+    images[3] = False
+    log_chamfer, z = chamfer_against_z(Autoencoder().eval(), replace(trial, images=images), images[0])
+    compared = [image for image in images if image.any() and (image != images[0]).any()]
+    assert 0 < len(compared) < 11
+    assert log_chamfer == pytest.approx([np.log(chamfer_distance(image, images[0])) for image in compared])
+    assert len(z) == len(compared)
+
+
+@pytest.mark.parametrize("target", [np.zeros((96, 128)), np.ones((48, 64)), np.full((96, 128), 0.3)])
+def test_a_target_is_a_mask_with_cloth(trial, target):
+    for use in (target_distance, chamfer_against_z):
+        with pytest.raises(ValueError, match=r"cloth image|no cloth"):
+            use(Autoencoder().eval(), trial, target)

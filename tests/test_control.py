@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.arm import TorqueArm
+from clothlab.arm import MuscleArm, TorqueArm
 from clothlab.autoencoder import Autoencoder
 from clothlab.control import (
     ControlPolicy,
@@ -18,10 +18,22 @@ from clothlab.control import (
     shift_left,
     step_sizes,
 )
-from clothlab.dpmpb import DPMPB, FrozenDPMPB
+from clothlab.dpmpb import DPMPB, FrozenDPMPB, to_sequences
+from clothlab.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
 from clothlab.trials import rollout
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])
+
+
+@pytest.fixture
+def controller(square):
+    def make(plans=None, p=(0.0, 0.0), target=square, arm="torque", sizes=(7, 2), **change):
+        torch.manual_seed(0)
+        model = DPMPB(*sizes).eval()
+        settings = replace(ControlSettings(candidates=5, iterations=1), **change)
+        return ControlPolicy(model, Autoencoder().eval(), arm, target, p, settings, plans)
+
+    return make
 
 
 def test_mask_shifts_as_in_the_papers_example():
@@ -82,12 +94,13 @@ def test_a_quadratic_is_descended_to_its_minimum():
     assert (np.diff(trace) <= 0).all()
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     generator = torch.Generator().manual_seed(seed)
     frozen = FrozenDPMPB(model, torch.zeros(2, dtype=torch.float64))
     z_ref, s = (3 * torch.randn(size, generator=generator, dtype=torch.float64) for size in (3, 7))
     start = 2 * torch.randn(8, 2, generator=generator, dtype=torch.float64)  # mostly outside the range
+    given = start.clone()
     u, trace = optimise_commands(
         lambda u: frozen(s, u, memory),
         lambda states: control_loss(states, z_ref, torch.ones(8), slice(0, 0), 0.0),
@@ -100,30 +113,44 @@ def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     assert ((u >= LOWER) & (u <= UPPER)).all()
     assert len(trace) == 4
     assert (np.diff(trace) <= 1e-12).all()
+    assert torch.equal(start, given)
 
 
-@pytest.fixture
-def controller(square):
-    def make(plans=None, **change):
-        torch.manual_seed(0)
-        model = DPMPB(state_size=7, command_size=2).eval()
-        settings = replace(ControlSettings(candidates=5, iterations=1), **change)
-        return ControlPolicy(model, Autoencoder().eval(), TorqueArm(), square, np.zeros(2), settings, plans)
+def test_where_nothing_can_be_gained_nothing_is_done():
+    start = torch.tensor([[0.1, -0.2]])
+    settings = ControlSettings(iterations=2)
+    u, trace = optimise_commands(
+        lambda u: u, lambda s: 0 * s.sum(dim=(1, 2)), start, LOWER, UPPER, torch.ones(2), settings
+    )
+    assert torch.equal(u, start)
+    assert trace.tolist() == [0, 0, 0]
 
-    return make
+
+def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller):
+    policy = controller(iterations=2)
+    first, second = rollout(env, policy, 10), rollout(env, policy, 10)
+    anew = rollout(env, controller(iterations=2), 10)
+    assert np.array_equal(first.commands, second.commands)
+    assert np.array_equal(first.images, second.images)
+    assert np.array_equal(first.commands, anew.commands)
+    assert np.ptp(first.commands, axis=0).max() > 0
+    assert len(policy.trace) == 10
+    assert policy.name == first.policy == "control"
 
 
-def test_the_policy_loop_gives_the_same_trial_twice(env, controller):
-    trials = [rollout(env, controller(), 10) for _ in range(2)]
-    assert np.array_equal(trials[0].commands, trials[1].commands)
-    assert np.array_equal(trials[0].images, trials[1].images)
+def test_estimating_while_controlling_twice_is_the_same(env, controller):
+    inner = controller()
+    estimator = BiasEstimator(inner.model, settings=EstimationSettings(window=5, warmup=1))
+    policy = EstimatingPolicy(inner, estimator, inner.autoencoder)
+    first, second = rollout(env, policy, 6), rollout(env, policy, 6)
+    assert np.array_equal(first.commands, second.commands)
+    assert np.array_equal(inner.p, policy.trace[-1])
+    assert inner.p.any()
 
 
 def test_the_memory_follows_the_observations(env, controller):
     policy = controller()
     trial = rollout(env, policy, 4)
-    from clothlab.dpmpb import to_sequences
-
     run = to_sequences(policy.autoencoder, trial)
     s, u = torch.as_tensor(run.s)[None, :-1], torch.as_tensor(run.u)[None, :-1]
     _, memory = policy.model(s, u, torch.zeros(2))
@@ -140,15 +167,29 @@ def test_coasting_goes_on_with_the_plan(env, controller):
         assert torch.equal(policy._u[0], plan[k])
     assert len(policy.trace) == 1
     policy(observation)  # and a solve goes on from there
+    assert len(policy.trace) == 2
 
 
-def test_p_can_be_changed_while_controlling(env, controller):
+def test_without_a_plan_there_is_nothing_to_coast_on(env, controller):
+    policy = controller()
+    policy.coast(env.observe())
+    assert len(policy.trace) == 1
+
+
+def test_p_and_target_can_be_changed_while_controlling(env, controller, square):
     policy = controller()
     observation, _ = env.reset()
     policy(observation)
-    policy.p = np.array([0.5, -0.5])
+    given = np.array([0.5, -0.5], np.float32)
+    policy.set_bias(given)
+    given[:] = 99
     assert policy.p == pytest.approx([0.5, -0.5])
+    before = policy.z_ref.clone()
+    policy.set_target(np.roll(square, 20, axis=1))
+    assert not torch.equal(policy.z_ref, before)
     policy(observation)
+    policy.reset()
+    assert policy.p == pytest.approx([0.5, -0.5]), "a reset forgets the run, not what was told"
 
 
 def test_a_period_starts_from_the_most_promising_plan(env, controller):
@@ -166,12 +207,18 @@ def test_a_period_starts_from_the_most_promising_plan(env, controller):
 def test_plans_are_stretches_of_recorded_commands(trial):
     plans = recorded_plans([trial], horizon=5, count=20)
     windows = [trial.commands[k : k + 5] for k in range(len(trial) - 4)]
+    assert plans.shape == (20, 5, 2)
     assert all(any(np.array_equal(plan, window) for window in windows) for plan in plans)
+    assert np.array_equal(plans, recorded_plans([trial], horizon=5, count=20))
+    assert not np.array_equal(plans, recorded_plans([trial], horizon=5, count=20, seed=1))
 
 
-def test_plans_of_another_length_are_refused(controller):
-    with pytest.raises(ValueError, match=r"plans are \[N, 8, 2\]"):
-        controller(np.zeros((3, 5, 2)))
+@pytest.mark.parametrize("change", [{"horizon": 13}, {"horizon": 0}, {"horizon": 2.5}, {"count": 0}, {"count": None}])
+def test_plans_that_nobody_recorded_are_refused(trial, change):
+    with pytest.raises(ValueError, match=r"at least as long|horizon|count"):
+        recorded_plans([trial], **change)
+    with pytest.raises(ValueError, match=r"need recorded trials"):
+        recorded_plans([])
 
 
 def test_another_search_may_take_the_place_of_the_descent(env, controller):
@@ -181,12 +228,46 @@ def test_another_search_may_take_the_place_of_the_descent(env, controller):
     assert [len(trace) for trace in policy.trace] == [1, 1, 1]
 
 
-def test_weights_of_another_arm_are_refused(square):
-    model = DPMPB(state_size=15, command_size=3)
-    with pytest.raises(ValueError, match="load the weights of this arm"):
-        ControlPolicy(model, Autoencoder(), TorqueArm(), square, np.zeros(2))
+def test_a_fixed_stiffness_stays_fixed(muscle_env, controller):
+    policy = controller(arm=MuscleArm().with_stiffness(10), sizes=(15, 3))
+    commands = rollout(muscle_env, policy, 3).commands
+    assert (commands[:, 2] == 10.0).all()
+    assert np.ptp(commands[:, :2], axis=0).max() > 0
 
 
-def test_targets_without_cloth_are_refused(controller):
-    with pytest.raises(ValueError, match="no cloth in the image"):
-        ControlPolicy(DPMPB(7, 2), Autoencoder(), TorqueArm(), np.zeros((96, 128)), np.zeros(2))
+def test_a_longer_period_than_horizon_waits_without_harm(env, controller):
+    commands = rollout(env, controller(horizon=2, period=6), 6).commands
+    assert np.isfinite(commands).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"p": np.zeros(3)}, r"p is \[2\] and finite, got the shape \[3\]"),
+        ({"p": [np.nan, 0]}, r"p is \[2\] and finite, got nan"),
+        ({"p": [1e39, 0]}, r"p is \[2\] and finite, got inf"),
+        ({"p": "soft-1"}, r"p is \[2\]"),
+        ({"target": np.zeros((96, 128))}, "no cloth in the image"),
+        ({"target": np.ones((48, 64))}, "cloth images are"),
+        ({"target": np.full((96, 128), 0.3)}, "0 and 1 only"),
+        ({"plans": np.zeros((3, 5, 2))}, r"plans is \[N, 8, 2\] and finite, got the shape \[3, 5, 2\]"),
+        ({"plans": np.full((3, 8, 2), np.nan)}, r"plans is \[N, 8, 2\] and finite, got nan"),
+        ({"sizes": (15, 3)}, "the model has 15 states and 3 commands, the torque arm has 7 and 2; load the weights"),
+        ({"arm": "muscle"}, "the muscle arm has 15 and 3; load the weights of this arm"),
+        ({"arm": TorqueArm(), "sizes": (7, 3)}, "load the weights of this arm"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(controller, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        controller(**wrong)
+
+
+@pytest.mark.parametrize("p", [np.zeros(3), [np.nan, 0], None])
+def test_a_p_that_is_refused_leaves_the_one_in_use(env, controller, p):
+    policy = controller(p=[0.1, 0.2])
+    with pytest.raises(ValueError, match=r"p is \[2\]"):
+        policy.set_bias(p)
+    with pytest.raises(ValueError, match=r"no cloth"):
+        policy.set_target(np.zeros((96, 128)))
+    assert policy.p == pytest.approx([0.1, 0.2])
+    assert np.isfinite(policy(env.observe())).all()

@@ -1,128 +1,253 @@
 """The environment: Gymnasium's own checks, reproducibility, and what it refuses."""
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from clothlab import vision
-from clothlab.arm import ARMS
+from clothlab.arm import ARMS, TorqueArm
 from clothlab.cloth import get_cloth
-from clothlab.env import ClothEnv, _make_renderer
-from clothlab.trials import OperatorPolicy, RandomPolicy, replay, rollout
+from clothlab.env import CONTROL_PERIOD, ClothEnv, Scene, SimulationError, _make_renderer, build_spec
+from clothlab.trials import RandomPolicy
+
+STIFF = replace(get_cloth("damp0.03-mass0.05"), name="stiff", stiffness=1e7, spring_damping=0.0)  # it diverges
+HOME = TorqueArm().home_command
+
+
+@pytest.fixture
+def own() -> ClothEnv:
+    """An environment of the test's own, to change."""
+    env = ClothEnv()
+    yield env
+    env.close()
+
+
+@pytest.fixture
+def quiet_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file where it stands
+
+
+def everything(env: ClothEnv) -> np.ndarray:
+    """All that decides how the physics goes on."""
+    return np.concatenate([env.data.qpos, env.data.qvel, env.data.act, env.data.ctrl, [env.data.time]])
+
+
+def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
+    """All that there is after each step of a random run."""
+    policy = RandomPolicy(env.arm)
+    policy.reset(4)
+    states = []
+    for _ in range(steps):
+        env.advance(policy({}), **options)
+        states.append(everything(env))
+    return np.array(states)
 
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # commands are in the arm's units on purpose
 @pytest.mark.filterwarnings("ignore:.*observation space (min|max)imum value is")  # a velocity has no bound
 @pytest.mark.parametrize("arm", ARMS)
-def test_gymnasium_accepts_it(arm):
-    env = ClothEnv(arm)
-    check_env(env, skip_render_check=True)  # that one only repeats `gymnasium.make`, with names that are not registered
+def test_gymnasium_accepts_it_under_its_registered_name(arm):
+    env = gymnasium.make(f"clothlab.env:clothlab/{arm.title()}-v0", render_mode="rgb_array")
+    check_env(env.unwrapped, skip_render_check=True)
+    assert env.unwrapped.arm.name == arm
+    env.reset()
+    observation, reward, terminated, truncated, info = env.step(env.unwrapped.arm.home_command)
+    assert observation in env.observation_space
+    assert (reward, terminated, truncated, info) == (0.0, False, False, {})
+    assert env.render().shape == (480, 640, 3)
     env.close()
 
 
-def test_pictures_for_people(env):
-    env.reset()
-    picture = env.render()
-    assert picture.shape == (480, 640, 3)
+def test_pictures_for_people_have_the_size_of_the_scene():
+    env = ClothEnv(scene=Scene(picture_size=(720, 960)))
+    picture = env.picture()
+    assert picture.shape == (720, 960, 3)
     assert picture.dtype == np.uint8
     assert picture.std() > 10
-    assert ClothEnv(render_mode=None).render() is None
+    assert env.render() is None  # for it was not asked for
+    env.close()
 
 
-def test_another_cloth_in_the_hand_is_like_a_new_scene(env):
-    env.reset()
-    env.render()
-    for cloth in (get_cloth("damp0.03-mass0.15"), replace(env.cloth, rows=8, length=0.4)):
-        env.hold(cloth)
-        fresh = ClothEnv(env.arm, cloth)
-        held, anew = (rollout(each, RandomPolicy(env.arm, seed=1), 5, seed=1) for each in (env, fresh))
-        assert np.array_equal(held.images, anew.images)
-        assert np.array_equal(held.robot, anew.robot)
-        assert np.array_equal(env.render(), fresh.render())
+@pytest.mark.parametrize("size", [(720, 1280), (0, 10), (10, -1), (10_000, 10)])
+def test_a_picture_larger_than_its_room_is_refused_and_the_room_is_named(env, size):
+    with pytest.raises(ValueError, match=r"Scene\(picture_size=...\) made room for 640×480 pixels, got"):
+        env.camera_picture(*size)
+
+
+def test_another_cloth_in_the_hand_is_like_a_new_scene(own):
+    own.picture()
+    for cloth in (get_cloth("damp0.03-mass0.15"), replace(own.cloth, rows=8, length=0.4)):
+        own.hold(cloth)
+        fresh = ClothEnv(own.arm, cloth)
+        assert np.array_equal(run(own, 5), run(fresh, 5))
+        assert np.array_equal(own.camera_picture(), fresh.camera_picture())
         fresh.close()
 
 
-def test_threads_may_take_turns_at_drawing(env):
-    env.reset()
+@pytest.mark.usefixtures("quiet_log")
+@pytest.mark.parametrize("cloth", [STIFF, "felt", None, replace(STIFF, stiffness=1e300)], ids=str)
+def test_a_cloth_that_is_refused_changes_nothing(own, cloth):
+    own.advance(HOME)
+    before, model, data, state = own.cloth, own.model, own.data, everything(own)
+    with pytest.raises((SimulationError, KeyError, ValueError)):
+        own.hold(cloth)
+    assert own.cloth is before
+    assert own.model is model
+    assert own.data is data
+    assert np.array_equal(everything(own), state)
+    assert own.step(HOME)[0]["image"].any()
+
+
+@pytest.mark.usefixtures("quiet_log")
+def test_a_diverging_simulation_raises_and_names_what_would_help():
+    with pytest.raises(SimulationError, match=r"cloth \(0.03, 0.05\) diverged; use a smaller time_step than 0.002 s"):
+        ClothEnv("torque", STIFF)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 5, 7, 100])
+def test_watching_changes_nothing(env, samples):
+    unwatched = run(env, 4)
+    env.start()
+    seen = []
+    watched = run(env, 4, watch=lambda: seen.append(env.data.time), samples=samples)
+    assert np.array_equal(watched, unwatched)
+    assert len(seen) == 4 * samples
+    assert seen[samples - 1 :: samples] == pytest.approx(CONTROL_PERIOD * np.arange(1, 5))
+    assert np.diff(seen) == pytest.approx(CONTROL_PERIOD / samples, abs=env.scene.time_step)
+
+
+def test_what_is_watched_is_up_to_date(env):
+    hands, pictures = [], []
+
+    def look():
+        forward, up = env.arm.hand(env.arm.angles(env.data))
+        hands.append(env.data.site("hand").xpos - [forward, 0, 1 + up])
+        pictures.append(env.camera_picture())
+        mujoco.mj_forward(env.model, env.data)  # all that there is to bring up to date
+        assert np.array_equal(pictures[-1], env.camera_picture())
+
+    env.advance([-0.5, -1.0], look, 2)
+    assert np.abs(hands).max() < 1e-9
+    assert np.array_equal(pictures[-1], env.camera_picture())
+    assert not np.array_equal(*pictures)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 101, 2.5, None, np.nan])
+def test_more_looks_than_time_steps_are_refused(env, samples):
+    before = everything(env)
+    with pytest.raises(ValueError, match=r"samples (must be at|is a whole number)"):
+        env.advance(HOME, lambda: None, samples)
+    assert np.array_equal(everything(env), before)
+
+
+def test_threads_may_take_turns_at_drawing(own):
     with ThreadPoolExecutor(1) as another:
         for _ in range(2):
-            here = [env.camera_picture(), env.render()]
-            there = another.submit(lambda: [env.camera_picture(), env.render()]).result()
+            here = [own.camera_picture(), own.picture()]
+            there = another.submit(lambda: [own.camera_picture(), own.picture()]).result()
             assert all(map(np.array_equal, here, there))
-        env.render()
-        another.submit(env.close).result()
+        another.submit(own.close).result()
+
+
+def test_it_can_be_closed_twice_and_draws_again_afterwards(own):
+    picture = own.camera_picture()
+    own.close()
+    own.close()
+    assert np.array_equal(own.camera_picture(), picture)
 
 
 @pytest.mark.parametrize("arm", ARMS)
-@pytest.mark.parametrize("policy", [RandomPolicy, OperatorPolicy])
-def test_same_seed_same_trial_bit_for_bit(arm, policy):
-    trials = []
-    for _ in range(2):
+def test_the_same_seed_gives_the_same_start_bit_for_bit(arm):
+    starts = []
+    for seed in (3, 3, 4):
         env = ClothEnv(arm)
-        trials.append(rollout(env, policy(env.arm, seed=3), 20, seed=3, random_start=True))
-        env.close()
-    for name in ("images", "robot", "commands"):
-        assert np.array_equal(getattr(trials[0], name), getattr(trials[1], name))
+        env.start(seed=seed, random_start=True)
+        starts.append(everything(env))
+    assert np.array_equal(starts[0], starts[1])
+    assert not np.allclose(starts[0], starts[2])
 
 
-def test_another_seed_starts_elsewhere(env):
-    starts = [env.reset(seed=seed, options={"random_start": True})[0]["robot"] for seed in (0, 1)]
-    assert not np.allclose(*starts)
+def test_a_start_from_home_needs_no_luck(env):
+    first = everything(env)
+    run(env, 2)
+    env.start(seed=7)
+    assert np.array_equal(everything(env), first)
+    assert env.data.time == 0
+    assert np.abs(env.data.qvel).max() < 1e-3
 
 
-@pytest.mark.parametrize("policy", [RandomPolicy, OperatorPolicy])
-def test_policies_stay_in_range(env, policy):
-    chosen = policy(env.arm, seed=0)
-    commands = np.array([chosen({}) for _ in range(500)])
-    assert (commands >= env.arm.command_lower).all()
-    assert (commands <= env.arm.command_upper).all()
+def test_a_period_lasts_a_fifth_of_a_second(env):
+    env.advance(HOME)
+    assert env.data.time == pytest.approx(CONTROL_PERIOD)
 
 
 @pytest.mark.parametrize(
     ("u", "message"),
     [
-        ([0.0], r"shape \(2,\), got \(1,\)"),
-        ([0.0, np.nan], "must be finite"),
+        ([0.0], r"is \[2\] and finite, got the shape \[1\]"),
+        ([0.0, np.nan], "finite, got nan"),
         ([3.0, 0.0], "outside the torque arm's range"),
+        (None, r"is \[2\]"),
+        ("left", r"is \[2\]"),
     ],
 )
-def test_bad_commands_are_refused(env, u, message):
-    env.reset()
-    before = env.data.time
+def test_a_command_that_is_refused_changes_nothing(env, u, message):
+    before = everything(env)
     with pytest.raises(ValueError, match=message):
-        env.step(np.array(u))
-    assert env.data.time == before
+        env.step(u)
+    assert np.array_equal(everything(env), before)
 
 
-def test_reward_is_minus_the_chamfer_distance(square):
+def test_reward_is_minus_the_chamfer_distance_and_hiding_the_cloth_is_worst(square, monkeypatch):
     env = ClothEnv(target=square)
-    env.reset()
+    env.start()
     observation, reward, *_ = env.step(env.arm.home_command)
     assert reward == pytest.approx(-vision.chamfer_distance(observation["image"], square))
+    corner, opposite = np.zeros((2, 96, 128), bool)
+    corner[0, 0] = opposite[-1, -1] = True
+    monkeypatch.setattr(vision, "cloth_mask", lambda _: np.zeros((96, 128), bool))
+    _, hidden, *_ = env.step(env.arm.home_command)
+    assert hidden < -vision.chamfer_distance(corner, opposite) < reward < 0
     env.close()
 
 
-def test_unknown_names_list_the_choices():
-    with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque"):
+def test_what_it_does_not_know_is_refused_with_the_choices(env):
+    with pytest.raises(KeyError, match=r"unknown arm 'octopus'; choose from torque"):
         ClothEnv("octopus")
-    with pytest.raises(KeyError, match="unknown cloth 'felt'; choose from"):
+    with pytest.raises(KeyError, match=r"unknown cloth 'felt'; choose from"):
         ClothEnv(cloth="felt")
-    with pytest.raises(ValueError, match="choose from None, rgb_array"):
+    with pytest.raises(ValueError, match=r"choose from None, rgb_array"):
         ClothEnv(render_mode="human")
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'random_stat'"):
+        env.reset(options={"random_stat": True})
 
 
-@pytest.mark.parametrize("first", ["import mujoco", "import clothlab"])
-def test_it_draws_in_whatever_order_it_is_imported(first):
-    environment = {name: value for name, value in os.environ.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
-    code = f"{first}; from clothlab.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
-    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "True"
+@pytest.mark.parametrize("wrong", [np.zeros((96, 128)), np.ones((48, 64)), np.full((96, 128), 255), "target-1"])
+def test_a_target_is_a_mask_with_cloth_in_it(wrong):
+    with pytest.raises(ValueError, match=r"cloth image|no cloth"):
+        ClothEnv(target=wrong)
+
+
+@pytest.mark.parametrize("time_step", [0.003, 0.0007, 0.15, 0.3])
+def test_a_time_step_fills_the_control_period(time_step):
+    with pytest.raises(ValueError, match=r"Scene.time_step must divide the control period of 0.2 s"):
+        Scene(time_step=time_step)
+
+
+@pytest.mark.parametrize("time_step", [0.002, 0.0005, 0.001, 0.2])
+def test_a_period_has_a_whole_number_of_time_steps(time_step):
+    assert Scene(time_step=time_step).substeps * time_step == pytest.approx(CONTROL_PERIOD, abs=1e-12)
+
+
+def test_a_scene_can_be_read_as_mjcf():
+    xml = build_spec(TorqueArm(), get_cloth("soft-1"), Scene(picture_size=(720, 960))).to_xml()
+    assert "cloth_5_2" in xml
+    assert 'offwidth="960"' in xml
 
 
 def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
@@ -130,24 +255,5 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
         raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
 
     monkeypatch.setattr("mujoco.Renderer", no_display)
-    with pytest.raises(RuntimeError, match="apt-get install libegl1"):
+    with pytest.raises(RuntimeError, match=r"apt-get install libegl1"):
         _make_renderer(env.model, 96, 128)
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_a_replay_repeats_the_recorded_run(arm):
-    env = ClothEnv(arm)
-    trial = rollout(env, RandomPolicy(env.arm, seed=2), 8)
-    env.close()
-    motion = replay(trial)
-    assert len(motion.time) == 8 * 50
-    if arm == "torque":
-        assert motion.theta[49::50][:-1] == pytest.approx(trial.robot[1:, :2], abs=1e-6)
-    moved = np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()
-    assert np.trapezoid(motion.hand_speed, motion.time) == pytest.approx(moved, rel=0.01)
-
-
-def test_a_replay_that_starts_elsewhere_is_refused(env):
-    trial = rollout(env, RandomPolicy(env.arm, seed=2), 5, random_start=True)
-    with pytest.raises(ValueError, match="started elsewhere"):
-        replay(trial)

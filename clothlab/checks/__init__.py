@@ -12,7 +12,7 @@ from clothlab.checks.control import alternate, my_mask, random_shooting, steps_a
 from clothlab.checks.estimate_and_control import averaged, half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
-from clothlab.checks.parametric_bias import chance, gain_of_dimension, shares_by_hand, terminal_speed
+from clothlab.checks.parametric_bias import chance, gain_of_dimension, matching_drag, shares_by_hand
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
@@ -45,6 +45,7 @@ __all__ = [
     "length_for_measured_tension",
     "linear_reconstruction",
     "lstm_weights",
+    "matching_drag",
     "momentum_step",
     "my_mask",
     "nearest_phase",
@@ -59,7 +60,6 @@ __all__ = [
     "steps_until_right",
     "stretch_by_bisection",
     "take_turns",
-    "terminal_speed",
     "time_to_reach",
     "touching",
     "transitions",

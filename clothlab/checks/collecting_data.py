@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.arm import get_arm
-from clothlab.checks._check import check
+from clothlab.checks._check import array, arrays, check, expect, policy
 from clothlab.cloth import get_cloth
 from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH
@@ -13,47 +13,74 @@ from clothlab.vision import HEIGHT, WIDTH
 __all__ = ["take_turns", "transitions", "wave"]
 
 
-@check
+_STATES, _COMMANDS = array("the states", None, 4), array("the commands between them", None, 2)
+
+
+@check(arrays("three arrays: before, commands, after", _STATES, _COMMANDS, _STATES))
 def transitions(answer: Callable) -> None:
     """A made-up trial of six steps, no two of whose numbers are equal."""
     images, robot = np.zeros((6, HEIGHT, WIDTH), bool), np.arange(24.0).reshape(6, 4)
     trial = Trial(images, robot, 100 + np.arange(12.0).reshape(6, 2), get_cloth("soft-1"), "torque", "made up", seed=0)
     found = answer(trial)
-    assert isinstance(found, tuple), "return a tuple of three arrays: before, commands, after"
     lengths = [len(array) for array in found]
     expected = len(trial) - 1
     assert lengths == [expected] * 3, f"{expected} steps have an after, your arrays have {lengths} rows"
     before, commands, after = found
+    swapped = np.array_equal(after, trial.robot[:-1]) and np.array_equal(before, trial.robot[1:])
+    assert not swapped, "before and after have changed places"
     assert np.array_equal(before, trial.robot[:-1]), "the last state has no after, so it is not a before"
     assert np.array_equal(after, trial.robot[1:]), "after is one step later than before"
     assert np.array_equal(commands, trial.commands[:-1]), "commands[t] acts between states t and t + 1"
 
 
-@check
+@check(policy(2))
 def wave(answer: Callable) -> None:
-    """Two periods of eight steps."""
+    """Two periods of eight steps, then two of twelve of another policy."""
     arm = get_arm("torque")
-    policy = answer(arm, 8)
-    assert callable(policy), "return a function (or an object that can be called) of one argument, the observation"
-    u = np.array([policy({}) for _ in range(16)])
-    assert u.shape == (16, 2), f"a command has shape (2,), yours {u.shape[1:]}"
-    middle = (arm.command_lower + arm.command_upper) / 2
-    assert np.allclose(u[0], middle), f"the first command is the middle of the range, {middle}, not {u[0]}"
-    assert (u[1] > u[0]).all(), "the wave rises first"
-    assert np.allclose(u[:8], u[8:]), "after `period` calls the wave starts again"
-    assert np.allclose(u.max(axis=0), arm.command_upper), f"the wave reaches {arm.command_upper}, not {u.max(axis=0)}"
-    assert np.allclose(u.min(axis=0), arm.command_lower), f"the wave reaches {arm.command_lower}, not {u.min(axis=0)}"
+    for period, one in [(period, answer(arm, period)) for period in (8, 12)]:
+        u = np.array([one({}) for _ in range(2 * period)])
+        _expect_wave(u, period, arm.command_lower, arm.command_upper)
 
 
-@check
+def _expect_wave(u: np.ndarray, period: int, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Two periods of commands `[2 period, 2]` between the limits `[2]`."""
+    middle, half = (lower + upper) / 2, (upper - lower) / 2
+    told = f"the first command is the middle of the range, {middle}, not {u[0]}"
+    if period == 12 and np.isclose(u, middle).all(axis=1).any():
+        told += ": each policy counts its own steps"
+    expect(u[0], middle, told)
+    told = "first of all, the angles of the command grow (which lowers the arm: they are positive downwards)"
+    assert (u[1] > u[0]).all(), told + ("; yours become smaller" if (u[1] < u[0]).all() else ", both of them")
+    again = f"with period={period}, the wave starts again after {period} calls"
+    expect(u[period:], u[:period], again)
+    assert not np.allclose(u[: period // 2], u[period // 2 : period]), again + ", yours sooner"
+    expect(u.max(axis=0), upper, f"the wave reaches {upper}, not {u.max(axis=0).round(3)}")
+    expect(u.min(axis=0), lower, f"the wave reaches {lower}, not {u.min(axis=0).round(3)}")
+    phase = 2 * np.pi * np.arange(2 * period)[:, None] / period
+    expect(u, middle + half * np.sin(phase), "limits and period are right, but between them it is not a sine")
+
+
+@check(policy(2))
 def take_turns(answer: Callable) -> None:
-    """Two policies that note when they are asked, and whose commands tell what they were asked."""
-    asked = []
-    policies = [lambda observation, k=k: asked.append(k) or np.full(2, 10.0 * k + observation) for k in (0, 1)]
-    policy = answer(*policies, every=3)
-    assert callable(policy), "return a function (or an object that can be called) of one argument, the observation"
-    commands = [policy(float(t)) for t in range(8)]
-    turns = [0, 0, 0, 1, 1, 1, 0, 0]
-    assert asked == turns, f"with every=3, eight steps ask {turns}, yours asked {asked}"
-    expected = [10.0 * k + t for t, k in enumerate(turns)]
-    assert np.allclose([u[0] for u in commands], expected), "pass the observation on and return the policy's command"
+    """Turns of three steps, then of two."""
+    for every, turns in ((3, [0, 0, 0, 1, 1, 1, 0, 0]), (2, [0, 0, 1, 1, 0, 0, 1, 1])):
+        asked: list[int] = []
+        turn = answer(_Noting(0, asked), _Noting(1, asked), every=every)
+        assert not asked, "no policy may be asked before there is an observation"
+        commands = [turn(float(t)) for t in range(8)]
+        assert len(asked) <= 8, f"one policy is asked in each step, the one whose turn it is; yours asks {asked}"
+        assert asked != [1 - k for k in turns], "`first` comes first"
+        assert asked == turns, f"with every={every}, eight steps ask {turns}, yours asked {asked}"
+        expected = [[10.0 * k + t, k] for t, k in enumerate(turns)]
+        expect(commands, expected, "pass the observation on and return the policy's command as it is")
+
+
+class _Noting:
+    """A policy that notes when it is asked, and whose commands tell what it was asked."""
+
+    def __init__(self, number: int, asked: list[int]):
+        self.number, self.asked = number, asked
+
+    def __call__(self, observation: float) -> np.ndarray:
+        self.asked.append(self.number)
+        return np.array([10.0 * self.number + observation, self.number])

@@ -3,59 +3,85 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 
-from clothlab.checks._check import check
+from clothlab.checks._check import CheckFailed, array, check, expect, policy
 from clothlab.control import ControlSettings, period_mask
 
 __all__ = ["alternate", "my_mask", "random_shooting", "steps_along"]
 
 
-@check
+@check(array("a list of 0 and 1", None))
 def my_mask(answer: Callable) -> None:
     """The paper's example, then any horizon and period."""
     for t, wanted in ((2, [0, 1, 0, 0]), (3, [1, 0, 0, 0]), (4, [0, 0, 0, 1])):
         found = answer(t, 4, 4)
-        assert found is not None, "my_mask returned None"
-        assert list(found) == wanted, f"for t = {t} the paper's example has {wanted}, got {list(found)}"
-    for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8)):
-        wanted = list(period_mask(t, ControlSettings(horizon=horizon, period=period)).astype(int))
-        assert list(answer(t, horizon, period)) == wanted, f"wrong for t = {t}, horizon = {horizon}, period = {period}"
+        assert len(found) == 4, f"one number for each of the 4 predicted steps, not {len(found)}"
+        now = np.roll(wanted, 1).tolist()
+        told = f"for t = {t} the paper's example has {wanted}, got {_integers(found)}"
+        expect(found, wanted, told, {told + "; the first number is that of step t + 1, not of step t": now})
+    for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8), (21, 8, 8)):
+        found, case = answer(t, horizon, period), f"t = {t}, horizon = {horizon}, period = {period}"
+        assert len(found) == horizon, f"{case}: one number for each of the {horizon} predicted steps, not {len(found)}"
+        wanted = period_mask(t, ControlSettings(horizon=horizon, period=period)).tolist()
+        told = f"{case}: 1 is where the step is a multiple of {period}; got {_integers(found)}"
+        expect(found, wanted, told)
 
 
-@check
+def _integers(found: np.ndarray) -> list[float]:
+    return [int(value) if value == int(value) else value for value in found.tolist()]
+
+
+@check(array("one sequence of commands for each γ", None, 8, 2))
 def steps_along(answer: Callable) -> None:
     """Shape, length, direction, range."""
     rng = np.random.default_rng(0)
-    u, g, gammas = rng.uniform(-0.5, 0.5, (8, 2)), rng.normal(size=(8, 2)), np.array([0.0, 0.01, 0.1])
-    found = answer(u, g, gammas, -1.0, 1.0)
-    assert found is not None, "steps_along returned None"
-    message = f"one sequence of commands for each γ: shape (3, 8, 2), got {np.shape(found)}"
-    assert np.shape(found) == (3, 8, 2), message
-    longer = answer(u, 5 * g, gammas, -1.0, 1.0)
-    assert np.allclose(found, longer), "the length of g must not matter, only its direction"
+    u, g, gammas = rng.uniform(-0.2, 0.2, (8, 2)), rng.normal(size=(8, 2)), np.array([0.0, 0.01, 0.1])
+    lower, upper = np.array([-1.0, -0.4]), np.array([0.5, 0.6])
+
+    def step(g: np.ndarray, gammas: np.ndarray) -> np.ndarray:
+        return answer(u.copy(), g.copy(), gammas.copy(), lower, upper)
+
+    found, way = step(g, gammas), gammas[:, None, None]
+    assert len(found) == 3, f"one sequence of commands for each γ: three, not {len(found)}"
+    assert not np.allclose(found, u + way * g / np.linalg.norm(g)), "the step goes uphill"
     moved = np.linalg.norm(found - u, axis=(1, 2))
-    assert np.allclose(moved, gammas), f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
-    assert np.sum((found[2] - u) * g) < 0, "the step goes uphill"
-    far = answer(u, g, np.array([100.0]), -1.0, 1.0)
-    assert np.abs(far).max() <= 1, "a command left its range: use numpy.clip"
+    assert not np.allclose(moved, gammas * np.linalg.norm(g)), "the length of g must not matter, only its direction"
+    told = f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
+    assert np.allclose(moved, gammas, atol=1e-6), told
+    truth = u - way * g / np.linalg.norm(g)
+    expect(found, truth, "the steps have the right lengths, but another direction than straight down along g")
+    expect(step(5 * g, gammas), truth, "the length of g must not matter, only its direction")
+    far, clipped = step(g, np.array([3.0]))[0], np.clip(u - 3 * g / np.linalg.norm(g), lower, upper)
+    outside = "a command left its range: use numpy.clip, with the lower and the upper that you are given"
+    assert np.all((far >= lower - 1e-6) & (far <= upper + 1e-6)), outside
+    expect(far, clipped, "only the commands that leave their range are changed: use numpy.clip")
+
+
+_REFERENCES = dict(zip("abc", torch.eye(3), strict=True))
 
 
 class _Recorder:
-    """Stands in for a controller: returns the reference it was given."""
+    """Stands in for a controller: its commands tell which of three references it was given, and what it observed."""
 
     z_ref = None
 
-    def __call__(self, observation: None) -> str | None:
-        return self.z_ref
+    def __call__(self, observation: float) -> list[float]:
+        given = [k for k, z in enumerate(_REFERENCES.values()) if np.array_equal(np.asarray(self.z_ref), z)]
+        return [given[0] if given else -1, observation]
 
 
-@check
+@check(policy(2))
 def alternate(answer: Callable) -> None:
-    """Seven solves of a period of three with two references."""
-    policy = answer(_Recorder(), ["a", "b"], period=3)
-    assert callable(policy), "alternate must return a policy, a function of the observation"
-    found = "".join(str(policy(None)) for _ in range(7))
-    assert found == "aaabbba", f"with a period of 3 the references are a a a b b b a, got {' '.join(found)}"
+    """Seven solves of a period of three with two references, then of a period of one with three."""
+    for names, period, wanted in (("ab", 3, "aaabbba"), ("abc", 1, "abcabca")):
+        solve = answer(_Recorder(), [_REFERENCES[name].clone() for name in names], period=period)
+        commands = np.array([solve(float(t)) for t in range(7)])
+        found = "".join("abc?"[int(command)] for command in commands[:, 0])
+        told = f"with a period of {period} the references are {' '.join(wanted)}, got {' '.join(found)}"
+        told += "; set z_ref before the policy is asked" if found == "?" + wanted[:-1] else ""
+        assert found == wanted, told
+        assert np.array_equal(commands[:, 1], range(7)), "pass the observation on to the policy"
 
 
 class _Bowl:
@@ -65,13 +91,14 @@ class _Bowl:
         self.bottom, self.asked, self.calls = bottom, np.empty((0, 4, 2)), 0
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
-        message = f"predict_loss takes a batch of sequences, here of shape (…, 4, 2); yours has {np.shape(u)}"
-        assert np.shape(u)[1:] == (4, 2), message
+        u = np.asarray(u, dtype=float)
+        if u.ndim != 3 or u.shape[1:] != (4, 2):
+            raise CheckFailed(f"predict_loss takes a batch of sequences, here of shape (…, 4, 2); yours has {u.shape}")
         self.asked, self.calls = np.concatenate([self.asked, u]), self.calls + 1
         return np.square(u - self.bottom).sum(axis=(1, 2))
 
 
-@check
+@check(array("the best sequence of commands", 4, 2))
 def random_shooting(answer: Callable) -> None:
     """What is tried: how many, from where, the start; what is returned: the best of it."""
     lower, upper, start, count = np.array([-1.0, -0.2]), np.array([0.5, 0.3]), np.full((4, 2), -0.1), 200
@@ -81,26 +108,39 @@ def random_shooting(answer: Callable) -> None:
         return answer(bowl, start.copy(), lower, upper, np.random.default_rng(seed), count), bowl
 
     found, bowl = shoot(upper + 0.2)
-    assert found is not None, "random_shooting returned None"
-    assert np.shape(found) != (), "return the commands, not their loss"
-    assert np.shape(found) == (4, 2), f"return one sequence, of the start's shape (4, 2); yours has {np.shape(found)}"
     asked = bowl.asked
     tried = f"of {count} sequences, the start among them, predict_loss was asked about {len(asked)}"
     assert len(asked) == count, tried
     assert bowl.calls < 10, f"ask about all sequences at once: {bowl.calls} calls take far longer than one"
-    outside = "a command left its range: each of the two has its own lower and upper"
-    assert np.all((asked >= lower) & (asked <= upper)), outside
     is_start = np.isclose(asked, start).all(axis=(1, 2))
     assert is_start.any(), "the start is a sequence to try, too: without it, the answer can be worse than the start"
-    drawn = asked[~is_start]
-    reach = np.ptp(drawn, axis=(0, 1)) / (upper - lower)
-    assert reach.min() > 0.9, f"draw from the whole range; yours fills {reach.min():.0%} of it"
-    assert np.ptp(drawn, axis=1).min() > 0, "each step gets a command of its own: yours repeat one"
+    _expect_uniform(asked[~is_start], lower, upper)
     losses = bowl(asked)
-    assert not np.allclose(found, asked[losses.argmax()]), "that is the sequence with the largest loss"
-    assert not np.allclose(found, asked[-1]), "that is the last sequence tried, not the best"
-    assert np.allclose(found, asked[losses.argmin()]), "among the sequences tried, another one has a lower loss"
-    assert np.allclose(shoot(start)[0], start), "where nothing is better than the start, return the start"
+    slips = {
+        "that is the sequence with the largest loss": asked[losses.argmax()],
+        "that is the start; others were better": start,
+        "that is the last sequence tried, not the best": asked[-1],
+        "that is the first sequence tried, not the best": asked[0],
+    }
+    expect(found, asked[losses.argmin()], "among the sequences tried, another one has a lower loss", slips)
+    expect(shoot(start)[0], start, "where nothing is better than the start, return the start")
     again, other = shoot(upper + 0.2)[1].asked, shoot(upper + 0.2, seed=1)[1].asked
     assert np.array_equal(asked, again), "the same rng must draw the same sequences: use it, and no other"
     assert not np.array_equal(asked, other), "another rng must draw other sequences: use the one that is handed over"
+
+
+def _expect_uniform(drawn: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Sequences `[N, 4, 2]`, each command of which is drawn from its whole range, for itself."""
+    outside = "a command left its range: each of the two has its own lower and upper"
+    assert np.all((drawn >= lower) & (drawn <= upper)), outside
+    assert len(drawn) > 1, "draw the others at random: yours are all the start"
+    assert np.ptp(drawn, axis=0).min() > 0, "each sequence gets commands of its own: yours repeat some"
+    reach = np.ptp(drawn, axis=(0, 1)) / (upper - lower)
+    assert reach.min() > 0.9, f"draw from the whole range; yours fills {reach.min():.0%} of it"
+    share = (drawn - lower) / (upper - lower)
+    inner = ((share > 0.25) & (share < 0.75)).mean(axis=(0, 1))
+    told = "half of all commands lie in the middle half of their range, yours {:.0%}: draw uniformly, without a peak"
+    assert np.all(abs(inner - 0.5) < 0.1), told.format(inner[abs(inner - 0.5).argmax()])
+    assert np.ptp(drawn, axis=1).min() > 0, "each step gets a command of its own: yours repeat one"
+    joints = np.corrcoef(share[..., 0].ravel(), share[..., 1].ravel())[0, 1]
+    assert abs(joints) < 0.3, "each of the two commands is drawn for itself: yours move together"

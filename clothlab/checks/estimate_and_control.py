@@ -5,43 +5,97 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.arm import get_arm
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, expect, number, policy
 
 __all__ = ["averaged", "half_time", "shaken"]
 
 
-@check
+@check(number("a time in seconds, or None", none=True))
 def half_time(answer: Callable) -> None:
-    """A straight way from a distance of 4 to 0 in steps of 1."""
-    way = np.array([[4.0, 0], [3, 0], [2, 0], [1, 0], [0, 0]])
-    found = answer(way, np.zeros(2))
+    """A path towards a goal that is not at 0, and away from it again."""
+    goal, away = np.array([30.0, -20.0]), np.array([3.0, 4.0])  # of length 5
+    way = goal + np.outer([4, 5, 2, 1, 3, 0], away)
+    found = answer(way, goal.copy())
     assert found is not None, "half_time returned None on a path that reaches its goal"
-    assert not np.isclose(found, 3), "3 is the number of steps: a step is 0.2 s"
-    assert not np.isclose(found, 0.4), "after two steps the distance is exactly half, not below"
-    assert np.isclose(found, 0.6), f"the path is below half after 3 steps, 0.6 s; got {found}"
-    assert answer(way[:3], np.zeros(2)) is None, "a path that never gets below half must give None"
+    slips = {
+        "3 is the number of steps: a step is 0.2 s": 3,
+        "after two steps the distance is just half of the first one, not below it": 0.4,
+        "that is when the distance stays below half; asked is when it is first below": 1.0,
+        "the first value is that at 0 s": 0.8,
+    }
+    expect(found, 0.6, f"the distance is first below half after 3 steps, 0.6 s; got {found:g}", slips)
+    assert answer(way[:3], goal.copy()) is None, "a path that never gets below half must give None"
 
 
-@check
+@check(array("the mean over time", 2))
 def averaged(answer: Callable) -> None:
-    """A ramp, whose averages are known."""
-    ramp = np.arange(10.0)[:, None] * [1, -2]
-    found = answer(ramp, 4)
-    assert found is not None, "averaged returned None"
-    assert np.shape(found) == (2,), f"the mean over time has shape (2,), got {np.shape(found)}"
-    assert np.allclose(found, [7.5, -15]), f"the last four of 0 … 9 have the mean 7.5, got {found[0]}"
-    assert np.allclose(answer(ramp, 50), ramp.mean(axis=0)), "with fewer than n estimates, take them all"
+    """A ramp, whose averages are known, with more, as many and fewer estimates than are asked for."""
+    ramp = np.arange(10.0)[:, None] ** 2 * [1, -2]
+    found, mean = answer(ramp, 4), ramp[-4:].mean(axis=0)
+    told = f"the last four of 0, 1, 4, … 81 have the mean {mean[0]:g}, got {found[0]:g}"
+    slips = {
+        told + ": these are the first four": ramp[:4].mean(axis=0),
+        told + ": these are all but the last four": ramp[:-4].mean(axis=0),
+        told + ": these are all but the first four": ramp[4:].mean(axis=0),
+        told + ": the last one belongs to them": ramp[-5:-1].mean(axis=0),
+        told + ": that is their sum": ramp[-4:].sum(axis=0),
+        told + ": that is the median": np.median(ramp[-4:], axis=0),
+        told + ": that is the last one alone": ramp[-1],
+        told + ": that is all of them": ramp.mean(axis=0),
+    }
+    expect(found, mean, told, slips)
+    expect(answer(ramp, 10), ramp.mean(axis=0), "with just n estimates, take them all")
+    for n in (12, 50):
+        told = f"of ten estimates, n = {n} takes them all: divide by their number"
+        expect(answer(ramp, n), ramp.mean(axis=0), told)
+    expect(answer(ramp, 1), ramp[-1], "with n = 1, the last estimate alone")
 
 
-@check
+@check(policy(2))
 def shaken(answer: Callable) -> None:
-    """Spread, mean and range of the noise on constant commands."""
-    arm, quiet = get_arm("torque"), np.array([0.1, -0.8])
-    policy = answer(lambda observation: quiet, arm, 0.1, np.random.default_rng(1))
-    assert callable(policy), "shaken must return a policy, a function of the observation"
-    sent = np.array([policy(None) for _ in range(2000)])
-    assert sent.std(axis=0).min() > 1e-9, "the commands are not disturbed at all, or always in the same way"
-    assert np.allclose(sent.std(axis=0), 0.1, rtol=0.1), f"the noise has {sent.std(axis=0).round(3)} rad, not 0.1 rad"
-    assert np.allclose(sent.mean(axis=0), quiet, atol=0.02), "the noise must have the mean 0"
-    edge = answer(lambda observation: arm.command_upper, arm, 1.0, np.random.default_rng(1))
-    assert all((edge(None) <= arm.command_upper).all() for _ in range(50)), "a command left its range: use numpy.clip"
+    """Shape, spread, mean and source of the noise on constant commands, and its range."""
+    arm, quiet, sigma = get_arm("torque"), np.array([0.1, -0.8]), 0.05
+    asked = []
+
+    def send(seed: int, steps: int) -> np.ndarray:
+        command = quiet.copy()
+
+        def other(observation: int) -> np.ndarray:
+            asked.append(observation)
+            return command
+
+        policy = answer(other, arm, sigma, np.random.default_rng(seed))
+        sent = np.array([policy(t) for t in range(steps)])
+        told = "your policy changes the command of the other one in place, as `u += …` does: noise adds up; use a copy"
+        assert np.array_equal(command, quiet), told
+        return sent
+
+    _expect_noise(send(1, 2000) - quiet, sigma)
+    assert asked == list(range(2000)), "ask the policy once in each step, and pass the observation on"
+    one, again, other = (send(seed, 5) for seed in (1, 1, 2))
+    assert np.array_equal(one, again), "the same rng must give the same noise: use it, and no other"
+    assert not np.array_equal(one, other), "another rng must give other noise: use the one that is handed over"
+    for limit in (arm.command_upper, arm.command_lower):
+        edge = answer(lambda observation, limit=limit: limit.copy(), arm, 1.0, np.random.default_rng(1))
+        sent = np.array([edge(None) for _ in range(50)])
+        inside = (sent >= arm.command_lower - 1e-6) & (sent <= arm.command_upper + 1e-6)
+        assert inside.all(), "a command left its range: use numpy.clip"
+        assert np.ptp(sent, axis=0).min() > 0, "at the edge of the range there is noise, too"
+
+
+def _expect_noise(noise: np.ndarray, sigma: float) -> None:
+    """Normal noise `[N, 2]` of so much, for each command its own."""
+    spread = noise.std(axis=0)
+    assert spread.min() > 1e-9, "the commands are not disturbed at all, or always in the same way"
+    alike = abs(np.corrcoef(noise.T)[0, 1])
+    assert alike < 0.3, "both commands get the same noise: draw a number for each"
+    told = f"the noise has a standard deviation of {spread.round(4)} rad, not {sigma} rad"
+    if np.allclose(spread, sigma**2, rtol=0.1):
+        told += ": is σ, or σ², what you multiply with?"
+    assert np.allclose(spread, sigma, rtol=0.1), told
+    assert np.allclose(noise.mean(axis=0), 0, atol=0.2 * sigma), "the noise must have the mean 0"
+    within = (abs(noise) < sigma).mean()
+    told = (
+        f"two thirds of normal noise lie within one standard deviation, of yours {within:.0%}: draw from a normal one"
+    )
+    assert abs(within - 0.683) < 0.05, told

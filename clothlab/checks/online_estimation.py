@@ -3,53 +3,88 @@
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, expect, number
 
 __all__ = ["curvature", "momentum_step", "steps_until_right"]
 
 
-@check
+@check(array("the new p and the new v", 2, 2))
 def momentum_step(answer: Callable) -> None:
-    """Compare with torch on the bowl x² + 5 y², for ten steps."""
-    scale = torch.tensor([1.0, 5.0])
-    wanted = torch.tensor([3.0, -1.0], requires_grad=True)
-    optimizer = torch.optim.SGD([wanted], lr=0.02, momentum=0.9)
-    p, v = wanted.detach().numpy().copy(), np.zeros(2)
-    for step in range(1, 11):
-        optimizer.zero_grad()
-        (scale * wanted**2).sum().backward()
-        optimizer.step()
-        found = answer(p, v, 2 * scale.numpy() * p, rate=0.02, momentum=0.9)
-        assert found is not None, "momentum_step returned None: return the new p and the new v"
-        p, v = found
-        hint = "p moves by the new v, not by the old one" if step == 1 else "the old v must be kept, times the momentum"
-        assert np.allclose(p, wanted.detach().numpy(), atol=1e-4), f"wrong after step {step}: {hint}"
+    """A step with a rate and a momentum of their own, then one with the usual ones."""
+    p, v, g = np.array([3.0, -1.0]), np.array([0.5, -2.0]), np.array([6.0, -10.0])
+    for given in ({"rate": 0.02, "momentum": 0.8}, {}):
+        rate, momentum = given.get("rate", 0.1), given.get("momentum", 0.9)
+        new_v = momentum * v + g
+        new_p = p - rate * new_v
+        found_p, found_v = answer(p.copy(), v.copy(), g.copy(), **given)
+        swapped = np.allclose(found_p, new_v) and np.allclose(found_v, new_p)
+        assert not swapped, "return the new p first, then the new v"
+        slips = {
+            "the rate belongs to the step of p: v collects the gradients as they are": momentum * v + rate * g,
+            "v collects the gradients as they are: the minus belongs to the step of p": momentum * v - g,
+            "rate and minus belong to the step of p: v collects the gradients as they are": momentum * v - rate * g,
+            "the old v must be kept, times the momentum": g,
+            "the old v counts only momentum times": v + g,
+            "the momentum takes from the old v alone: the gradient counts in full": momentum * (v + g),
+            "that is a running mean: the gradient counts in full": momentum * v + (1 - momentum) * g,
+            "the v that you return is the old one": v,
+        }
+        expect(found_v, new_v, f"the new v is wrong; from v = {v}, gradient {g} you made {found_v}", slips)
+        slips = {
+            "v is right; p moves by the new v, not by the old one": p - rate * v,
+            "v is right; p moves by v, not by the last gradient alone": p - rate * g,
+            "v is right; p goes uphill": p + rate * new_v,
+            "v is right; p moves by rate times v, not by all of it": p - new_v,
+            "v is right; p moves by v once: the momentum is in it already": p - rate * momentum * new_v,
+            "v is right; that is Nesterov's variant, which looks ahead": p - rate * (momentum * new_v + g),
+            "v is right; p does not move": p,
+            "v is right; that is how far p moves, not where it is then": -rate * new_v,
+        }
+        expect(found_p, new_p, f"v is right; the new p is wrong: with rate {rate:g}, got {found_p}", slips)
 
 
-@check
+@check(number("a second derivative"))
 def curvature(answer: Callable) -> None:
-    """A bowl of known curvature, off its bottom, with a direction that is not of length 1."""
+    """A polynomial in two variables, off its bottom, with directions of several lengths."""
+    p = np.array([0.5, -1.0])
 
-    def bowl(p: np.ndarray) -> float:
-        return 3 * (p[0] - 1) ** 2 + 0.5 * p[1] ** 2 + p[0]
+    def loss(q: np.ndarray) -> float:
+        x, y = np.asarray(q, dtype=float)
+        return 3 * x**2 + x * y + 0.5 * y**2 + 2 * x + x**3
 
-    found = answer(bowl, np.zeros(2), np.array([1.0, 0.0]))
-    assert found is not None, "curvature returned None"
-    assert np.isclose(found, 6), f"3 x² has the second derivative 6 everywhere, got {found:.3f}"
-    found = answer(bowl, np.zeros(2), np.array([0.0, 4.0]))
-    message = f"0.5 y² has the second derivative 1, got {found:.3f}: divide the direction by its length"
-    assert np.isclose(found, 1), message
+    for direction in ([1.0, 0.0], [0.0, 4.0], [3.0, 4.0]):
+        d, length = np.array(direction), np.linalg.norm(direction)
+        found, (x, y) = answer(loss, p.copy(), d), d / length
+        truth = (6 + 6 * p[0]) * x**2 + 2 * x * y + y**2
+        told = f"along {direction} a polynomial has the second derivative {truth:.4g}, not {found:.4g}"
+        slips = {
+            told + "; divide the direction by its length": truth * length**2,
+            told + "; what is it divided by?": truth * 0.1,
+            told + "; the loss at p itself counts twice": truth + loss(p) / 0.1**2,
+            told + "; the loss at p itself is subtracted, not added": truth + 4 * loss(p) / 0.1**2,
+            told + "; look around p, not around the origin": truth - 6 * p[0] * x**2,
+            told + "; look one step on and one step back, not two steps on": truth + 6 * 0.1 * x**3,
+        }
+        expect(found, truth, told, slips, rtol=1e-4)
+    found = answer(lambda q: q[0] ** 4, np.zeros(2), np.array([2.0, 0.0]), 0.5)
+    expect(found, 0.5, "look one ε to each side, as far as you are told, not always the same", rtol=1e-4)
 
 
-@check
+@check(number("a number of steps, or None", none=True))
 def steps_until_right(answer: Callable) -> None:
-    """A made-up map of two cloths."""
-    two = {"left": np.array([-1.0, 0.0]), "right": np.array([1.0, 0.0])}
-    path = np.array([[-1.0, 0], [0.5, 0], [-0.5, 0], [0.2, 0], [0.9, 0]])
-    found = answer(path, "right", two)
-    assert found != 1, "it was right at step 1, but not for good"
-    assert found == 3, f"the path is right for good from step 3, got {found}"
-    assert answer(path, "left", two) is None, "a path that ends wrong must give None"
-    assert answer(path[3:], "right", two) == 0, "a path that is right from the start must give 0"
+    """A made-up map of three cloths."""
+    three = {"left": np.array([-1.0, 0.0]), "right": np.array([1.0, 0.0]), "above": np.array([0.0, 3.0])}
+    path = np.array([[-1.0, 0], [0.5, 0], [-0.5, 0], [0.6, 1.0], [0.3, 2.5], [0.2, 0], [0.9, 0]])
+    found = answer(path, "right", three)
+    assert found is not None, "a path that ends right must give a number of steps, not None"
+    slips = {
+        "it was right at step 1, but not for good": 1,
+        "3 is how often it was wrong: until when was it wrong?": 3,
+        "step 4 is the last wrong one: from which is it right for good?": 4,
+        "that is for how many steps it is right at the end: how many pass before?": 2,
+    }
+    expect(found, 5, f"the path is right for good from step 5, got {found:g}", slips)
+    assert answer(path, "left", three) is None, "a path that ends wrong must give None"
+    assert answer(path[5:], "right", three) == 0, "a path that is right from the start must give 0"
+    assert answer(path[:6], "right", three) == 5, "a path that is right at its last step alone must give that step"

@@ -5,49 +5,90 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, expect, number
 from clothlab.dpmpb import DPMPB, Memory, predict
 
 __all__ = ["extrapolate", "influence", "lstm_weights"]
 
 
-@check
+@check(number("how many weights there are"))
 def lstm_weights(answer: Callable) -> None:
     """Count what PyTorch has."""
-    for inputs, units in ((30, 30), (1, 1), (7, 20)):
+    for inputs, units in ((7, 20), (30, 30), (1, 1)):
         truth = sum(p.numel() for p in torch.nn.LSTM(inputs, units).parameters())
-        count = answer(inputs, units)
-        assert count == truth, f"{inputs} inputs and {units} units: PyTorch has {truth} weights, you say {count}"
+        count, seen, own = answer(inputs, units), units * inputs, units * units
+        slips = {
+            "that is one gate: an LSTM has more": seen + own + 2 * units,
+            "that is a GRU, which has a gate fewer": 3 * (seen + own + 2 * units),
+            "PyTorch has more offsets than one for each unit of a gate": 4 * (seen + own + units),
+            "offsets are weights, too": 4 * (seen + own),
+            "a gate looks at its layer's own last output, too": 4 * (seen + 2 * units),
+            "a gate looks at the inputs, too": 4 * (own + 2 * units),
+            "inputs and units have changed places": 4 * (seen + inputs**2 + 2 * inputs),
+            "that is two layers: count one": 4 * (seen + own + 2 * units + 2 * own + 2 * units),
+        }
+        told = f"with {inputs} inputs and {units} units, PyTorch has {truth} weights, not {count:g}: "
+        slips = {told + slip: value for slip, value in slips.items()}
+        expect(count, truth, told + "matrices of which sizes, in how many gates?", slips)
 
 
-@check
+@check(array("a prediction for each step but the first two", None, 2))
 def extrapolate(answer: Callable) -> None:
-    """A motion at constant velocity."""
+    """A motion that changes its velocity, then one that does not."""
+    s = np.random.default_rng(0).normal(size=(6, 2)).cumsum(axis=0)
+    found, slope = answer(s), np.diff(s, axis=0)[:-1]
+    assert len(found) == 4, f"six states leave four predictions, got {len(found)}"
+    last, mean, onwards = s[1:-1], slope.mean(axis=1, keepdims=True), np.outer([1, 2, 3, 4], slope[0])
+    slips = {
+        "these are the states to be predicted: a prediction knows only what comes before": s[2:],
+        "these stay as they are: add how they moved": last,
+        "these move back: a thing that moves keeps its direction": last - slope,
+        "these move on as in the very first step: take the last two states, at each step anew": last + slope[0],
+        "these go on from earlier predictions: start from the states that were seen": s[1] + onwards,
+        "these all move alike, by the mean of all steps": last + slope.mean(axis=0),
+        "these have one velocity for all columns: each number of the state moves by itself": last + mean,
+        "the first column's velocity serves for all: each number moves by itself": last + slope[:, :1],
+    }
+    otherwise = "each prediction is the last state that was seen, and once more the way there from the one before"
+    expect(found, last + slope, otherwise, slips)
     line = np.outer(np.arange(6.0), [1.0, -2.0])
-    result = answer(line)
-    assert result is not None, "the function returns nothing"
-    assert result.shape == (4, 2), f"six states leave four predictions: shape (4, 2), got {result.shape}"
-    assert np.allclose(result, line[2:]), "a motion at constant velocity must be predicted exactly"
+    expect(answer(line), line[2:], "a motion at constant velocity must be predicted exactly")
 
 
-@check
+@check(array("a length for each command", 4))
 def influence(answer: Callable) -> None:
-    """Compare the last command's gradient with central differences, in a network of random weights."""
+    """A network of random weights and four commands."""
+    model, s, u, p, memory = _network()
+
+    def lengths(of: Callable[[torch.Tensor], torch.Tensor], memory: Memory | None = memory) -> np.ndarray:
+        commands = u.clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(of(predict(model, s, commands[None], p, memory)[0]), commands)
+        return gradient.norm(dim=1).numpy()
+
+    truth = lengths(lambda states: states[-1, :3].square().sum())
+    slips = {
+        "the last image alone is asked for, not the sum over all steps": lengths(lambda x: x[:, :3].square().sum()),
+        "the last image alone is asked for, not the mean of all steps": lengths(lambda x: x[:, :3].square().mean()),
+        "that is the gradient of ‖z‖, not of its square": lengths(lambda x: x[-1, :3].norm()),
+        "that is the gradient of the sum of z, not of its squares": lengths(lambda x: x[-1, :3].sum()),
+        "that is the gradient of a mean square: ‖z‖² is a sum": lengths(lambda x: x[-1, :3].square().mean()),
+        "that is the whole state: z is its first three numbers": lengths(lambda x: x[-1].square().sum()),
+        "pass the memory on to `predict`": lengths(lambda x: x[-1, :3].square().sum(), None),
+        "these are the squares of the lengths": truth**2,
+        "the steps are in reverse order": truth[::-1],
+    }
+    result = answer(model, s, u.clone(), p, memory)
+    wrong = [f"{k + 1}" for k in range(4) if not np.isclose(result[k], truth[k], rtol=0.05)]
+    otherwise = f"wrong for command {', '.join(wrong)} of 4: of what is it the gradient, and with respect to what?"
+    expect(result, truth, otherwise, slips, rtol=0.05)  # finite differences are right, too
+
+
+def _network() -> tuple[DPMPB, torch.Tensor, torch.Tensor, torch.Tensor, Memory]:
+    """A network of random weights, and a state, four commands, a p and a memory for it."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         model = DPMPB(state_size=7, command_size=2).requires_grad_(False)
-        s, u, p, memory = torch.randn(7), torch.randn(3, 2), torch.randn(2), Memory(*torch.randn(2, 2, 1, 30))
-    model.u_std.fill_(0.1)  # large inputs make a network without training listen to its commands
+        s, u, p, memory = torch.randn(7), torch.randn(4, 2), torch.randn(2), Memory(*torch.randn(2, 2, 1, 30))
+    model.u_std.fill_(0.03)  # large inputs make a network without training listen to its commands
     model.s_mean.fill_(1.0)  # away from zero, where the gradient of a square vanishes
-    result = answer(model, s, u, p, memory)
-    assert result is not None, "the function returns nothing"
-    assert result.shape == (3,), f"three commands, three lengths: got the shape {tuple(result.shape)}"
-    squares, step = [], 1e-2
-    for joint in range(2):
-        ends = [u.index_put((torch.tensor(2), torch.tensor(joint)), u[2, joint] + sign * step) for sign in (1, -1)]
-        with torch.no_grad():
-            high, low = (predict(model, s, end[None], p, memory)[0, -1, :3].square().sum() for end in ends)
-        squares.append(((high - low) / (2 * step)) ** 2)
-    expected = sum(squares).sqrt()
-    message = f"the last command: {result[-1]:.3f}, should be {expected:.3f}"
-    assert torch.isclose(result[-1], expected, rtol=0.05), message
+    return model, s, u, p, memory

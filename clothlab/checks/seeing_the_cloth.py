@@ -5,67 +5,95 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from clothlab.checks._check import check
+from clothlab.checks._check import array, check, expect, number
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance
 
 __all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction", "touching"]
 
 
-@check
+@check(array("area, mean column and mean row, or zeros for an empty mask", 3))
 def handmade(answer: Callable) -> None:
-    """An empty mask, and a rectangle of 10 × 4 pixels."""
+    """An L, whose centre is neither that of its bounding box nor its median, and an empty mask."""
     mask = np.zeros((HEIGHT, WIDTH), bool)
-    assert np.array_equal(answer(mask), np.zeros(3)), "an empty mask gives three zeros"
-    mask[10:20, 40:44] = True
+    mask[10:20, 40:44] = mask[20:24, 40:60] = True
+    rows, columns = np.nonzero(mask)
     area, column, row = answer(mask)
-    assert area == 40, f"10 rows of 4 pixels are 40 pixels, got {area}"
-    assert (column, row) == (41.5, 14.5), f"the centre is at column 41.5, row 14.5; got {column}, {row}"
+    assert not np.isclose(area, mask.mean()), "that is the area's share of the image: count pixels"
+    assert np.isclose(area, 120), f"40 and 80 pixels are 120 pixels, got {area:g}"
+    truth = columns.mean(), rows.mean()
+    slips = {
+        "that is the centre of the box around the mask; take the mean over its pixels": (49.5, 16.5),
+        "that is the median; take the mean over the pixels": (np.median(columns), np.median(rows)),
+        "row and column have changed places": truth[::-1],
+        "rows and columns count from 0": np.add(truth, 1),
+        "column and row are counted in pixels, not in shares of the image": np.divide(truth, (WIDTH, HEIGHT)),
+        "that is the centre of the image": ((WIDTH - 1) / 2, (HEIGHT - 1) / 2),
+        "sums, not means: divide by the number of pixels": (columns.sum(), rows.sum()),
+    }
+    told = f"the pixels of an L have the mean column {truth[0]:.4g}, the mean row {truth[1]:.4g}"
+    expect([column, row], truth, f"{told}; yours are {column:.4g} and {row:.4g}", slips)
+    expect(answer(np.zeros_like(mask)), np.zeros(3), "an empty mask gives three zeros")
 
 
-@check
+@check(array("the reconstructed images", None, HEIGHT, WIDTH))
 def linear_reconstruction(answer: Callable) -> None:
-    """A square at random places: what must be true of every PCA."""
+    """A square at random places, beside the best that so many components can do."""
     corners = np.random.default_rng(0).integers(20, 40, (120, 2, 1))
     rows, columns = (np.abs(np.arange(size) - corners[:, k] - 10) < 12 for k, size in enumerate((HEIGHT, WIDTH)))
     images = rows[:, :, None] & columns[:, None, :]
     fit, test = images[:80], images[80:]
     linear = answer(fit, test, 3)
-    assert linear is not None, "the function returns nothing"
-    assert linear.shape == test.shape, f"the shape is {test.shape}, got {linear.shape}"
+    assert len(linear) == len(test), f"{len(test)} images must give as many, not {len(linear)}"
+    assert not np.isin(linear, (0, 1)).all(), "return real numbers: the check does the rounding"
     error = [((answer(fit, test, n) - test) ** 2).mean() for n in (1, 3, 30)]
     assert error[0] > error[1] > error[2], "more components must leave less squared error"
-    assert error[1] < ((fit.mean(axis=0) - test) ** 2).mean(), "three components must beat the mean image"
     alone = answer(fit, test[:5], 3)
     assert np.allclose(alone, linear[:5], atol=0.05), "other images change the axes: fit the PCA to `train` alone"
+    for n, found in zip((1, 3), error, strict=False):
+        least = _least_error(fit.reshape(80, -1), test.reshape(40, -1), n)
+        told = f"{n} axes through the mean of `train` leave a squared error of {least:.4f}, yours {found:.4f}"
+        assert found > 0.95 * least, told + ": have you taken more axes, or fitted them to other images?"
+        assert found < 1.05 * least, told + ": is the mean subtracted before, and added again after?"
 
 
-@check
+def _least_error(fit: np.ndarray, test: np.ndarray, n: int) -> float:
+    """Squared error of `test` `[M, D]` after projection onto n principal axes of `fit` `[N, D]`."""
+    mean = fit.mean(axis=0)
+    vectors = np.linalg.eigh((fit - mean) @ (fit - mean).T)[1][:, -n:]  # N numbers are far fewer than D
+    axes = vectors.T @ (fit - mean)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return np.square(test - mean - (test - mean) @ axes.T @ axes).mean()
+
+
+@check(number("a share between 0 and 1"))
 def touching(answer: Callable) -> None:
-    """Four masks: a pixel, a column, a block and nothing."""
+    """Masks that overlap, nothing, and two whose bounding boxes alone do."""
     masks = np.zeros((4, HEIGHT, WIDTH), bool)
     masks[0, 5, 5] = masks[1, :, 5] = masks[2, 50:, :] = True
-    assert answer(masks, masks[0]) == 0.5, "two of these four masks contain the pixel (5, 5): the share is 0.5"
-    assert answer(masks, masks[3]) == 0, "nothing overlaps an empty target"
-    assert answer(masks[:3], masks[1]) == 1, "all three overlap the column 5"
+    two = "two of these four masks contain the pixel (5, 5): the share is 0.5, not"
+    found = answer(masks, masks[0])
+    slips = {"2 is the number of images: divide by how many there are": 2, "per cent; a share lies between 0 and 1": 50}
+    expect(found, 0.5, f"{two} {found:.3g}", slips)
+    expect(answer(masks, masks[3]), 0, "nothing touches an empty target")
+    expect(answer(masks[:3], masks[1]), 1, "all three touch the column 5")
+    cross = np.eye(HEIGHT, WIDTH, dtype=bool)[None]
+    expect(answer(cross, ~cross[0]), 0, "these have rows and columns in common, but no pixel")
 
 
-@check
+@check(number("a distance in pixels"))
 def chamfer_by_hand(answer: Callable) -> None:
     """A large and a small rectangle that overlap, for which every usual slip has another value; then an L."""
     a, b = np.zeros((2, HEIGHT, WIDTH), bool)
     a[10:22, 40:44] = b[20:23, 42:49] = True
-    found = answer(a, b)
-    assert found is not None, "chamfer_by_hand returned None: return a number of pixels"
-    assert np.ndim(found) == 0, f"return one number, not an array of shape {np.shape(found)}"
-    for told, value in _chamfer_slips(a, b).items():
-        assert not np.isclose(found, value), told
-    truth, bent = chamfer_distance(a, b), a | b
-    factor, other = found / truth, answer(bent, b) / chamfer_distance(bent, b)
-    same = not np.isclose(factor, 1, rtol=1e-4) and np.isclose(factor, other, rtol=1e-4)
-    assert not same, f"{factor:.4g} times the distance: the unit is the side of one pixel"
-    assert np.isclose(factor, 1, rtol=1e-4), f"two rectangles are {truth:.4f} pixels apart, not {found:.4f}"
-    assert np.isclose(other, 1, rtol=1e-4), "right for two rectangles, wrong for an L and one of its legs"
-    assert np.isclose(answer(a, a), 0), "a mask is at distance 0 from itself"
+    bent = a | b
+    found, other = answer(a, b), answer(bent, b)
+    truth, other_truth = chamfer_distance(a, b), chamfer_distance(bent, b)
+    otherwise = f"two rectangles are {truth:.4f} pixels apart, not {found:.4f}"
+    if found and np.isclose(found / truth, other / other_truth, rtol=1e-4):
+        otherwise = f"{found / truth:.4g} times the distance: the unit is the side of one pixel"
+    expect(found, truth, otherwise, _chamfer_slips(a, b), rtol=1e-4)
+    expect(other, other_truth, "right for two rectangles, wrong for an L and one of its legs", rtol=1e-4)
+    expect(answer(a, a), 0, "a mask is at distance 0 from itself")
 
 
 def _chamfer_slips(a: np.ndarray, b: np.ndarray) -> dict[str, float]:

@@ -1,51 +1,79 @@
-"""Checks of notebook 10."""
+"""Checks of notebook 11."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import check
+from clothlab.checks._check import check, expect, number
 from clothlab.cloth import FOAMS, SHEETS
 
 __all__ = ["falling_speed", "place", "sign_flip_share"]
 
 
-@check
+@check(number("a speed in m/s"))
 def falling_speed(answer: Callable) -> None:
-    """All five foams, by the numbers of the simulated cloth."""
+    """All five foams, by the numbers of the simulated cloth, then half of one."""
     for name, cloth in FOAMS.items():
         kind, sheets = name.split("-")
-        found = answer(SHEETS[kind], int(sheets), cloth.damping * cloth.rows * cloth.columns)
-        assert found is not None, "falling_speed returned None"
-        wanted = cloth.point_mass * 9.81 / cloth.damping
-        ratio = found / wanted
-        assert not np.isclose(ratio, 1 / 9.81), f"{name}: mass over drag is not yet a speed: where is g?"
-        assert not (np.isclose(ratio, 1 / int(sheets)) and sheets != "1"), f"{name}: the number of sheets is left out"
-        assert np.isclose(ratio, 1, rtol=1e-2), f"{name} falls at {wanted:.2f} m/s, yours at {found:.2f} m/s"
+        drag = cloth.damping * cloth.rows * cloth.columns
+        found, wanted = answer(SHEETS[kind], int(sheets), drag), cloth.point_mass * 9.81 / cloth.damping
+        slips = {
+            "mass over drag is not yet a speed: where is g?": wanted / 9.81,
+            "the number of sheets is left out": wanted / int(sheets),
+            "density times thickness is the mass of a square metre: how many are there?": wanted / 0.2,
+            "density times area is not a mass: how thick is the sheet?": wanted / SHEETS[kind].thickness,
+            "thickness times area is a volume: what is its mass?": wanted / SHEETS[kind].density,
+            "the drag given is that of the whole cloth, not of one point": wanted / 18,
+            "the drag given is that of the whole cloth, and so must the mass be": wanted * 18,
+            "more drag must make it slower": wanted * drag**2,
+            "a heavy cloth falls faster, a strong drag makes it slower: yours is upside down": 1 / wanted,
+            "drag grows with the speed itself, not with its square": wanted**0.5,
+            "a speed is positive, also downwards": -wanted,
+        }
+        expect(found, wanted, f"{name} falls at {wanted:.2f} m/s, yours at {found:.2f} m/s", slips, rtol=1e-2)
+    half = answer(SHEETS[kind], int(sheets), drag, area=0.1)
+    expect(half, wanted / 2, "half the area weighs half as much: take the area that is given", rtol=1e-2)
 
 
-@check
+@check(number("a place along the way"))
 def place(answer: Callable) -> None:
-    """A line of length 5 that doesn't pass through the origin."""
+    """A line of length 5 that doesn't pass through the origin, and points on it and off it."""
     start, end, across = np.array([1.0, 1.0]), np.array([4.0, 5.0]), np.array([-4.0, 3.0])
-    for wanted in (0.0, 1.0, 0.25, -0.5):
+    for wanted in (0.0, 1.0, 0.25, 1.5, -0.5):
         p = start + wanted * (end - start)
-        found = answer(p, start, end)
-        assert found is not None, "place returned None"
-        assert not (wanted and np.isclose(found, 5 * wanted)), "that is a distance; divide by the length of the way"
-        assert not (wanted < 0 and np.isclose(found, -wanted)), "a point before the start has a place below 0"
-        assert np.isclose(found, wanted), f"a point at {wanted} of the way got {found:.3f}"
-        assert np.isclose(answer(p + across, start, end), wanted), "what is off the line must not count: project first"
+        found = answer(p, start.copy(), end.copy())
+        slips = {
+            "that is a distance; divide by the length of the way": 5 * wanted,
+            "divide by the length of the way, once more": 25 * wanted,
+            "a point before the start has a place below 0": abs(wanted),
+            "points before the start and beyond the end have places, too, below 0 and above 1": np.clip(wanted, 0, 1),
+            "0 is at the start, 1 at the end": 1 - wanted,
+        }
+        expect(found, wanted, f"a point at {wanted} of the way got {found:.3f}", slips)
+        for side in (across, -across, 0.1 * across):
+            told = "what is off the line must not count: project first"
+            expect(answer(p + side, start.copy(), end.copy()), wanted, told)
 
 
-@check
+@check(number("a share between 0 and 1"))
 def sign_flip_share(answer: Callable) -> None:
     """Cases that can be counted by hand."""
     found = answer([1.0, 2.0, 3.0])
-    assert found is not None, "sign_flip_share returned None"
-    assert found != 0, "the measured signs are one of the choices: count them too"
-    assert not np.isclose(found, 2 / 8), "count means that are at least as large, not those that are as far from 0"
-    assert np.isclose(found, 1 / 8), f"three positive differences: 1 choice of 8 is as large, got {found}"
-    assert np.isclose(answer([1.0, -1.0]), 3 / 4), "for +1 and -1 the mean is 0, which 3 of 4 choices reach"
-    assert np.isclose(answer([0.0, 0.0, 2.0]), 1 / 2), "differences of 0 stay 0 under either sign: 1/2 here"
-    assert np.isclose(answer([0.1] * 5), 1 / 32), "five equal differences: 1 of 32"
+    slips = {
+        "the measured signs are one of the choices: count them too, at least as large is not larger": 0,
+        "count means that are at least as large, not those that are as far from 0": 2 / 8,
+        "1 is the number of choices: divide by how many there are": 1,
+        "per cent; a share lies between 0 and 1": 12.5,
+        "that is the share of choices with a smaller mean": 7 / 8,
+        "the measured signs are one of the choices, count them, but once": 1 / 7,
+    }
+    expect(found, 1 / 8, f"three positive differences: 1 choice of 8 is as large, 0.125, not {found:.4g}", slips)
+    for case, share in {(1.0, -1.0): 3 / 4, (-1.0, -2.0): 1, (0.0, 0.0, 2.0): 1 / 2, (0.1,) * 5: 1 / 32}.items():
+        found, mean = answer(list(case)), np.mean(case)
+        told = (
+            f"of the choices of signs for {list(case)}, {share:g} have a mean of at least {mean:.2g}, got {found:.4g}"
+        )
+        expect(found, share, told)
+    told = "for 0.1, 0.2, -0.3 the mean is 0, but for rounding, and so it is for the other signs: compare within 1e-12"
+    found = answer([0.1, 0.2, -0.3])
+    expect(found, 5 / 8, f"5 of 8 choices, not {8 * found:g}; {told}")

@@ -2,84 +2,131 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from clothlab.arm import MuscleArm, static_posture
-from clothlab.checks._check import check
+from clothlab.arm import MuscleArm
+from clothlab.checks._check import CheckFailed, array, check, expect, number
+from clothlab.stiffness import static_posture
 
 __all__ = ["compliance", "length_for_measured_tension", "pair_stiffness", "stretch_by_bisection"]
 
 
-@check
+@check(number("a stiffness in N m/rad"))
 def pair_stiffness(answer: Callable) -> None:
     """Compare with the slope of the torque of a flexor and an extensor whose motors stand still."""
     arm = MuscleArm()
     linear_arm = replace(arm, spring_linear=5000.0, spring_cubic=0.0)
     for one, r, e0 in ((arm, 0.04, 0.01), (linear_arm, 0.04, 0.01), (arm, 0.03, 0.02)):
         k = answer(one.spring_linear, one.spring_cubic, r, e0)
-        assert k is not None, "pair_stiffness returned None: return a number"
         h = 1e-5  # [rad]
         torque = [r * (one.tension(e0 - r * theta) - one.tension(e0 + r * theta)) for theta in (-h, h)]
         wanted = (torque[0] - torque[1]) / (2 * h)
         assert not np.isclose(2 * k, wanted, rtol=1e-4), "half of it: there are two muscles"
         assert not np.isclose(-k, wanted, rtol=1e-4), "stiffness is -dτ/dθ: a positive number"
         assert not np.isclose(k * r, wanted, rtol=1e-4), "r enters twice: in the stretch and as the lever"
-        tangent, secant = spring_stiffness(one, e0), one.tension(e0) / e0
+        tangent, secant = one.spring_stiffness(one.tension(e0)), one.tension(e0) / e0
         if not np.isclose(tangent, secant):
             assert not np.isclose(k / secant, wanted / tangent, rtol=1e-4), "stiffness is df/de, not f/e"
         assert np.isclose(k, wanted, rtol=1e-4), f"the torque's slope is {wanted:.2f} N m/rad, yours is {k:.2f}"
 
 
-@check
+class _Curve:
+    """A curve that loses patience with a search that doesn't end."""
+
+    def __init__(self, curve: Callable[[float], float]):
+        self.curve, self.calls = curve, 0
+
+    def __call__(self, e: float) -> float:
+        self.calls += 1
+        if self.calls > 10_000:
+            raise CheckFailed("the curve was asked 10,000 times, and you go on: stop once the interval is tiny")
+        return self.curve(e)
+
+
+def _polygon(x: np.ndarray, y: np.ndarray) -> Callable[[float], float]:
+    return lambda value: np.interp(value, x, y)
+
+
+@check(number("a stretch in metres"))
 def stretch_by_bisection(answer: Callable) -> None:
-    """Our spring, whose inverse is known, and an exponential one."""
-    curves = {"our spring": MuscleArm().tension, "an exponential spring": lambda e: 5 * np.expm1(e / 0.0075)}
-    for name, curve in curves.items():
-        for tension in (0.5, 10.0, 70.0):
-            e = answer(curve, tension)
-            assert e is not None, "stretch_by_bisection returned None: return a stretch in metres"
-            assert 0 <= e <= 0.05, f"{name}: {e:.4g} m lies outside the interval 0 to 0.05 m"
+    """Springs whose inverse is known; two have corners, which a table of values cuts."""
+    arm = MuscleArm()
+    corners, pulls = np.array([0.0, 0.0123456, 0.0123477, 0.05]), np.array([0.0, 1.5, 60.0, 100.0])
+    springs = {
+        "our spring": (arm.tension, arm.elongation, 0.05),
+        "an exponential spring": (lambda e: 5 * np.expm1(e / 0.0075), lambda f: 0.0075 * np.log1p(f / 5), 0.05),
+        "a spring with corners": (_polygon(corners, pulls), _polygon(pulls, corners), 0.05),
+        "a spring of up to 0.2 m": (_polygon(10 * corners, pulls), _polygon(pulls, 10 * corners), 0.2),
+    }
+    for name, (curve, inverse, longest) in springs.items():
+        for tension in (0.5, 10.0, 63.0):
+            e = answer(_Curve(curve), tension) if longest == 0.05 else answer(_Curve(curve), tension, longest)
+            assert 0 <= e <= longest, f"{name}: {e:.4g} m lies outside the interval 0 to {longest} m"
+            off = abs(e - inverse(tension))
             message = f"{name}, stretched by your {1e3 * e:.4f} mm, pulls with {curve(e):.4f} N, not {tension:g} N"
-            assert abs(curve(e) - tension) < 1e-3, message + "; go on halving, and keep the half with the answer"
+            assert off < 2e-3, message + ": keep the half in which the answer lies"
+            assert off < 1.01e-9, f"{name}: {off:.0e} m from the stretch that is asked for, to 1e-9 m: go on halving"
 
 
-@check
+@check(array("the matrix C", 2, 2))
 def compliance(answer: Callable) -> None:
     """Compare with the exact solution for a tiny push."""
     arm, push = MuscleArm(), 1e-4  # [N]
     for theta, f_const in ((np.array([0.3, -np.pi / 2]), 30.0), (np.array([0.6, -0.7]), 70.0)):
         C = answer(arm, theta, f_const)
-        assert C is not None, "compliance returned None"
-        assert np.shape(C) == (2, 2), f"C has the shape (2, 2), yours has {np.shape(C)}"
         pushed = [static_posture(arm, [*theta, f_const], push * axis) for axis in np.eye(2)]
         wanted = np.stack([arm.hand(q) - arm.hand(theta) for q in pushed], axis=1) / push
-        rigid = 1 + spring_stiffness(arm, arm.elongation(f_const)) / arm.motor_stiffness
-        assert not np.allclose(C * rigid, wanted, rtol=1e-3), "your motors are rigid: they give way in series"
-        J = arm.hand_jacobian(theta)
-        swapped = J.T @ np.linalg.solve(J, wanted) @ np.linalg.inv(J.T) @ J
-        assert not np.allclose(C, swapped, rtol=1e-3), "J and Jᵀ have changed places"
-        assert np.allclose(C, C.T), "C is symmetric, yours is not: which factor is missing its transpose?"
-        message = f"tiny pushes give C = {wanted.round(5).tolist()} m/N, not {np.round(C, 5).tolist()}"
-        assert np.allclose(C, wanted, rtol=1e-3), message
+        otherwise = f"tiny pushes give C = {wanted.round(5).tolist()} m/N, not {C.round(5).tolist()}"
+        if not np.allclose(C, C.T, rtol=1e-3):
+            otherwise = "C is symmetric, yours is not: which factor is missing its transpose?"
+        expect(C, wanted, otherwise, _compliance_slips(arm, theta, f_const), rtol=1e-3)
 
 
-@check
+def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict[str, np.ndarray]:
+    """What is easily written in place of the compliance: what the reader is told, and the value."""
+    J, G, motor, e = arm.hand_jacobian(theta), arm.moment_arms, arm.motor_stiffness, arm.elongation(f_const)
+    tangent = arm.spring_stiffness(f_const)
+
+    def by(k: Any) -> np.ndarray:
+        return J @ np.linalg.inv(k * G.T @ G) @ J.T
+
+    def in_series(k: Any) -> Any:
+        return k * motor / (k + motor)
+
+    joints = np.linalg.inv(in_series(tangent) * G.T @ G)
+    return {
+        "your motors are rigid: they give way in series": by(tangent),
+        "motor and spring give way one after the other: it is not their stiffnesses that add up": by(tangent + motor),
+        "spring_stiffness takes the tension of a spring [N], not its stretch e [m]": by(
+            in_series(arm.spring_stiffness(e))
+        ),
+        "for small pushes the stiffness of a spring is df/de, not f/e": by(in_series(f_const / e)),
+        "J and Jᵀ have changed places": J.T @ joints @ J,
+        "that is how far the joints turn for a torque: where does J enter?": joints,
+        "stiffness in place of its inverse: a stiff arm must give way less, not more": J @ np.linalg.inv(joints) @ J.T,
+        "that is the stiffness of the hand, the inverse of C": np.linalg.inv(by(in_series(tangent))),
+    }
+
+
+@check(array("a length for each of the six muscles", 6))
 def length_for_measured_tension(answer: Callable) -> None:
     """Equal tensions must give the known path; others the lengths at which the motors pull just so."""
     arm = MuscleArm()
-    home = arm.home_command[:2]
-    for f in (np.full(6, 30.0), np.array([120.0, 5.0, 40.0, 50.0, 90.0, 20.0])):
-        sent = answer(arm, home, f)
-        assert sent is not None, "length_for_measured_tension returned None: return six lengths"
-        assert np.shape(sent) == (6,), f"return one length for each of the six muscles, not shape {np.shape(sent)}"
-        measured = arm.body_image(home, f)
-        assert not np.allclose(sent, measured), "that is l_ref, the length to be measured: the motor gives way, too"
-        pull = arm.tension_bias + arm.motor_stiffness * (measured - sent)
-        assert not np.allclose(pull - arm.tension_bias, f), "f_bias is pulled anyway: subtract it from f"
-        assert np.allclose(pull, f), f"with your lengths the motors pull {pull.round(1)} N at θ_ref, not {f} N"
-
-
-def spring_stiffness(arm: MuscleArm, e: float) -> float:
-    """df/de [N/m] of a taut spring that is stretched by e [m], as the notebook has it."""
-    return arm.spring_linear + 3 * arm.spring_cubic * e**2
+    for theta in (arm.home_command[:2], np.array([-0.2, -1.0])):
+        for f in (np.full(6, 30.0), np.array([120.0, 5.0, 40.0, 50.0, 90.0, 20.0])):
+            sent = answer(arm, theta, f)
+            measured = arm.body_image(theta, f)
+            given = (f - arm.tension_bias) / arm.motor_stiffness
+            pull = arm.tension_bias + arm.motor_stiffness * (measured - sent)
+            slips = {
+                "that is l_ref, the length to be measured: the motor gives way, too": measured,
+                "f_bias is pulled anyway: subtract it from f": measured - f / arm.motor_stiffness,
+                "the motor gives way by so much, but it must be sent to a shorter length, not a longer one": measured
+                + given,
+                "that is the geometry and the motor: the springs stretch, too": theta @ arm.moment_arms.T - given,
+                "that is what the motors give way by: where is the length?": given,
+            }
+            otherwise = f"with your lengths the motors pull {pull.round(1)} N at θ_ref, not {f} N"
+            expect(sent, measured - given, otherwise, slips, atol=1e-7)

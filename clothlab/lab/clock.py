@@ -1,0 +1,75 @@
+"""Time that goes by in the kernel's event loop, and callbacks that wait for their turn in it."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+
+
+class Turns:
+    """Lets callbacks act in the thread that made this, between two steps.
+
+    JupyterLab calls the handlers of widgets in a thread of their own, in the middle of whatever the kernel does.
+    """
+
+    def __init__(self) -> None:
+        self._thread = threading.get_ident()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        with contextlib.suppress(RuntimeError):  # outside a notebook there is none, and no other thread calls us
+            self._loop = asyncio.get_running_loop()
+
+    def take(self, act: Callable, *arguments: object) -> None:
+        """Call `act` now, or from another thread as soon as the kernel is free."""
+        if self._loop is None or threading.get_ident() == self._thread:
+            act(*arguments)
+        else:
+            self._loop.call_soon_threadsafe(act, *arguments)
+
+
+class Clock:
+    """Calls a function once a period, in the event loop, until it answers False.
+
+    Args:
+        tick: is told by how much it comes late [s], and answers whether to go on.
+        period: [s].
+
+    Attributes:
+        late: how many ticks came more than half a period late.
+    """
+
+    def __init__(self, tick: Callable[[float], bool], period: float):
+        self._tick, self._period = tick, period
+        self._task: asyncio.Task | None = None
+        self.late = 0
+
+    @property
+    def running(self) -> bool:
+        """Whether time goes by."""
+        return self._task is not None and not self._task.done()
+
+    def start(self) -> None:
+        """Let time go by; twice is once.
+
+        Raises:
+            RuntimeError: no event loop runs, as in a plain script.
+        """
+        if not self.running:
+            self._task = asyncio.get_running_loop().create_task(self._run())
+
+    def pause(self) -> None:
+        """Stop time."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            behind = loop.time() - due
+            self.late += behind > self._period / 2
+            if not self._tick(behind):
+                self._task = None
+                return
+            due = max(due + self._period, loop.time() - 2 * self._period)  # lost time is not made up for
+            await asyncio.sleep(max(0.005, due - loop.time()))  # callbacks act meanwhile

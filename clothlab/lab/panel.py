@@ -1,0 +1,271 @@
+"""The live panel: one widget, whose JavaScript draws what `views` says and sends back what a person does."""
+
+import traceback
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import anywidget
+import numpy as np
+import traitlets
+
+from clothlab._validation import choose
+from clothlab.env import CONTROL_PERIOD, SimulationError
+from clothlab.lab import views
+from clothlab.lab.clock import Clock, Turns
+from clothlab.lab.session import LiveSession, Moment, mask_from_file
+from clothlab.vision import HEIGHT, WIDTH
+
+ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
+PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
+KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person can do wrong; the rest is our fault
+
+
+class LivePanel(anywidget.AnyWidget):
+    """Everything under one panel, in real time; an earlier panel of this kernel is closed.
+
+    Args:
+        session: what is steered; by default a new session with the torque arm.
+
+    Attributes:
+        session: what is steered.
+        errors: tracebacks of faults in callbacks, which a notebook's last cell raises with `check`.
+        steps: how many steps were made since the panel was built.
+        history: the last steps.
+        about: names, ranges and sizes, for the browser, as are those below.
+        state: where every control stands, and the message.
+        target: the target and what the network makes of it.
+        frame: pictures, traces and p. None is sent until the browser has drawn the last one, so that a slow
+            browser skips frames and never queues them.
+        ellipse: PNG.
+    """
+
+    _esm = views.javascript("traces", "target", "map", "gamepad", "panel")
+    about = traitlets.Dict().tag(sync=True)
+    state = traitlets.Dict().tag(sync=True)
+    target = traitlets.Dict().tag(sync=True)
+    frame = traitlets.Dict().tag(sync=True)
+    ellipse = traitlets.Bytes().tag(sync=True)
+
+    _active: ClassVar["LivePanel | None"] = None
+
+    def __init__(self, session: LiveSession | None = None):
+        self._clock, self._turns = Clock(self._tick, CONTROL_PERIOD), Turns()
+        self.session = session or LiveSession()
+        if LivePanel._active is not None:
+            LivePanel._active.close()
+        LivePanel._active = self
+        self.errors: list[str] = []
+        self.history: deque[Moment] = deque(maxlen=views.HISTORY)
+        self.steps = self._unseen = self._drawn = 0  # _unseen: steps since the last frame was sent
+        self._answered = ""  # the last message that was acted on
+        self._message = {"text": "", "kind": "info"}
+        self.session.recorder.find()  # what the panel before was recording, for one
+        if self.session.recorder.waiting:
+            self._say("an unfinished recording was found: save it under a name, or discard it")
+        super().__init__()
+        self.on_msg(self._hear)
+        self._meet_arm()
+        self._show(force=True)
+
+    @property
+    def running(self) -> bool:
+        """Whether time goes by."""
+        return self._clock.running
+
+    @property
+    def late(self) -> int:
+        """How many steps began more than half a period late."""
+        return self._clock.late
+
+    def start(self) -> None:
+        """Let time go by, 5 steps a second."""
+        self._clock.start()
+        self._show(force=True)  # a page that was reloaded has not drawn the last one
+
+    def pause(self) -> None:
+        """Stop time."""
+        self._clock.pause()
+        self._show(force=True)
+
+    def step(self) -> None:
+        """Make a single step."""
+        self._advance(solve=True)
+        self._show(force=True)
+
+    def reset(self) -> None:
+        """Let the cloth hang still again."""
+        self.session.reset()
+        self.history.clear()
+        self._show(force=True)
+
+    def close(self) -> None:
+        """Leave nothing behind: no task, no widget, no OpenGL context."""
+        self._clock.pause()
+        if LivePanel._active is self:
+            LivePanel._active = None
+        self.session.close()
+        super().close()
+
+    def check(self) -> None:
+        """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass.
+
+        Raises:
+            RuntimeError: with the traceback of the first fault.
+        """
+        if self.errors:
+            raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")
+
+    def _tick(self, behind: float) -> bool:
+        """A step in time; False pauses, after an error or when nobody looks."""
+        going = self._guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and self._guarded(self._show)
+        if going and self._unseen > PATIENCE:
+            self._say("paused: the page does not answer")
+            going = False
+        if not going:
+            self._clock.pause()
+            self._refresh()
+        return going
+
+    def _advance(self, solve: bool) -> None:
+        self.history.append(self.session.step(solve=solve))
+        self.steps += 1
+        self._unseen += 1
+
+    def _show(self, force: bool = False) -> None:
+        """Send how things stand, and a frame unless the browser has not drawn the last one yet."""
+        self._refresh()
+        number = self.frame.get("number", 0)
+        if self._drawn == number or force:
+            self._unseen = 0
+            self.frame = views.frame(self.session, self._plane, list(self.history)) | {"number": number + 1}
+            if self.steps % ELLIPSE_EVERY == 0 or force:
+                self._draw_ellipse()
+
+    def _draw_ellipse(self) -> None:
+        self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
+
+    def _refresh(self) -> None:
+        more = {"running": self.running, "message": self._message, "answered": self._answered}
+        self.state = views.state(self.session) | more
+
+    def _say(self, text: str, kind: str = "info") -> None:
+        self._message = {"text": text, "kind": kind}
+
+    def _meet_arm(self) -> None:
+        self.history.clear()
+        self._plane = views.plane(self.session)
+        with self.hold_sync():  # the browser gets names and values together
+            self.about = views.fixtures(self.session, self._plane)
+            self._aim(self.session.target)
+            self._refresh()
+
+    def _hear(self, _: object, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
+        """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
+        if content.get("do") == "drawn":
+            self._drawn = content["frame"]
+        else:
+            self._turns.take(self._act, content, buffers)
+
+    def _act(self, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
+        """Do what a person asked for, and answer how things stand then, even where nothing changed."""
+        arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
+        if buffers:
+            arguments["content"] = bytes(buffers[0])
+        self._say("")
+        self._guarded(lambda: choose("action", content.get("do", ""), self._actions())(**arguments))
+        self._answered = content.get("id", "")
+        self._guarded(lambda: self._refresh() if self.running else self._show(force=True))
+
+    def _guarded(self, act: Callable[[], object]) -> bool:
+        """Show a person's mistake as a message; keep a fault of ours for `check`. The panel lives on after both."""
+        try:
+            act()
+        except KNOWN_ERRORS as error:
+            self._say(f"⚠ {error.args[0] if isinstance(error, KeyError) else error}", "mistake")
+        except Exception:
+            self.errors.append(traceback.format_exc())
+            self._say(f"✗ a fault in the panel: {self.errors[-1].splitlines()[-1]}", "fault")
+        else:
+            return True
+        return False
+
+    def _actions(self) -> dict[str, Callable[..., object]]:
+        """What the browser may ask for, by name."""
+        session = self.session
+        return {
+            "start": self.start,
+            "pause": self.pause,
+            "step": self.step,
+            "reset": self.reset,
+            "set arm": self._set_arm,
+            "set driver": session.set_driver,
+            "set cloth": session.set_cloth,
+            "set material": session.set_material,
+            "set tension": self._set_tension,
+            "set p": lambda at: session.set_p(self._plane.p(at)),
+            "estimate": lambda on: setattr(session, "estimating", bool(on)),
+            "set hand": self._take_over,
+            "greet gamepad": self._greet_gamepad,
+            "move sticks": self._move_sticks,
+            "draw": lambda content: self._aim(np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH), show=False),
+            "clear": lambda: self._say("draw a target; until then the robot keeps the one that it has"),
+            "pick": lambda name: self._aim(choose("image", name, session.gallery)),
+            "take": lambda: self._aim(session.observation["image"]),
+            "upload": self._upload,
+            "record": self._record,
+            "stop": self._stop,
+            "save": self._save,
+            "discard": self._discard,
+        }
+
+    def _set_arm(self, name: str) -> None:
+        self.session.set_arm(name)
+        self._meet_arm()
+
+    def _set_tension(self, f_const: float | None) -> None:
+        self.session.set_tension(f_const)
+        self._draw_ellipse()
+
+    def _aim(self, mask: np.ndarray, show: bool = True) -> None:
+        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is already."""
+        self.session.set_target(mask)
+        self.target = views.target(self.session) | {"version": self.target.get("version", 0) + show}
+
+    def _upload(self, size: int, content: bytes = b"") -> None:
+        if size > views.LARGEST_FILE:
+            raise ValueError(f"this file is larger than {views.LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
+        self._aim(mask_from_file(content))
+
+    def _take_over(self, u: Sequence[float]) -> None:
+        """Drive by hand: whoever moves a slider takes over."""
+        self.session.set_hand(u)
+        self.session.set_driver("hand")
+
+    def _greet_gamepad(self, enough: bool) -> None:
+        if not enough:
+            raise ValueError("a gamepad needs two sticks and a trigger")
+        trigger = ", right trigger: stiffness" if self.session.arm.has_stiffness else ""
+        self._say(f"gamepad: left stick: shoulder, right stick: elbow{trigger}")
+
+    def _move_sticks(self, places: Sequence[float]) -> None:
+        """Command where sticks and trigger stand in their range, 0 to 1."""
+        lower, upper = self.session.arm.command_lower, self.session.arm.command_upper
+        self._take_over(lower + np.clip(places[: len(lower)], 0, 1) * (upper - lower))
+
+    def _record(self) -> None:
+        self.session.record()
+        self.history.clear()
+        self._say("recording, from the hanging cloth")
+
+    def _stop(self) -> None:
+        self.session.recorder.stop()
+        self._say("stopped: give it a name and save it, or discard it")
+
+    def _save(self, name: str) -> None:
+        path, recorder = self.session.recorder.save(name), self.session.recorder
+        self._say(f"saved as {path.name}" + (f": {recorder.remark}" if recorder.remark else ""))
+
+    def _discard(self) -> None:
+        self.session.recorder.discard()
+        self._say("discarded")

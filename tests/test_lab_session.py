@@ -1,0 +1,295 @@
+"""The live session behind the panel: what can be changed while it runs, and what it refuses."""
+
+import cv2
+import numpy as np
+import pytest
+
+from clothlab import artifacts
+from clothlab.cloth import get_cloth
+from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
+from clothlab.env import SimulationError
+from clothlab.lab import views
+from clothlab.lab.session import DRIVERS, LiveSession, mask_from_file
+from clothlab.trials import RandomPolicy, load_trial, replay, rollout
+
+
+@pytest.fixture
+def session(tmp_path):
+    session = LiveSession(recordings=tmp_path / "mine")
+    yield session
+    session.close()
+
+
+def test_a_step_shows_what_it_saw_and_did(session):
+    moment = session.step()
+    assert moment.step == 1
+    assert moment.solved
+    assert moment.image.shape == moment.reconstruction.shape == (96, 128)
+    assert moment.command.shape == moment.theta.shape == moment.p.shape == (2,)
+    assert moment.distance > 0
+    assert moment.seconds > 0
+    assert session.picture().shape == (288, 384, 3)
+
+
+def test_a_late_step_goes_on_with_the_last_plan(session):
+    assert session.step(solve=False).solved  # there is no plan yet
+    assert not session.step(solve=False).solved
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_everyone_can_drive(session, driver):
+    session.set_driver(driver)
+    commands = [session.step().command for _ in range(3)]
+    if driver == "hand":
+        assert np.array_equal(commands[0], session.hand)
+
+
+def test_the_hand_sends_what_it_is_told(session):
+    session.set_driver("hand")
+    session.set_hand(np.array([0.1, -0.9]))
+    assert session.step().command == pytest.approx([0.1, -0.9])
+    with pytest.raises(ValueError, match="outside the torque arm's range"):
+        session.set_hand(np.array([5.0, 0.0]))
+    assert session.step().command == pytest.approx([0.1, -0.9])
+
+
+def test_p_moves_only_while_it_is_estimated(session):
+    session.set_p(np.array([0.3, -0.2]))
+    session.set_driver("random")
+    for _ in range(14):
+        assert session.step().p == pytest.approx([0.3, -0.2])
+    session.estimating = True
+    moved = [session.step().p for _ in range(14)][-1]
+    assert not np.allclose(moved, [0.3, -0.2])
+    with pytest.raises(ValueError, match="finite"):
+        session.set_p(np.array([np.nan, 0.0]))
+    assert session.p == pytest.approx(moved)
+
+
+def test_a_cloth_image_is_understood_better_than_an_impossible_one(session):
+    session.set_target(artifacts.load_target("target-1"))
+    cloth = session.misunderstanding
+    checkers = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
+    session.set_target(checkers)
+    assert session.misunderstanding > cloth
+    assert session.believed.shape == (96, 128)
+    assert np.array_equal(session.target, checkers)
+    with pytest.raises(ValueError, match="no cloth in the image"):
+        session.set_target(np.zeros((96, 128)))
+    assert np.array_equal(session.target, checkers)
+    session.step()
+
+
+def test_another_arm_brings_its_own_weights_cloth_and_target(session):
+    before = session.gallery
+    session.set_arm("muscle")
+    assert session.step().command.shape == (3,)
+    assert set(before) & set(session.gallery) >= {"target-1", "target-2", "muscle", "recorded 1"}
+    assert not np.array_equal(before["recorded 1"], session.gallery["recorded 1"])
+    assert session.env.cloth.name in session.trained.biases
+    with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque, muscle"):
+        session.set_arm("octopus")
+    session.step()
+
+
+def test_a_fixed_stiffness_is_sent_by_control_and_at_random(session):
+    with pytest.raises(ValueError, match="torque arm has no stiffness"):
+        session.set_tension(30.0)
+    session.set_arm("muscle")
+    session.set_tension(55.0)
+    for driver in ("control", "random", "operator"):
+        session.set_driver(driver)
+        assert session.step().command[2] == 55.0
+    with pytest.raises(ValueError, match="outside the muscle arm's range"):
+        session.set_tension(5.0)
+    assert session.step().command[2] == 55.0
+    session.set_tension(None)
+    session.step()
+
+
+def test_another_cloth_starts_from_rest_and_keeps_p(session):
+    session.set_p(np.array([0.1, 0.2]))
+    session.step()
+    session.set_cloth(get_cloth("damp0.03-mass0.15"))
+    assert session.step().step == 1
+    assert session.p == pytest.approx([0.1, 0.2])
+
+
+def test_a_recording_becomes_a_trial(session):
+    session.record()
+    commands = [session.step().command for _ in range(12)]
+    path = session.recorder.save("my-swing_1")
+    trial = load_trial(path)
+    assert trial.commands == pytest.approx(np.array(commands))
+    assert trial.cloth == session.env.cloth
+    assert trial.policy == "control"
+    assert not session.recording
+    session.record()  # nothing is left of the first
+
+
+def test_training_can_include_a_recording(session, tmp_path):
+    session.set_material(0.04, 0.12)
+    session.record()
+    for _ in range(12):
+        session.step()
+    trials = [artifacts.load_trials("train")[0], load_trial(session.recorder.save("mine"))]
+    runs = [to_sequences(session.trained.autoencoder, trial) for trial in trials]
+    _, biases, _ = train_dpmpb(runs, ModelTraining(epochs=1, sequence_length=5), progress=False)
+    assert list(biases) == [trials[0].cloth.name, "damp0.040-mass0.120"]
+
+
+@pytest.mark.parametrize("change", ["set_arm", "set_cloth", "reset"])
+def test_a_recording_is_of_one_run(session, change):
+    session.record()
+    arguments = {"set_arm": ("muscle",), "set_cloth": ("damp0.03-mass0.05",), "reset": ()}[change]
+    with pytest.raises(ValueError, match="cannot change during a recording"):
+        getattr(session, change)(*arguments)
+    session.step()
+
+
+def test_targets_come_from_picture_files(square):
+    _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
+    assert np.array_equal(mask_from_file(png.tobytes()), square)
+    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
+    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
+        with pytest.raises(ValueError, match=message):
+            mask_from_file(content)
+
+
+LIGHTEST = views.MASS[0]
+
+
+@pytest.mark.parametrize("damping", np.arange(*views.DAMPING[:2], 0.015))
+def test_the_lightest_cloth_of_the_sliders_can_be_swung(session, damping):
+    session.set_material(damping, LIGHTEST)
+    rng, arm = np.random.default_rng(0), session.arm
+    session.set_driver("hand")
+    for _ in range(25):
+        session.set_hand(np.where(rng.random(2) < 0.5, arm.command_lower, arm.command_upper))
+        session.step()
+
+
+def test_a_cloth_that_cannot_be_simulated_is_refused_and_the_one_before_goes_on(session):
+    session.step()
+    before, state = session.env.cloth, session.env.data.qpos.copy()
+    with pytest.raises(SimulationError, match=r"too light or too stiff .* \(0.05, 0.10\) stays in the hand"):
+        session.set_material(0.05, 1e-4)
+    assert session.env.cloth == before
+    assert np.array_equal(session.env.data.qpos, state)
+    assert session.step().step == 2
+    session.reset()
+    session.step()
+
+
+@pytest.mark.parametrize("values", [(-1, 0.1), (np.nan, 0.1), (0.05, 0.0), ("much", 0.1), (None, None)])
+def test_values_that_no_cloth_has_change_nothing(session, values):
+    before = session.env.cloth
+    with pytest.raises(ValueError, match="Cloth"):
+        session.set_material(*values)
+    assert session.env.cloth == before
+    session.step()
+
+
+def test_a_material_of_the_menu_is_recognised(session):
+    session.set_material(np.float32(0.03).round(2), 0.15)
+    session.set_material(0.03, 0.15)
+    assert session.env.cloth == get_cloth("damp0.03-mass0.15")
+    session.set_material(0.055, 0.1)
+    assert session.env.cloth.label == "(0.055, 0.100)"
+
+
+@pytest.mark.parametrize("p", [[1e39] * 2, [np.nan, 0], [0.1] * 3, [], "p", None])
+def test_a_p_that_the_model_cannot_use_changes_nothing(session, p):
+    session.set_p([0.1, 0.2])
+    with pytest.raises(ValueError, match="p is"):
+        session.set_p(p)
+    assert session.p == pytest.approx([0.1, 0.2])
+    session.estimating = True
+    for _ in range(14):
+        assert np.isfinite(session.step().p).all()
+
+
+@pytest.mark.parametrize("f_const", [5.0, np.nan, "much"])
+def test_a_stiffness_out_of_range_changes_nothing(session, f_const):
+    session.set_arm("muscle")
+    session.set_tension(40.0)
+    with pytest.raises(ValueError, match=r"a command|outside"):
+        session.set_tension(f_const)
+    assert session.tension == 40.0
+    assert session.step().command[2] == 40.0
+
+
+def test_a_fixed_stiffness_holds_for_the_hand_too(session):
+    session.set_arm("muscle")
+    session.set_driver("hand")
+    session.set_tension(55.0)
+    session.set_hand([0.1, -0.5, 20.0])
+    assert session.step().command == pytest.approx([0.1, -0.5, 55.0])
+
+
+def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
+    before = {name: id(value) for name, value in vars(session).items()}
+    monkeypatch.setattr("clothlab.artifacts.load_targets", lambda: {})
+    with pytest.raises(KeyError, match="unknown target 'muscle'"):
+        session.set_arm("muscle")
+    assert {name: id(value) for name, value in vars(session).items()} == before
+    session.step()
+
+
+def test_unknown_names_list_the_choices(session):
+    for call, message in (
+        (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, hand"),
+        (lambda: session.set_driver(["hand"]), "unknown driver"),
+        (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
+        (lambda: LiveSession("octopus"), "unknown arm 'octopus'; choose from torque, muscle"),
+    ):
+        with pytest.raises(KeyError, match=message):
+            call()
+    assert session.driver == "control"
+
+
+def test_an_interrupted_step_has_not_happened(session, monkeypatch):
+    session.set_driver("random")
+    session.record()
+    session.step()
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(session.env, "observe", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        session.step()
+    monkeypatch.undo()
+    assert session.step().step == 2
+    trial = load_trial(session.recorder.save("interrupted"))
+    assert len(trial) == 2
+    replay(trial)
+
+
+def test_a_recording_of_random_commands_is_the_trial_of_its_seed(session):
+    for _ in range(3):
+        session.step()
+    session.set_driver("random")
+    session.record()
+    for _ in range(7):
+        session.step()
+    trial = load_trial(session.recorder.save("random"))
+    again = rollout(session.env, RandomPolicy(session.arm), 7, seed=trial.seed)
+    assert trial.seed != 0
+    assert np.array_equal(trial.commands, again.commands)
+    assert np.array_equal(trial.images, again.images)
+
+
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
+def test_every_recording_can_be_replayed(session, arm):
+    session.set_arm(arm)
+    for _ in range(3):
+        session.step()  # a recording that began here, in the middle of a swing, could not
+    session.record()
+    for driver in ("control", "hand", "control", "operator"):
+        session.set_driver(driver)
+        for _ in range(3):
+            session.step()
+    trial = load_trial(session.recorder.save("swing"))
+    assert (len(trial), trial.policy, trial.seed) == (12, "control, hand, operator", session.seed)
+    assert len(replay(trial).time) == 12 * 50

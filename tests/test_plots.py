@@ -1,0 +1,94 @@
+"""Every figure is drawn from records, shows what they say, and is shown once."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from clothlab import plots
+from clothlab.analysis import Landscape, principal_axes
+from clothlab.arm import MuscleArm, TorqueArm
+from clothlab.cloth import CLOTHS, FOAMS
+
+RNG = np.random.default_rng(0)
+BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
+LANDSCAPE = Landscape(principal_axes(BIASES), np.linspace(-2, 2, 5), np.linspace(-2, 2, 4), 0.1 + RNG.random((4, 5)))
+PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
+MASKS = RNG.random((3, 96, 128)) > 0.5
+
+FIGURES = {
+    "loss curves": lambda: plots.loss_curves({"here": [1.0, 0.5], "there": [0.9, 0.6, 0.4]}, "loss [1]"),
+    "image grid": lambda: plots.image_grid(MASKS, ["a", "b", "c"], columns=2),
+    "untitled image grid": lambda: plots.image_grid([np.zeros((4, 4, 3), np.uint8)]),
+    "film strips": lambda: plots.film_strips({"one": MASKS, "other": MASKS}, ["1", "2", "3"]),
+    "time series": lambda: plots.time_series({"x": np.arange(4.0), "y": np.arange(4.0) ** 2}, "x [m]"),
+    "time series over time": lambda: plots.time_series({"x": np.arange(4.0)}, "x [m]", time=np.arange(4.0)),
+    "profiles": lambda: plots.cloth_profiles({"a": RNG.random((3, 6, 3, 3)), "b": RNG.random((2, 6, 3, 3))}),
+    "map": lambda: plots.material_map(BIASES, CLOTHS),
+    "map of foams": lambda: plots.material_map({name: RNG.normal(size=2) for name in FOAMS}, FOAMS, {"run": PATH}),
+    "landscapes": lambda: plots.loss_landscapes({"run": LANDSCAPE, "other": LANDSCAPE}, BIASES),
+    "landscape": lambda: plots.loss_landscapes({"run": LANDSCAPE}, BIASES, next(iter(BIASES)), {"run": PATH}),
+    "predictions": lambda: plots.predicted_states(RNG.random((5, 2)), {"p": RNG.random((5, 2))}, ["a [m]", "b [N]"]),
+    "solves": lambda: plots.solve_traces(RNG.random((4, 3))),
+    "distances": lambda: plots.distance_transition({"control": RNG.random(19)}),
+    "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
+    "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
+    "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_drawn_labelled_and_left_to_its_caller(name):
+    figure = FIGURES[name]()
+    assert isinstance(figure, Figure)
+    assert plt.get_fignums() == [], "a notebook would show it twice"
+    figure.canvas.draw()
+    drawn = [ax for ax in figure.axes if ax.axison]
+    assert all(ax.get_xlabel() or ax.get_title() or ax.get_ylabel() or not ax.get_xticks().size for ax in drawn)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_colours_can_be_told_apart(name):
+    for ax in FIGURES[name]().axes:
+        looks = [(line.get_color(), line.get_linestyle()) for line in ax.lines if not line.get_label().startswith("_")]
+        assert len(set(looks)) == len(looks)
+
+
+def test_commands_are_drawn_with_the_angles_that_follow_them(trial):
+    figure = plots.trial_traces(trial, TorqueArm())
+    for k, ax in enumerate(figure.axes):
+        commanded, measured = ax.lines
+        assert np.array_equal(commanded.get_ydata(), trial.commands[:, k])
+        assert np.array_equal(measured.get_ydata(), trial.robot[:, k])
+        assert measured.get_label() == "measured"
+        assert ax.get_ylabel() == TorqueArm().command_names[k]
+
+
+def test_tensions_are_not_drawn_as_angles(muscle_trial):
+    figure = plots.trial_traces(muscle_trial, MuscleArm())
+    assert len(figure.axes) == 3
+    for k, ax in enumerate(figure.axes):
+        (commanded,) = ax.lines  # the arm does not sense its angles
+        assert np.array_equal(commanded.get_ydata(), muscle_trial.commands[:, k])
+
+
+def test_the_best_of_each_whole_period_is_marked():
+    distance = np.array([3, 1, 2, 5, 4, 6, 0.0])
+    _, best = plots.distance_transition({"control": distance}, period=3).axes[0].lines
+    assert best.get_ydata().tolist() == [1, 4]
+    assert best.get_xdata() == pytest.approx([0.2, 0.8])
+
+
+def test_the_ellipse_is_drawn_around_the_hand():
+    arm, theta = MuscleArm(), np.array([0.3, -1.0])
+    links, ellipse = plots.ellipse_at_hand(arm, theta, 30.0).axes[0].lines
+    hand = [line[-1] for line in links.get_data()]
+    assert hand == pytest.approx(arm.hand(theta))
+    assert np.mean(ellipse.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
+
+
+def test_a_video_is_played_in_the_page(capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr("IPython.display.display", shown.append)
+    plots.show_video([np.full((32, 32, 3), k, np.uint8) for k in (0, 128)], fps=2)
+    assert "video" in shown[0].data
