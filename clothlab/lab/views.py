@@ -3,7 +3,7 @@
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -177,7 +177,7 @@ def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, An
 def ellipse(session: LiveSession, u: np.ndarray) -> bytes:
     """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; nothing for an arm without muscles."""
     arm = session.arm
-    if not isinstance(arm, MuscleArm):
+    if not arm.has_stiffness:
         return b""
     f_const = u[arm.stiffness_command][0] if session.tension is None else session.tension
-    return encoded(plots.ellipse_at_hand(arm, u[arm.angle_command], f_const))
+    return encoded(plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const))

@@ -1,0 +1,95 @@
+"""What the panel shows is plain data, made of what the session holds."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from clothlab.arm import get_arm
+from clothlab.lab import views
+from clothlab.lab.session import LiveSession
+
+BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
+
+
+@pytest.fixture(scope="module", params=["torque", "muscle"])
+def session(request, tmp_path_factory):
+    session = LiveSession(request.param, recordings=tmp_path_factory.mktemp("mine"), picture_size=(96, 128))
+    yield session
+    session.close()
+
+
+@pytest.fixture(scope="module")
+def history(session):
+    session.set_driver("random")
+    return [session.step() for _ in range(3)]
+
+
+def plain(value):
+    """Whether JSON has a word for all of it but bytes."""
+    return json.dumps(value, default=lambda each: "bytes" if isinstance(each, bytes) else 1 / 0)
+
+
+def test_a_place_on_the_map_is_a_p_and_back():
+    plane = views.Plane(BIASES, {"a": "first"})
+    for p in BIASES.values():
+        assert plane.p(plane.at(p)) == pytest.approx(p)
+    assert [dot["label"] for dot in plane.map["dots"]] == ["first", "b", "c"]
+    assert all(max(map(abs, dot["at"])) < plane.map["reach"] for dot in plane.map["dots"])
+
+
+def test_images_become_files_of_the_same_size():
+    mask = np.zeros((96, 128), bool)
+    mask[10:20, 30:50] = True
+    read = cv2.imdecode(np.frombuffer(views.encoded(mask), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert np.array_equal(read > 127, mask)
+    red = np.zeros((4, 6, 3), np.uint8) + np.array([255, 0, 0], np.uint8)
+    assert (cv2.imdecode(np.frombuffer(views.encoded(red), np.uint8), cv2.IMREAD_COLOR)[..., 2] == 255).all()
+
+
+def test_names_ranges_and_sizes_come_from_the_arm(session):
+    shown = views.fixtures(session, views.plane(session))
+    plain(shown)
+    arm = get_arm(session.arm.name)
+    assert [name for name, _ in shown["hands"]] == list(arm.command_names)
+    assert [limits[:2] for _, limits in shown["hands"]] == [*zip(arm.command_lower, arm.command_upper, strict=True)]
+    assert (shown["tension"] is not None) == arm.has_stiffness
+    assert len(shown["map"]["dots"]) == len(session.trained.biases)
+
+
+def test_traces_are_as_long_as_the_history(session, history):
+    shown = views.traces(session, history)
+    plain(shown)
+    titles = [each["title"] for each in shown]
+    assert titles[0] == "distance to the target"
+    assert shown[0]["limit"] == ("hanging still", session.still_distance)
+    assert ("stiffness command" in titles) == session.arm.has_stiffness
+    assert all(len(values) == len(history) for each in shown for _, values, *_ in each["lines"])
+
+
+def test_a_frame_before_the_first_step_has_pictures_too(session):
+    shown = views.frame(session, views.plane(session), [])
+    plain(shown)
+    assert all(shown[name] for name in ("scene", "seen", "decoded"))
+    assert shown["trail"] == []
+
+
+def test_controls_stand_where_the_session_is(session):
+    shown = views.state(session)
+    plain(shown)
+    assert (shown["arm"], shown["driver"]) == (session.arm.name, session.driver)
+    assert shown["hand"] == pytest.approx(session.hand)
+
+
+def test_the_verdict_says_whether_the_network_knows_the_target(session):
+    session.set_target(session.gallery["recorded 1"])
+    assert views.target(session)["known"]
+    session.set_target(np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0)
+    shown = views.target(session)
+    assert not shown["known"]
+    assert "no such cloth" in shown["verdict"]
+
+
+def test_only_muscles_have_an_ellipse(session):
+    assert bool(views.ellipse(session, session.hand)) == session.arm.has_stiffness
