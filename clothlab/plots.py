@@ -205,7 +205,7 @@ def loss_landscapes(
     right: str | None = None,
     paths: dict[str, np.ndarray] | None = None,
 ) -> Figure:
-    """Loss over the plane of p, a panel for each run.
+    """Loss over the plane of p, in units of its lowest value, a panel for each run.
 
     Args:
         landscapes: `{title: landscape}`.
@@ -214,10 +214,10 @@ def loss_landscapes(
         paths: estimates over time to draw into the panel of the same title, `{title: [T, D_p]}`.
     """
     figure, axes = _axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
-    every = np.concatenate([ground.loss.ravel() for ground in landscapes.values()])
-    levels = np.geomspace(every.min(), every.max(), 16)  # one scale for all panels, which the colour bar shows
-    for ax, (title, ground) in zip(axes.flat, landscapes.items(), strict=True):
-        filled = ax.contourf(ground.x, ground.y, ground.loss, levels=levels, cmap="Blues")
+    heights = [ground.loss / ground.loss.min() for ground in landscapes.values()]
+    levels = np.geomspace(1, max(height.max() for height in heights), 20)  # one scale for all panels
+    for ax, (title, ground), height in zip(axes.flat, landscapes.items(), heights, strict=True):
+        filled = ax.contourf(ground.x, ground.y, height, levels=levels, cmap="Blues")
         places = ground.axes.transform(np.stack(list(biases.values())))
         ax.scatter(*places.T, s=20, color="0.2", label="trained p")
         ax.plot(*ground.axes.transform(np.zeros((1, len(places.T))))[0], "x", color="k", ms=8, mew=2, label="p = 0")
@@ -231,7 +231,7 @@ def loss_landscapes(
         ax.set(title=title, xlabel="PC1")
         ax.locator_params(nbins=5)
     axes[0, 0].set_ylabel("PC2")
-    figure.colorbar(filled, ax=axes[0, -1], label="L, mean squared error [variances]", format="%.3f")
+    figure.colorbar(filled, ax=axes[0, -1], label="L over the lowest L", format="%.2f")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
 
