@@ -65,7 +65,7 @@ def test_traces_are_as_long_as_the_history(session, history):
     assert titles[0] == "distance to the target"
     assert shown[0]["limit"] == ("hanging still", session.still_distance)
     assert ("stiffness command" in titles) == session.arm.has_stiffness
-    assert all(len(values) == len(history) for each in shown for _, values, *_ in each["lines"])
+    assert all(len(line["values"]) == len(history) for each in shown for line in each["lines"])
 
 
 def test_a_frame_before_the_first_step_has_pictures_too(session):
