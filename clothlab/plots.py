@@ -37,8 +37,7 @@ class _Shown(Figure):
 def _axes(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options: Any
 ) -> tuple[Figure, np.ndarray]:
-    """Figure and its axes `[rows, columns]`. Made without pyplot, so that a notebook shows it once, and so that widgets
-    may draw from a thread of their own."""
+    """Figure and its axes `[rows, columns]`, made without pyplot: widgets may then draw in a thread of their own."""
     figure = _Shown(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
@@ -83,6 +82,8 @@ def image_grid(images: Sequence[np.ndarray], titles: Sequence[str] | None = None
         titles: one for each image.
         columns: images in a row.
     """
+    if not len(images):
+        raise ValueError("there is no image to show")
     columns = min(columns, len(images))
     rows = -(-len(images) // columns)
     figure, axes = _axes(rows, columns, size=(2.0, 1.75 if titles is not None else 1.55))
@@ -252,22 +253,6 @@ def predicted_states(truth: np.ndarray, predictions: dict[str, np.ndarray], name
             ax.plot(t, predicted[:, n], STYLES[k % 4], color=COLOURS[k % 7], label=label)
         ax.set(xlabel="time [s]", title=name)
     axes[0, 0].legend(fontsize=8)
-    return figure
-
-
-def solve_traces(traces: Sequence[np.ndarray]) -> Figure:
-    """How the loss falls over the iterations of the controller's solves.
-
-    Args:
-        traces: loss at the start and after each iteration, one array for each solve.
-    """
-    figure, axes = _axes()
-    ax = axes[0, 0]
-    values = np.array(traces)
-    ax.plot(values.T, color=COLOURS[0], alpha=0.08)
-    ax.plot(np.median(values, axis=0), "o-", color=COLOURS[1], lw=2, label=f"median of {len(values)} solves")
-    ax.set(xlabel="iteration", ylabel="loss [standard deviations of z]", xticks=range(values.shape[1]))
-    ax.legend()
     return figure
 
 

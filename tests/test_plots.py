@@ -29,7 +29,6 @@ FIGURES = {
     "landscapes": lambda: plots.loss_landscapes({"run": LANDSCAPE, "other": LANDSCAPE}, BIASES),
     "landscape": lambda: plots.loss_landscapes({"run": LANDSCAPE}, BIASES, next(iter(BIASES)), {"run": PATH}),
     "predictions": lambda: plots.predicted_states(RNG.random((5, 2)), {"p": RNG.random((5, 2))}, ["a [m]", "b [N]"]),
-    "solves": lambda: plots.solve_traces(RNG.random((4, 3))),
     "distances": lambda: plots.distance_transition({"control": RNG.random(19)}),
     "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
     "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
@@ -92,3 +91,8 @@ def test_a_video_is_played_in_the_page(capsys, monkeypatch):
     monkeypatch.setattr("IPython.display.display", shown.append)
     plots.show_video([np.full((32, 32, 3), k, np.uint8) for k in (0, 128)], fps=2)
     assert "video" in shown[0].data
+
+
+def test_nothing_to_show_is_refused():
+    with pytest.raises(ValueError, match="no image to show"):
+        plots.image_grid([])
