@@ -31,7 +31,8 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel: under a minute
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
 
-test: doctor chromium check  ## check, every notebook from top to bottom, and the live lab in a browser
+test: doctor chromium check  ## check, slow tests, every notebook from top to bottom, and the live lab in a browser
+	$(BIN)/pytest -m slow
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
 	$(BIN)/pytest -m browser -s tests/browser
 

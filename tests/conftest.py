@@ -135,3 +135,9 @@ def kill_writes() -> Callable[[Path, int], None]:
         subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True, timeout=60)
 
     return kill
+
+
+@pytest.fixture(autouse=True)
+def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A live session compares drawn targets with a tenth of its yardsticks: making one takes half as long."""
+    monkeypatch.setattr("clothlab.lab.session.YARDSTICK_EVERY", 200)

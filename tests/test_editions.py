@@ -55,6 +55,7 @@ def lesson(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_the_instructor_gets_solutions_with_outputs_and_a_page(lesson, tmp_path):
     before = lesson.read_text()
     make_editions.write_editions(lesson, tmp_path / "build")
@@ -68,6 +69,7 @@ def test_the_instructor_gets_solutions_with_outputs_and_a_page(lesson, tmp_path)
     assert "correct" in page
 
 
+@pytest.mark.slow
 def test_a_student_who_runs_the_check_is_told_what_to_do_and_not_how(lesson, tmp_path):
     student = make_editions.student_edition(nbformat.read(lesson, as_version=4))
     with pytest.raises(CellExecutionError, match="my_mask returned None"):

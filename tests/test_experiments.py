@@ -70,6 +70,7 @@ def test_a_record_survives_the_round_trip(name, tiny, tmp_path):
     assert record.settings == experiments.EXPERIMENTS[name].Settings(**TINY[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["estimation", "control"])
 def test_the_same_settings_give_the_same_record_on_any_number_of_workers(name, tiny):
     module = experiments.EXPERIMENTS[name]

@@ -138,6 +138,7 @@ def kernel(folder):
     return process
 
 
+@pytest.mark.slow
 def test_a_kernel_killed_at_any_moment_leaves_a_recording_in_order(tmp_path):
     rng = np.random.default_rng(0)
     for k in range(3):

@@ -12,6 +12,8 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory):
