@@ -34,7 +34,7 @@ class _Shown(Figure):
         return png.getvalue()
 
 
-def _axes(
+def new_axes(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options: Any
 ) -> tuple[Figure, np.ndarray]:
     """Figure and its axes `[rows, columns]`, made without pyplot: widgets may then draw in a thread of their own."""
@@ -65,7 +65,7 @@ def loss_curves(curves: dict[str, Sequence[float]], ylabel: str) -> Figure:
         curves: `{label: loss of each epoch}`.
         ylabel: what the loss is, with its unit.
     """
-    figure, axes = _axes()
+    figure, axes = new_axes()
     ax = axes[0, 0]
     for k, (label, losses) in enumerate(curves.items()):
         ax.semilogy(np.arange(1, len(losses) + 1), losses, STYLES[k % 4], color=COLOURS[k % 7], label=label)
@@ -86,7 +86,7 @@ def image_grid(images: Sequence[np.ndarray], titles: Sequence[str] | None = None
         raise ValueError("there is no image to show")
     columns = min(columns, len(images))
     rows = -(-len(images) // columns)
-    figure, axes = _axes(rows, columns, size=(2.0, 1.75 if titles is not None else 1.55))
+    figure, axes = new_axes(rows, columns, size=(2.0, 1.75 if titles is not None else 1.55))
     for ax in axes.flat:
         ax.axis("off")
     for k, (ax, image) in enumerate(zip(axes.flat, images, strict=False)):
@@ -103,7 +103,7 @@ def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) ->
         rows: `{label: masks [T, H, W]}`.
         titles: one for each of the T columns.
     """
-    figure, axes = _axes(len(rows), len(titles), size=(1.3, 1.05))
+    figure, axes = new_axes(len(rows), len(titles), size=(1.3, 1.05))
     for line, (label, images) in zip(axes, rows.items(), strict=True):
         line[0].set_ylabel(label, fontsize=9)
         for ax, image in zip(line, images, strict=True):
@@ -122,7 +122,7 @@ def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | N
         ylabel: what they are, with their unit.
         time: `[T]` [s]; control steps when left out.
     """
-    figure, axes = _axes(size=(8.0, 2.8))
+    figure, axes = new_axes(size=(8.0, 2.8))
     ax = axes[0, 0]
     for k, (label, values) in enumerate(series.items()):
         t = np.arange(len(values)) * CONTROL_PERIOD if time is None else time
@@ -134,7 +134,7 @@ def time_series(series: dict[str, np.ndarray], ylabel: str, time: np.ndarray | N
 
 def trial_traces(trial: Trial, arm: Arm) -> Figure:
     """Commands as steps, one panel for each, and the joint angles that follow them where the robot senses them."""
-    figure, axes = _axes(len(arm.command_names), size=(8.0, 1.9), sharex=True)
+    figure, axes = new_axes(len(arm.command_names), size=(8.0, 1.9), sharex=True)
     for k, ax in enumerate(axes[:, 0]):
         ax.step(trial.time, trial.commands[:, k], "--", where="post", color=COLOURS[1], label="commanded")
         ax.set_ylabel(arm.command_names[k])
@@ -151,7 +151,7 @@ def cloth_profiles(profiles: dict[str, Sequence[np.ndarray]]) -> Figure:
     Args:
         profiles: `{label: points of each moment [rows, columns, 3] [m]}`; later moments are drawn darker.
     """
-    figure, axes = _axes(1, len(profiles), size=(3.2, 3.2), sharex=True, sharey=True)
+    figure, axes = new_axes(1, len(profiles), size=(3.2, 3.2), sharex=True, sharey=True)
     for ax, (label, moments) in zip(axes.flat, profiles.items(), strict=True):
         for k, points in enumerate(moments):
             side = points.mean(axis=1)
@@ -172,7 +172,7 @@ def material_map(
         trajectories: estimates over time `{label: [T, D_p]}`; the last one is ringed.
     """
     pca = principal_axes(biases)
-    figure, axes = _axes(size=(6.4, 5.0))
+    figure, axes = new_axes(size=(6.4, 5.0))
     ax = axes[0, 0]
     for name, cloth in cloths.items():
         x, y = pca.transform(biases[name][None])[0]
@@ -214,7 +214,7 @@ def loss_landscapes(
         right: name of the material in the hand, which is ringed.
         paths: estimates over time to draw into the panel of the same title, `{title: [T, D_p]}`.
     """
-    figure, axes = _axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
+    figure, axes = new_axes(1, len(landscapes), size=(4.4, 3.8), sharex=True, sharey=True)
     heights = [ground.loss / ground.loss.min() for ground in landscapes.values()]
     levels = np.geomspace(1, max(height.max() for height in heights), 20)  # one scale for all panels
     for ax, (title, ground), height in zip(axes.flat, landscapes.items(), heights, strict=True):
@@ -245,7 +245,7 @@ def predicted_states(truth: np.ndarray, predictions: dict[str, np.ndarray], name
         predictions: `{label: [T, N]}`.
         names: of the N states, with units.
     """
-    figure, axes = _axes(1, len(names), size=(3.2, 2.6))
+    figure, axes = new_axes(1, len(names), size=(3.2, 2.6))
     t = np.arange(len(truth)) * CONTROL_PERIOD
     for n, (ax, name) in enumerate(zip(axes.flat, names, strict=True)):
         ax.plot(t, truth[:, n], color="0.3", lw=3, alpha=0.5, label="measured")
@@ -266,7 +266,7 @@ def distance_transition(
         baselines: distances that stay, `{label: ‖z_ref - z‖₂}`, such as that of a cloth that hangs still.
         period: control steps of one period.
     """
-    figure, axes = _axes(size=(8.0, 2.8))
+    figure, axes = new_axes(size=(8.0, 2.8))
     ax = axes[0, 0]
     for k, (label, distance) in enumerate(distances.items()):
         colour, distance = COLOURS[k % 7], np.asarray(distance)
@@ -296,7 +296,7 @@ def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float, enlarged:
     hand = arm.hand(theta)
     ellipse = hand + enlarged * (np.array([arm.hand(each) for each in pushed]) - hand)
     elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
-    figure, axes = _axes(size=(4.0, 3.6))
+    figure, axes = new_axes(size=(4.0, 3.6))
     ax = axes[0, 0]
     ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
     ax.plot(*ellipse.T, color=COLOURS[0], lw=2)
@@ -312,7 +312,7 @@ def success_curves(cases: dict[str, dict[str, np.ndarray]], thresholds: np.ndarr
         cases: `{case: {label: rates of each repeat [R, N]}}`.
         thresholds: `[N]`, in standard deviations of z.
     """
-    figure, axes = _axes(1, len(cases), size=(3.3, 3.0), sharex=True, sharey=True)
+    figure, axes = new_axes(1, len(cases), size=(3.3, 3.0), sharex=True, sharey=True)
     for ax, (case, curves) in zip(axes.flat, cases.items(), strict=True):
         for k, (label, rates) in enumerate(curves.items()):
             mean, deviation = np.mean(rates, axis=0), np.std(rates, axis=0)
@@ -326,7 +326,7 @@ def success_curves(cases: dict[str, dict[str, np.ndarray]], thresholds: np.ndarr
 
 def chamfer_scatter(log_chamfer: np.ndarray, z_distance: np.ndarray) -> Figure:
     """Distance in z against the logarithm of the chamfer distance (the paper's last figure on simulation)."""
-    figure, axes = _axes()
+    figure, axes = new_axes()
     ax = axes[0, 0]
     ax.scatter(log_chamfer, z_distance, s=10, alpha=0.5, color=COLOURS[0], edgecolor="none")
     r = np.corrcoef(log_chamfer, z_distance)[0, 1]

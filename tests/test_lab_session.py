@@ -1,5 +1,7 @@
 """The live session behind the panel: what can be changed while it runs, and what it refuses."""
 
+import copy
+
 import cv2
 import numpy as np
 import pytest
@@ -9,15 +11,28 @@ from clothlab.cloth import get_cloth
 from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
 from clothlab.env import SimulationError
 from clothlab.lab import views
+from clothlab.lab.recorder import Recorder
 from clothlab.lab.session import DRIVERS, LiveSession, mask_from_file
 from clothlab.trials import RandomPolicy, load_trial, replay, rollout
 
 
-@pytest.fixture
-def session(tmp_path):
-    session = LiveSession(recordings=tmp_path / "mine")
+@pytest.fixture(scope="module")
+def equipped(tmp_path_factory):
+    session = LiveSession(recordings=tmp_path_factory.mktemp("none"))
     yield session
     session.close()
+
+
+@pytest.fixture
+def session(equipped, tmp_path):
+    """A session as at its start, with the weights and the scene of one that is made only once."""
+    session = copy.copy(equipped)
+    session.recorder = Recorder(tmp_path / "mine")
+    session.env.hold("damp0.05-mass0.10")
+    session.set_tension(None)
+    session.reset()
+    yield session
+    session.recorder.close()
 
 
 def test_a_step_shows_what_it_saw_and_did(session):
