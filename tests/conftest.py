@@ -1,5 +1,6 @@
 """Small things that several tests share. Nothing here reads `data/`, and what costs time is made once a session."""
 
+import copy
 import resource
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from clothlab.dpmpb import DPMPB, Memory
 from clothlab.env import ClothEnv
+from clothlab.lab.recorder import Recorder
+from clothlab.lab.session import LiveSession
 from clothlab.trials import RandomPolicy, Trial, rollout
 
 KILLED_WRITES = """
@@ -141,3 +144,25 @@ def kill_writes() -> Callable[[Path, int], None]:
 def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """A live session compares drawn targets with a tenth of its yardsticks: making one takes half as long."""
     monkeypatch.setattr("clothlab.lab.session.YARDSTICK_EVERY", 200)
+
+
+@pytest.fixture(scope="session")
+def _equipped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSession]:
+    session = LiveSession(recordings=tmp_path_factory.mktemp("none"), picture_size=(96, 128))
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def new_session(_equipped: LiveSession, tmp_path: Path) -> Callable[[], LiveSession]:
+    """Makes a session as at its start, with the weights and the scene of one that is made only once."""
+
+    def make() -> LiveSession:
+        session = copy.copy(_equipped)
+        session.recorder = Recorder(tmp_path / "mine")
+        session.env.hold("damp0.05-mass0.10")
+        session.set_tension(None)
+        session.reset()
+        return session
+
+    return make

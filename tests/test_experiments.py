@@ -17,7 +17,7 @@ TINY = {
     "integrated": {"models": (0,), "steps": 16},
     "stiffness": {
         "models": (0,),
-        "tensions": (10.0, 70.0),
+        "tensions": (30.0,),
         "estimated": ("hard-1", "hard-3"),
         "estimation_steps": 12,
         "conditions": ("Correct w/o stiffness", "Random"),

@@ -15,8 +15,8 @@ from clothlab.trials import load_trial
 
 
 @pytest.fixture
-def panel(tmp_path):
-    panel = LivePanel(LiveSession(recordings=tmp_path / "mine", picture_size=(96, 128)))
+def panel(new_session):
+    panel = LivePanel(new_session())
     yield panel
     panel.check()
     panel.close()
@@ -49,6 +49,7 @@ def run(panel, seconds: float, answer=True) -> None:
     asyncio.run(main())
 
 
+@pytest.mark.slow
 def test_time_goes_by_until_it_is_paused(panel):
     async def main():
         send(panel, "start")
@@ -66,6 +67,7 @@ def test_time_goes_by_until_it_is_paused(panel):
     assert not panel.running
 
 
+@pytest.mark.slow
 def test_a_browser_that_does_not_draw_gets_no_more_frames(panel):
     first = panel.frame["number"]
     run(panel, 1.2, answer=False)
@@ -73,6 +75,7 @@ def test_a_browser_that_does_not_draw_gets_no_more_frames(panel):
     assert panel.frame["number"] <= first + 1
 
 
+@pytest.mark.slow
 def test_a_page_that_is_gone_stops_the_clock(panel, monkeypatch):
     monkeypatch.setattr(panel_module, "PATIENCE", 3)
 
@@ -95,6 +98,7 @@ def test_a_second_panel_closes_the_first(panel):
     other.close()  # twice is once
 
 
+@pytest.mark.slow
 def test_a_busy_kernel_is_not_a_closed_page(panel, monkeypatch):
     monkeypatch.setattr(panel_module, "PATIENCE", 3)
 
@@ -109,6 +113,7 @@ def test_a_busy_kernel_is_not_a_closed_page(panel, monkeypatch):
     assert asyncio.run(main())
 
 
+@pytest.mark.slow
 def test_actions_wait_for_the_end_of_a_step_whatever_thread_brings_them(monkeypatch):
     threads = []
 

@@ -1,7 +1,5 @@
 """The live session behind the panel: what can be changed while it runs, and what it refuses."""
 
-import copy
-
 import cv2
 import numpy as np
 import pytest
@@ -11,26 +9,13 @@ from clothlab.cloth import get_cloth
 from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
 from clothlab.env import SimulationError
 from clothlab.lab import views
-from clothlab.lab.recorder import Recorder
 from clothlab.lab.session import DRIVERS, LiveSession, mask_from_file
 from clothlab.trials import RandomPolicy, load_trial, replay, rollout
 
 
-@pytest.fixture(scope="module")
-def equipped(tmp_path_factory):
-    session = LiveSession(recordings=tmp_path_factory.mktemp("none"))
-    yield session
-    session.close()
-
-
 @pytest.fixture
-def session(equipped, tmp_path):
-    """A session as at its start, with the weights and the scene of one that is made only once."""
-    session = copy.copy(equipped)
-    session.recorder = Recorder(tmp_path / "mine")
-    session.env.hold("damp0.05-mass0.10")
-    session.set_tension(None)
-    session.reset()
+def session(new_session):
+    session = new_session()
     yield session
     session.recorder.close()
 
@@ -43,7 +28,7 @@ def test_a_step_shows_what_it_saw_and_did(session):
     assert moment.command.shape == moment.theta.shape == moment.p.shape == (2,)
     assert moment.distance > 0
     assert moment.seconds > 0
-    assert session.picture().shape == (288, 384, 3)
+    assert session.picture().shape == (96, 128, 3)
 
 
 def test_a_late_step_goes_on_with_the_last_plan(session):
