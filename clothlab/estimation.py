@@ -45,7 +45,7 @@ def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int =
     Returns:
         Mean squared error in standard deviations, of each p: `[]` or `[B]`.
     """
-    many = p.reshape(-1, model.bias_size)
+    many = p if p.ndim > 1 else p[None]
     predicted, _ = model(s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many)
     losses = [model.loss(each[warmup:], s[1 + warmup :]) for each in predicted]
     return torch.stack(losses).reshape(p.shape[:-1])

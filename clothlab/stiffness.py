@@ -63,7 +63,8 @@ def static_posture(arm: MuscleArm, u: ArrayLike, force: ArrayLike) -> np.ndarray
 
     solution = root(torque, u[arm.angle_command], tol=1e-10)
     low, high = np.array(arm.lower) - arm.stop_margin, np.array(arm.upper) + arm.stop_margin
-    if not solution.success or (solution.x < low).any() or (solution.x > high).any():
+    balanced = np.abs(torque(solution.x)).max() < 1e-8  # [N m]; a stretched arm makes the solver doubt a good answer
+    if not balanced or (solution.x < low).any() or (solution.x > high).any():
         raise ValueError(f"the muscles cannot hold {force} N under the command {u}: push less")
     return solution.x
 

@@ -96,3 +96,10 @@ def test_a_force_is_two_numbers(force):
 def test_what_is_no_ellipse_has_no_area(points):
     with pytest.raises(ValueError, match=r"displacements is \[N, 2\] and finite|three points or more"):
         ellipse_area(points)
+
+
+def test_a_stretched_arm_has_an_ellipse_too():
+    angles = np.linspace(0, 2 * np.pi, 25)
+    moved = [static_posture(MuscleArm(), [0.0, 0.0, 30.0], [np.cos(a), np.sin(a)]) for a in angles]
+    assert np.allclose(moved[0], moved[-1], atol=1e-9)
+    assert np.ptp(moved, axis=0).min() > 1e-4
