@@ -44,7 +44,7 @@ def check_name(kind: str, name: str) -> str:
 
 
 def check_array(what: str, value: ArrayLike, shape: Sequence[int | str], dtype: DTypeLike = np.float64) -> np.ndarray:
-    """Return `value` as an array of finite numbers.
+    """Return `value` as an array of finite numbers: a copy, so that what its owner does with it later changes nothing.
 
     Args:
         what: its name, for the message.
@@ -58,7 +58,7 @@ def check_array(what: str, value: ArrayLike, shape: Sequence[int | str], dtype: 
     wanted = f"{what} is [{', '.join(map(str, shape))}] and finite"
     try:
         with np.errstate(over="ignore"):
-            array = np.asarray(value, dtype=dtype)
+            array = np.asarray(value, dtype=dtype).copy()  # not np.array, which torch has not learned yet
     except (TypeError, ValueError, OverflowError, RuntimeError):
         raise ValueError(f"{wanted}, got {value!s:.80}") from None
     if array.ndim != len(shape) or any(n != m for n, m in zip(shape, array.shape, strict=True) if isinstance(n, int)):

@@ -201,7 +201,7 @@ class ControlPolicy(Policy):
         Raises:
             ValueError: p of another size or not finite.
         """
-        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32).copy())
+        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
         self._frozen = FrozenDPMPB(self.model, self._p)
 
     def set_target(self, mask: ArrayLike) -> None:

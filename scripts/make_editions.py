@@ -39,11 +39,20 @@ def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbforma
     edition = _moved(notebook)
     for cell in edition.cells:
         cell.metadata.get("jupyter", {}).pop("source_hidden", None)
+    execute(edition, folder)
+    return edition
+
+
+def execute(notebook: nbformat.NotebookNode, folder: Path) -> None:
+    """Run a notebook's cells in a folder, and keep their outputs in it.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: a cell fails.
+    """
     quiet = ["--IPKernelApp.log_level=ERROR"]  # each kernel would warn that it speaks TCP
     ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet).preprocess(
-        edition, {"metadata": {"path": str(folder)}}
+        notebook, {"metadata": {"path": str(folder)}}
     )
-    return edition
 
 
 def write_editions(path: Path, build: Path) -> None:

@@ -1,4 +1,4 @@
-"""`make findings`: every notebook at full size, and every claim checked on what it measured. About ten
+"""`make findings`: every notebook at full size, and every claim checked on what it measured. About eight
 minutes on two cores.
 
 CI runs the notebooks with smaller parameters, where the claims are checked on stored figures alone. This runs them with
@@ -11,14 +11,11 @@ import time
 from pathlib import Path
 
 import nbformat
-from nbconvert.preprocessors import ExecutePreprocessor
+from make_editions import ROOT, execute
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
 from clothlab.experiments.claims import RECORD
-
-ROOT = Path(__file__).resolve().parents[1]
-CELL_SECONDS = 3600  # [s] a cell that takes longer has hung
 
 
 def run(path: Path) -> list[str]:
@@ -28,10 +25,7 @@ def run(path: Path) -> list[str]:
         nbclient.exceptions.CellExecutionError: a cell fails, such as a claim that does not hold.
     """
     notebook = nbformat.read(path, as_version=4)
-    quiet = ["--IPKernelApp.log_level=ERROR"]
-    ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet).preprocess(
-        notebook, {"metadata": {"path": str(path.parent)}}
-    )
+    execute(notebook, path.parent)
     printed = [output.get("text", "") for cell in notebook.cells for output in cell.get("outputs", [])]
     return [line for text in printed for line in text.splitlines() if line.startswith("✓")]
 

@@ -1,6 +1,6 @@
 """`make results`: run every experiment at full size from `data/`, with fresh simulation.
 
-Writes the records to `data/results/`, which notebooks and claims read, and the tables into the README. About six
+Writes the records to `data/results/`, which notebooks and claims read, and the tables into the README. About four
 minutes on two cores.
 """
 

@@ -203,3 +203,10 @@ def test_a_number_stays_within_its_bounds(bounds, wrong, right):
     assert check_number("n", right, **bounds) == right
     with pytest.raises(ValueError, match=rf"n must be (at least|above|at most) \d, got {wrong}"):
         check_number("n", wrong, **bounds)
+
+
+def test_an_array_that_entered_belongs_to_whoever_took_it():
+    given = np.array([1.0, 2.0])
+    taken = check_array("p", given, (2,))
+    given[0] = 9.0
+    assert taken[0] == 1.0
