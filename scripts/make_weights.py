@@ -22,18 +22,29 @@ SEEDS = range(5)  # the paper repeats learning and control five times
 class Training:
     """What a set of weights is trained on, and how."""
 
-    trials: str
+    arm: str
+    trials: tuple[str, ...]
+    autoencoder: AutoencoderTraining
     model: ModelTraining
 
 
+PAPER = ModelTraining()
+# All sequences fit into one batch, so that there is one step an epoch: larger steps make up for their number.
+PAPER_MUSCLE = ModelTraining(
+    epochs=600, batch_size=1000, sequence_length=20, learning_rate=8e-3, bias_learning_rate=2.4e-2
+)
 TRAININGS = {
-    "torque": Training("train", ModelTraining()),
-    # All sequences fit into one batch, so that there is one step an epoch: larger steps make up for their number.
-    "muscle": Training(
-        "muscle-train",
-        ModelTraining(epochs=600, batch_size=1000, sequence_length=20, learning_rate=8e-3, bias_learning_rate=2.4e-2),
-    ),
+    "torque-paper": Training("torque", ("train",), AutoencoderTraining(), PAPER),
+    "muscle-paper": Training("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
+    # Twenty times the experience needs fewer rounds of it.
+    "torque": Training("torque", ("train", "train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)),
+    "muscle": Training("muscle", ("muscle-train", "muscle-train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)),
 }
+
+
+def load_trials(name: str) -> list[Trial]:
+    """All trials that a training learns from."""
+    return [trial for recording in TRAININGS[name].trials for trial in artifacts.load_trials(recording)]
 
 
 def train_autoencoder_weights(arm: str) -> None:
