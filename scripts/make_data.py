@@ -66,7 +66,9 @@ def record(path: Path, recording: Recording, cloth: str, policy: str, seed: int)
 
 def record_all(workers: int, progress: bool = True) -> None:
     """Record all trials, several at once."""
-    done = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(joblib.delayed(record)(*job) for job in jobs())
+    done = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(
+        joblib.delayed(record)(*job) for job in jobs()
+    )
     for _ in tqdm(done, total=len(jobs()), desc="trials", unit="trial", disable=not progress):
         pass
 

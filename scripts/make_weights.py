@@ -38,7 +38,9 @@ TRAININGS = {
     "muscle-paper": Training("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
     # Twenty times the experience needs fewer rounds of it.
     "torque": Training("torque", ("train", "train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)),
-    "muscle": Training("muscle", ("muscle-train", "muscle-train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)),
+    "muscle": Training(
+        "muscle", ("muscle-train", "muscle-train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)
+    ),
 }
 
 

@@ -10,6 +10,7 @@ from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
     chamfer_against_z,
+    difference_interval,
     loss_landscape,
     nearest_material,
     principal_axes,
@@ -145,3 +146,21 @@ def test_a_target_is_a_mask_with_cloth(trial, target):
     for use in (target_distance, chamfer_against_z):
         with pytest.raises(ValueError, match=r"cloth image|no cloth"):
             use(Autoencoder().eval(), trial, target)
+
+
+def test_an_interval_of_differences_covers_what_it_says_and_knows_that_runs_of_a_training_resemble_each_other():
+    rng, inside = np.random.default_rng(0), 0
+    for k in range(200):
+        runs = rng.normal(0.3, 0.2, (20, 1)) + rng.normal(0.0, 0.2, (20, 4))
+        _, low, high = difference_interval(runs, resamples=400, seed=k)
+        inside += low < 0.3 < high
+    assert 0.88 < inside / 200 < 0.99
+    _, low, high = difference_interval(runs)
+    _, low_alone, high_alone = difference_interval(runs.reshape(-1, 1))
+    assert high - low > 1.2 * (high_alone - low_alone)
+
+
+def test_equal_differences_have_no_interval_to_speak_of():
+    assert difference_interval(np.full((5, 4), 0.2)) == pytest.approx((0.2, 0.2, 0.2))
+    with pytest.raises(ValueError, match="differences is"):
+        difference_interval([0.1, 0.2])

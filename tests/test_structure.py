@@ -19,6 +19,7 @@ LAYERS += [
     "dpmpb",
     "estimation",
     "control",
+    "practice",
     "artifacts",
     "analysis",
     "plots",

@@ -1,0 +1,253 @@
+"""Does learning from outcomes spread the cloth? Practice against the paper's method, and both against everyone else who
+could do it, on both arms, with the same time per solve."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from clothlab import artifacts
+from clothlab._validation import Checked, choose, setting
+from clothlab.analysis import best_per_period, target_distance
+from clothlab.artifacts import Trained
+from clothlab.autoencoder import encode
+from clothlab.cloth import cloth_name
+from clothlab.control import recorded_plans
+from clothlab.env import ClothEnv
+from clothlab.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.experiments._record import run_jobs, trained
+from clothlab.experiments.opponents import (
+    ChangesPolicy,
+    CrossEntropyPolicy,
+    MeanLossPolicy,
+    Repeat,
+    best_recorded_plan,
+    train_changes,
+)
+from clothlab.practice import PracticePolicy
+from clothlab.trials import Policy, RandomPolicy, rollout
+
+ENSEMBLE = 5  # models
+LAST = 10  # periods by which practice is judged
+
+
+@dataclass(frozen=True)
+class Case(Checked):
+    """A target, the cloth in the hand, and the cloth whose p is the wrong one."""
+
+    arm: str = setting()
+    target: str = setting()
+    cloth: str = setting()
+    wrong: str = setting()
+
+
+LIGHT, HEAVY = cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)
+CASES = {
+    "target-1, light": Case("torque", "target-1", LIGHT, HEAVY),
+    "target-1, heavy": Case("torque", "target-1", HEAVY, LIGHT),
+    "target-2, light": Case("torque", "target-2", LIGHT, HEAVY),
+    "target-2, heavy": Case("torque", "target-2", HEAVY, LIGHT),
+    "foam hard-1": Case("muscle", "muscle", "hard-1", "soft-1"),
+    "foam soft-1": Case("muscle", "muscle", "soft-1", "hard-1"),
+}
+RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # whose stretches are starts
+
+
+@dataclass(frozen=True)
+class Method:
+    """Who chooses the commands.
+
+    Attributes:
+        make: learned, case, seed of the training, p → policy.
+        p: of the right cloth, of the wrong one, zero, or estimated from the wrong one.
+        weights: what the names of the weights have after that of the arm.
+        often: whether a claim stands on it, so that it has four runs for each training in place of one.
+        stiffness: f_const [N] that has to be sent, on an arm that has it; 0 for whatever it likes.
+    """
+
+    make: Callable[[Trained, Case, int, np.ndarray], Policy]
+    p: str = "right"
+    weights: str = ""
+    often: bool = False
+    stiffness: float = 0.0
+
+
+def _target(case: Case) -> np.ndarray:
+    return artifacts.load_target(case.target)
+
+
+def _plans(case: Case, model: int) -> np.ndarray:
+    return recorded_plans(artifacts.load_trials(RECORDINGS[case.arm]), seed=model)
+
+
+def _best_recorded(learned: Trained, case: Case) -> np.ndarray:
+    """The recorded plan that came nearest with this very cloth."""
+    trials = [trial for trial in artifacts.load_trials(RECORDINGS[case.arm]) if trial.cloth.name == case.cloth]
+    return best_recorded_plan(
+        [learned.sequences(trial) for trial in trials], encode(learned.autoencoder, _target(case))
+    )
+
+
+def _random(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return RandomPolicy(learned.arm)
+
+
+def _replay(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return Repeat(_best_recorded(learned, case))
+
+
+def _gradient(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return learned.controller(_target(case), p)
+
+
+def _with_starts(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return learned.controller(_target(case), p, plans=_plans(case, model))
+
+
+def _cross_entropy(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return CrossEntropyPolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p)
+
+
+def _ensemble(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    others = [trained(f"{case.arm}-{k}") for k in range(ENSEMBLE) if k != model]
+    members = [(other.model, other.biases[case.cloth]) for other in others]
+    return MeanLossPolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, members=members)
+
+
+def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, _plans(case, model))
+
+
+def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    runs = [learned.sequences(trial) for trial in artifacts.load_trials(RECORDINGS[case.arm])]
+    changes = train_changes(runs, learned.model, learned.autoencoder.latent_size, seed=model)
+    plan = _best_recorded(learned, case)
+    return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
+
+
+METHODS = {
+    "random": Method(_random, often=True),
+    "replay of the best recorded stretch": Method(_replay),
+    "gradient": Method(_gradient, often=True),
+    "gradient, p = 0": Method(_gradient, p="zero"),
+    "gradient, wrong p": Method(_gradient, p="wrong", often=True),
+    "gradient, paper's recordings": Method(_gradient, weights="-paper"),
+    "gradient, recorded starts": Method(_with_starts),
+    "gradient, five models": Method(_ensemble),
+    "cross-entropy": Method(_cross_entropy),
+    "changes": Method(_changes),
+    "practice": Method(_practice, often=True),
+    "practice, p = 0": Method(_practice, p="zero", often=True),
+    "practice, wrong p": Method(_practice, p="wrong", often=True),
+    "practice, estimated p": Method(_practice, p="estimated", often=True),
+    "practice, paper's recordings": Method(_practice, weights="-paper"),
+    "gradient, without stiffness": Method(_gradient, stiffness=10.0, often=True),
+    "practice, without stiffness": Method(_practice, stiffness=10.0, often=True),
+}
+
+
+@dataclass(frozen=True)
+class Settings(Checked):
+    """What is run; the defaults are the full size."""
+
+    methods: tuple[str, ...] = setting(tuple(METHODS))
+    cases: tuple[str, ...] = setting(tuple(CASES))
+    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
+    repeats: int = setting(4, at_least=1)  # runs for each training where a claim stands on a method, else 1
+    first_seed: int = setting(20_000, at_least=0)  # of the runs: this + 100 model + number of the run
+    steps: int = setting(248, "step", at_least=16)  # 31 periods
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run.
+
+    Attributes:
+        method: one of `METHODS`.
+        case: one of `CASES`.
+        model: seed of the training.
+        seed: of the run.
+        still: distance of the cloth that hangs still [s.d. of z].
+        best: smallest distance in each period but the first [s.d. of z].
+        promises: what practice expected of the plan of each period; empty for others [s.d. of z].
+        bias_ratio: distance to the right p in the end over that at the start; None where p is not estimated.
+    """
+
+    method: str
+    case: str
+    model: int
+    seed: int
+    still: float
+    best: np.ndarray
+    promises: np.ndarray
+    bias_ratio: float | None
+
+    @property
+    def last(self) -> float:
+        """Median of the last ten periods [s.d. of z]."""
+        return float(np.median(self.best[-LAST:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was found.
+
+    Attributes:
+        settings: of the experiment.
+        runs: one for each method, case, training and repeat.
+    """
+
+    settings: Settings
+    runs: tuple[Run, ...]
+
+    def select(self, method: str, case: str) -> list[Run]:
+        """The runs of a method in a case, by training and repeat."""
+        return [run for run in self.runs if (run.method, run.case) == (method, case)]
+
+    def last(self, method: str, case: str) -> np.ndarray:
+        """Median of the last ten periods of each training, mean over its repeats, `[models]` [s.d. of z]."""
+        runs = self.select(method, case)
+        return np.array([np.mean([run.last for run in runs if run.model == k]) for k in self.settings.models])
+
+
+def run_one(settings: Settings, method: str, case: str, model: int, repeat: int) -> Run:
+    """One run of a method in a case."""
+    how, what = choose("method", method, METHODS), choose("case", case, CASES)
+    learned, seed = trained(f"{what.arm}{how.weights}-{model}"), settings.first_seed + 100 * model + repeat
+    if how.stiffness:
+        learned = replace(learned, arm=learned.arm.with_stiffness(how.stiffness))
+    right = learned.biases[what.cloth]
+    p = {"right": right, "zero": np.zeros_like(right)}.get(how.p, learned.biases[what.wrong])
+    policy, inner = how.make(learned, what, model, p), None
+    if how.p == "estimated":
+        inner, policy = policy, EstimatingPolicy(policy, BiasEstimator(learned.model, p), learned.autoencoder)
+    env = ClothEnv(learned.arm, what.cloth)
+    trial = rollout(env, policy, settings.steps, seed=seed)
+    env.close()
+    away = target_distance(learned.autoencoder, trial, _target(what))
+    ratio = None
+    if isinstance(policy, EstimatingPolicy):
+        ratio = float(np.linalg.norm(policy.trace[-1] - right) / np.linalg.norm(p - right))
+    promises = np.array(getattr(inner or policy, "promises", []), dtype=np.float64)
+    return Run(method, case, model, seed, float(away[0]), best_per_period(away).round(4), promises.round(4), ratio)
+
+
+def jobs(settings: Settings) -> list[tuple[Settings, str, str, int, int]]:
+    """Every run: method, case, training and repeat."""
+    found = []
+    for method, case, model in product(settings.methods, settings.cases, settings.models):
+        how = choose("method", method, METHODS)
+        if how.stiffness and choose("case", case, CASES).arm != "muscle":
+            continue
+        repeats = settings.repeats if how.often else 1
+        found += [(settings, method, case, model, repeat) for repeat in range(repeats)]
+    return found
+
+
+def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
+    """Every method in every case with every training."""
+    settings = settings or Settings()
+    return Record(
+        settings, tuple(run_jobs(run_one, jobs(settings), workers=workers, progress=progress, what="practice"))
+    )

@@ -1,0 +1,231 @@
+"""Practice: control that learns from its own outcomes.
+
+The model promises where a plan leads, and the best of many promises is one that errs most kindly. So a plan is sent
+unchanged for one period, and what it missed, outcome minus promise, is learned by a Gaussian process over plans and the
+states that they start from. The next plan is the one whose corrected promise is best,
+
+    z(u) = h(s, u, p) + mean(u),    E‖z_ref - z‖² = ‖z_ref - z(u)‖² + D_z variance(u),
+
+where the variance is small near plans that were tried and large elsewhere: a trust region that nobody has to set.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from clothlab._validation import Checked, setting
+from clothlab.arm import Arm
+from clothlab.autoencoder import Autoencoder
+from clothlab.control import ControlPolicy, ControlSettings
+from clothlab.dpmpb import DPMPB, Memory
+from clothlab.env import Observation
+
+
+@dataclass(frozen=True)
+class PracticeSettings(Checked):
+    """How much is tried, and how far an outcome teaches."""
+
+    lookahead: int = setting(2, "period", at_least=1)  # a plan must be good when it is repeated, too
+    starts: int = setting(6, at_least=1)  # best-looking plans from which the descent begins
+    iterations: int = setting(8, at_least=0)  # of the descent
+    caution: float = setting(1.0, at_least=0)  # weight of the variance
+    first_caution: float = setting(1.0, at_least=0)  # in the first period; it changes to `caution` within `warmup`
+    warmup: int = setting(15, "period", at_least=1)
+    plan_scale: float = setting(4.0, "s.d. of u", above=0)  # how far from a plan its outcome still teaches
+    state_scale: float = setting(3.0, "s.d. of s", above=0)  # and how far from its start
+    prior_error: float = setting(0.55, "s.d. of z", above=0)  # of a promise, before any outcome is known
+    prior_count: float = setting(2.0, "period", above=0)  # how many outcomes that prior is worth
+    noise: float = setting(0.03, above=0)  # variance of what does not repeat, over that of all that promises miss
+    remembered: int = setting(60, "period", at_least=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One period: a plan, where it started, and where it led.
+
+    Attributes:
+        s: state at its start `[D_s]`.
+        memory: recurrent state there.
+        u: the plan `[T, D_u]`.
+        z: what was seen after each command `[T, D_z]`.
+    """
+
+    s: Tensor
+    memory: Memory
+    u: Tensor
+    z: Tensor
+
+
+class Correction:
+    """Gaussian process of what promises miss, with one squared-exponential kernel for all steps and axes of z.
+
+    Args:
+        x: features of the plans that were tried `[N, D]`, in units of the kernel's length.
+        missed: outcome minus promise `[N, T, D_z]`.
+        settings: prior and noise.
+
+    Attributes:
+        variance: of a promise's error far from all that was tried [(s.d. of z)²].
+    """
+
+    def __init__(self, x: Tensor, missed: Tensor, settings: PracticeSettings):
+        self._x, self._shape, self._prior = x, missed.shape[1:], settings.prior_count
+        kernel = _kernel(x, x) + settings.noise * torch.eye(len(x), dtype=x.dtype)
+        self._inverse = torch.linalg.inv(kernel)
+        self._weights = self._inverse @ missed.flatten(1)
+        squares = missed.square().mean(dim=(1, 2)).sum()
+        self.variance = (settings.prior_count * settings.prior_error**2 + squares) / (settings.prior_count + len(x))
+
+    def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """What plans with features x `[B, D]` will probably miss.
+
+        Returns:
+            Mean `[B, T, D_z]` and variance `[B]`.
+        """
+        k = _kernel(x, self._x)
+        known = ((k @ self._inverse) * k).sum(1)
+        return (k @ self._weights).unflatten(1, self._shape), self.variance * (1 - known).clamp_min(0)
+
+
+def _kernel(a: Tensor, b: Tensor) -> Tensor:
+    return torch.exp(-0.5 * (a[:, None] - b).square().sum(-1))
+
+
+class PracticePolicy(ControlPolicy):
+    """Realises a target image once a period, and learns from each period what the model's promises miss.
+
+    A plan is chosen at the start of a period and sent unchanged. What was learned is about the model and the cloth, not
+    about the target: it stays when the target changes.
+
+    Args:
+        model: trained network.
+        autoencoder: the one that the model was trained with.
+        arm: gives the range of the commands.
+        target: mask `[H, W]` of the cloth to realise.
+        p: parametric bias of the cloth in the hand `[D_p]`.
+        plans: command sequences `[N, period, D_u]` to begin with, such as `recorded_plans`.
+        settings: how much is tried, and how far an outcome teaches.
+        control: period, range of step sizes.
+
+    Raises:
+        ValueError: as `ControlPolicy`, or no plans at all.
+
+    Attributes:
+        practising: whether new plans are tried; else the best known one is sent again.
+        attempts: the periods so far.
+        promises: expected distance of each plan sent, one a period [s.d. of z].
+    """
+
+    name = "practice"
+
+    def __init__(
+        self,
+        model: DPMPB,
+        autoencoder: Autoencoder,
+        arm: Arm | str,
+        target: ArrayLike,
+        p: ArrayLike,
+        plans: ArrayLike,
+        settings: PracticeSettings | None = None,
+        control: ControlSettings | None = None,
+    ):
+        self.practice, self.practising = settings or PracticeSettings(), True
+        super().__init__(model, autoencoder, arm, target, p, control, plans)
+        if not len(self._plans):
+            raise ValueError("practice needs at least one plan to begin with, such as recorded_plans gives")
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run: phase, memory, plan and what was learned."""
+        super().reset(seed)
+        self.attempts: list[Attempt] = []
+        self.promises: list[float] = []
+        self._seen: list[Tensor] = []
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        s = self._follow(observation)
+        self._seen.append(s[self.layout.z])
+        if self._t % self.settings.period == 0:
+            if self._t:
+                z = torch.stack(self._seen[-self.settings.period :])
+                self.attempts = [*self.attempts, Attempt(*self._begun, z)][-self.practice.remembered :]
+            self._u, promise = self._plan(s)
+            self._begun = (s, self._memory, self._u)
+            self.promises.append(promise)
+            self._seen = []
+        return self._send(s)
+
+    def correction(self) -> Correction | None:
+        """What the promises of the present p missed in the attempts so far; None before the first outcome."""
+        if not self.attempts:
+            return None
+        s, u, z = (torch.stack([getattr(each, name) for each in self.attempts]) for name in ("s", "u", "z"))
+        memory = Memory(
+            *(torch.cat(part, dim=1) for part in zip(*(each.memory for each in self.attempts), strict=True))
+        )
+        with torch.no_grad():
+            promised = self._frozen(s, u, memory)[..., self.layout.z]
+            return Correction(self._features(s, u), z - promised, self.practice)
+
+    def expected(self, s: Tensor, u: Tensor, correction: Correction | None) -> Tensor:
+        """Expected distance to the target when plans are sent from here, again and again [s.d. of z].
+
+        Args:
+            s: state `[D_s]`.
+            u: plans `[B, T, D_u]`.
+            correction: what promises miss.
+
+        Returns:
+            Root mean square over the periods looked ahead, each with its best step, `[B]`.
+        """
+        ahead, period, z = self.practice.lookahead, self.settings.period, self.layout.z
+        caution = self._caution() * len(self.z_ref)
+        states = self._frozen(s, u.repeat(1, ahead, 1), self._memory).unflatten(1, (ahead, period))
+        start, total = s.expand(len(u), -1), torch.zeros(len(u))
+        for k in range(ahead):
+            predicted, variance = states[:, k, :, z], torch.tensor(self.practice.prior_error**2)
+            if correction is not None:
+                mean, variance = correction(self._features(start, u))
+                predicted = predicted + mean
+            squares = (predicted - self.z_ref).square().sum(-1).amin(1) + caution * variance
+            total = total + squares / ahead
+            start = torch.cat([predicted[:, -1], states[:, k, -1, z.stop :]], dim=1)
+        return total.clamp_min(1e-12).sqrt()
+
+    def _caution(self) -> float:
+        share = min(len(self.attempts) / self.practice.warmup, 1.0)
+        return self.practice.first_caution + share * (self.practice.caution - self.practice.first_caution)
+
+    def _features(self, s: Tensor, u: Tensor) -> Tensor:
+        plan = (u / self.model.u_std).flatten(1) / self.practice.plan_scale
+        return torch.cat([plan, s / self.model.s_std / self.practice.state_scale], dim=1)
+
+    def _plan(self, s: Tensor) -> tuple[Tensor, float]:
+        correction = self.correction()
+        tried = [attempt.u for attempt in self.attempts]
+        starts = torch.stack(tried) if tried else self._plans[:0]
+        if self.practising or not tried:
+            starts = torch.cat([starts, self._plans, self._u[None]])
+        with torch.no_grad():
+            losses = self.expected(s, starts, correction)
+        best = losses.argsort()[: self.practice.starts if self.practising else 1]
+        u, losses = starts[best], losses[best]
+        for _ in range(self.practice.iterations if self.practising else 0):
+            u, losses = self._descend(s, u, correction)
+        return u[losses.argmin()], float(losses.min())
+
+    def _descend(self, s: Tensor, u: Tensor, correction: Correction | None) -> tuple[Tensor, Tensor]:
+        """One step down the gradient for each plan `[B, T, D_u]`, of the best of several sizes; and their losses."""
+        u = u.clone().requires_grad_()
+        (g,) = torch.autograd.grad(self.expected(s, u, correction).sum(), u)
+        with torch.no_grad():
+            g = g * self.scale
+            direction = g / torch.linalg.vector_norm(g, dim=(1, 2), keepdim=True).clamp_min(1e-12) * self.scale
+            sizes = torch.cat([torch.zeros(1), torch.logspace(-2.5, math.log10(self.settings.largest_step), 8)])
+            tries = (u - sizes[:, None, None, None] * direction).clamp(self.lower, self.upper)
+            losses = self.expected(s, tries.flatten(0, 1), correction).unflatten(0, tries.shape[:2])
+            best = losses.argmin(0)
+            return tries[best, torch.arange(len(u))], losses.amin(0)

@@ -1,0 +1,132 @@
+"""Laws of practice: what is learned from outcomes, and what is done with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from clothlab.autoencoder import Autoencoder
+from clothlab.dpmpb import DPMPB
+from clothlab.env import ClothEnv
+from clothlab.practice import Attempt, Correction, PracticePolicy, PracticeSettings
+from clothlab.trials import rollout
+
+PLANS = np.random.default_rng(0).uniform((-0.8, -1.6), (1.0, 0.0), (12, 8, 2))
+
+
+@pytest.fixture
+def practice(square):
+    def make(plans=PLANS, p=(0.0, 0.0), arm="torque", sizes=(7, 2), **change):
+        torch.manual_seed(0)
+        settings = replace(PracticeSettings(iterations=2, starts=2), **change)
+        return PracticePolicy(DPMPB(*sizes).eval(), Autoencoder().eval(), arm, square, p, plans, settings)
+
+    return make
+
+
+def attempts(policy, missed, count=3):
+    """Periods from random states, whose outcomes are the promises plus `missed(u)`."""
+    generator = torch.Generator().manual_seed(1)
+    made = []
+    for _ in range(count):
+        s, memory = torch.randn(7, generator=generator), policy.model.initial_memory()
+        u = policy.lower + (policy.upper - policy.lower) * torch.rand(8, 2, generator=generator)
+        with torch.no_grad():
+            z = policy._frozen(s, u[None], memory)[0, :, :3]
+        made.append(Attempt(s, memory, u, z + missed(u)))
+    return made
+
+
+def test_with_a_perfect_model_there_is_nothing_to_learn(practice):
+    policy = practice()
+    policy.attempts = attempts(policy, lambda u: 0.0)
+    mean, _ = policy.correction()(torch.randn(5, 23))
+    assert mean.abs().max() < 1e-5
+    policy.attempts = attempts(policy, lambda u: 0.0, count=40)
+    assert policy.correction().variance < 0.1 * policy.practice.prior_error**2
+
+
+def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_promise(practice):
+    policy = practice(noise=1e-4)
+    policy.attempts = attempts(policy, lambda u: torch.tensor([0.5, -0.3, 0.2]))
+    first, correction = policy.attempts[0], policy.correction()
+    mean, variance = correction(policy._features(first.s[None], first.u[None]))
+    assert torch.allclose(mean[0, -1], torch.tensor([0.5, -0.3, 0.2]), atol=0.01)
+    assert variance < 0.01 * correction.variance
+    mean, variance = correction(policy._features(first.s[None] + 100, first.u[None]))
+    assert mean.abs().max() < 1e-6
+    assert variance == pytest.approx(float(correction.variance))
+
+
+def test_the_correction_says_what_a_textbook_says():
+    x, y = torch.tensor([[0.0], [1.0]]), torch.tensor([1.0, 2.0])
+    settings = PracticeSettings(noise=0.1)
+    mean, variance = Correction(x, y[:, None, None], settings)(torch.tensor([[0.5]]))
+    k, kernel = np.exp(-0.125) * np.ones(2), np.array([[1.1, np.exp(-0.5)], [np.exp(-0.5), 1.1]])
+    scale = (settings.prior_count * settings.prior_error**2 + 5) / (settings.prior_count + 2)
+    assert float(mean) == pytest.approx(k @ np.linalg.solve(kernel, y.numpy()), rel=1e-5)
+    assert float(variance) == pytest.approx(scale * (1 - k @ np.linalg.solve(kernel, k)), rel=1e-4)
+
+
+def test_another_p_makes_other_promises_of_the_same_attempts(practice):
+    policy = practice()
+    policy.attempts = attempts(policy, lambda u: 0.0)
+    policy.set_bias([1.0, -1.0])
+    x = policy._features(torch.stack([a.s for a in policy.attempts]), torch.stack([a.u for a in policy.attempts]))
+    assert policy.correction()(x)[0].abs().max() > 1e-3
+
+
+def test_who_does_not_practise_repeats_the_best_known_plan(practice):
+    policy = practice(noise=1e-4, lookahead=1)
+    policy.attempts = attempts(policy, lambda u: 3.0)
+    best = policy.attempts[1]
+    policy.attempts[1] = replace(best, z=policy.z_ref.expand(8, -1))
+    policy.practising = False
+    u, promise = policy._plan(best.s)
+    assert torch.equal(u, best.u)
+    assert promise < 0.2
+
+
+def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_run(practice):
+    policy, env = practice(), ClothEnv("torque", "damp0.05-mass0.10")
+    first, second = (rollout(env, policy, 17, seed=3) for _ in range(2))
+    env.close()
+    np.testing.assert_array_equal(first.commands, second.commands)
+    assert len(policy.attempts) == 2
+    assert len(policy.promises) == 3
+    np.testing.assert_allclose(first.commands[8:16], policy.attempts[1].u, atol=1e-6)
+    for attempt in policy.attempts:
+        assert ((attempt.u >= policy.lower) & (attempt.u <= policy.upper)).all()
+
+
+def test_what_was_learned_stays_when_the_target_changes_and_goes_with_a_reset(practice, square):
+    policy = practice()
+    policy.attempts = attempts(policy, lambda u: 0.3)
+    policy.set_target(np.roll(square, 20, axis=1))
+    assert len(policy.attempts) == 3
+    policy.reset()
+    assert policy.attempts == []
+    assert policy.correction() is None
+
+
+def test_only_so_many_periods_are_remembered(practice):
+    policy, env = practice(remembered=2, iterations=0), ClothEnv("torque", "damp0.05-mass0.10")
+    rollout(env, policy, 33)
+    env.close()
+    assert len(policy.attempts) == 2
+
+
+@pytest.mark.parametrize(
+    ("plans", "message"),
+    [(np.zeros((3, 7, 2)), "plans"), (np.full((3, 8, 2), np.nan), "finite"), (np.zeros((0, 8, 2)), "at least one")],
+)
+def test_bad_plans_are_refused(practice, plans, message):
+    with pytest.raises(ValueError, match=message):
+        practice(plans=plans)
+
+
+@pytest.mark.parametrize("change", [{"lookahead": 0}, {"noise": 0.0}, {"caution": -1.0}, {"plan_scale": float("nan")}])
+def test_bad_settings_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        PracticeSettings(**change)
