@@ -23,6 +23,7 @@ from clothlab._files import LEFT_OVER, reading, sha256, write_bytes
 from clothlab._validation import check_array, check_name, check_number, choose
 from clothlab.arm import Arm, StateLayout, get_arm
 from clothlab.autoencoder import Autoencoder
+from clothlab.cloth import get_cloth
 from clothlab.control import ControlPolicy, ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.trials import Trial, load_trial
@@ -175,30 +176,42 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
         ValueError: a damaged, altered or missing file.
     """
     data = data_folder(data)
-    choices = {path.name: path for path in sorted((data / "trials").glob("*")) if path.is_dir()}
-    choices[OWN_TRIALS.name] = data / OWN_TRIALS
+    choices = _sets("trials", data) | {OWN_TRIALS.name: data / OWN_TRIALS}
     chosen = choose("trials", name, choices)
     return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)]
 
 
-def load_targets(*, data: Folder = None) -> dict[str, np.ndarray]:
-    """Load all target masks, `{name: [H, W]}`, bool.
+def load_targets(name: str | None = None, *, data: Folder = None) -> dict[str, np.ndarray]:
+    """Load target masks, `{name: [H, W]}`, bool, under the names that `load_target` knows.
+
+    Args:
+        name: which set, such as `"held-out"`, `"drawn"` or `"development"`; without it, those that belong to none.
+        data: folder to look in.
 
     Raises:
+        KeyError: unknown set; the message lists the choices.
         ValueError: as `load_target`, or a file is missing.
     """
     data = data_folder(data)
-    return {path.stem: load_target(path.stem, data=data) for path in _listed(data / "targets", ".png", data)}
+    folder = data / "targets" if name is None else choose("set of targets", name, _sets("targets", data))
+    within = "" if name is None else f"{name}/"
+    names = [within + path.stem for path in _listed(folder, ".png", data)]
+    return {each: load_target(each, data=data) for each in names}
 
 
 def load_target(name: str, *, data: Folder = None) -> np.ndarray:
-    """Load a target mask `[H, W]`, bool.
+    """Load a target mask `[H, W]`, bool: `"target-1"`, or of a set, `"drawn/bar"`.
 
     Raises:
-        KeyError: unknown name; the message lists the choices.
+        KeyError: unknown name or set; the message lists the choices.
         ValueError: a damaged or altered file, or an image of another size or without a cloth.
     """
-    path = _find("targets", "", ".png", "target", name, data)
+    data = data_folder(data)
+    folder, own = "targets", name
+    if isinstance(name, str) and "/" in name:
+        within, _, own = name.rpartition("/")
+        folder = f"targets/{choose('set of targets', within, _sets('targets', data)).name}"
+    path = _find(folder, "", ".png", "target", own, data)
     content = np.frombuffer(path.read_bytes(), np.uint8)
     picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
     if picture is None:
@@ -207,9 +220,27 @@ def load_target(name: str, *, data: Folder = None) -> np.ndarray:
 
 
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
-    """Write a target mask `[H, W]` as `data/targets/NAME.png`."""
+    """Write a target mask `[H, W]` as `data/targets/NAME.png`, or of a set as `data/targets/SET/NAME.png`."""
     _, content = cv2.imencode(".png", check_mask(mask).astype(np.uint8) * 255)
-    write_bytes(data_folder(data) / "targets" / f"{check_name('target', name)}.png", content.tobytes())
+    *within, own = name.split("/", 1) if isinstance(name, str) else [name]
+    folder = (data_folder(data) / "targets").joinpath(*(check_name("set", each) for each in within))
+    write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
+
+
+def recorded_with(target: str) -> tuple[str, str]:
+    """Names of the arm and the cloth that a target was recorded with, as its own name has it.
+
+    Args:
+        target: name of a recorded target, such as `"held-out/torque_damp0.03-mass0.05_4"`.
+
+    Raises:
+        ValueError: a target whose name does not say so, such as a drawn one.
+        KeyError: an unknown arm or cloth; the message lists the choices.
+    """
+    found = re.fullmatch(r"(?:.*/)?([^_/]+)_([^_/]+)_\d+", str(target))
+    if not found:
+        raise ValueError(f"{target!r} does not say what it was recorded with, as held-out/ARM_CLOTH_0 does")
+    return get_arm(found[1]).name, get_cloth(found[2]).name
 
 
 def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) -> None:
@@ -283,11 +314,18 @@ def _checksums(data: Path) -> tuple[dict[str, str], bool]:
     return {match[2]: match[1].lower() for match in found if match}, not all(found)
 
 
+def _sets(folder: str, data: Path) -> dict[str, Path]:
+    """The folders in `data/FOLDER`, those that are there and those that should be, in the order of their names."""
+    there = {path for path in (data / folder).glob("*") if path.is_dir()}
+    recorded = {(data / name).parent for name in _checksums(data)[0]}
+    return {path.name: path for path in sorted(there | recorded) if path.parent == data / folder}
+
+
 def _listed(folder: Path, suffix: str, data: Path) -> list[Path]:
     """The files of a folder and those that should be there, in the order of their names."""
-    within = folder.relative_to(data).as_posix() + "/"
-    recorded = {data / name for name in _checksums(data)[0] if name.startswith(within) and name.endswith(suffix)}
-    return sorted({path for path in folder.glob(f"*{suffix}") if path.is_file()} | recorded)
+    there = {path for path in folder.glob("*") if path.is_file()}
+    recorded = {data / name for name in _checksums(data)[0]}
+    return sorted(path for path in there | recorded if path.parent == folder and path.suffix == suffix)
 
 
 def _checked(path: Path, data: Path) -> Path:
