@@ -9,7 +9,8 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -30,7 +31,9 @@ from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
-CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
+LEFT_OUT = "trials/*-more/*"  # recordings beyond the paper's amount: the repository has their hashes alone
+LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is not there, which is no fault
+CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 WEIGHTS_FORMAT = 1
 RESULTS_FORMAT = 1
 
@@ -168,7 +171,8 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
-        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
+        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet. Those that end in `-more`
+            are not part of the repository: `make data` records them.
         data: folder to look in.
 
     Raises:
@@ -270,9 +274,11 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
 
 
 def write_checksums(data: Folder = None) -> None:
-    """Record the hash of every file in `data/`, in `data/SHA256SUMS`."""
+    """Record the hash of every file in `data/`, in `data/SHA256SUMS`; what is left to `make data` keeps its own."""
     data = data_folder(data)
-    lines = [f"{sha256(path)}  {path.relative_to(data).as_posix()}\n" for path in _files(data)]
+    hashes = {name: digest for name, digest in _checksums(data)[0].items() if _left_out(name)}
+    hashes |= {path.relative_to(data).as_posix(): sha256(path) for path in _files(data)}
+    lines = [f"{hashes[name]}  {name}\n" for name in sorted(hashes)]
     write_bytes(data / CHECKSUMS, "".join(lines).encode())
 
 
@@ -280,14 +286,14 @@ def check_data(data: Folder = None) -> dict[str, str]:
     """Compare every file in `data/` with its recorded hash.
 
     Returns:
-        `{file: "ok" | "missing" | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the list of hashes
-        itself, left over is what an interrupted write did not remove.
+        `{file: "ok" | "missing" | LEFT_TO_MAKE | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the
+        list of hashes itself, left over is what an interrupted write did not remove.
     """
     data = data_folder(data)
     recorded, damaged = _checksums(data)
     present = {path.relative_to(data).as_posix() for path in _files(data)}
     verdict = {CHECKSUMS: "damaged"} if damaged else {}
-    verdict |= {name: "missing" for name in recorded if name not in present}
+    verdict |= {name: LEFT_TO_MAKE if _left_out(name) else "missing" for name in recorded if name not in present}
     for name in sorted(present):
         if name not in recorded:
             verdict[name] = "not recorded"
@@ -295,6 +301,15 @@ def check_data(data: Folder = None) -> dict[str, str]:
             verdict[name] = "ok" if sha256(data / name) == recorded[name] else "altered"
     left_over = sorted(path for path in data.rglob(f".*{LEFT_OVER}"))
     return verdict | {path.relative_to(data).as_posix(): "left over" for path in left_over}
+
+
+def cure(name: str) -> str:
+    """What brings back a file of `data/`, as an imperative."""
+    return "record it with `make data`" if _left_out(name) else f"restore it with `git checkout data/{name}`"
+
+
+def _left_out(name: str) -> bool:
+    return PurePosixPath(name).match(LEFT_OUT)
 
 
 def _files(data: Path) -> list[Path]:
@@ -309,8 +324,12 @@ def _files(data: Path) -> list[Path]:
 def _checksums(data: Path) -> tuple[dict[str, str], bool]:
     """Recorded hashes, `{file: hash}`, and whether there are lines that say none."""
     path = data / CHECKSUMS
-    lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()] if path.exists() else []
-    found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in lines]
+    return _parsed(path.read_text(errors="replace")) if path.exists() else ({}, False)
+
+
+@lru_cache(maxsize=1)  # of hundreds of trials, each is looked up in hundreds of lines
+def _parsed(text: str) -> tuple[dict[str, str], bool]:
+    found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in text.splitlines() if line.strip()]
     return {match[2]: match[1].lower() for match in found if match}, not all(found)
 
 
@@ -333,13 +352,13 @@ def _checked(path: Path, data: Path) -> Path:
     recorded, damaged = _checksums(data)
     name = path.relative_to(data).as_posix()
     if not path.is_file():
-        raise ValueError(f"data/{name} is missing: restore it with `git checkout data/{name}`")
+        raise ValueError(f"data/{name} is missing: {cure(name)}")
     if name not in recorded and damaged:
-        raise ValueError(f"data/{CHECKSUMS} is damaged: restore it with `git checkout data/{CHECKSUMS}`")
+        raise ValueError(f"data/{CHECKSUMS} is damaged: {cure(CHECKSUMS)}")
     if recorded.get(name, "") and sha256(path) != recorded[name]:
         raise ValueError(
-            f"data/{name} is damaged or was altered: restore it with `git checkout data/{name}`, "
-            "or record a change you made with `python -m clothlab checksums`"
+            f"data/{name} is damaged or was altered: {cure(name)}, or record a change you made with "
+            "`python -m clothlab checksums`"
         )
     return path
 

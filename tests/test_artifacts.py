@@ -305,6 +305,61 @@ def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
     assert not any("mine" in name for name in artifacts.check_data(data))
 
 
+@pytest.fixture
+def left_out(data, trial) -> Path:
+    """A set of recordings that the repository leaves to `make data`."""
+    folder = data / "trials" / "train-more"
+    save_trial(trial, folder / "00.npz")
+    save_trial(trial[:5], folder / "01.npz")
+    artifacts.write_checksums(data)
+    return folder
+
+
+def test_git_ignores_what_is_left_to_make_data():
+    ignored = (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    assert f"data/{artifacts.LEFT_OUT.removesuffix('*')}" in ignored
+
+
+def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(data, left_out):
+    assert set(artifacts.check_data(data).values()) == {"ok"}
+    assert [len(trial) for trial in artifacts.load_trials("train-more", data=data)] == [12, 5]
+    shutil.rmtree(left_out)
+    verdict = artifacts.check_data(data)
+    assert {name for name, word in verdict.items() if word != "ok"} == {f"trials/train-more/0{k}.npz" for k in (0, 1)}
+    assert verdict["trials/train-more/00.npz"] == artifacts.LEFT_TO_MAKE
+    with pytest.raises(ValueError, match=r"data/trials/train-more/00.npz is missing: record it with `make data`$"):
+        artifacts.load_trials("train-more", data=data)
+    with pytest.raises(KeyError, match=r"choose from train, train-more, mine"):
+        artifacts.load_trials("train-less", data=data)
+
+
+def test_half_of_such_a_set_is_not_loaded(data, left_out):
+    (left_out / "01.npz").unlink()
+    with pytest.raises(ValueError, match=r"data/trials/train-more/01.npz is missing: record it with `make data`"):
+        artifacts.load_trials("train-more", data=data)
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b + b" "])
+def test_a_damaged_file_of_such_a_set_is_refused_like_any_other(data, left_out, damage):
+    (left_out / "01.npz").write_bytes(damage((left_out / "01.npz").read_bytes()))
+    assert artifacts.check_data(data)["trials/train-more/01.npz"] == "altered"
+    words = r"01.npz is damaged or was altered: record it with `make data`, or record a change .* clothlab checksums`"
+    with pytest.raises(ValueError, match=words):
+        artifacts.load_trials("train-more", data=data)
+
+
+def test_hashes_of_what_is_left_to_make_data_are_kept_and_no_others(data, left_out, trial):
+    before = (data / "SHA256SUMS").read_text()
+    shutil.rmtree(left_out)
+    artifacts.write_checksums(data)
+    assert (data / "SHA256SUMS").read_text() == before
+    (data / "targets" / "target-1.png").unlink()
+    save_trial(trial[:5], left_out / "00.npz")
+    artifacts.write_checksums(data)
+    changed = set(before.splitlines()) ^ set((data / "SHA256SUMS").read_text().splitlines())
+    assert sorted(line[66:] for line in changed) == ["targets/target-1.png", *["trials/train-more/00.npz"] * 2]
+
+
 @pytest.mark.parametrize(
     "spoil",
     [
