@@ -6,10 +6,11 @@ import platform
 import re
 import sys
 import time
+from collections import Counter
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from clothlab.artifacts import check_data, data_folder, write_checksums
+from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
 from clothlab.env import ClothEnv
 
 ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
@@ -59,16 +60,17 @@ def check_files() -> list[str]:
         folder, verdict = data_folder(), check_data()
     except FileNotFoundError as error:
         return [str(error)]
-    good = sum(value == "ok" for value in verdict.values())
-    print(f"data      {good} of {len(verdict)} files as recorded in {folder}")
+    counts = Counter(ok=0)  # the first to be said
+    counts.update(verdict.values())
+    print(f"data      {folder}: " + ", ".join(f"{number} {word}" for word, number in counts.items()))
     if not verdict:
         return ["data/ is empty: git checkout data, or make data train"]
-    cures = {"not recorded": "python -m clothlab checksums", "left over": "an interrupted write; delete it"}
-    return [
-        f"data/{name} is {value}: {cures.get(value, f'git checkout data/{name}')}"
-        for name, value in verdict.items()
-        if value != "ok"
-    ]
+    known = {
+        "not recorded": "record its hash with `python -m clothlab checksums`",
+        "left over": "an interrupted write; delete it",
+    }
+    faults = {name: word for name, word in verdict.items() if word not in ("ok", LEFT_TO_MAKE)}
+    return [f"data/{name} is {word}: {known.get(word) or cure(name)}" for name, word in faults.items()]
 
 
 def doctor() -> int:

@@ -38,8 +38,8 @@ def check_name(kind: str, name: str) -> str:
     Raises:
         ValueError: a name that would lead into another folder, be hidden, or not be found again.
     """
-    if not isinstance(name, str) or not re.fullmatch(r"\w[\w-]*", name):
-        raise ValueError(f"the name of a {kind} has letters, digits, - and _ only, got {name!r}")
+    if not isinstance(name, str) or not re.fullmatch(r"\w([\w-]|(?<=\d)\.(?=\d))*", name):
+        raise ValueError(f"the name of a {kind} has letters, digits, - and _ only, and points in numbers, got {name!r}")
     return name
 
 

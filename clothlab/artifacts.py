@@ -9,7 +9,8 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -23,13 +24,16 @@ from clothlab._files import LEFT_OVER, reading, sha256, write_bytes
 from clothlab._validation import check_array, check_name, check_number, choose
 from clothlab.arm import Arm, StateLayout, get_arm
 from clothlab.autoencoder import Autoencoder
+from clothlab.cloth import get_cloth
 from clothlab.control import ControlPolicy, ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
-CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
+LEFT_OUT = "trials/*-more/*"  # recordings beyond the paper's amount: the repository has their hashes alone
+LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is not there, which is no fault
+CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 WEIGHTS_FORMAT = 1
 RESULTS_FORMAT = 1
 
@@ -167,7 +171,8 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
-        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
+        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet. Those that end in `-more`
+            are not part of the repository: `make data` records them.
         data: folder to look in.
 
     Raises:
@@ -175,30 +180,42 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
         ValueError: a damaged, altered or missing file.
     """
     data = data_folder(data)
-    choices = {path.name: path for path in sorted((data / "trials").glob("*")) if path.is_dir()}
-    choices[OWN_TRIALS.name] = data / OWN_TRIALS
+    choices = _sets("trials", data) | {OWN_TRIALS.name: data / OWN_TRIALS}
     chosen = choose("trials", name, choices)
     return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)]
 
 
-def load_targets(*, data: Folder = None) -> dict[str, np.ndarray]:
-    """Load all target masks, `{name: [H, W]}`, bool.
+def load_targets(name: str | None = None, *, data: Folder = None) -> dict[str, np.ndarray]:
+    """Load target masks, `{name: [H, W]}`, bool, under the names that `load_target` knows.
+
+    Args:
+        name: which set, such as `"held-out"`, `"drawn"` or `"development"`; without it, those that belong to none.
+        data: folder to look in.
 
     Raises:
+        KeyError: unknown set; the message lists the choices.
         ValueError: as `load_target`, or a file is missing.
     """
     data = data_folder(data)
-    return {path.stem: load_target(path.stem, data=data) for path in _listed(data / "targets", ".png", data)}
+    folder = data / "targets" if name is None else choose("set of targets", name, _sets("targets", data))
+    within = "" if name is None else f"{name}/"
+    names = [within + path.stem for path in _listed(folder, ".png", data)]
+    return {each: load_target(each, data=data) for each in names}
 
 
 def load_target(name: str, *, data: Folder = None) -> np.ndarray:
-    """Load a target mask `[H, W]`, bool.
+    """Load a target mask `[H, W]`, bool: `"target-1"`, or of a set, `"drawn/bar"`.
 
     Raises:
-        KeyError: unknown name; the message lists the choices.
+        KeyError: unknown name or set; the message lists the choices.
         ValueError: a damaged or altered file, or an image of another size or without a cloth.
     """
-    path = _find("targets", "", ".png", "target", name, data)
+    data = data_folder(data)
+    folder, own = "targets", name
+    if isinstance(name, str) and "/" in name:
+        within, _, own = name.rpartition("/")
+        folder = f"targets/{choose('set of targets', within, _sets('targets', data)).name}"
+    path = _find(folder, "", ".png", "target", own, data)
     content = np.frombuffer(path.read_bytes(), np.uint8)
     picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
     if picture is None:
@@ -207,9 +224,27 @@ def load_target(name: str, *, data: Folder = None) -> np.ndarray:
 
 
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
-    """Write a target mask `[H, W]` as `data/targets/NAME.png`."""
+    """Write a target mask `[H, W]` as `data/targets/NAME.png`, or of a set as `data/targets/SET/NAME.png`."""
     _, content = cv2.imencode(".png", check_mask(mask).astype(np.uint8) * 255)
-    write_bytes(data_folder(data) / "targets" / f"{check_name('target', name)}.png", content.tobytes())
+    *within, own = name.split("/", 1) if isinstance(name, str) else [name]
+    folder = (data_folder(data) / "targets").joinpath(*(check_name("set", each) for each in within))
+    write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
+
+
+def recorded_with(target: str) -> tuple[str, str]:
+    """Names of the arm and the cloth that a target was recorded with, as its own name has it.
+
+    Args:
+        target: name of a recorded target, such as `"held-out/torque_damp0.03-mass0.05_4"`.
+
+    Raises:
+        ValueError: a target whose name does not say so, such as a drawn one.
+        KeyError: an unknown arm or cloth; the message lists the choices.
+    """
+    found = re.fullmatch(r"(?:.*/)?([^_/]+)_([^_/]+)_\d+", str(target))
+    if not found:
+        raise ValueError(f"{target!r} does not say what it was recorded with, as held-out/ARM_CLOTH_0 does")
+    return get_arm(found[1]).name, get_cloth(found[2]).name
 
 
 def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) -> None:
@@ -239,9 +274,11 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
 
 
 def write_checksums(data: Folder = None) -> None:
-    """Record the hash of every file in `data/`, in `data/SHA256SUMS`."""
+    """Record the hash of every file in `data/`, in `data/SHA256SUMS`; what is left to `make data` keeps its own."""
     data = data_folder(data)
-    lines = [f"{sha256(path)}  {path.relative_to(data).as_posix()}\n" for path in _files(data)]
+    hashes = {name: digest for name, digest in _checksums(data)[0].items() if _left_out(name)}
+    hashes |= {path.relative_to(data).as_posix(): sha256(path) for path in _files(data)}
+    lines = [f"{hashes[name]}  {name}\n" for name in sorted(hashes)]
     write_bytes(data / CHECKSUMS, "".join(lines).encode())
 
 
@@ -249,14 +286,14 @@ def check_data(data: Folder = None) -> dict[str, str]:
     """Compare every file in `data/` with its recorded hash.
 
     Returns:
-        `{file: "ok" | "missing" | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the list of hashes
-        itself, left over is what an interrupted write did not remove.
+        `{file: "ok" | "missing" | LEFT_TO_MAKE | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the
+        list of hashes itself, left over is what an interrupted write did not remove.
     """
     data = data_folder(data)
     recorded, damaged = _checksums(data)
     present = {path.relative_to(data).as_posix() for path in _files(data)}
     verdict = {CHECKSUMS: "damaged"} if damaged else {}
-    verdict |= {name: "missing" for name in recorded if name not in present}
+    verdict |= {name: LEFT_TO_MAKE if _left_out(name) else "missing" for name in recorded if name not in present}
     for name in sorted(present):
         if name not in recorded:
             verdict[name] = "not recorded"
@@ -264,6 +301,15 @@ def check_data(data: Folder = None) -> dict[str, str]:
             verdict[name] = "ok" if sha256(data / name) == recorded[name] else "altered"
     left_over = sorted(path for path in data.rglob(f".*{LEFT_OVER}"))
     return verdict | {path.relative_to(data).as_posix(): "left over" for path in left_over}
+
+
+def cure(name: str) -> str:
+    """What brings back a file of `data/`, as an imperative."""
+    return "record it with `make data`" if _left_out(name) else f"restore it with `git checkout data/{name}`"
+
+
+def _left_out(name: str) -> bool:
+    return PurePosixPath(name).match(LEFT_OUT)
 
 
 def _files(data: Path) -> list[Path]:
@@ -278,16 +324,27 @@ def _files(data: Path) -> list[Path]:
 def _checksums(data: Path) -> tuple[dict[str, str], bool]:
     """Recorded hashes, `{file: hash}`, and whether there are lines that say none."""
     path = data / CHECKSUMS
-    lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()] if path.exists() else []
-    found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in lines]
+    return _parsed(path.read_text(errors="replace")) if path.exists() else ({}, False)
+
+
+@lru_cache(maxsize=1)  # of hundreds of trials, each is looked up in hundreds of lines
+def _parsed(text: str) -> tuple[dict[str, str], bool]:
+    found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in text.splitlines() if line.strip()]
     return {match[2]: match[1].lower() for match in found if match}, not all(found)
+
+
+def _sets(folder: str, data: Path) -> dict[str, Path]:
+    """The folders in `data/FOLDER`, those that are there and those that should be, in the order of their names."""
+    there = {path for path in (data / folder).glob("*") if path.is_dir()}
+    recorded = {(data / name).parent for name in _checksums(data)[0]}
+    return {path.name: path for path in sorted(there | recorded) if path.parent == data / folder}
 
 
 def _listed(folder: Path, suffix: str, data: Path) -> list[Path]:
     """The files of a folder and those that should be there, in the order of their names."""
-    within = folder.relative_to(data).as_posix() + "/"
-    recorded = {data / name for name in _checksums(data)[0] if name.startswith(within) and name.endswith(suffix)}
-    return sorted({path for path in folder.glob(f"*{suffix}") if path.is_file()} | recorded)
+    there = {path for path in folder.glob("*") if path.is_file()}
+    recorded = {data / name for name in _checksums(data)[0]}
+    return sorted(path for path in there | recorded if path.parent == folder and path.suffix == suffix)
 
 
 def _checked(path: Path, data: Path) -> Path:
@@ -295,13 +352,13 @@ def _checked(path: Path, data: Path) -> Path:
     recorded, damaged = _checksums(data)
     name = path.relative_to(data).as_posix()
     if not path.is_file():
-        raise ValueError(f"data/{name} is missing: restore it with `git checkout data/{name}`")
+        raise ValueError(f"data/{name} is missing: {cure(name)}")
     if name not in recorded and damaged:
-        raise ValueError(f"data/{CHECKSUMS} is damaged: restore it with `git checkout data/{CHECKSUMS}`")
+        raise ValueError(f"data/{CHECKSUMS} is damaged: {cure(CHECKSUMS)}")
     if recorded.get(name, "") and sha256(path) != recorded[name]:
         raise ValueError(
-            f"data/{name} is damaged or was altered: restore it with `git checkout data/{name}`, "
-            "or record a change you made with `python -m clothlab checksums`"
+            f"data/{name} is damaged or was altered: {cure(name)}, or record a change you made with "
+            "`python -m clothlab checksums`"
         )
     return path
 

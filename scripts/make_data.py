@@ -1,20 +1,27 @@
-"""`make data`: record all trials and targets, about eight minutes on two cores."""
+"""`make data`: record all trials and find all targets, about nine minutes on two cores.
+
+What is there already is recorded anew, trial by trial: an interruption loses none, and the next run begins again.
+"""
 
 import argparse
+import math
 import os
 import time
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 import joblib
 import numpy as np
+from sklearn.cluster import KMeans
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
-from clothlab.cloth import CLOTHS
+from clothlab.arm import get_arm
+from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
-from clothlab.trials import OperatorPolicy, RandomPolicy, Trial, rollout, save_trial
+from clothlab.trials import OperatorPolicy, RandomPolicy, rollout, save_trial
+from clothlab.vision import HEIGHT, WIDTH
 
 POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy}
 
@@ -43,8 +50,46 @@ TARGET_STEPS = 250
 HAND_AHEAD = 0.3  # [m]
 
 
-def jobs() -> list[tuple[Path, Recording, str, str, int]]:
-    """Every trial to record: its file within `data/trials`, of which recording, cloth, policy, seed."""
+@dataclass(frozen=True)
+class Views:
+    """Targets that an operator's cloth passes through, from `RUNS` runs with each cloth that nothing else uses."""
+
+    arm: str
+    cloths: tuple[str, ...]
+    first_seed: int  # no two runs share a seed
+    varied: int  # so many of each cloth that stand for all moments
+    spread: bool = False  # and the median of those at which it is spread, where it ever is
+
+
+RUNS = 4
+VIEWS = {
+    "held-out": (Views("torque", (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)), 3200, varied=10),),
+    "development": (  # methods of control are chosen on these, and no table has them
+        Views("torque", (cloth_name(0.05, 0.10), cloth_name(0.03, 0.15), cloth_name(0.07, 0.05)), 3100, 2, spread=True),
+        Views("muscle", ("hard-3", "soft-2"), 13100, 2, spread=True),
+    ),
+}
+Job = tuple[Path, Recording, str, str, int]  # file within `data/trials`, of which recording, cloth, policy, seed
+Stroke = tuple[tuple[float, float], ...]  # where the pointer went, column and row [pixel]
+DRAWN: dict[str, tuple[float, tuple[Stroke, ...]]] = {  # radius of the brush [pixel], strokes
+    "arch": (4, (((53, 68), (55, 56), (60, 48), (68, 45), (76, 48), (81, 56), (83, 68)),)),
+    "bar": (7, (((64, 54), (92, 54)),)),
+    "blob": (12, (((67, 62), (72, 66)),)),
+    "bowl": (5, (((54, 50), (57, 60), (64, 66), (73, 66), (80, 60), (84, 50)),)),
+    "column": (8, (((65, 36), (65, 66)),)),
+    "corner": (5, (((62, 38), (62, 68), (82, 68)),)),
+    "high": (7, (((50, 28), (76, 22)),)),
+    "slope": (7, (((62, 44), (84, 70)),)),
+    "triangle": (
+        3,
+        (((57, 42), (88, 50), (64, 70), (57, 42)), ((60, 46), (82, 51), (65, 64), (62, 50), (74, 53), (66, 59))),
+    ),
+    "wave": (5, (((54, 42), (60, 38), (66, 42), (72, 54), (78, 60), (86, 56)),)),
+}
+
+
+def jobs() -> list[Job]:
+    """Every trial to record."""
     found = []
     for name, recording in RECORDINGS.items():
         # The last repeat changes slowest: the first files of a set are whole sets of cloths and policies themselves.
@@ -61,34 +106,43 @@ def record(path: Path, recording: Recording, cloth: str, policy: str, seed: int)
         trial = rollout(env, POLICIES[policy](env.arm), recording.steps, seed=seed)
     finally:
         env.close()
-    save_trial(trial, artifacts.data_folder() / "trials" / path)
+    save_trial(trial, path)
 
 
-def record_all(workers: int, progress: bool = True) -> None:
-    """Record all trials, several at once."""
-    done = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(
-        joblib.delayed(record)(*job) for job in jobs()
-    )
-    for _ in tqdm(done, total=len(jobs()), desc="trials", unit="trial", disable=not progress):
+def record_all(todo: list[Job], folder: Path, workers: int, progress: bool = True) -> None:
+    """Record trials, several at once, and save each in a folder as soon as it is made."""
+    calls = [joblib.delayed(record)(folder / path, *how) for path, *how in todo]
+    done = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
+    for _ in tqdm(done, total=len(calls), desc="trials", unit="trial", disable=not progress):
         pass
 
 
-def find_moments(arm: str, cloth: str, seed: int) -> tuple[list, list]:
-    """Moments `(reach [m], mask)` at which an operator's cloth is spread in the air, and those at which it swings.
-
-    Reach is how far the free edge is from the hand, towards the side on which the front faces up. The cloth is spread
-    where that is more than 0.3 m and the edge is level with the hand to 0.1 m; it swings where the edge is below. In
-    both the front is in view and the hand well in front of the shoulder, so that the arm hides little.
-    """
+def operate(arm: str, cloth: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """An operator's run: images `[T, H, W]`, and where the points are then `[T, rows, columns, 3]` [m]."""
     env = ClothEnv(arm, cloth)
     points: list[np.ndarray] = []
     steps = TARGET_STEPS + 1  # the image after a step is the one that the next step sees
     watch = lambda: points.append(env.cloth_points())  # noqa: E731
     trial = rollout(env, OperatorPolicy(env.arm), steps, seed=seed, watch=watch, samples=1)
     env.close()
-    side = np.sign(env.arm.camera.position[0] - points[0][0, :, 0].mean())
+    return trial.images[1:], np.array(points[:-1])
+
+
+def is_whole(mask: np.ndarray) -> bool:
+    """Whether the front of the cloth is in view, and the picture's border cuts nothing off."""
+    return bool(mask.any() and not (mask[[0, -1]].any() or mask[:, [0, -1]].any()))
+
+
+def find_moments(arm: str, images: np.ndarray, points: np.ndarray) -> tuple[list, list]:
+    """Moments `(reach [m], mask)` of an operator's run at which the cloth is spread in the air, and at which it swings.
+
+    Reach is how far the free edge is from the hand, towards the side on which the front faces up. The cloth is spread
+    where that is more than 0.3 m and the edge is level with the hand to 0.1 m; it swings where the edge is below. In
+    both the front is in view and the hand well in front of the shoulder, so that the arm hides little.
+    """
+    side = np.sign(get_arm(arm).camera.position[0] - points[0, 0, :, 0].mean())
     spread, swinging = [], []
-    for after, image in zip(points[:-1], trial.images[1:], strict=True):
+    for after, image in zip(points, images, strict=True):
         forward, _, up = after[-1].mean(axis=0) - after[0].mean(axis=0)
         if image.any() and after[0, :, 0].mean() > HAND_AHEAD:
             moment = (side * forward, image)
@@ -99,39 +153,118 @@ def find_moments(arm: str, cloth: str, seed: int) -> tuple[list, list]:
     return spread, swinging
 
 
-def find_targets() -> dict[str, np.ndarray]:
-    """Choose the target images by geometry alone, from an operator's runs that nothing else uses.
+def median(moments: list) -> tuple[float, np.ndarray]:
+    """The moment of the median reach: not the widest, since a record is hard to repeat even for who set it."""
+    return sorted(moments, key=lambda moment: moment[0])[len(moments) // 2]
 
-    Target-1 (hard) and the muscle arm's target are the median of all moments at which the cloth is spread, not the
-    widest: a record is hard to repeat even for who set it. Target-2 (easier) swings half as far, its free edge below
-    the hand.
+
+def find_named_targets() -> dict[str, np.ndarray]:
+    """Choose target-1, target-2 and the muscle arm's by geometry alone, from an operator's runs that nothing else uses.
+
+    Target-1 (hard) and the muscle arm's target are the median of all moments at which the cloth is spread. Target-2
+    (easier) swings half as far, its free edge below the hand.
     """
-    found = [find_moments("torque", "damp0.05-mass0.10", seed) for seed in range(3000, 3004)]
+    runs = [operate("torque", "damp0.05-mass0.10", seed) for seed in range(3000, 3004)]
+    found = [find_moments("torque", *run) for run in runs]
     spread, swinging = ([moment for run in found for moment in run[kind]] for kind in (0, 1))
-    spread = sorted(spread, key=lambda moment: moment[0])
-    median, target_1 = spread[len(spread) // 2]
-    _, target_2 = min(swinging, key=lambda moment: abs(moment[0] - median / 2))
-    foams = [moment for foam in TRAINED_FOAMS for moment in find_moments("muscle", foam, 13000)[0]]
-    whole = [  # a near camera cuts some
-        mask
-        for _, mask in sorted(foams, key=lambda moment: moment[0])
-        if not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
-    ]
-    return {"target-1": target_1, "target-2": target_2, "muscle": whole[len(whole) // 2]}
+    reach, target_1 = median(spread)
+    _, target_2 = min(swinging, key=lambda moment: abs(moment[0] - reach / 2))
+    foams = [find_moments("muscle", *operate("muscle", foam, 13000)) for foam in TRAINED_FOAMS]
+    whole = [moment for spread, _ in foams for moment in spread if is_whole(moment[1])]  # a near camera cuts some
+    return {"target-1": target_1, "target-2": target_2, "muscle": median(whole)[1]}
+
+
+def area_and_place(masks: np.ndarray) -> np.ndarray:
+    """Area [pixel] of each mask `[N, H, W]`, and column and row [pixel] of its centre: `[N, 3]`."""
+    area = masks.sum(axis=(1, 2))
+    column = (masks.sum(axis=1) * np.arange(masks.shape[2])).sum(axis=1) / area
+    row = (masks.sum(axis=2) * np.arange(masks.shape[1])).sum(axis=1) / area
+    return np.stack([area, column, row], axis=1)
+
+
+def choose_varied(masks: np.ndarray, number: int) -> np.ndarray:
+    """Choose masks `[number, H, W]` that stand for all `[N, H, W]` by area and place, from small to large.
+
+    Area, column and row of the centre are standardised, k-means makes groups of what is alike, and of each group the
+    mask nearest to its mean is taken: small and large, high and low as they occur, and nobody looks who can reach them.
+    """
+    features = area_and_place(masks)
+    groups = KMeans(number, n_init=10, random_state=0)
+    away = groups.fit_transform((features - features.mean(axis=0)) / features.std(axis=0))  # [N, number]
+    away[groups.labels_[:, None] != np.arange(number)] = np.inf  # of its own group, so that none is taken twice
+    chosen = away.argmin(axis=0)
+    return masks[chosen[np.argsort(features[chosen, 0], kind="stable")]]
+
+
+def find_views(name: str, views: Views) -> dict[str, np.ndarray]:
+    """Targets `{NAME/ARM_CLOTH_K: mask}`, out of all moments at which the cloth is whole in the picture."""
+    found = {}
+    for k, cloth in enumerate(views.cloths):
+        seeds = range(views.first_seed + RUNS * k, views.first_seed + RUNS * (k + 1))
+        runs = [operate(views.arm, cloth, seed) for seed in seeds]
+        chosen = [
+            *choose_varied(np.array([image for images, _ in runs for image in images if is_whole(image)]), views.varied)
+        ]
+        spread = [moment for run in runs for moment in find_moments(views.arm, *run)[0] if is_whole(moment[1])]
+        if views.spread and spread:
+            chosen.append(median(spread)[1])
+        found |= {f"{name}/{views.arm}_{cloth}_{number}": mask for number, mask in enumerate(chosen)}
+    return found
+
+
+def draw(brush: float, strokes: tuple[Stroke, ...]) -> np.ndarray:
+    """Mask `[H, W]` of what a person draws on the live lab's canvas, as its JavaScript (target.js) has it.
+
+    A brush is a disc of this radius [pixel], put down in steps of at most a pixel along each line.
+    """
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    for stroke in strokes:
+        for start, end in pairwise((stroke[0], *stroke)):
+            start, way = np.array(start, float), np.subtract(end, start)
+            steps = math.ceil(math.hypot(*way)) + 1
+            for column, row in start + way * np.arange(steps + 1)[:, None] / steps:
+                mask |= (columns - column) ** 2 + (rows - row) ** 2 <= brush**2
+    return mask
+
+
+def find_targets(workers: int) -> dict[str, np.ndarray]:
+    """All targets, by the names that `load_target` knows."""
+    calls = [joblib.delayed(find_named_targets)()]
+    calls += [joblib.delayed(find_views)(name, views) for name, parts in VIEWS.items() for views in parts]
+    found = {name: mask for part in joblib.Parallel(n_jobs=workers)(calls) for name, mask in part.items()}
+    return found | {f"drawn/{name}": draw(*drawing) for name, drawing in DRAWN.items()}
+
+
+def say_what_repeats(files: list[str]) -> None:
+    """Say how many of these files of `data/` are the recorded ones bit for bit, before new hashes are written.
+
+    The simulation is chaotic: another machine, or another version of MuJoCo or OpenGL, may give other bits.
+    """
+    verdict = artifacts.check_data()
+    same, known = (sum(verdict[file] in words for file in files) for words in (("ok",), ("ok", "altered")))
+    print(f"{same} of the {known} whose hash was recorded are the same bit for bit; new hashes are written now")
 
 
 def main() -> None:
     """Record everything and write it to `data/`."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    workers = parser.parse_args().workers
-    start = time.perf_counter()
-    record_all(workers)
-    targets = find_targets()
-    for name, mask in targets.items():
-        artifacts.save_target(mask, name)
+    parser.add_argument("--only", choices=["trials", "targets"], help="leave the other as it is")
+    arguments = parser.parse_args()
+    start, files = time.perf_counter(), []
+    if arguments.only != "targets":
+        todo = jobs()
+        record_all(todo, artifacts.data_folder() / "trials", arguments.workers)
+        files += [f"trials/{path.as_posix()}" for path, *_ in todo]
+    if arguments.only != "trials":
+        targets = find_targets(arguments.workers)
+        for name, mask in targets.items():
+            artifacts.save_target(mask, name)
+        files += [f"targets/{name}.png" for name in targets]
+    print(f"{len(files)} trials and targets in {time.perf_counter() - start:.0f} s")
+    say_what_repeats(files)
     artifacts.write_checksums()
-    print(f"{len(jobs())} trials and {len(targets)} targets in {time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from clothlab.trials import Trial, load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {
     "trials/train/one.npz": lambda data: artifacts.load_trials("train", data=data),
+    "targets/drawn/bar.png": lambda data: artifacts.load_target("drawn/bar", data=data),
     "targets/target-1.png": lambda data: artifacts.load_target("target-1", data=data),
     "weights/autoencoder-torque.safetensors": lambda data: artifacts.load_autoencoder("torque", data=data),
     "weights/dpmpb-torque-0.safetensors": lambda data: artifacts.load("torque-0", data=data),
@@ -54,6 +55,7 @@ def _data(tmp_path_factory, trial, trained) -> Path:
     mask[30:50, 40:70] = True
     save_trial(trial, data / "trials" / "train" / "one.npz")
     artifacts.save_target(mask, "target-1", data=data)
+    artifacts.save_target(mask.T[:96, :96].repeat(2, axis=1)[:, :128], "drawn/bar", data=data)
     artifacts.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
     artifacts.save(trained, data=data)
     artifacts.save_results({"iou": 0.8}, "simulation", data=data)
@@ -131,7 +133,7 @@ def test_sha256sum_agrees(data):
     [
         (artifacts.load, "torque-0"),
         (artifacts.load_autoencoder, "torque"),
-        (artifacts.load_target, "target-1"),
+        (artifacts.load_target, "(target-1|drawn)"),
         (artifacts.load_trials, "train, mine"),
         (artifacts.load_results, "simulation"),
     ],
@@ -139,6 +141,76 @@ def test_sha256sum_agrees(data):
 def test_unknown_names_list_the_choices(data, load, choices, name):
     with pytest.raises(KeyError, match=rf"unknown .*; choose from {choices}['\"]"):
         load(name, data=data)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("drawn/felt", "unknown target 'felt'; choose from bar"),
+        ("drawn/", "unknown target ''; choose from bar"),
+        ("drawn/target-1", "unknown target 'target-1'; choose from bar"),
+        ("bar", "unknown target 'bar'; choose from target-1"),
+        ("drawn", "unknown target 'drawn'; choose from target-1"),
+        ("felt/bar", "unknown set of targets 'felt'; choose from drawn"),
+        ("/bar", "unknown set of targets ''; choose from drawn"),
+        ("drawn/../bar", r"unknown set of targets 'drawn/..'; choose from drawn"),
+    ],
+)
+def test_an_unknown_target_lists_those_of_its_set(data, name, message):
+    with pytest.raises(KeyError, match=f"{message}['\"]"):
+        artifacts.load_target(name, data=data)
+
+
+@pytest.mark.parametrize("name", ["felt", "", "..", "target-1", "drawn/bar", "drawn/", 3])
+def test_an_unknown_set_of_targets_lists_the_sets(data, name):
+    with pytest.raises(KeyError, match=r"unknown set of targets .*; choose from drawn['\"]"):
+        artifacts.load_targets(name, data=data)
+
+
+def test_sets_of_targets_are_kept_apart(data, square):
+    artifacts.save_target(np.roll(square, 9, axis=0), "drawn/target-1", data=data)
+    artifacts.save_target(np.roll(square, 5, axis=0), "held-out/torque_damp0.03-mass0.05_0", data=data)
+    assert list(artifacts.load_targets(data=data)) == ["target-1"]
+    drawn, held_out = (artifacts.load_targets(name, data=data) for name in ("drawn", "held-out"))
+    assert list(drawn) == ["drawn/bar", "drawn/target-1"]
+    assert list(held_out) == ["held-out/torque_damp0.03-mass0.05_0"]
+    for name, mask in (drawn | held_out).items():
+        assert np.array_equal(artifacts.load_target(name, data=data), mask)
+    assert np.array_equal(drawn["drawn/target-1"], np.roll(square, 9, axis=0))
+    assert np.array_equal(artifacts.load_target("target-1", data=data), square)
+
+
+def test_a_set_that_is_gone_is_missed(data):
+    shutil.rmtree(data / "targets" / "drawn")
+    with pytest.raises(ValueError, match=r"targets/drawn/bar.png is missing"):
+        artifacts.load_targets("drawn", data=data)
+    (data / "SHA256SUMS").unlink()
+    with pytest.raises(KeyError, match=r"unknown set of targets 'drawn'; choose from \(none\)"):
+        artifacts.load_targets("drawn", data=data)
+
+
+@pytest.mark.parametrize(
+    ("name", "arm", "cloth"),
+    [
+        ("held-out/torque_damp0.03-mass0.05_4", "torque", "damp0.03-mass0.05"),
+        ("development/muscle_hard-3_12", "muscle", "hard-3"),
+        ("muscle_soft-2_0", "muscle", "soft-2"),
+    ],
+)
+def test_a_recorded_target_says_with_which_arm_and_cloth(name, arm, cloth):
+    assert artifacts.recorded_with(name) == (arm, cloth)
+
+
+@pytest.mark.parametrize("name", ["target-1", "drawn/bar", "", None, "torque_soft-1", "torque_soft-1_x", "torque__0"])
+def test_other_targets_say_that_they_do_not(name):
+    with pytest.raises(ValueError, match=r"does not say what it was recorded with, as held-out/ARM_CLOTH_0 does"):
+        artifacts.recorded_with(name)
+
+
+@pytest.mark.parametrize("name", ["drawn/octopus_soft-1_0", "drawn/torque_felt_0"])
+def test_a_target_recorded_with_something_unknown_lists_the_choices(name):
+    with pytest.raises(KeyError, match=r"unknown (arm 'octopus'; choose from torque|cloth 'felt'; choose from damp)"):
+        artifacts.recorded_with(name)
 
 
 def test_where_nothing_was_made_yet_that_is_said(tmp_path):
@@ -149,7 +221,7 @@ def test_where_nothing_was_made_yet_that_is_said(tmp_path):
     assert artifacts.check_data(tmp_path) == {}
 
 
-@pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b", "", ".x", "x.png", None])
+@pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b/c", "a/", "/b", "", ".x", "x.png", None])
 def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, trained, square, name):
     before = contents(data.parent)
     for save in (
@@ -161,6 +233,16 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, tra
         with pytest.raises(ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"):
             save()
     assert contents(data.parent) == before
+
+
+def test_only_targets_have_sets(data, trained):
+    for save in (
+        lambda: artifacts.save(replace(trained, name="a/b"), data=data),
+        lambda: artifacts.save_autoencoder(trained.autoencoder, [0.1], "a/b", data=data),
+        lambda: artifacts.save_results({}, "a/b", data=data),
+    ):
+        with pytest.raises(ValueError, match=r"letters, digits, - and _ only"):
+            save()
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -221,6 +303,61 @@ def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
     artifacts.write_checksums(data)
     assert [len(each) for each in artifacts.load_trials("mine", data=data)] == [3, 12]
     assert not any("mine" in name for name in artifacts.check_data(data))
+
+
+@pytest.fixture
+def left_out(data, trial) -> Path:
+    """A set of recordings that the repository leaves to `make data`."""
+    folder = data / "trials" / "train-more"
+    save_trial(trial, folder / "00.npz")
+    save_trial(trial[:5], folder / "01.npz")
+    artifacts.write_checksums(data)
+    return folder
+
+
+def test_git_ignores_what_is_left_to_make_data():
+    ignored = (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    assert f"data/{artifacts.LEFT_OUT.removesuffix('*')}" in ignored
+
+
+def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(data, left_out):
+    assert set(artifacts.check_data(data).values()) == {"ok"}
+    assert [len(trial) for trial in artifacts.load_trials("train-more", data=data)] == [12, 5]
+    shutil.rmtree(left_out)
+    verdict = artifacts.check_data(data)
+    assert {name for name, word in verdict.items() if word != "ok"} == {f"trials/train-more/0{k}.npz" for k in (0, 1)}
+    assert verdict["trials/train-more/00.npz"] == artifacts.LEFT_TO_MAKE
+    with pytest.raises(ValueError, match=r"data/trials/train-more/00.npz is missing: record it with `make data`$"):
+        artifacts.load_trials("train-more", data=data)
+    with pytest.raises(KeyError, match=r"choose from train, train-more, mine"):
+        artifacts.load_trials("train-less", data=data)
+
+
+def test_half_of_such_a_set_is_not_loaded(data, left_out):
+    (left_out / "01.npz").unlink()
+    with pytest.raises(ValueError, match=r"data/trials/train-more/01.npz is missing: record it with `make data`"):
+        artifacts.load_trials("train-more", data=data)
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b + b" "])
+def test_a_damaged_file_of_such_a_set_is_refused_like_any_other(data, left_out, damage):
+    (left_out / "01.npz").write_bytes(damage((left_out / "01.npz").read_bytes()))
+    assert artifacts.check_data(data)["trials/train-more/01.npz"] == "altered"
+    words = r"01.npz is damaged or was altered: record it with `make data`, or record a change .* clothlab checksums`"
+    with pytest.raises(ValueError, match=words):
+        artifacts.load_trials("train-more", data=data)
+
+
+def test_hashes_of_what_is_left_to_make_data_are_kept_and_no_others(data, left_out, trial):
+    before = (data / "SHA256SUMS").read_text()
+    shutil.rmtree(left_out)
+    artifacts.write_checksums(data)
+    assert (data / "SHA256SUMS").read_text() == before
+    (data / "targets" / "target-1.png").unlink()
+    save_trial(trial[:5], left_out / "00.npz")
+    artifacts.write_checksums(data)
+    changed = set(before.splitlines()) ^ set((data / "SHA256SUMS").read_text().splitlines())
+    assert sorted(line[66:] for line in changed) == ["targets/target-1.png", *["trials/train-more/00.npz"] * 2]
 
 
 @pytest.mark.parametrize(
@@ -286,7 +423,7 @@ def test_killed_writes_are_seen_by_no_loader_and_reported_as_left_over(data, kil
     assert list(artifacts.load_targets(data=data)) == ["target-1"]
     verdict = list(artifacts.check_data(data).values())
     assert verdict.count("ok") == len(FILES)
-    assert verdict.count("left over") == len(verdict) - len(FILES) == 20 + 4 * 2 + 2
+    assert verdict.count("left over") == len(verdict) - len(FILES) == 20 + 2 * (len(FILES) - 1) + 2
     artifacts.write_checksums(data)
     assert not any(".part" in line for line in (data / "SHA256SUMS").read_text().splitlines())
 

@@ -129,14 +129,36 @@ def test_where_there_is_nothing_to_choose_that_is_said():
         choose("fruit", "fig", {}, none_yet="nothing so far")
 
 
-@pytest.mark.parametrize("name", ["target-1", "a", "torque_0", "großes-Ziel", "7"])
+@pytest.mark.parametrize("name", ["target-1", "a", "torque_0", "großes-Ziel", "7", "damp0.03-mass0.05_1"])
 def test_a_plain_name_is_a_good_name(name):
     assert check_name("target", name) == name
 
 
 @pytest.mark.parametrize(
     "name",
-    ["", ".", "..", "../x", "/etc/x", "a/b", "a\\b", ".hidden", "-x", "a b", "a.png", "a\n", "a\0", None, 3, b"a"],
+    [
+        "",
+        ".",
+        "..",
+        "../x",
+        "/etc/x",
+        "a/b",
+        "a\\b",
+        ".hidden",
+        "-x",
+        "a b",
+        "a.png",
+        "a.1",
+        "1.a",
+        "1..2",
+        "1.",
+        ".1",
+        "a\n",
+        "a\0",
+        None,
+        3,
+        b"a",
+    ],
 )
 def test_a_name_that_leads_elsewhere_or_hides_is_refused(name):
     with pytest.raises(ValueError, match="the name of a target has letters, digits, - and _ only"):

@@ -1,0 +1,38 @@
+"""The live lab's canvas, in a real browser without JupyterLab: strokes leave what `make data` takes them to leave."""
+
+import numpy as np
+import pytest
+from make_data import DRAWN
+
+from clothlab.artifacts import load_target
+from clothlab.lab.views import javascript
+from clothlab.vision import HEIGHT, WIDTH
+
+pytestmark = pytest.mark.browser
+
+PAGE = f"""
+<script>{javascript("target")}
+const tool = {{ brush: 1, erase: false }};
+let drawn = [];
+const target = targetCanvas([{WIDTH}, {HEIGHT}], tool, (pixels) => (drawn = Array.from(pixels)));
+target.canvas.style.position = "fixed";
+target.canvas.style.left = target.canvas.style.top = "0";
+addEventListener("load", () => document.body.append(target.canvas));
+</script>
+"""
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_drawn_target_is_what_the_canvas_makes_of_its_strokes(page, name):
+    page.set_content(PAGE, wait_until="load")
+    brush, strokes = DRAWN[name]
+    page.evaluate(f"tool.brush = {brush}")
+    scale = page.evaluate("target.canvas.getBoundingClientRect().width") / WIDTH
+    for stroke in strokes:
+        for k, (column, row) in enumerate(stroke):
+            page.mouse.move(column * scale, row * scale)
+            if k == 0:
+                page.mouse.down()
+        page.mouse.up()
+    drawn = np.array(page.evaluate("drawn"), bool).reshape(HEIGHT, WIDTH)
+    assert np.array_equal(drawn, load_target(f"drawn/{name}"))
