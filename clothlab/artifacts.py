@@ -29,6 +29,7 @@ from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
+MORE = "-more"  # ending of sets of trials that are too large for the repository: `make data` records them
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `cd data; sha256sum --check SHA256SUMS` works too
 WEIGHTS_FORMAT = 1
 RESULTS_FORMAT = 1
@@ -163,11 +164,12 @@ def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: 
     _save_tensors("autoencoder", name, model, about, data, losses=losses)
 
 
-def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
+def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> list[Trial]:
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
         name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet.
+        first: only so many of them, or all that there are where there are fewer.
         data: folder to look in.
 
     Raises:
@@ -178,7 +180,8 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
     choices = {path.name: path for path in sorted((data / "trials").glob("*")) if path.is_dir()}
     choices[OWN_TRIALS.name] = data / OWN_TRIALS
     chosen = choose("trials", name, choices)
-    return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)]
+    first = None if first is None else check_number("first", first, int, at_least=0)
+    return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)[:first]]
 
 
 def load_targets(*, data: Folder = None) -> dict[str, np.ndarray]:
@@ -295,7 +298,9 @@ def _checked(path: Path, data: Path) -> Path:
     recorded, damaged = _checksums(data)
     name = path.relative_to(data).as_posix()
     if not path.is_file():
-        raise ValueError(f"data/{name} is missing: restore it with `git checkout data/{name}`")
+        large = path.parent.name.endswith(MORE)
+        cure = "record it with `make data`" if large else f"restore it with `git checkout data/{name}`"
+        raise ValueError(f"data/{name} is missing: {cure}")
     if name not in recorded and damaged:
         raise ValueError(f"data/{CHECKSUMS} is damaged: restore it with `git checkout data/{CHECKSUMS}`")
     if recorded.get(name, "") and sha256(path) != recorded[name]:
