@@ -13,10 +13,12 @@ from tqdm.auto import tqdm
 
 from clothlab import artifacts
 from clothlab._validation import choose
+from clothlab.arm import Arm
 from clothlab.artifacts import Folder, Trained
 from clothlab.cloth import Cloth
 from clothlab.env import ClothEnv
-from clothlab.trials import RandomPolicy, Trial, rollout
+from clothlab.estimation import estimate_bias
+from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
@@ -77,10 +79,21 @@ def trained(name: str) -> Trained:
     return artifacts.load(name)
 
 
-def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
-    """Random commands on a fresh scene."""
+def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """A policy on a fresh scene."""
     env = ClothEnv(arm, cloth)
     try:
-        return rollout(env, RandomPolicy(env.arm), steps, seed=seed)
+        return rollout(env, policy, steps, seed=seed)
     finally:
         env.close()
+
+
+def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """Random commands on a fresh scene."""
+    return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
+
+
+def estimate_at_random(learned: Trained, cloth: Cloth | str, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
+    trial = random_trial(learned.arm.name, cloth, steps, seed)
+    return estimate_bias(learned.model, learned.sequences(trial))
