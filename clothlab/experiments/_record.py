@@ -22,6 +22,7 @@ from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
+SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)
 converter.register_unstructure_hook(np.ndarray, np.ndarray.tolist)
@@ -52,6 +53,17 @@ def load(name: str, *, data: Folder = None) -> Any:
         return converter.structure(stored["record"], module.Record)
     except (cattrs.BaseValidationError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"data/results/{name}.json is damaged or of another version: {error}") from error
+
+
+def load_all(*, data: Folder = None) -> dict[str, Any]:
+    """Read all stored records by name; of the slow experiments those that somebody has run.
+
+    Raises:
+        KeyError: an experiment that is not slow has none.
+        ValueError: as `load`.
+    """
+    stored = {path.stem for path in (artifacts.data_folder(data) / "results").glob("*.json")}
+    return {name: load(name, data=data) for name in EXPERIMENTS if name in stored or name not in SLOW}
 
 
 def run_jobs(
