@@ -167,12 +167,13 @@ def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: 
     _save_tensors("autoencoder", name, model, about, data, losses=losses)
 
 
-def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
+def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> list[Trial]:
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
         name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet. Those that end in `-more`
             are not part of the repository: `make data` records them.
+        first: only so many of them, or all that there are where there are fewer.
         data: folder to look in.
 
     Raises:
@@ -182,7 +183,8 @@ def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
     data = data_folder(data)
     choices = _sets("trials", data) | {OWN_TRIALS.name: data / OWN_TRIALS}
     chosen = choose("trials", name, choices)
-    return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)]
+    first = None if first is None else check_number("first", first, int, at_least=0)
+    return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)[:first]]
 
 
 def load_targets(name: str | None = None, *, data: Folder = None) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ Colours are Okabe and Ito's, which colour-blind readers can tell apart; where li
 
 import io
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import imageio_ffmpeg
 import mediapy
@@ -23,6 +23,19 @@ from clothlab.trials import Trial
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
 MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "hard": "s"}
+
+
+class Curves(Protocol):
+    """A record of quantities that depend on the amount of experience, such as that of `experiments.experience`."""
+
+    def curves(self) -> dict[str, dict[str, np.ndarray]]:
+        """Each quantity by arm, `{quantity: {arm: [amounts, trainings]}}`."""
+
+    def steps(self, arm: str) -> dict[float, int]:
+        """Control steps that were learned from, by amount."""
+
+    def marks(self) -> dict[str, float]:
+        """Amounts to point out, by label."""
 
 
 class _Shown(Figure):
@@ -335,4 +348,34 @@ def chamfer_scatter(log_chamfer: np.ndarray, z_distance: np.ndarray) -> Figure:
     ax.plot(ends, slope * ends + offset, "--", color=COLOURS[1], label=f"correlation {r:.3f}")
     ax.set(xlabel="log chamfer distance [log pixel]", ylabel="‖z_ref - z‖ [s.d. of z]")
     ax.legend()
+    return figure
+
+
+def experience(record: Curves, columns: int = 5) -> Figure:
+    """What grows with the number of recorded steps: mean and standard deviation over trainings, a panel a quantity.
+
+    Args:
+        record: of the experiment on experience.
+        columns: panels in a row.
+    """
+    curves = record.curves()
+    looks = {arm: k for k, arm in enumerate(dict.fromkeys(arm for arms in curves.values() for arm in arms))}
+    figure, axes = new_axes(-(-len(curves) // columns), columns, size=(2.9, 2.4))
+    for ax in axes.flat[len(curves) :]:
+        ax.axis("off")
+    for ax, (quantity, arms) in zip(axes.flat, curves.items(), strict=False):
+        for arm, values in arms.items():
+            steps, colour = record.steps(arm), COLOURS[looks[arm]]
+            mean, deviation = values.mean(axis=1), values.std(axis=1)
+            ax.plot(list(steps.values()), mean, STYLES[looks[arm]], marker=".", color=colour, label=f"{arm} arm")
+            ax.fill_between(list(steps.values()), mean - deviation, mean + deviation, color=colour, alpha=0.2, lw=0)
+            at = dict(zip(steps, zip(steps.values(), mean, strict=True), strict=True))
+            for amount, marker in zip(record.marks().values(), "oD", strict=True):
+                if amount in at:
+                    ax.scatter(*at[amount], s=40, marker=marker, color=colour, edgecolor="black", zorder=3)
+        ax.set(xscale="log", xlabel="steps learned from")
+        ax.set_title(quantity, fontsize=9)
+    for label, marker in zip(record.marks(), "oD", strict=True):
+        axes[0, 0].scatter([], [], marker=marker, color="white", edgecolor="black", label=label)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure

@@ -291,6 +291,23 @@ def test_all_trials_and_all_targets_are_there_or_none(data, trial, square):
         artifacts.load_targets(data=data)
 
 
+def test_only_the_first_trials_are_read_where_no_more_are_wanted(data, trial):
+    save_trial(trial[:3], data / "trials" / "train" / "zwei.npz")
+    lengths = [[len(each) for each in artifacts.load_trials("train", first=n, data=data)] for n in (0, 1, 2, 9)]
+    assert lengths == [[], [12], [12, 3], [12, 3]]
+    with pytest.raises(ValueError, match="first must be at least 0, got -1"):
+        artifacts.load_trials("train", first=-1, data=data)
+
+
+def test_trials_that_are_not_in_the_repository_are_recorded_anew(data, trial):
+    path = data / "trials" / "train-more" / "00_one.npz"
+    save_trial(trial, path)
+    artifacts.write_checksums(data)
+    path.unlink()
+    with pytest.raises(ValueError, match=r"train-more/00_one.npz is missing: record it with `make data`"):
+        artifacts.load_trials("train-more", data=data)
+
+
 def test_a_file_that_nobody_recorded_is_read_and_reported(data, square):
     artifacts.save_target(np.roll(square, 3, axis=0), "mine", data=data)
     assert list(artifacts.load_targets(data=data)) == ["mine", "target-1"]

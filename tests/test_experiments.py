@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import make_results
 import numpy as np
 import pytest
 
@@ -59,7 +60,7 @@ def same(a, b):
 
 
 def test_every_experiment_is_run():
-    assert set(TINY) == set(experiments.EXPERIMENTS)
+    assert set(TINY) == set(experiments.EXPERIMENTS) - experiments.SLOW  # slow ones have test files of their own
 
 
 @pytest.mark.parametrize("name", TINY)
@@ -140,6 +141,27 @@ def test_a_record_that_is_not_finite_is_not_written(tiny, tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant: nan"):
         experiments.save("perception", broken, data=tmp_path)
     assert not list(tmp_path.rglob("*.json"))
+
+
+def test_a_slow_experiment_may_have_no_record_yet(tiny, tmp_path):
+    for name in TINY:
+        experiments.save(name, tiny(name), data=tmp_path)
+    assert set(experiments.load_all(data=tmp_path)) == set(TINY)
+    (tmp_path / "results" / "control.json").unlink()
+    with pytest.raises(KeyError, match="unknown results 'control'"):
+        experiments.load_all(data=tmp_path)
+
+
+@pytest.mark.parametrize(("asked", "run"), [([], set(TINY)), (["--only", "experience"], {"experience"})])
+def test_results_leave_slow_experiments_out_unless_asked(asked, run, monkeypatch):
+    done = set()
+    for name, module in experiments.EXPERIMENTS.items():
+        monkeypatch.setattr(module, "run", lambda name=name, **_: done.add(name))
+    for module, name in ((experiments, "save"), (artifacts, "write_checksums"), (make_results, "publish")):
+        monkeypatch.setattr(module, name, lambda *_: None)
+    monkeypatch.setattr("sys.argv", ["make_results.py", *asked])
+    make_results.main()
+    assert done == run
 
 
 def test_jobs_give_the_callers_number_of_threads_back():

@@ -14,7 +14,7 @@ README = Path(clothlab.__file__).parents[1] / "README.md"
 
 @pytest.fixture(scope="module")
 def records():
-    return {name: experiments.load(name) for name in experiments.EXPERIMENTS}
+    return experiments.load_all()
 
 
 def test_the_readme_shows_the_stored_records(records):

@@ -16,6 +16,24 @@ LANDSCAPE = Landscape(principal_axes(BIASES), np.linspace(-2, 2, 5), np.linspace
 PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
 
+
+class Grown:
+    """What three amounts of experience gave, of which one has a mark that was measured and one that was not."""
+
+    def curves(self):
+        return {
+            "error": {"torque": np.array([[3.0, 5.0], [2.0, 2.0], [1.0, 2.0]]), "muscle": RNG.random((3, 2))},
+            "R²": {"torque": RNG.random((3, 2))},
+            "IoU": {"muscle": RNG.random((3, 1))},
+        }
+
+    def steps(self, arm):
+        return {0.5: 100, 1.0: 200, 5.0: 1000}
+
+    def marks(self):
+        return {"the paper's": 1.0, "default": 20.0}
+
+
 FIGURES = {
     "loss curves": lambda: plots.loss_curves({"here": [1.0, 0.5], "there": [0.9, 0.6, 0.4]}, "loss [1]"),
     "image grid": lambda: plots.image_grid(MASKS, ["a", "b", "c"], columns=2),
@@ -32,6 +50,7 @@ FIGURES = {
     "distances": lambda: plots.distance_transition({"control": RNG.random(19)}),
     "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
     "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
+    "experience": lambda: plots.experience(Grown(), columns=2),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 
@@ -76,6 +95,20 @@ def test_the_best_of_each_whole_period_is_marked():
     _, best = plots.distance_transition({"control": distance}, period=3).axes[0].lines
     assert best.get_ydata().tolist() == [1, 4]
     assert best.get_xdata() == pytest.approx([0.2, 0.8])
+
+
+def test_what_grows_is_drawn_over_the_steps_with_its_spread_and_its_marks():
+    figure = plots.experience(Grown(), columns=2)
+    error, _, _, nothing = figure.axes
+    assert not nothing.axison
+    line, muscle = error.lines
+    assert line.get_xdata().tolist() == [100, 200, 1000]
+    assert line.get_ydata().tolist() == [4, 2, 1.5]
+    assert error.get_xscale() == "log"
+    assert error.collections[0].get_datalim(error.transData).intervaly == pytest.approx([1, 5])
+    assert error.collections[1].get_offsets().tolist() == [[200, 2]]  # five times was marked by nobody
+    only_muscle = figure.axes[2].lines[0]
+    assert only_muscle.get_color() == muscle.get_color()
 
 
 def test_the_ellipse_is_drawn_around_the_hand():

@@ -1,15 +1,25 @@
 """Experiments: functions from frozen settings to frozen records, and the claims that stand on them.
 
 Each module has its `Settings`, whose defaults are the full size, its `Record`, and `run(settings) -> Record`. Notebooks
-run them small beside the stored record, `make results` runs them full, tests run them tiny.
+run them small beside the stored record, `make results` runs them full, tests run them tiny. Those in `SLOW` take hours
+and run when asked for by name.
 
     from clothlab import experiments
     record = experiments.load("control")                         # the stored, full-size one
     small = experiments.control.run(experiments.control.Settings(models=(0,), steps=24))
 """
 
-from clothlab.experiments import control, estimation, integrated, perception, self_organisation, stiffness, tables
-from clothlab.experiments._record import EXPERIMENTS, load, save
+from clothlab.experiments import (
+    control,
+    estimation,
+    experience,
+    integrated,
+    perception,
+    self_organisation,
+    stiffness,
+    tables,
+)
+from clothlab.experiments._record import EXPERIMENTS, SLOW, load, load_all, save
 from clothlab.experiments.claims import ClaimError, Findings
 
 EXPERIMENTS.update(
@@ -19,16 +29,21 @@ EXPERIMENTS.update(
     control=control,
     integrated=integrated,
     stiffness=stiffness,
+    experience=experience,
 )
+SLOW.add("experience")
 
 __all__ = [
     "EXPERIMENTS",
+    "SLOW",
     "ClaimError",
     "Findings",
     "control",
     "estimation",
+    "experience",
     "integrated",
     "load",
+    "load_all",
     "perception",
     "save",
     "self_organisation",

@@ -13,13 +13,16 @@ from tqdm.auto import tqdm
 
 from clothlab import artifacts
 from clothlab._validation import choose
+from clothlab.arm import Arm
 from clothlab.artifacts import Folder, Trained
 from clothlab.cloth import Cloth
 from clothlab.env import ClothEnv
-from clothlab.trials import RandomPolicy, Trial, rollout
+from clothlab.estimation import estimate_bias
+from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
+SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)
 converter.register_unstructure_hook(np.ndarray, np.ndarray.tolist)
@@ -52,6 +55,17 @@ def load(name: str, *, data: Folder = None) -> Any:
         raise ValueError(f"data/results/{name}.json is damaged or of another version: {error}") from error
 
 
+def load_all(*, data: Folder = None) -> dict[str, Any]:
+    """Read all stored records by name; of the slow experiments those that somebody has run.
+
+    Raises:
+        KeyError: an experiment that is not slow has none.
+        ValueError: as `load`.
+    """
+    stored = {path.stem for path in (artifacts.data_folder(data) / "results").glob("*.json")}
+    return {name: load(name, data=data) for name in EXPERIMENTS if name in stored or name not in SLOW}
+
+
 def run_jobs(
     function: Callable[..., T], jobs: Sequence[tuple], *, workers: int, progress: bool, what: str = "runs"
 ) -> list[T]:
@@ -77,10 +91,21 @@ def trained(name: str) -> Trained:
     return artifacts.load(name)
 
 
-def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
-    """Random commands on a fresh scene."""
+def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """A policy on a fresh scene."""
     env = ClothEnv(arm, cloth)
     try:
-        return rollout(env, RandomPolicy(env.arm), steps, seed=seed)
+        return rollout(env, policy, steps, seed=seed)
     finally:
         env.close()
+
+
+def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """Random commands on a fresh scene."""
+    return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
+
+
+def estimate_at_random(learned: Trained, cloth: Cloth | str, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
+    trial = random_trial(learned.arm.name, cloth, steps, seed)
+    return estimate_bias(learned.model, learned.sequences(trial))

@@ -10,9 +10,7 @@ from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, empty_distance, target_distance
 from clothlab.cloth import cloth_name
-from clothlab.env import ClothEnv
-from clothlab.experiments._record import random_trial, run_jobs, trained
-from clothlab.trials import rollout
+from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
 
 
 @dataclass(frozen=True)
@@ -78,9 +76,7 @@ class Record:
 def run_one(settings: Settings, target: str, cloth: str, model: int) -> Run:
     """Control with the right p, and random commands, on the same cloth and target."""
     learned, mask = trained(f"{settings.weights}-{model}"), artifacts.load_target(target)
-    env = ClothEnv(learned.arm, cloth)
-    control = rollout(env, learned.controller(mask, cloth), settings.steps, seed=model)
-    env.close()
+    control = new_trial(learned.controller(mask, cloth), learned.arm, cloth, settings.steps, model)
     random = random_trial(learned.arm.name, cloth, settings.steps, settings.first_random_seed + model)
     away, chance = (target_distance(learned.autoencoder, trial, mask) for trial in (control, random))
     empty = empty_distance(learned.autoencoder, mask)

@@ -8,8 +8,7 @@ import numpy as np
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import MaterialReadout, nearest_material, spread
 from clothlab.cloth import CLOTHS, Cloth
-from clothlab.estimation import estimate_bias
-from clothlab.experiments._record import random_trial, run_jobs, trained
+from clothlab.experiments._record import estimate_at_random, run_jobs, trained
 
 BETWEEN = {  # never trained on: geometric means of neighbouring trained values
     name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5)
@@ -86,8 +85,7 @@ def run_one(settings: Settings, name: str, model: int) -> Run:
     """Estimate p of one cloth."""
     learned, cloth = trained(f"{settings.weights}-{model}"), get_cloth(name)
     seed = settings.first_seed + 100 * model + [*CLOTHS, *BETWEEN].index(name)
-    trial = random_trial(learned.arm.name, cloth, settings.steps, seed)
-    p, trace = estimate_bias(learned.model, learned.sequences(trial))
+    p, trace = estimate_at_random(learned, cloth, settings.steps, seed)
     right = learned.biases.get(name)
     distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))

@@ -8,10 +8,8 @@ from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.cloth import cloth_name
-from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
-from clothlab.experiments._record import run_jobs, trained
-from clothlab.trials import rollout
+from clothlab.experiments._record import new_trial, run_jobs, trained
 
 
 @dataclass(frozen=True)
@@ -65,11 +63,9 @@ def run_one(settings: Settings, model: int) -> Run:
     """Estimate and control at once, from a wrong p."""
     learned, mask = trained(f"{settings.weights}-{model}"), artifacts.load_target(settings.target)
     start, goal = learned.biases[settings.believed], learned.biases[settings.held]
-    env = ClothEnv(learned.arm, settings.held)
     estimator = BiasEstimator(learned.model, start)
     policy = EstimatingPolicy(learned.controller(mask, start), estimator, learned.autoencoder)
-    trial = rollout(env, policy, settings.steps, seed=model)
-    env.close()
+    trial = new_trial(policy, learned.arm, settings.held, settings.steps, model)
     ratio = np.linalg.norm(policy.trace[-1] - goal) / np.linalg.norm(start - goal)
     distance = target_distance(learned.autoencoder, trial, mask)
     return Run(model, np.round(policy.trace, 4), distance.round(4), float(ratio))

@@ -61,16 +61,21 @@ class Record:
     chamfer: tuple[Chamfer, ...]
 
 
-def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """Reconstruct recorded images, and compare two distances to the targets."""
-    settings = settings or Settings()
-    autoencoder, _ = artifacts.load_autoencoder(settings.arm)
+def look(settings: Settings, autoencoder: Autoencoder) -> Record:
+    """Reconstruct recorded images, and compare two distances to the targets, with any autoencoder."""
     images = np.concatenate([trial.images for trial in artifacts.load_trials(settings.trials)])
     overlap, visible = iou(decode(autoencoder, encode(autoencoder, images)) > 0.5, images), images.any(axis=(1, 2))
-    job = (settings.arm, settings.cloth, settings.steps, settings.seed)
-    (trial,) = run_jobs(random_trial, [job], workers=workers, progress=progress, what="perception")
+    trial = random_trial(settings.arm, settings.cloth, settings.steps, settings.seed)
     chamfer = tuple(_chamfer(autoencoder, trial, target) for target in settings.targets)
     return Record(settings, float(overlap.mean()), float(overlap[visible].mean()), float(overlap.std()), chamfer)
+
+
+def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
+    """The same with the stored autoencoder of the arm."""
+    settings = settings or Settings()
+    autoencoder, _ = artifacts.load_autoencoder(settings.arm)
+    (record,) = run_jobs(look, [(settings, autoencoder)], workers=workers, progress=progress, what="perception")
+    return record
 
 
 def _chamfer(autoencoder: Autoencoder, trial: Trial, target: str) -> Chamfer:

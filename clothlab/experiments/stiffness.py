@@ -19,11 +19,10 @@ from clothlab.analysis import (
 )
 from clothlab.arm import MuscleArm
 from clothlab.control import recorded_plans
-from clothlab.env import ClothEnv
 from clothlab.estimation import estimate_bias
-from clothlab.experiments._record import random_trial, run_jobs, trained
+from clothlab.experiments._record import estimate_at_random, new_trial, random_trial, run_jobs, trained
 from clothlab.stiffness import ellipse_area, stiffness_ellipse
-from clothlab.trials import Trial, replay, rollout
+from clothlab.trials import Trial, replay
 
 ARM = MuscleArm()
 SPRINGS = {  # the second is as stiff as the first at about 30 N
@@ -204,8 +203,7 @@ def run_estimation(settings: Settings, cloth: str, model: int) -> Estimation:
     """Estimate p of a foam from 0 while it is moved at random."""
     learned = trained(f"{settings.weights}-{model}")
     seed = settings.estimation_seed + 100 * model + settings.estimated.index(cloth)
-    trial = random_trial(learned.arm.name, cloth, settings.estimation_steps, seed)
-    p, trace = estimate_bias(learned.model, learned.sequences(trial))
+    p, trace = estimate_at_random(learned, cloth, settings.estimation_steps, seed)
     first, last = (learned.biases[settings.estimated[end]] for end in (0, -1))
     place = float((p - first) @ (last - first) / ((last - first) @ (last - first)))
     return Estimation(cloth, model, trace.round(4), place)
@@ -245,10 +243,7 @@ def _controlled(settings: Settings, condition: str, cloth: str, model: int, mask
     plans = None if condition == WARM else recorded_plans(artifacts.load_trials("muscle-train"), seed=model)
     arm = learned.arm.with_stiffness(settings.fixed_tension) if condition == FIXED else learned.arm
     policy = learned.controller(mask, other if condition == WRONG else cloth, plans=plans, arm=arm)
-    env = ClothEnv(learned.arm, cloth)
-    trial = rollout(env, policy, settings.control_steps, seed=model)
-    env.close()
-    return trial
+    return new_trial(policy, learned.arm, cloth, settings.control_steps, model)
 
 
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:

@@ -1,0 +1,46 @@
+"""Work that takes hours is kept piece by piece, so that an interrupted experiment goes on where it stopped."""
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from clothlab import artifacts
+from clothlab._files import sha256
+
+
+def once(
+    name: str, made_with: Mapping[str, Any], make: Callable[[], Any], *, folder: Path, files: Iterable[str] = ()
+) -> Any:
+    """Return what `make()` returned before, where that is kept and was made with the same; else call and keep.
+
+    Args:
+        name: of this piece of work, which is kept as `FOLDER/results/NAME.json`.
+        made_with: whatever the answer depends on, as JSON has it; code is not known.
+        make: does the work and returns what JSON has a word for.
+        folder: where to keep; it exists.
+        files: what `make` writes there beside its answer. If one of them is gone or altered, the work is done again.
+
+    Raises:
+        TypeError: an answer, or something that it depends on, that JSON has no word for.
+    """
+    made_with = json.loads(json.dumps(made_with))
+    kept = _read(name, folder)
+    if kept.get("made_with") == made_with and kept.get("files") == _hashes(folder, files):
+        return kept["answer"]
+    answer = json.loads(json.dumps(make()))  # the same now as when it is read again
+    artifacts.save_results(
+        {"made_with": made_with, "files": _hashes(folder, files), "answer": answer}, name, data=folder
+    )
+    return answer
+
+
+def _read(name: str, folder: Path) -> dict[str, Any]:
+    try:
+        return artifacts.load_results(name, data=folder)
+    except (KeyError, ValueError):  # never made, or damaged: to be made
+        return {}
+
+
+def _hashes(folder: Path, files: Iterable[str]) -> dict[str, str | None]:
+    return {name: sha256(folder / name) if (folder / name).is_file() else None for name in files}
