@@ -31,7 +31,8 @@ from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
-LEFT_OUT = "trials/*-more/*"  # recordings beyond the paper's amount: the repository has their hashes alone
+MORE = "-more"  # ending of sets of trials beyond the paper's amount
+LEFT_OUT = f"trials/*{MORE}/*"  # the repository has their hashes alone
 LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is not there, which is no fault
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 WEIGHTS_FORMAT = 1

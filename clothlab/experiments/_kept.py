@@ -1,10 +1,13 @@
 """Work that takes hours is kept piece by piece, so that an interrupted experiment goes on where it stopped."""
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import clothlab
 from clothlab import artifacts
 from clothlab._files import sha256
 
@@ -44,3 +47,12 @@ def _read(name: str, folder: Path) -> dict[str, Any]:
 
 def _hashes(folder: Path, files: Iterable[str]) -> dict[str, str | None]:
     return {name: sha256(folder / name) if (folder / name).is_file() else None for name in files}
+
+
+@cache
+def version() -> str:
+    """Hash of the package and of the data's hashes, for work that must be done again when either changes."""
+    digest = hashlib.sha256()
+    for path in [*sorted(Path(clothlab.__file__).parent.rglob("*.py")), artifacts.data_folder() / artifacts.CHECKSUMS]:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,9 +1,12 @@
 """Does learning from outcomes spread the cloth? Practice against the paper's method, and both against everyone else who
 could do it, on both arms, with the same time per solve."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +17,9 @@ from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
 from clothlab.control import recorded_plans
-from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
-from clothlab.experiments._record import run_jobs, trained
+from clothlab.experiments._kept import once, version
+from clothlab.experiments._record import converter, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import (
     ChangesPolicy,
     CrossEntropyPolicy,
@@ -26,9 +29,10 @@ from clothlab.experiments.opponents import (
     train_changes,
 )
 from clothlab.practice import PracticePolicy
-from clothlab.trials import Policy, RandomPolicy, rollout
+from clothlab.trials import Policy, RandomPolicy
 
 ENSEMBLE = 5  # models
+FOLDER = Path("build/practice")
 LAST = 10  # periods by which practice is judged
 
 
@@ -222,9 +226,7 @@ def run_one(settings: Settings, method: str, case: str, model: int, repeat: int)
     policy, inner = how.make(learned, what, model, p), None
     if how.p == "estimated":
         inner, policy = policy, EstimatingPolicy(policy, BiasEstimator(learned.model, p), learned.autoencoder)
-    env = ClothEnv(learned.arm, what.cloth)
-    trial = rollout(env, policy, settings.steps, seed=seed)
-    env.close()
+    trial = new_trial(policy, learned.arm, what.cloth, settings.steps, seed)
     away = target_distance(learned.autoencoder, trial, _target(what))
     ratio = None
     if isinstance(policy, EstimatingPolicy):
@@ -233,7 +235,7 @@ def run_one(settings: Settings, method: str, case: str, model: int, repeat: int)
     return Run(method, case, model, seed, float(away[0]), best_per_period(away).round(4), promises.round(4), ratio)
 
 
-def jobs(settings: Settings) -> list[tuple[Settings, str, str, int, int]]:
+def jobs(settings: Settings) -> list[tuple[str, str, int, int]]:
     """Every run: method, case, training and repeat."""
     found = []
     for method, case, model in product(settings.methods, settings.cases, settings.models):
@@ -241,13 +243,30 @@ def jobs(settings: Settings) -> list[tuple[Settings, str, str, int, int]]:
         if how.stiffness and choose("case", case, CASES).arm != "muscle":
             continue
         repeats = settings.repeats if how.often else 1
-        found += [(settings, method, case, model, repeat) for repeat in range(repeats)]
+        found += [(method, case, model, repeat) for repeat in range(repeats)]
     return found
 
 
-def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """Every method in every case with every training."""
-    settings = settings or Settings()
-    return Record(
-        settings, tuple(run_jobs(run_one, jobs(settings), workers=workers, progress=progress, what="practice"))
-    )
+def run_kept(folder: Path, settings: Settings, *job: Any) -> Run:
+    """`run_one`, or what it said before."""
+    name = re.sub(r"\W+", "-", " ".join(map(str, job)))
+    made_with = {"steps": settings.steps, "first_seed": settings.first_seed, "version": version()}
+    answer = once(name, made_with, lambda: converter.unstructure(run_one(settings, *job)), folder=folder)
+    return converter.structure(answer, Run)
+
+
+def run(
+    settings: Settings | None = None, *, workers: int = 1, progress: bool = False, folder: str | Path = FOLDER
+) -> Record:
+    """Every method in every case with every training.
+
+    Args:
+        settings: what is run.
+        workers: processes.
+        progress: show a progress bar.
+        folder: where each run is kept as soon as it is done; an interrupted experiment goes on from there.
+    """
+    settings, folder = settings or Settings(), Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    todo = [(folder, settings, *job) for job in jobs(settings)]
+    return Record(settings, tuple(run_jobs(run_kept, todo, workers=workers, progress=progress, what="practice")))
