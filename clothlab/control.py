@@ -12,8 +12,9 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.arm import Arm, get_arm
 from clothlab.autoencoder import Autoencoder, encode
-from clothlab.dpmpb import DPMPB, FrozenDPMPB, observe
+from clothlab.dpmpb import DPMPB, observe
 from clothlab.env import Observation
+from clothlab.frozen import FrozenDPMPB
 from clothlab.trials import Policy, Trial
 from clothlab.vision import check_mask
 
@@ -254,8 +255,7 @@ class ControlPolicy(Policy):
     def _follow(self, observation: Observation) -> Tensor:
         """Encode the state; the recurrent state follows what was observed, not what was predicted."""
         if self._last is not None:
-            with torch.no_grad():
-                _, self._memory = self.model(*(x[None, None] for x in self._last), self._p, self._memory)
+            self._memory = self._frozen.follow(*self._last, self._memory)
             self._u = shift_left(self._u)
         return torch.as_tensor(observe(self.autoencoder, observation))
 

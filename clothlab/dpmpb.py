@@ -83,72 +83,10 @@ def _tanh_layers(*sizes: int) -> nn.Sequential:
     return nn.Sequential(*[layer for a, b in pairs for layer in (nn.Linear(a, b), nn.Tanh())])
 
 
-class FrozenDPMPB:
-    """The same function with W and p fixed, arranged for many short closed-loop predictions.
-
-    Each layer is one `addmm` on a weight that is transposed once. The normalisation and p are folded into the first
-    layer, and the state stays normalised while it goes round the loop.
-
-    Args:
-        model: trained network.
-        p: parametric bias `[D_p]`.
-    """
-
-    def __init__(self, model: DPMPB, p: Tensor):
-        with torch.no_grad():
-            linear = [layer for layer in (*model.fc_in, *model.fc_out) if isinstance(layer, nn.Linear)]
-            weights = [layer.weight.T.contiguous().detach() for layer in linear]
-            biases = [layer.bias.detach() for layer in linear]
-            n_u, n_s = model.command_size, model.state_size
-            w_u, w_s, w_p = weights[0].split([n_u, n_s, model.bias_size])
-            self._w_u = (w_u / model.u_std[:, None]).contiguous()
-            self._b_u = biases[0] + p @ w_p - (model.u_mean / model.u_std) @ w_u
-            self._w_s = w_s.contiguous()
-            self._in = list(zip(weights[1:3], biases[1:3], strict=True))
-            self._out = list(zip(weights[3:], biases[3:], strict=True))
-            self._cells = [
-                tuple(
-                    getattr(model.lstm, f"{kind}_l{k}").detach()
-                    for kind in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-                )
-                for k in range(2)
-            ]
-            self.s_mean, self.s_std = model.s_mean, model.s_std
-
-    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
-        """Predict with the model's own predictions as the next inputs.
-
-        Args:
-            s: current state `[D_s]`.
-            u: commands `[B, T, D_u]`.
-            memory: recurrent state before this step, of batch 1.
-
-        Returns:
-            Predicted states of the T next steps, `[B, T, D_s]`.
-        """
-        batch = len(u)
-        x_u = torch.addmm(self._b_u, u.flatten(0, 1), self._w_u).unflatten(0, u.shape[:2]).unbind(1)
-        s = ((s - self.s_mean) / self.s_std).expand(batch, -1)
-        cells = [(memory.h[k].expand(batch, -1), memory.c[k].expand(batch, -1)) for k in range(2)]
-        states = []
-        for x in x_u:
-            x = torch.addmm(x, s, self._w_s).tanh()
-            for weight, bias in self._in:
-                x = torch.addmm(bias, x, weight).tanh()
-            for k, weights in enumerate(self._cells):
-                cells[k] = torch.lstm_cell(x, cells[k], *weights)
-                x = cells[k][0]
-            for weight, bias in self._out[:-1]:
-                x = torch.addmm(bias, x, weight).tanh()
-            s = torch.addmm(self._out[-1][1], x, self._out[-1][0])
-            states.append(s)
-        return torch.stack(states, dim=1) * self.s_std + self.s_mean
-
-
 def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
     """Predict T steps ahead, one after another, each prediction being the next step's input.
 
-    The plain version of `FrozenDPMPB`, and the reference that it is tested and timed against.
+    The plain version of `clothlab.frozen`, and the reference that it is tested and timed against.
 
     Args:
         model: network.

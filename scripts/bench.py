@@ -28,8 +28,9 @@ from clothlab.arm import ARMS, Arm
 from clothlab.autoencoder import Autoencoder
 from clothlab.cloth import get_cloth
 from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
-from clothlab.dpmpb import DPMPB, FrozenDPMPB, Memory, predict
+from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
+from clothlab.frozen import FrozenDPMPB
 
 
 def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:

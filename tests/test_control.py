@@ -18,8 +18,9 @@ from clothlab.control import (
     shift_left,
     step_sizes,
 )
-from clothlab.dpmpb import DPMPB, FrozenDPMPB, to_sequences
+from clothlab.dpmpb import DPMPB, to_sequences
 from clothlab.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
+from clothlab.frozen import FrozenDPMPB
 from clothlab.trials import rollout
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])

@@ -7,7 +7,6 @@ import torch
 from clothlab.autoencoder import Autoencoder
 from clothlab.dpmpb import (
     DPMPB,
-    FrozenDPMPB,
     ModelTraining,
     Sequences,
     fit_normalisation,
@@ -64,18 +63,6 @@ def test_gradient_on_p_equals_finite_differences(model):
     assert gradient.abs().min() > 1e-6
 
 
-def test_gradient_on_u_equals_finite_differences(model, memory):
-    torch.manual_seed(4)
-    s, u = torch.randn(7, dtype=torch.float64), torch.randn(1, 8, 2, dtype=torch.float64)
-    frozen = FrozenDPMPB(model, torch.tensor([0.3, -0.2], dtype=torch.float64))
-
-    def loss(u):
-        return frozen(s, u, memory)[..., :3].square().sum()
-
-    (gradient,) = torch.autograd.grad(loss(u.requires_grad_()), u)
-    assert torch.allclose(gradient, finite_difference(loss, u.detach()), rtol=1e-6, atol=1e-9)
-
-
 def test_predictions_depend_on_p_and_on_memory(model, memory):
     s, u = torch.zeros(7, dtype=torch.float64), torch.zeros(1, 4, 2, dtype=torch.float64)
     zero, one = (torch.full((2,), value, dtype=torch.float64) for value in (0.0, 1.0))
@@ -87,12 +74,6 @@ def test_the_initial_memory_is_no_memory(model):
     s, u, p = torch.randn(1, 3, 7).double(), torch.randn(1, 3, 2).double(), torch.zeros(2).double()
     memory = type(model.initial_memory())(*(part.double() for part in model.initial_memory()))
     assert torch.equal(model(s, u, p, memory)[0], model(s, u, p)[0])
-
-
-def test_frozen_model_equals_the_plain_one(model, memory):
-    torch.manual_seed(5)
-    s, u, p = (torch.randn(*size, dtype=torch.float64) for size in ((7,), (30, 8, 2), (2,)))
-    assert torch.allclose(FrozenDPMPB(model, p)(s, u, memory), predict(model, s, u, p, memory), atol=1e-12)
 
 
 def test_one_long_call_equals_many_short_ones(model):

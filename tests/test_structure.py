@@ -17,6 +17,7 @@ PACKAGE = ROOT / "clothlab"
 LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "trials", "autoencoder"]
 LAYERS += [
     "dpmpb",
+    "frozen",
     "estimation",
     "control",
     "practice",

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,8 +15,9 @@ from clothlab._validation import Checked, setting
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.control import ControlPolicy, Loss, Predict
-from clothlab.dpmpb import DPMPB, FrozenDPMPB, Memory, Sequences, observe
+from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
+from clothlab.frozen import FrozenEnsemble
 from clothlab.trials import Policy
 
 HIDDEN = 256
@@ -93,38 +95,34 @@ class MeanLossPolicy(ControlPolicy):
 
     name = "ensemble"
 
-    def __init__(self, *arguments, members: Sequence[tuple[DPMPB, ArrayLike]], **options):  # type: ignore[no-untyped-def]
+    def __init__(self, *arguments: Any, members: Sequence[tuple[DPMPB, ArrayLike]], **options: Any):
         self._members = [(model, torch.as_tensor(np.asarray(p, dtype=np.float32))) for model, p in members]
-        self._others = [FrozenDPMPB(model, p) for model, p in self._members]
         super().__init__(*arguments, **options)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, with all members' memories."""
         super().reset(seed)
-        self._memories: list[Memory] = [model.initial_memory() for model, _ in self._members]
+        self._memories = self._ensemble.initial_memory()
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` for the first model."""
+        super().set_bias(p)
+        models, biases = zip((self.model, self._p), *self._members, strict=True)
+        self._ensemble = FrozenEnsemble(models, biases)
 
     def _follow(self, observation: Observation) -> Tensor:
         if self._last is not None:
-            with torch.no_grad():
-                last = [x[None, None] for x in self._last]
-                self._memories = [
-                    model(*last, p, memory)[1] for (model, p), memory in zip(self._members, self._memories, strict=True)
-                ]
+            self._memories = self._ensemble.follow(*self._last, self._memories)
         self._s = super()._follow(observation)
         return self._s
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
         """Descend the mean loss."""
-        return super().search(lambda u: u, self._mean(predict, loss), start)
 
-    def _mean(self, predict: Predict, loss: Loss) -> Loss:
-        def mean(u: Tensor) -> Tensor:
-            others = zip(self._others, self._memories, strict=True)
-            return torch.stack([loss(predict(u)), *(loss(other(self._s, u, memory)) for other, memory in others)]).mean(
-                0
-            )
+        def mean(states: Tensor) -> Tensor:
+            return loss(states.flatten(0, 1)).unflatten(0, states.shape[:2]).mean(0)
 
-        return mean
+        return super().search(lambda u: self._ensemble(self._s, u, self._memories), mean, start)
 
 
 @dataclass(frozen=True)
