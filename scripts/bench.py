@@ -1,4 +1,4 @@
-"""`make bench`: speed, about 14 minutes on two cores, of which the live lab takes 12 in a browser.
+"""`make bench`: speed, about 15 minutes on two cores, of which the live lab takes 12 in a browser.
 
 Ratios are measured in one run against a stated reference. `python scripts/bench.py solve` runs one of them.
 
@@ -7,10 +7,12 @@ The machine may be shared, so that milliseconds vary from run to run; both sides
 
 import argparse
 import contextlib
+import itertools
 import os
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -30,7 +32,8 @@ from clothlab.cloth import get_cloth
 from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
-from clothlab.frozen import FrozenDPMPB
+from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.trials import Timed
 
 
 def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
@@ -150,8 +153,69 @@ def bench_solve_of(name: str, arm: Arm) -> None:
     print(f"one solve ({sizes}), loop over nn.LSTM / ours: {ratio:.2f}  (≥ 2)")
     print(f"    largest difference {difference:.1e} of the command's range (≤ 1e-5)")
     print(
-        f"    ours: median {median:.1f} ms, 99th percentile {late:.1f} ms, of the {CONTROL_PERIOD * 1e3:.0f} ms period"
+        f"    ours: median {median:.1f} ms (≤ 10), 99th percentile {late:.1f} ms (≤ 20),"
+        f" of the {CONTROL_PERIOD * 1e3:.0f} ms period"
     )
+
+
+def bench_ensemble() -> None:
+    """Five models computed together against the same five in turn, on one core: predictions, and their gradient."""
+    torch.set_num_threads(1)
+    members = [artifacts.load(f"torque-{k}") for k in range(5)]
+    models = [each.model for each in members]
+    biases = [torch.as_tensor(next(iter(each.biases.values()))) for each in members]
+    ensemble, singles = FrozenEnsemble(models, biases), list(map(FrozenDPMPB, models, biases))
+    s, memory = models[0].s_mean, ensemble.initial_memory()
+
+    def together(u: torch.Tensor) -> torch.Tensor:
+        return ensemble(s, u, memory)
+
+    def in_turn(u: torch.Tensor) -> torch.Tensor:
+        return torch.stack([single(s, u, Memory(*(part[:, 0] for part in memory))) for single in singles])
+
+    for batch, steps in itertools.product((1, 30, 400), (8, 16)):
+        print(f"five models, {batch} × {steps} steps, in turn / together:")
+        u = models[0].u_mean + models[0].u_std * torch.randn(batch, steps, models[0].command_size)
+        for name, task in {"predictions": forecast, "and their gradient": differentiate}.items():
+            sides = {side.__name__: partial(task, side, u) for side in (in_turn, together)}
+            slow, fast = (1e3 * np.median(times) for times in alternate(sides, max(10, 300 // batch)).values())
+            print(f"    {name}: {slow / fast:.2f}  ({slow:.1f} / {fast:.1f} ms)")
+
+
+def forecast(predict: Callable[[torch.Tensor], torch.Tensor], u: torch.Tensor) -> None:
+    """Predict what commands do."""
+    with torch.no_grad():
+        predict(u)
+
+
+def differentiate(predict: Callable[[torch.Tensor], torch.Tensor], u: torch.Tensor) -> None:
+    """The same, and how the predictions change with the commands."""
+    u = u.clone().requires_grad_()
+    torch.autograd.grad(predict(u).sum(), u)
+
+
+def bench_loop() -> None:
+    """Physics, camera and solve together, on one core with one model, against the time that a robot would take."""
+    torch.set_num_threads(1)
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(cores)[:1])  # drawing would otherwise take a second core
+    for name, target in {"torque": "target-1", "muscle": "muscle"}.items():
+        learned = artifacts.load(f"{name}-0")
+        cloth = next(iter(learned.biases))
+        policy = Timed(learned.controller(artifacts.load_target(target), cloth))
+        with contextlib.closing(ClothEnv(learned.arm, cloth)) as env:
+            env.reset()
+
+            def step(env=env, policy=policy) -> None:
+                env.advance(policy(env.observe()))
+
+            times = alternate({name: step}, 200)[name]
+        seconds, thinking = np.median(times), np.median(policy.seconds)
+        print(
+            f"closed loop on one core, {name} arm, real time / ours: {CONTROL_PERIOD / seconds:.1f}"
+            f"  ({1e3 * seconds:.1f} ms a step, of which the controller {1e3 * thinking:.1f}; ≥ 8)"
+        )
+    os.sched_setaffinity(0, cores)
 
 
 def flops_and_seconds(step: Callable[[], object]) -> tuple[float, float]:
@@ -274,6 +338,8 @@ BENCHES = {
     "arms": bench_arms,
     "collection": bench_collection,
     "solve": bench_solve,
+    "ensemble": bench_ensemble,
+    "loop": bench_loop,
     "training": bench_training,
     "panel": bench_panel,
 }
