@@ -1,9 +1,10 @@
-"""`make train`: train the autoencoder and the DPMPB on the trials in `data/`, at the paper's settings."""
+"""`make train`: train autoencoders and DPMPBs, on the paper's amount of recordings and on twenty times as much."""
 
 import argparse
 import os
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import joblib
 import numpy as np
@@ -12,8 +13,9 @@ import torch
 from clothlab import artifacts
 from clothlab.arm import get_arm
 from clothlab.artifacts import Trained
-from clothlab.autoencoder import train_autoencoder
+from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
 from clothlab.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
+from clothlab.trials import Trial
 
 SEEDS = range(5)  # the paper repeats learning and control five times
 
@@ -33,14 +35,14 @@ PAPER = ModelTraining()
 PAPER_MUSCLE = ModelTraining(
     epochs=600, batch_size=1000, sequence_length=20, learning_rate=8e-3, bias_learning_rate=2.4e-2
 )
+# Twenty times the experience needs fewer rounds of it, and smaller batches learn more from each round.
+MORE_SEEN = AutoencoderTraining(epochs=8)
+MORE = ModelTraining(epochs=40, batch_size=100)
 TRAININGS = {
     "torque-paper": Training("torque", ("train",), AutoencoderTraining(), PAPER),
     "muscle-paper": Training("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
-    # Twenty times the experience needs fewer rounds of it.
-    "torque": Training("torque", ("train", "train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)),
-    "muscle": Training(
-        "muscle", ("muscle-train", "muscle-train-more"), AutoencoderTraining(epochs=8), ModelTraining(epochs=40)
-    ),
+    "torque": Training("torque", ("train", "train-more"), MORE_SEEN, MORE),
+    "muscle": Training("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
 }
 
 
@@ -49,50 +51,51 @@ def load_trials(name: str) -> list[Trial]:
     return [trial for recording in TRAININGS[name].trials for trial in artifacts.load_trials(recording)]
 
 
-def train_autoencoder_weights(arm: str) -> None:
-    """Train on all training images of an arm and save."""
-    images = np.concatenate([trial.images for trial in artifacts.load_trials(TRAININGS[arm].trials)])
-    model, losses = train_autoencoder(images, seed=0)
-    artifacts.save_autoencoder(model, losses, arm)
+def train_one_autoencoder(name: str, progress: bool) -> None:
+    """Train on all images of a training and save."""
+    torch.set_num_threads(1)
+    images = np.concatenate([trial.images for trial in load_trials(name)])
+    model, losses = train_autoencoder(images, TRAININGS[name].autoencoder, seed=0, progress=progress)
+    artifacts.save_autoencoder(model, losses, name)
 
 
-def train_one(arm: str, runs: list[Sequences], seed: int, threads: int, progress: bool) -> None:
+def train_one(name: str, runs: list[Sequences], seed: int, progress: bool) -> None:
     """Train one DPMPB and save."""
-    torch.set_num_threads(threads)
-    model, biases, trace = train_dpmpb(runs, TRAININGS[arm].model, seed=seed, progress=progress)
-    autoencoder, _ = artifacts.load_autoencoder(arm)
-    artifacts.save(Trained(f"{arm}-{seed}", get_arm(arm), autoencoder, model, biases, trace.losses, sees_with=arm))
+    torch.set_num_threads(1)
+    training, (autoencoder, _) = TRAININGS[name], artifacts.load_autoencoder(name)
+    model, biases, trace = train_dpmpb(runs, training.model, seed=seed, progress=progress)
+    arm = get_arm(training.arm)
+    artifacts.save(Trained(f"{name}-{seed}", arm, autoencoder, model, biases, trace.losses, sees_with=name))
 
 
-def train_models(arm: str, seeds: list[int]) -> None:
-    """Train the DPMPB of an arm from several seeds."""
-    autoencoder, _ = artifacts.load_autoencoder(arm)
-    runs = [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(TRAININGS[arm].trials)]
-    # Matrices this small keep one core busy, not two: several trainings side by side beat one on all cores.
-    workers = 1 if torch.cuda.is_available() else min(os.cpu_count() or 1, len(seeds))
-    threads = max(1, (os.cpu_count() or 1) // workers)
-    jobs = [joblib.delayed(train_one)(arm, runs, seed, threads, k == 0) for k, seed in enumerate(seeds)]
-    joblib.Parallel(n_jobs=workers)(jobs)
+def side_by_side(function: Callable[..., None], jobs: Sequence[tuple]) -> None:
+    """Call a function for each job; the first shows its progress.
+
+    Matrices this small keep one core busy, not two: several trainings side by side beat one on all cores.
+    """
+    workers = 1 if torch.cuda.is_available() else min(os.cpu_count() or 1, len(jobs))
+    joblib.Parallel(n_jobs=workers)(joblib.delayed(function)(*job, k == 0) for k, job in enumerate(jobs))
 
 
 def main() -> None:
     """Train and save what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--arms", choices=TRAININGS, nargs="+", default=list(TRAININGS), help="whose weights")
+    parser.add_argument("--names", choices=TRAININGS, nargs="+", default=list(TRAININGS), help="which weights")
     parser.add_argument("--only", choices=["autoencoder", "dpmpb"], help="leave the other as it is")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="which of the DPMPB's trainings")
     arguments = parser.parse_args()
-    for arm in arguments.arms:
+    start = time.perf_counter()
+    if arguments.only != "dpmpb":
+        side_by_side(train_one_autoencoder, [(name,) for name in arguments.names])
+        artifacts.write_checksums()
+        print(f"autoencoders in {time.perf_counter() - start:.0f} s")
+    for name in arguments.names if arguments.only != "autoencoder" else ():
         start = time.perf_counter()
-        if arguments.only != "dpmpb":
-            train_autoencoder_weights(arm)
-            artifacts.write_checksums()
-            print(f"{arm}: autoencoder in {time.perf_counter() - start:.0f} s")
-        if arguments.only != "autoencoder":
-            start = time.perf_counter()
-            train_models(arm, arguments.seeds)
-            artifacts.write_checksums()
-            print(f"{arm}: DPMPB, {len(arguments.seeds)} seeds, in {time.perf_counter() - start:.0f} s")
+        autoencoder, _ = artifacts.load_autoencoder(name)
+        runs = [to_sequences(autoencoder, trial) for trial in load_trials(name)]
+        side_by_side(train_one, [(name, runs, seed) for seed in arguments.seeds])
+        artifacts.write_checksums()
+        print(f"{name}: DPMPB, {len(arguments.seeds)} seeds, in {time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":
