@@ -7,9 +7,13 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from sklearn.decomposition import PCA
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 from sklearn.model_selection import LeaveOneOut, cross_val_predict
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from clothlab._validation import check_array, check_number
 from clothlab.autoencoder import Autoencoder, encode
@@ -53,29 +57,38 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
 
 @dataclass(frozen=True)
 class MaterialReadout:
-    """A linear map from p to log C_damp and log C_mass, fitted to the trained materials.
+    """A smooth map from p to log C_damp and log C_mass, fitted to the trained materials.
+
+    Equal steps of a material are not equal steps of p: the map is curved, and so a Gaussian process whose prior is a
+    straight one. Its constants are fixed: nine materials are too few to fit them.
 
     Attributes:
         model: the fitted map.
         r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
         ratio_r2: the same of log (C_damp / C_mass), on which alone the motion of a free point in air depends.
+        linear_r2: as `r2`, of a straight map, `[2]`.
     """
 
-    model: LinearRegression
+    model: Pipeline
     r2: np.ndarray
     ratio_r2: float
+    linear_r2: np.ndarray
 
     @classmethod
     def fit(cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]) -> "MaterialReadout":
         """Fit to the trained p of cloths whose C_damp and C_mass are known."""
-        p = np.stack([biases[name] for name in cloths])
+        p = np.stack([biases[name] for name in cloths]).astype(np.float64)
         logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths.values()])
-        left_out = cross_val_predict(LinearRegression(), p, logs, cv=LeaveOneOut())
-        ratio = np.array([1, -1])
+        smooth = GaussianProcessRegressor(DotProduct() + RBF(2.0) + WhiteKernel(0.01), optimizer=None, normalize_y=True)
+        model, ratio = make_pipeline(StandardScaler(), smooth), np.array([1, -1])
+        left_out, straight = (
+            cross_val_predict(each, p, logs, cv=LeaveOneOut()) for each in (model, LinearRegression())
+        )
         return cls(
-            LinearRegression().fit(p, logs),
+            model.fit(p, logs),
             r2_score(logs, left_out, multioutput="raw_values"),
             r2_score(logs @ ratio, left_out @ ratio),
+            r2_score(logs, straight, multioutput="raw_values"),
         )
 
     def __call__(self, p: ArrayLike) -> tuple[float, float]:

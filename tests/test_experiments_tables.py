@@ -48,4 +48,4 @@ def test_a_row_says_whether_its_aim_is_met(bounds, aim, held):
 
 def test_markdown_has_a_line_for_each_row():
     text = tables.markdown([row("a", "1", 2.0), row("b", "–", 3.0, at_least=4, unit=" %")])
-    assert text.splitlines()[2:] == ["| a | 1 | 2.00 | – |  |", "| b | – | 3.00 % | ≥ 4 % | short of it |"]
+    assert text.splitlines()[2:] == ["| a | 1 |  | 2.00 | – |  |", "| b | – |  | 3.00 % | ≥ 4 % | short of it |"]

@@ -19,7 +19,7 @@ from clothlab.experiments import (
     stiffness,
     tables,
 )
-from clothlab.experiments._record import EXPERIMENTS, SLOW, load, load_all, save
+from clothlab.experiments._record import EXPERIMENTS, PAPER, SLOW, load, load_all, save
 from clothlab.experiments.claims import ClaimError, Findings
 
 EXPERIMENTS.update(
@@ -35,6 +35,7 @@ SLOW.add("experience")
 
 __all__ = [
     "EXPERIMENTS",
+    "PAPER",
     "SLOW",
     "ClaimError",
     "Findings",

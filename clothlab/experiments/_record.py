@@ -22,6 +22,7 @@ from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
+PAPER = "-paper"  # ending of records, as of weights: the same with what the paper's amount of recordings teaches
 SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)
@@ -32,11 +33,16 @@ converter.register_structure_hook(np.ndarray, lambda value, _: np.asarray(value)
 def save(name: str, record: Any, *, data: Folder = None) -> None:
     """Write the record of an experiment as `data/results/NAME.json`.
 
+    Args:
+        name: of the experiment; with `-paper` behind it where the weights are those of the paper's amount.
+        record: what was found.
+        data: folder to write to.
+
     Raises:
         KeyError: unknown experiment; the message lists the choices.
         ValueError: a record with numbers that are not finite.
     """
-    choose("experiment", name, EXPERIMENTS)
+    choose("experiment", name.removesuffix(PAPER), EXPERIMENTS)
     artifacts.save_results({"experiment": name, "record": converter.unstructure(record)}, name, data=data)
 
 
@@ -47,7 +53,7 @@ def load(name: str, *, data: Folder = None) -> Any:
         KeyError: unknown experiment, or none stored; the message lists the choices.
         ValueError: a damaged or altered file, or a record of another shape.
     """
-    module = choose("experiment", name, EXPERIMENTS)
+    module = choose("experiment", name.removesuffix(PAPER), EXPERIMENTS)
     stored = artifacts.load_results(name, data=data)
     try:
         return converter.structure(stored["record"], module.Record)
@@ -56,14 +62,17 @@ def load(name: str, *, data: Folder = None) -> Any:
 
 
 def load_all(*, data: Folder = None) -> dict[str, Any]:
-    """Read all stored records by name; of the slow experiments those that somebody has run.
+    """Read all stored records by name; of the slow experiments, and for the paper's amount, those that there are.
 
     Raises:
         KeyError: an experiment that is not slow has none.
         ValueError: as `load`.
     """
     stored = {path.stem for path in (artifacts.data_folder(data) / "results").glob("*.json")}
-    return {name: load(name, data=data) for name in EXPERIMENTS if name in stored or name not in SLOW}
+    names = {name for name in EXPERIMENTS if name not in SLOW} | {
+        name for name in stored if name.removesuffix(PAPER) in EXPERIMENTS
+    }
+    return {name: load(name, data=data) for name in sorted(names)}
 
 
 def run_jobs(

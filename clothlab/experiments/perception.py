@@ -17,7 +17,8 @@ from clothlab.trials import Trial
 class Settings(Checked):
     """What is seen; the defaults are the full size."""
 
-    arm: str = setting("torque")  # whose autoencoder
+    weights: str = setting("torque")  # which autoencoder
+    arm: str = setting("torque")
     trials: str = setting("evaluation")  # recorded, never trained on
     targets: tuple[str, ...] = setting(("target-1", "target-2"))
     cloth: str = setting(cloth_name(0.05, 0.10))  # moved at random for the chamfer distances
@@ -73,7 +74,7 @@ def look(settings: Settings, autoencoder: Autoencoder) -> Record:
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
     """The same with the stored autoencoder of the arm."""
     settings = settings or Settings()
-    autoencoder, _ = artifacts.load_autoencoder(settings.arm)
+    autoencoder, _ = artifacts.load_autoencoder(settings.weights)
     (record,) = run_jobs(look, [(settings, autoencoder)], workers=workers, progress=progress, what="perception")
     return record
 

@@ -26,12 +26,14 @@ class Run:
         model: its seed.
         r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
         ratio_r2: the same of log (C_damp / C_mass).
+        linear_r2: as `r2`, of a straight map from p, `[2]`.
         pca_share: share of the variance of p along PC1 and PC2, `[2]`.
     """
 
     model: int
     r2: np.ndarray
     ratio_r2: float
+    linear_r2: np.ndarray
     pca_share: np.ndarray
 
 
@@ -52,7 +54,8 @@ def run_one(weights: str, model: int) -> Run:
     """How well the trained p of one training explains the materials."""
     biases = trained(f"{weights}-{model}").biases
     readout = MaterialReadout.fit(biases, {name: CLOTHS[name] for name in biases})
-    return Run(model, readout.r2, readout.ratio_r2, principal_axes(biases).explained_variance_ratio_)
+    share = principal_axes(biases).explained_variance_ratio_
+    return Run(model, readout.r2, readout.ratio_r2, readout.linear_r2, share)
 
 
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
