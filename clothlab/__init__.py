@@ -39,6 +39,7 @@ __all__ = [
     "lab",
     "muscle",
     "plots",
+    "search",
     "stiffness",
     "trials",
     "vision",

@@ -19,6 +19,7 @@ LAYERS += [
     "dpmpb",
     "estimation",
     "control",
+    "search",
     "artifacts",
     "analysis",
     "plots",
