@@ -8,7 +8,16 @@ run them small beside the stored record, `make results` runs them full, tests ru
     small = experiments.control.run(experiments.control.Settings(models=(0,), steps=24))
 """
 
-from clothlab.experiments import control, estimation, integrated, perception, self_organisation, stiffness, tables
+from clothlab.experiments import (
+    control,
+    estimation,
+    integrated,
+    limits,
+    perception,
+    self_organisation,
+    stiffness,
+    tables,
+)
 from clothlab.experiments._record import EXPERIMENTS, load, save
 from clothlab.experiments.claims import ClaimError, Findings
 
@@ -19,6 +28,7 @@ EXPERIMENTS.update(
     control=control,
     integrated=integrated,
     stiffness=stiffness,
+    limits=limits,
 )
 
 __all__ = [
@@ -28,6 +38,7 @@ __all__ = [
     "control",
     "estimation",
     "integrated",
+    "limits",
     "load",
     "perception",
     "save",
