@@ -215,10 +215,9 @@ def search_trial(
 
 def run_case(settings: Settings, case: Case) -> Run:
     """How near one case comes."""
-    name, trials = {"torque": (settings.weights, "train"), "muscle": (settings.muscle_weights, "muscle-train")}[
-        case.arm
-    ]
-    autoencoder, _ = artifacts.load_autoencoder(name)
+    torque, muscle = (settings.weights, "train"), (settings.muscle_weights, "muscle-train")
+    weights, trials = {"torque": torque, "muscle": muscle}[case.arm]
+    autoencoder, _ = artifacts.load_autoencoder(weights)
     target = artifacts.load_target(case.target)
     trial, trace = search_trial(
         autoencoder,
