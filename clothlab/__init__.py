@@ -41,6 +41,7 @@ __all__ = [
     "lab",
     "muscle",
     "plots",
+    "search",
     "stiffness",
     "trials",
     "vision",

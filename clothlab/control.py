@@ -12,7 +12,7 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.arm import Arm, get_arm
 from clothlab.autoencoder import Autoencoder, encode
-from clothlab.dpmpb import DPMPB, observe
+from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
 from clothlab.frozen import FrozenDPMPB
 from clothlab.trials import Policy, Trial
@@ -127,6 +127,34 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
     chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
     return windows[chosen].transpose(0, 2, 1)
+
+
+def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> np.ndarray:
+    """Recorded commands after which the cloth was nearest to a target, `[count or fewer, horizon, D_u]`, best first.
+
+    What they led to was seen, not promised. No two of one run overlap by more than half.
+
+    Args:
+        runs: recorded runs, with one cloth or several.
+        z_ref: target `[D_z]`.
+        horizon: length of a plan [step].
+        count: how many.
+
+    Raises:
+        ValueError: no runs, or none that is longer than a plan.
+    """
+    z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
+    each = -(-check_number("count", count, int, at_least=1) // max(len(runs), 1))  # from each run
+    found = []
+    for run in runs:
+        away = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
+        for _ in range(min(each, len(away) // horizon)):
+            start = int(away.argmin())
+            found.append((float(away[start]), run.u[start : start + horizon]))
+            away[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
+    if not found:
+        raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
+    return np.stack([u for _, u in sorted(found, key=lambda pair: pair[0])[:count]]).astype(np.float64)
 
 
 class ControlPolicy(Policy):

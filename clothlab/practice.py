@@ -10,6 +10,7 @@ where the variance is small near plans that were tried and large elsewhere: a tr
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,8 @@ from torch import Tensor
 from clothlab._validation import Checked, setting
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder
-from clothlab.control import ControlPolicy, ControlSettings
-from clothlab.dpmpb import DPMPB, Memory
+from clothlab.control import ControlPolicy, ControlSettings, nearest_plans
+from clothlab.dpmpb import DPMPB, Memory, Sequences
 from clothlab.env import Observation
 
 
@@ -29,13 +30,14 @@ from clothlab.env import Observation
 class PracticeSettings(Checked):
     """How much is tried, and how far an outcome teaches."""
 
-    lookahead: int = setting(2, "period", at_least=1)  # a plan must be good when it is repeated, too
+    lookahead: int = setting(3, "period", at_least=1)  # a plan must be good when it is repeated, too
+    recorded: int = setting(150, at_least=1)  # stretches that led near the target, among which to look for starts
     starts: int = setting(6, at_least=1)  # best-looking plans from which the descent begins
     iterations: int = setting(8, at_least=0)  # of the descent
     caution: float = setting(1.0, at_least=0)  # weight of the variance
-    first_caution: float = setting(1.0, at_least=0)  # in the first period; it changes to `caution` within `warmup`
-    warmup: int = setting(15, "period", at_least=1)
-    plan_scale: float = setting(4.0, "s.d. of u", above=0)  # how far from a plan its outcome still teaches
+    first_caution: float = setting(0.1, at_least=0)  # in the first period; it changes to `caution` within `warmup`
+    warmup: int = setting(12, "period", at_least=1)
+    plan_scale: float = setting(1.0, "s.d. of u", above=0)  # how far from a plan its outcome still teaches
     state_scale: float = setting(3.0, "s.d. of s", above=0)  # and how far from its start
     prior_error: float = setting(0.55, "s.d. of z", above=0)  # of a promise, before any outcome is known
     prior_count: float = setting(2.0, "period", above=0)  # how many outcomes that prior is worth
@@ -107,12 +109,13 @@ class PracticePolicy(ControlPolicy):
         arm: gives the range of the commands.
         target: mask `[H, W]` of the cloth to realise.
         p: parametric bias of the cloth in the hand `[D_p]`.
-        plans: command sequences `[N, period, D_u]` to begin with, such as `recorded_plans`.
+        runs: recorded runs as the model sees them. The stretches after which the cloth was nearest to the target are
+            plans to begin with.
         settings: how much is tried, and how far an outcome teaches.
         control: period, range of step sizes.
 
     Raises:
-        ValueError: as `ControlPolicy`, or no plans at all.
+        ValueError: as `ControlPolicy`, or no recorded run that is longer than a period.
 
     Attributes:
         practising: whether new plans are tried; else the best known one is sent again.
@@ -129,14 +132,22 @@ class PracticePolicy(ControlPolicy):
         arm: Arm | str,
         target: ArrayLike,
         p: ArrayLike,
-        plans: ArrayLike,
+        runs: Sequence[Sequences],
         settings: PracticeSettings | None = None,
         control: ControlSettings | None = None,
     ):
-        self.practice, self.practising = settings or PracticeSettings(), True
-        super().__init__(model, autoencoder, arm, target, p, control, plans)
-        if not len(self._plans):
-            raise ValueError("practice needs at least one plan to begin with, such as recorded_plans gives")
+        self.practice, self.practising, self._runs = settings or PracticeSettings(), True, runs
+        super().__init__(model, autoencoder, arm, target, p, control)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next period on; what was learned stays.
+
+        Raises:
+            ValueError: another shape, or no cloth in it.
+        """
+        super().set_target(mask)
+        plans = nearest_plans(self._runs, self.z_ref, self.settings.period, self.practice.recorded)
+        self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory, plan and what was learned."""

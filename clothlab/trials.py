@@ -7,7 +7,7 @@ sliders and the controller are all policies; a wrapper is a policy around anothe
 import io
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -288,6 +288,31 @@ class Motion:
         return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
 
 
+def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: float = 0.004) -> Motion:
+    """Send commands to a scene as it stands, and watch the arm closely.
+
+    Args:
+        env: the scene, which is moved.
+        commands: `[T, D_u]`.
+        interval: between samples [s]; it divides the control period of 0.2 s.
+
+    Raises:
+        ValueError: no commands, one that the arm refuses, or an interval that does not divide the control period.
+    """
+    samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
+    if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
+        raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
+    rows: list[tuple[float, ...]] = []
+    for u in commands:
+        env.advance(
+            u, lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)), samples
+        )
+    if not rows:
+        raise ValueError("a motion needs commands: one at the least")
+    time, theta, hand = np.split(np.array(rows), [1, 3], axis=1)
+    return Motion(time[:, 0], theta, hand)
+
+
 def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> Motion:
     """Send the commands of a trial again and watch the arm closely.
 
@@ -301,19 +326,15 @@ def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> 
             not divide the control period.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
-    samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
-    if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
-        raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
     env.start(seed=trial.seed)
-    rows: list[tuple[float, ...]] = []
-    for u, recorded in zip(trial.commands, trial.robot, strict=True):
-        if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
-            raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
-        env.advance(
-            u, lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)), samples
-        )
-    time, theta, hand = np.split(np.array(rows), [1, 3], axis=1)
-    return Motion(time[:, 0], theta, hand)
+
+    def compared() -> Iterator[np.ndarray]:
+        for u, recorded in zip(trial.commands, trial.robot, strict=True):
+            if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
+                raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
+            yield u
+
+    return watch_motion(env, compared(), interval=interval)
 
 
 class RandomPolicy(Policy):

@@ -43,7 +43,7 @@ def main() -> None:
     usual = [name for name in experiments.EXPERIMENTS if name not in experiments.SLOW]
     for name in usual if arguments.only is None else arguments.only:
         module = experiments.EXPERIMENTS[name]
-        for ending in ("", experiments.PAPER) if hasattr(module.Settings(), "weights") else ("",):
+        for ending in ("", experiments.PAPER) if name not in experiments.SLOW else ("",):
             start, settings = time.perf_counter(), module.Settings()
             if ending:
                 settings = replace(settings, weights=settings.weights + ending)

@@ -12,13 +12,14 @@ from clothlab.control import (
     ControlPolicy,
     ControlSettings,
     control_loss,
+    nearest_plans,
     optimise_commands,
     period_mask,
     recorded_plans,
     shift_left,
     step_sizes,
 )
-from clothlab.dpmpb import DPMPB, to_sequences
+from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
 from clothlab.frozen import FrozenDPMPB
 from clothlab.trials import rollout
@@ -272,3 +273,19 @@ def test_a_p_that_is_refused_leaves_the_one_in_use(env, controller, p):
         policy.set_target(np.zeros((96, 128)))
     assert policy.p == pytest.approx([0.1, 0.2])
     assert np.isfinite(policy(env.observe())).all()
+
+
+def test_nearest_plans_are_those_after_which_the_cloth_was_nearest_best_first_and_hardly_overlapping():
+    s, u = np.full((40, 7), 9.0), np.arange(40.0)[:, None].repeat(2, 1)
+    s[20, :3], s[21, :3], s[35, :3] = 1.0, 1.1, 1.2
+    plans = nearest_plans([Sequences(s, u, "a"), Sequences(s + 5, u, "b")], [1.0, 1.0, 1.0], horizon=8, count=4)
+    assert plans[:2, 0, 0].tolist() == [12.0, 27.0]  # eight commands before steps 20 and 35; 21 is too near to 20
+    assert plans.shape == (4, 8, 2)
+
+
+@pytest.mark.parametrize("count", [0, 1.5])
+def test_nearest_plans_need_a_number_and_runs(count):
+    with pytest.raises(ValueError, match="count"):
+        nearest_plans([], [0.0, 0.0, 0.0], count=count)
+    with pytest.raises(ValueError, match="longer"):
+        nearest_plans([], [0.0, 0.0, 0.0])

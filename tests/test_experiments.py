@@ -9,7 +9,9 @@ import pytest
 
 from clothlab import artifacts, experiments
 from clothlab.experiments import _record
+from clothlab.search import SearchSettings
 
+FEW = SearchSettings(starts=2, remembered=1, rounds=1, tries=1, elite=2)
 TINY = {
     "perception": {"targets": ("target-2",), "steps": 6},
     "self_organisation": {"models": (0,)},
@@ -25,6 +27,18 @@ TINY = {
         "cloths": ("hard-1", "soft-1"),
         "control_steps": 16,
         "speed_steps": 2,
+    },
+    "limits": {
+        "targets": ("target-2",),
+        "cloths": ("damp0.03-mass0.05",),
+        "foams": ("hard-1",),
+        "tensions": (30.0,),
+        "periods": 2,
+        "search": FEW,
+        "seeds": (0,),
+        "speed_steps": 2,
+        "speed_search": FEW,
+        "speed_seeds": (0,),
     },
 }
 

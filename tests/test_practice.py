@@ -7,20 +7,22 @@ import pytest
 import torch
 
 from clothlab.autoencoder import Autoencoder
-from clothlab.dpmpb import DPMPB
+from clothlab.control import nearest_plans
+from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.env import ClothEnv
 from clothlab.practice import Attempt, Correction, PracticePolicy, PracticeSettings
 from clothlab.trials import rollout
 
-PLANS = np.random.default_rng(0).uniform((-0.8, -1.6), (1.0, 0.0), (12, 8, 2))
+RNG = np.random.default_rng(0)
+RUN = Sequences(RNG.normal(size=(40, 7)), RNG.uniform((-0.8, -1.6), (1.0, 0.0), (40, 2)), "damp0.05-mass0.10")
 
 
 @pytest.fixture
 def practice(square):
-    def make(plans=PLANS, p=(0.0, 0.0), arm="torque", sizes=(7, 2), **change):
+    def make(runs=(RUN,), p=(0.0, 0.0), arm="torque", sizes=(7, 2), **change):
         torch.manual_seed(0)
         settings = replace(PracticeSettings(iterations=2, starts=2), **change)
-        return PracticePolicy(DPMPB(*sizes).eval(), Autoencoder().eval(), arm, square, p, plans, settings)
+        return PracticePolicy(DPMPB(*sizes).eval(), Autoencoder().eval(), arm, square, p, runs, settings)
 
     return make
 
@@ -117,13 +119,18 @@ def test_only_so_many_periods_are_remembered(practice):
     assert len(policy.attempts) == 2
 
 
-@pytest.mark.parametrize(
-    ("plans", "message"),
-    [(np.zeros((3, 7, 2)), "plans"), (np.full((3, 8, 2), np.nan), "finite"), (np.zeros((0, 8, 2)), "at least one")],
-)
-def test_bad_plans_are_refused(practice, plans, message):
-    with pytest.raises(ValueError, match=message):
-        practice(plans=plans)
+@pytest.mark.parametrize("runs", [(), (RUN[:8],)])
+def test_practice_needs_something_to_begin_with(practice, runs):
+    with pytest.raises(ValueError, match="need recorded runs that are longer"):
+        practice(runs=runs)
+
+
+def test_another_target_has_other_plans_to_begin_with(practice, square):
+    policy = practice(recorded=2)
+    for shift in (0, 30):
+        policy.set_target(np.roll(square, shift, axis=1))
+        plans = torch.as_tensor(nearest_plans([RUN], policy.z_ref, count=2), dtype=torch.float32)
+        assert torch.equal(policy._plans, plans.clamp(policy.lower, policy.upper))
 
 
 @pytest.mark.parametrize("change", [{"lookahead": 0}, {"noise": 0.0}, {"caution": -1.0}, {"plan_scale": float("nan")}])

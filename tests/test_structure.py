@@ -21,6 +21,7 @@ LAYERS += [
     "estimation",
     "control",
     "practice",
+    "search",
     "artifacts",
     "analysis",
     "plots",

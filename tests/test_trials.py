@@ -23,6 +23,7 @@ from clothlab.trials import (
     replay,
     rollout,
     save_trial,
+    watch_motion,
 )
 
 ARRAYS = ("images", "robot", "commands")
@@ -224,6 +225,15 @@ def test_a_replay_with_another_arm_is_another_run(muscle_trial):
     stiffer = replace(get_arm("muscle"), spring_linear=2000.0)
     same, other = replay(muscle_trial[:3]), replay(muscle_trial[:3], arm=stiffer)
     assert not np.allclose(same.hand, other.hand)
+
+
+def test_a_motion_goes_on_from_where_the_scene_stands(env, trial):
+    whole = replay(trial[:4])
+    parts = [watch_motion(env, trial.commands[steps]) for steps in (slice(0, 2), slice(2, 4))]
+    assert np.array_equal(np.concatenate([part.hand for part in parts]), whole.hand)
+    assert np.array_equal(np.concatenate([part.time for part in parts]), whole.time)
+    with pytest.raises(ValueError, match="needs commands"):
+        watch_motion(env, trial.commands[:0])
 
 
 def test_a_replay_that_starts_elsewhere_is_refused(env):

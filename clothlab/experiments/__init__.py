@@ -14,7 +14,9 @@ from clothlab.experiments import (
     estimation,
     experience,
     integrated,
+    limits,
     perception,
+    practice,
     self_organisation,
     stiffness,
     tables,
@@ -30,8 +32,10 @@ EXPERIMENTS.update(
     integrated=integrated,
     stiffness=stiffness,
     experience=experience,
+    limits=limits,
+    practice=practice,
 )
-SLOW.add("experience")
+SLOW.update(("experience", "limits", "practice"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -43,9 +47,11 @@ __all__ = [
     "estimation",
     "experience",
     "integrated",
+    "limits",
     "load",
     "load_all",
     "perception",
+    "practice",
     "save",
     "self_organisation",
     "stiffness",

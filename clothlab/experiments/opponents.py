@@ -18,6 +18,7 @@ from clothlab.control import ControlPolicy, Loss, Predict
 from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
 from clothlab.frozen import FrozenEnsemble
+from clothlab.search import SearchSettings, cross_entropy
 from clothlab.trials import Policy
 
 HIDDEN = 256
@@ -39,23 +40,6 @@ class Repeat(Policy):
         return next(self._commands)
 
 
-def best_recorded_plan(runs: Sequence[Sequences], z_ref: ArrayLike, period: int = 8) -> np.ndarray:
-    """The recorded commands after which the cloth was nearest to the target, `[period, D_u]`.
-
-    Args:
-        runs: recorded runs, with one cloth or several.
-        z_ref: target `[D_z]`.
-        period: length [step].
-    """
-    z_ref = np.asarray(z_ref)
-    best = []
-    for run in runs:
-        away = np.linalg.norm(run.s[period:, : len(z_ref)] - z_ref, axis=1)
-        end = int(away.argmin())
-        best.append((away[end], run.u[end : end + period]))
-    return min(best, key=lambda pair: pair[0])[1].astype(np.float64)
-
-
 class CrossEntropyPolicy(ControlPolicy):
     """The paper's loss and horizon, with the cross-entropy method in place of the gradient.
 
@@ -63,27 +47,22 @@ class CrossEntropyPolicy(ControlPolicy):
     """
 
     name = "cross-entropy"
-    rounds, samples, elite = 4, 25, 5
-    width = 0.7  # first standard deviation of the samples [s.d. of u]
+    how = SearchSettings(rounds=4, tries=25, elite=5)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and draw anew."""
         super().reset(seed)
-        self._generator = torch.Generator().manual_seed(seed)
+        self._rng = np.random.default_rng(seed)
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
-        """Sample around the best so far, narrower each round."""
-        with torch.no_grad():
-            mean, width = start.clamp(self.lower, self.upper), self.width * self.scale.expand_as(start)
-            best, trace = mean[None], [float(loss(predict(mean[None])))]
-            for _ in range(self.rounds):
-                noise = torch.randn(self.samples, *start.shape, generator=self._generator)
-                tries = torch.cat([best, (mean + width * noise).clamp(self.lower, self.upper)])
-                losses = loss(predict(tries))
-                best = tries[losses.argsort()[: self.elite]]
-                mean, width = best.mean(0), best.std(0)
-                trace.append(float(losses.min()))
-        return best[0], np.array(trace)
+        """Draw plans around the best so far."""
+
+        def cost(plans: np.ndarray) -> np.ndarray:
+            with torch.no_grad():
+                return loss(predict(torch.as_tensor(plans, dtype=torch.float32))).numpy()
+
+        plans, trace = cross_entropy(cost, start[None].numpy(), self.lower, self.upper, self.how, rng=self._rng)
+        return torch.as_tensor(plans[0], dtype=torch.float32), trace
 
 
 class MeanLossPolicy(ControlPolicy):
@@ -242,7 +221,7 @@ class ChangesPolicy(Policy):
         autoencoder: the one that both were trained with.
         arm: gives the range of the commands.
         target: mask `[H, W]`.
-        plan: the first `[period, D_u]`, such as `best_recorded_plan`.
+        plan: the first `[period, D_u]`, such as the first of `nearest_plans`.
     """
 
     name = "changes"

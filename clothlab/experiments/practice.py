@@ -4,6 +4,7 @@ could do it, on both arms, with the same time per solve."""
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,21 +14,15 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import best_per_period, target_distance
-from clothlab.artifacts import Trained
+from clothlab.artifacts import MORE, Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
-from clothlab.control import recorded_plans
+from clothlab.control import nearest_plans, recorded_plans
+from clothlab.dpmpb import Sequences, to_sequences
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import converter, new_trial, run_jobs, trained
-from clothlab.experiments.opponents import (
-    ChangesPolicy,
-    CrossEntropyPolicy,
-    MeanLossPolicy,
-    Repeat,
-    best_recorded_plan,
-    train_changes,
-)
+from clothlab.experiments._record import PAPER, converter, new_trial, run_jobs, trained
+from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
 from clothlab.practice import PracticePolicy
 from clothlab.trials import Policy, RandomPolicy
 
@@ -55,7 +50,7 @@ CASES = {
     "foam hard-1": Case("muscle", "muscle", "hard-1", "soft-1"),
     "foam soft-1": Case("muscle", "muscle", "soft-1", "hard-1"),
 }
-RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # whose stretches are starts
+RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # whose stretches are starts; all, with `-more`
 
 
 @dataclass(frozen=True)
@@ -81,16 +76,23 @@ def _target(case: Case) -> np.ndarray:
     return artifacts.load_target(case.target)
 
 
-def _plans(case: Case, model: int) -> np.ndarray:
-    return recorded_plans(artifacts.load_trials(RECORDINGS[case.arm]), seed=model)
+@cache
+def _seen(sees_with: str, recordings: str) -> list[Sequences]:
+    """Recordings as an autoencoder sees them, encoded once in each process."""
+    autoencoder, _ = artifacts.load_autoencoder(sees_with)
+    return [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
+
+
+def _runs(learned: Trained, case: Case) -> list[Sequences]:
+    """What the weights learned from."""
+    runs, name = _seen(learned.sees_with, RECORDINGS[case.arm]), RECORDINGS[case.arm] + MORE
+    return runs if learned.sees_with.endswith(PAPER) else [*runs, *_seen(learned.sees_with, name)]
 
 
 def _best_recorded(learned: Trained, case: Case) -> np.ndarray:
     """The recorded plan that came nearest with this very cloth."""
-    trials = [trial for trial in artifacts.load_trials(RECORDINGS[case.arm]) if trial.cloth.name == case.cloth]
-    return best_recorded_plan(
-        [learned.sequences(trial) for trial in trials], encode(learned.autoencoder, _target(case))
-    )
+    runs = [run for run in _runs(learned, case) if run.material == case.cloth]
+    return nearest_plans(runs, encode(learned.autoencoder, _target(case)), count=1)[0]
 
 
 def _random(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
@@ -106,7 +108,9 @@ def _gradient(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
 
 
 def _with_starts(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    return learned.controller(_target(case), p, plans=_plans(case, model))
+    return learned.controller(
+        _target(case), p, plans=recorded_plans(artifacts.load_trials(RECORDINGS[case.arm]), seed=model)
+    )
 
 
 def _cross_entropy(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
@@ -120,12 +124,11 @@ def _ensemble(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
 
 
 def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, _plans(case, model))
+    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, _runs(learned, case))
 
 
 def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    runs = [learned.sequences(trial) for trial in artifacts.load_trials(RECORDINGS[case.arm])]
-    changes = train_changes(runs, learned.model, learned.autoencoder.latent_size, seed=model)
+    changes = train_changes(_runs(learned, case), learned.model, learned.autoencoder.latent_size, seed=model)
     plan = _best_recorded(learned, case)
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
