@@ -10,6 +10,7 @@ and run when asked for by name.
 """
 
 from clothlab.experiments import (
+    any_target,
     control,
     estimation,
     experience,
@@ -34,8 +35,9 @@ EXPERIMENTS.update(
     experience=experience,
     limits=limits,
     practice=practice,
+    any_target=any_target,
 )
-SLOW.update(("experience", "limits", "practice"))
+SLOW.update(("experience", "limits", "practice", "any_target"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -43,6 +45,7 @@ __all__ = [
     "SLOW",
     "ClaimError",
     "Findings",
+    "any_target",
     "control",
     "estimation",
     "experience",

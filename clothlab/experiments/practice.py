@@ -83,15 +83,20 @@ def _seen(sees_with: str, recordings: str) -> list[Sequences]:
     return [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
 
 
-def _runs(learned: Trained, case: Case) -> list[Sequences]:
-    """What the weights learned from."""
-    runs, name = _seen(learned.sees_with, RECORDINGS[case.arm]), RECORDINGS[case.arm] + MORE
-    return runs if learned.sees_with.endswith(PAPER) else [*runs, *_seen(learned.sees_with, name)]
+def seen_runs(learned: Trained) -> list[Sequences]:
+    """The recordings that the weights learned from, as their model sees them.
+
+    Raises:
+        KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
+    """
+    name = RECORDINGS[learned.arm.name]
+    runs = _seen(learned.sees_with, name)
+    return runs if learned.sees_with.endswith(PAPER) else [*runs, *_seen(learned.sees_with, name + MORE)]
 
 
 def _best_recorded(learned: Trained, case: Case) -> np.ndarray:
     """The recorded plan that came nearest with this very cloth."""
-    runs = [run for run in _runs(learned, case) if run.material == case.cloth]
+    runs = [run for run in seen_runs(learned) if run.material == case.cloth]
     return nearest_plans(runs, encode(learned.autoencoder, _target(case)), count=1)[0]
 
 
@@ -124,11 +129,11 @@ def _ensemble(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
 
 
 def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, _runs(learned, case))
+    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, seen_runs(learned))
 
 
 def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    changes = train_changes(_runs(learned, case), learned.model, learned.autoencoder.latent_size, seed=model)
+    changes = train_changes(seen_runs(learned), learned.model, learned.autoencoder.latent_size, seed=model)
     plan = _best_recorded(learned, case)
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
