@@ -33,10 +33,12 @@ class PracticeSettings(Checked):
     lookahead: int = setting(3, "period", at_least=1)  # a plan must be good when it is repeated, too
     recorded: int = setting(150, at_least=1)  # stretches that led near the target, among which to look for starts
     starts: int = setting(6, at_least=1)  # best-looking plans from which the descent begins
-    iterations: int = setting(8, at_least=0)  # of the descent
-    caution: float = setting(1.0, at_least=0)  # weight of the variance
-    first_caution: float = setting(0.1, at_least=0)  # in the first period; it changes to `caution` within `warmup`
-    warmup: int = setting(12, "period", at_least=1)
+    iterations: int = setting(3, at_least=0)  # of the descent
+    # The variance counts little while outcomes are poor, and in full once they are good: then there is much to lose.
+    caution: float = setting(1.0, at_least=0)
+    least_caution: float = setting(0.05, at_least=0)
+    aim: float = setting(0.1, "s.d. of z", above=0)  # what is good
+    recent: int = setting(5, "period", at_least=1)  # the best of so many outcomes says how good they are
     plan_scale: float = setting(1.0, "s.d. of u", above=0)  # how far from a plan its outcome still teaches
     state_scale: float = setting(3.0, "s.d. of s", above=0)  # and how far from its start
     prior_error: float = setting(0.55, "s.d. of z", above=0)  # of a promise, before any outcome is known
@@ -207,8 +209,11 @@ class PracticePolicy(ControlPolicy):
         return total.clamp_min(1e-12).sqrt()
 
     def _caution(self) -> float:
-        share = min(len(self.attempts) / self.practice.warmup, 1.0)
-        return self.practice.first_caution + share * (self.practice.caution - self.practice.first_caution)
+        """Weight of the variance: `caution`, less by (aim / best recent outcome)² as long as that is poor."""
+        how = self.practice
+        away = [torch.linalg.vector_norm(each.z - self.z_ref, dim=1).min() for each in self.attempts[-how.recent :]]
+        best = float(min(away, default=torch.tensor(math.inf)))
+        return max(how.least_caution, how.caution * min(1.0, (how.aim / max(best, 1e-9)) ** 2))
 
     def _features(self, s: Tensor, u: Tensor) -> Tensor:
         plan = (u / self.model.u_std).flatten(1) / self.practice.plan_scale

@@ -112,6 +112,19 @@ def test_what_was_learned_stays_when_the_target_changes_and_goes_with_a_reset(pr
     assert policy.correction() is None
 
 
+def test_caution_grows_when_outcomes_get_better(practice):
+    policy = practice(recent=1)
+    assert policy._caution() == policy.practice.least_caution
+    found = []
+    for distance in (2.0, 0.2, 0.05):
+        policy.attempts = [
+            replace(attempt, z=policy.z_ref + torch.tensor([distance, 0.0, 0.0]).expand(8, 3))
+            for attempt in attempts(policy, lambda u: 0.0, count=1)
+        ]
+        found.append(policy._caution())
+    assert found == pytest.approx([0.05, 0.25, 1.0], rel=1e-3)
+
+
 def test_only_so_many_periods_are_remembered(practice):
     policy, env = practice(remembered=2, iterations=0), ClothEnv("torque", "damp0.05-mass0.10")
     rollout(env, policy, 33)

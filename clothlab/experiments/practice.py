@@ -138,6 +138,7 @@ def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
 
+RANDOM, GRADIENT, PRACTICE = "random", "gradient", "practice"
 METHODS = {
     "random": Method(_random, often=True),
     "replay of the best recorded stretch": Method(_replay),
@@ -221,6 +222,15 @@ class Record:
         """Median of the last ten periods of each training, mean over its repeats, `[models]` [s.d. of z]."""
         runs = self.select(method, case)
         return np.array([np.mean([run.last for run in runs if run.model == k]) for k in self.settings.models])
+
+    def over_random(self, method: str, case: str, *, last: bool = True) -> np.ndarray:
+        """Median best distance of each training, of all periods or the last, over random commands', `[models]`."""
+        chance = np.median([np.median(run.best) for run in self.select(RANDOM, case)])
+        runs = self.select(method, case)
+        ours = [
+            [run.last if last else np.median(run.best) for run in runs if run.model == k] for k in self.settings.models
+        ]
+        return np.array([np.mean(each) for each in ours]) / chance
 
 
 def run_one(settings: Settings, method: str, case: str, model: int, repeat: int) -> Run:

@@ -7,8 +7,18 @@ from typing import Any
 import numpy as np
 
 from clothlab.analysis import median_best
-from clothlab.experiments import control, estimation, integrated, perception, self_organisation, stiffness
+from clothlab.experiments import (
+    control,
+    estimation,
+    integrated,
+    limits,
+    perception,
+    practice,
+    self_organisation,
+    stiffness,
+)
 from clothlab.experiments._record import PAPER
+from clothlab.experiments.practice import PRACTICE
 from clothlab.experiments.stiffness import CONDITIONS, CORRECT, FIXED, RANDOM, WARM
 
 
@@ -188,13 +198,59 @@ def _foam(record: stiffness.Record, cloth: str) -> list[Row]:
     return [*rows, row(what, "+12 %", gain[0], unit=" %", spread=f" ({speeds} m/s; {other})")]
 
 
-TABLES = {"simulation": simulation, "muscle-arm": muscle_arm}
+def practised(records: dict[str, Any]) -> list[Row]:
+    """Rows of notebook 10, control that learns from its outcomes; of slow experiments, those that have a record."""
+    rows = []
+    if "practice" in records:
+        rows += _practice(records["practice"], records.get("limits"))
+    if "any_target" in records:
+        held_out = np.array([run.ratio for run in records["any_target"].of("held-out")])
+        what = f"practice, {len(held_out)} held-out targets: last ten periods over Random's"
+        rows += [
+            row(f"{what}, median", "–", float(np.median(held_out)), at_most=0.2),
+            row(f"{what}, 90th percentile", "–", float(np.quantile(held_out, 0.9)), at_most=0.45),
+        ]
+        overlap = np.array([run.overlap for run in records["any_target"].of("drawn")])
+        what = f"practice, {len(overlap)} drawn shapes: IoU of the best frame of a period, median of the last ten"
+        rows.append(row(what, "–", float(np.median(overlap)), spread=f" ({overlap.min():.2f} to {overlap.max():.2f})"))
+    return rows
+
+
+def _practice(record: practice.Record, limits: limits.Record | None) -> list[Row]:
+    def over_random(cases: list[str], last: bool = True) -> np.ndarray:
+        return np.array([record.over_random(PRACTICE, case, last=last) for case in cases])  # [cases, models]
+
+    rows, most = [], {"target-1": 0.12, "target-2": 0.1, "muscle": 0.12}
+    for target, bound in most.items():
+        cases = [name for name in record.settings.cases if practice.CASES[name].target == target]
+        last = over_random(cases)
+        what = f"practice, {target}, both cloths: best distance a period over Random's, last ten periods"
+        rows.append(row(f"{what}, median", "–", float(np.median(last)), at_most=bound))
+        rows.append(row("… of the worst training", "–", float(np.median(last, axis=0).max()), at_most=0.3))
+        rows.append(row("… over all periods", "–", float(np.median(over_random(cases, last=False))), at_most=0.4))
+    ratios = [run.bias_ratio for run in record.runs if run.bias_ratio is not None]
+    if ratios:
+        what = "practice from a wrong p: distance to the right p in the end, over the start's"
+        rows.append(row(what, "approaches", float(np.mean(ratios)), at_most=1 / 3, spread=f" ± {np.std(ratios):.2f}"))
+    if limits is not None:
+        possible = {
+            name: limits.possible(case.target, case.cloth)
+            for name, case in practice.CASES.items()
+            if name in record.settings.cases
+        }
+        over = np.median([record.last(PRACTICE, name) / value for name, value in possible.items()])
+        what = "practice: last ten periods over what search on the true simulator finds, median"
+        rows.append(row(what, "–", float(over), at_most=1.5))
+    return rows
+
+
+TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practised}
 
 
 def table(name: str, records: dict[str, Any]) -> list[Row]:
     """One of `TABLES`, with what the paper's amount of recordings gives beside it."""
     papers = {each.removesuffix(PAPER): record for each, record in records.items() if each.endswith(PAPER)}
-    beside = {each.what: each.here for each in TABLES[name](papers)} if papers else {}
+    beside = {each.what: each.here for each in TABLES[name](papers)} if papers and name != "practice" else {}
     return [replace(each, on_papers=beside.get(each.what, "")) for each in TABLES[name](records)]
 
 
