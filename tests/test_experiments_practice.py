@@ -1,0 +1,100 @@
+"""The experiment on practice: its runs are kept, its methods do what they say."""
+
+import json
+
+import numpy as np
+import pytest
+
+from clothlab import artifacts
+from clothlab.experiments import practice
+from clothlab.experiments.practice import CASES, METHODS, Record, Run, Settings, jobs, run, run_one
+
+SMALL = {"cases": ("target-2, light",), "models": (0,), "repeats": 1, "steps": 16}
+
+
+@pytest.fixture(autouse=True)
+def short_trials(monkeypatch):
+    """The first steps of a few recorded trials, also in place of those that are left to `make data`."""
+    whole = artifacts.load_trials
+    monkeypatch.setattr(
+        artifacts, "load_trials", lambda name: [trial[:20] for trial in whole(name.removesuffix(artifacts.MORE))]
+    )
+    practice._seen.cache_clear()
+    yield
+    practice._seen.cache_clear()
+
+
+def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
+    settings = Settings(methods=("random",), **SMALL)
+    first = run(settings, folder=tmp_path)
+    monkeypatch.setattr(practice, "run_one", lambda *job: pytest.fail("run again"))
+    again = run(settings, folder=tmp_path)
+    assert np.array_equal(first.runs[0].best, again.runs[0].best)
+
+
+def test_another_version_or_length_is_done_again(tmp_path, monkeypatch):
+    run(Settings(methods=("random",), **SMALL), folder=tmp_path)
+    calls = []
+    real = run_one
+    monkeypatch.setattr(practice, "run_one", lambda *job: calls.append(job) or real(*job))
+    run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
+    monkeypatch.setattr(practice, "version", lambda: "another")
+    run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
+    assert len(calls) == 2
+
+
+def test_a_damaged_file_of_a_run_is_done_again(tmp_path):
+    settings = Settings(methods=("random",), **SMALL)
+    first = run(settings, folder=tmp_path)
+    (path,) = (tmp_path / "results").glob("*.json")
+    path.write_text(path.read_text()[:50])
+    assert np.array_equal(run(settings, folder=tmp_path).runs[0].best, first.runs[0].best)
+    json.loads(path.read_text())
+
+
+def test_methods_on_which_claims_stand_run_often_and_stiffness_is_a_matter_of_the_muscle_arm():
+    count = {}
+    for method, case, _, _ in jobs(Settings(models=(0,))):
+        count[method, case] = count.get((method, case), 0) + 1
+    assert count["practice", "target-1, light"] == 4
+    assert count["changes", "target-1, light"] == 1
+    assert ("practice, without stiffness", "target-1, light") not in count
+    assert count["practice, without stiffness", "foam soft-1"] == 4
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if "practice" not in name and "random" not in name])
+def test_every_opponent_moves_the_cloth(method, monkeypatch):
+    case = "foam hard-1" if METHODS[method].stiffness else "target-2, heavy"
+    monkeypatch.setattr(practice, "train_changes", lambda *a, **k: practice_changes(*a, **k))
+    found = run_one(Settings(methods=(method,), models=(0,), steps=16), method, case, 0, 0)
+    assert found.best.shape == (1,)
+    assert np.isfinite(found.best).all()
+    assert found.still > 0
+
+
+def practice_changes(runs, model, latent_size, *, seed):
+    from clothlab.experiments.opponents import ChangesTraining, train_changes
+
+    return train_changes(runs, model, latent_size, ChangesTraining(updates=3, batch_size=8, neighbours=2), seed=seed)
+
+
+def test_the_last_ten_and_what_they_are_over_random():
+    def made(method, model, seed, best):
+        return Run(method, "target-1, light", model, seed, 1.0, np.array(best), np.empty(0), None)
+
+    runs = [made("random", k, k, [2.0] * 12) for k in range(2)]
+    runs += [made("practice", k, seed, [9.0, 9.0] + [0.2 * (k + 1)] * 10) for k in range(2) for seed in range(2)]
+    record = Record(Settings(models=(0, 1)), tuple(runs))
+    assert record.last("practice", "target-1, light") == pytest.approx([0.2, 0.4])
+    assert record.over_random("practice", "target-1, light") == pytest.approx([0.1, 0.2])
+
+
+def test_unknown_methods_and_cases_list_the_choices(tmp_path):
+    with pytest.raises(KeyError, match="unknown method 'prayer'; choose from random"):
+        run(Settings(methods=("prayer",)), folder=tmp_path)
+    with pytest.raises(KeyError, match="unknown case 'target-9'; choose from target-1, light"):
+        run_one(Settings(), "random", "target-9", 0, 0)
+
+
+def test_cases_are_those_of_the_tables():
+    assert {case.target for case in CASES.values()} <= set(artifacts.load_targets())
