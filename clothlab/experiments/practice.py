@@ -141,6 +141,7 @@ def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
 RANDOM, GRADIENT, PRACTICE = "random", "gradient", "practice"
 METHODS = {
     "random": Method(_random, often=True),
+    "random, paper's recordings": Method(_random, weights="-paper"),
     "replay of the best recorded stretch": Method(_replay),
     "gradient": Method(_gradient, often=True),
     "gradient, p = 0": Method(_gradient, p="zero"),
@@ -225,7 +226,8 @@ class Record:
 
     def over_random(self, method: str, case: str, *, last: bool = True) -> np.ndarray:
         """Median best distance of each training, of all periods or the last, over random commands', `[models]`."""
-        chance = np.median([np.median(run.best) for run in self.select(RANDOM, case)])
+        same_z = RANDOM + ", paper's recordings" * (METHODS[method].weights == PAPER)
+        chance = np.median([np.median(run.best) for run in self.select(same_z, case)])
         runs = self.select(method, case)
         ours = [
             [run.last if last else np.median(run.best) for run in runs if run.model == k] for k in self.settings.models
