@@ -7,7 +7,7 @@ from clothlab.arm import MuscleArm, TorqueArm
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import Autoencoder
 from clothlab.control import recorded_plans
-from clothlab.dpmpb import DPMPB
+from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.lab.drivers import DRIVERS, Drivers, stick_command
 
 
@@ -15,7 +15,9 @@ from clothlab.lab.drivers import DRIVERS, Drivers, stick_command
 def drivers(trial, square):
     arm, autoencoder = TorqueArm(), Autoencoder().eval()
     trained = Trained("own", arm, autoencoder, DPMPB(7, 2).eval(), {}, np.zeros(1), "own")
-    about = {"plans": recorded_plans([trial]), "runs": [trained.sequences(trial)]}
+    rng = np.random.default_rng(0)
+    commands = rng.uniform(arm.command_lower, arm.command_upper, (40, 2))
+    about = {"plans": recorded_plans([trial]), "runs": [Sequences(rng.normal(size=(40, 7)), commands, "own")]}
     return Drivers(trained, arm, square, np.zeros(2), arm.home_command, **about)
 
 
