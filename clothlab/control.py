@@ -280,6 +280,24 @@ class ControlPolicy(Policy):
         """
         return self._send(self._follow(observation)) if self.trace else self(observation)
 
+    @property
+    def promise(self) -> float | None:
+        """Distance that the model promises for the end of this period, if the rest of the plan is sent [s.d. of z].
+
+        None before the first command, and where the period ends beyond the horizon.
+        """
+        ends = period_mask(self._t - 1, self.settings)
+        if self._last is None or not ends.any():
+            return None
+        with torch.no_grad():
+            z = self._frozen(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)[0, -1, self.layout.z]
+        return float(torch.linalg.vector_norm(self.z_ref - z))
+
+    @property
+    def period_ended(self) -> bool:
+        """Whether the last command was the last of its period."""
+        return self._last is not None and self._t % self.settings.period == 0
+
     def _follow(self, observation: Observation) -> Tensor:
         """Encode the state; the recurrent state follows what was observed, not what was predicted."""
         if self._last is not None:

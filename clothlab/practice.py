@@ -10,7 +10,7 @@ where the variance is small near plans that were tried and large elsewhere: a tr
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +123,7 @@ class PracticePolicy(ControlPolicy):
         practising: whether new plans are tried; else the best known one is sent again.
         attempts: the periods so far.
         promises: expected distance of each plan sent, one a period [s.d. of z].
+        trace: the best of the expected distances at the start of each solve since the reset, and after each iteration.
     """
 
     name = "practice"
@@ -139,6 +140,7 @@ class PracticePolicy(ControlPolicy):
         control: ControlSettings | None = None,
     ):
         self.practice, self.practising, self._runs = settings or PracticeSettings(), True, runs
+        self._promise: float | None = None
         super().__init__(model, autoencoder, arm, target, p, control)
 
     def set_target(self, mask: ArrayLike) -> None:
@@ -148,27 +150,49 @@ class PracticePolicy(ControlPolicy):
             ValueError: another shape, or no cloth in it.
         """
         super().set_target(mask)
+        self._promise = None
         plans = nearest_plans(self._runs, self.z_ref, self.settings.period, self.practice.recorded)
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory, plan and what was learned."""
-        super().reset(seed)
         self.attempts: list[Attempt] = []
         self.promises: list[float] = []
+        self.resume(seed)
+
+    def resume(self, seed: int = 0) -> None:
+        """Begin a period anew, as after somebody else has moved the arm; what was learned stays."""
+        super().reset(seed)
         self._seen: list[Tensor] = []
+        self._begun: tuple[Tensor, Memory, Tensor] | None = None  # where the period started, and its plan
+        self._promise = None
+
+    @property
+    def promise(self) -> float | None:
+        """Expected distance of the plan being sent [s.d. of z]; None before there is one for the present target."""
+        return self._promise
 
     def __call__(self, observation: Observation) -> np.ndarray:
+        return self._go_on(observation, self._plan)
+
+    def coast(self, observation: Observation) -> np.ndarray:
+        """Return the next command of the plan, `[D_u]`, without a solve: where a period begins, it is sent once more.
+
+        The first command after a reset needs a plan, and so a solve.
+        """
+        return self._go_on(observation, self._plan if self._begun is None else self._repeat)
+
+    def _go_on(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
         s = self._follow(observation)
         self._seen.append(s[self.layout.z])
         if self._t % self.settings.period == 0:
-            if self._t:
-                z = torch.stack(self._seen[-self.settings.period :])
-                self.attempts = [*self.attempts, Attempt(*self._begun, z)][-self.practice.remembered :]
-            self._u, promise = self._plan(s)
+            if self._begun is not None:
+                attempt = Attempt(*self._begun, torch.stack(self._seen))
+                self.attempts = [*self.attempts, attempt][-self.practice.remembered :]
+            self._u, promise = choose_plan(s)
             self._begun = (s, self._memory, self._u)
             self.promises.append(promise)
-            self._seen = []
+            self._seen, self._promise = [], promise
         return self._send(s)
 
     def correction(self) -> Correction | None:
@@ -229,9 +253,18 @@ class PracticePolicy(ControlPolicy):
             losses = self.expected(s, starts, correction)
         best = losses.argsort()[: self.practice.starts if self.practising else 1]
         u, losses = starts[best], losses[best]
+        trace = [losses.min().item()]
         for _ in range(self.practice.iterations if self.practising else 0):
             u, losses = self._descend(s, u, correction)
-        return u[losses.argmin()], float(losses.min())
+            trace.append(losses.min().item())
+        self.trace.append(np.array(trace))
+        return u[losses.argmin()], trace[-1]
+
+    def _repeat(self, s: Tensor) -> tuple[Tensor, float]:
+        """The plan of the period that just ended, and what is expected of it from here."""
+        u = self.attempts[-1].u
+        with torch.no_grad():
+            return u, float(self.expected(s, u[None], self.correction()))
 
     def _descend(self, s: Tensor, u: Tensor, correction: Correction | None) -> tuple[Tensor, Tensor]:
         """One step down the gradient for each plan `[B, T, D_u]`, of the best of several sizes; and their losses."""

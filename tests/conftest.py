@@ -143,7 +143,7 @@ def kill_writes() -> Callable[[Path, int], None]:
 @pytest.fixture(autouse=True)
 def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """A live session compares drawn targets with a tenth of its yardsticks: making one takes half as long."""
-    monkeypatch.setattr("clothlab.lab.session.YARDSTICK_EVERY", 200)
+    monkeypatch.setattr("clothlab.lab.targets.YARDSTICK_EVERY", 200)
 
 
 @pytest.fixture(scope="session")

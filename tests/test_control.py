@@ -178,6 +178,29 @@ def test_without_a_plan_there_is_nothing_to_coast_on(env, controller):
     assert len(policy.trace) == 1
 
 
+def test_what_the_model_promises_for_the_end_of_the_period(muscle_env, controller):
+    policy = controller(arm=MuscleArm(), sizes=(15, 3), tension_weight=0.0)
+    assert policy.promise is None
+    for k in range(16):
+        assert not policy.period_ended or k == 8
+        muscle_env.advance(policy(muscle_env.observe()))
+        assert policy.promise == pytest.approx(policy.trace[-1][-1], rel=1e-4)  # where tensions cost nothing
+    assert policy.period_ended
+    policy.coast(muscle_env.observe())
+    assert policy.promise > 0
+    policy.reset()
+    assert policy.promise is None
+
+
+def test_beyond_the_horizon_nothing_is_promised(env, controller):
+    policy = controller(horizon=3, period=5)
+    promised = []
+    for _ in range(5):
+        env.advance(policy(env.observe()))
+        promised.append(policy.promise is not None)
+    assert promised == [False, False, True, True, True]
+
+
 def test_p_and_target_can_be_changed_while_controlling(env, controller, square):
     policy = controller()
     observation, _ = env.reset()

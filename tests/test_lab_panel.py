@@ -250,6 +250,16 @@ def test_a_moved_slider_takes_over(panel):
     assert panel.session.driver == "control"
 
 
+def test_practice_is_switched_on_and_told_to_repeat(panel):
+    send(panel, "set driver", driver="practise")
+    assert (panel.state["driver"], panel.state["practising"]) == ("practise", True)
+    send(panel, "step")
+    assert [line["name"] for line in panel.frame["traces"][0]["lines"]] == ["distance", "promise"]
+    send(panel, "practise", on=False)
+    assert panel.session.practising is panel.state["practising"] is False
+    send(panel, "step")
+
+
 def test_sticks_take_over(panel):
     send(panel, "set arm", name="muscle")
     send(panel, "greet gamepad", enough=True)

@@ -1,6 +1,5 @@
 """The live session behind the panel: what can be changed while it runs, and what it refuses."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +8,8 @@ from clothlab.cloth import get_cloth
 from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
 from clothlab.env import SimulationError
 from clothlab.lab import views
-from clothlab.lab.session import DRIVERS, LiveSession, mask_from_file
+from clothlab.lab.drivers import DRIVERS
+from clothlab.lab.session import LiveSession
 from clothlab.trials import RandomPolicy, load_trial, replay, rollout
 
 
@@ -42,6 +42,99 @@ def test_everyone_can_drive(session, driver):
     commands = [session.step().command for _ in range(3)]
     if driver == "hand":
         assert np.array_equal(commands[0], session.hand)
+
+
+def practised(session):
+    return len(session._drivers._practice.attempts)
+
+
+def drive(session, periods):
+    return [session.step() for _ in range(8 * periods)]
+
+
+def test_practice_learns_from_each_period_and_promises_the_next(session):
+    session.set_driver("practise")
+    moments = drive(session, 3)
+    assert practised(session) == 2  # the third is seen to its end in the next step
+    assert [moment.step for moment in moments if moment.solved] == [1, 9, 17]
+    assert [moment.step for moment in moments if moment.period_ended] == [8, 16, 24]
+    for k in range(3):
+        assert len({moment.promise for moment in moments[8 * k : 8 * k + 8]}) == 1
+    assert len({moment.promise for moment in moments}) == 3
+
+
+def test_control_promises_what_its_model_predicts(session):
+    promises = [session.step().promise for _ in range(8)]
+    assert all(0 < promise < 10 for promise in promises)
+    assert len(set(promises)) == 8
+    session.set_driver("random")
+    assert session.step().promise is None
+
+
+def test_without_new_plans_the_best_known_one_is_repeated(session):
+    session.set_driver("practise")
+    drive(session, 1)
+    session.practising = False
+    first, second = ([moment.command for moment in drive(session, 1)] for _ in range(2))
+    learned = session._drivers._practice.attempts[0].u.numpy()
+    assert np.array(first) == pytest.approx(learned, abs=1e-6)
+    assert np.array_equal(first, second)
+    session.practising = True
+    assert not np.allclose([moment.command for moment in drive(session, 1)], learned)
+
+
+def test_what_was_learned_stays_with_another_target_p_or_driver_and_goes_with_a_reset(session):
+    session.set_driver("practise")
+    drive(session, 1)
+    session.step()
+    session.set_target(session.gallery["target-1"])
+    assert session.step().promise is None  # the plan under way was for the target before
+    session.set_p(np.array([0.1, 0.2]))
+    session.set_driver("hand")
+    session.step()
+    session.set_driver("practise")
+    assert session.step().promise is not None
+    assert practised(session) == 1
+    session.reset()
+    assert practised(session) == 0
+    session.step()
+
+
+@pytest.mark.parametrize("change", ["set_arm", "set_cloth", "set_tension"])
+def test_practice_begins_anew_with_another_arm_or_cloth(session, change):
+    session.set_driver("practise")
+    drive(session, 1)
+    session.step()
+    assert practised(session) == 1
+    if change == "set_tension":
+        with pytest.raises(ValueError, match="no stiffness"):
+            session.set_tension(30.0)
+        assert practised(session) == 1
+        session.set_tension(None)
+    else:
+        getattr(session, change)({"set_arm": "muscle", "set_cloth": "damp0.03-mass0.15"}[change])
+    assert practised(session) == 0
+    assert session.step().solved
+
+
+def test_practice_uses_the_p_that_is_estimated(session):
+    session.set_driver("practise")
+    session.set_p(np.array([0.3, -0.2]))
+    session.estimating = True
+    moments = drive(session, 2)
+    assert not np.allclose(moments[-1].p, [0.3, -0.2])
+    assert session._drivers._practice.p == pytest.approx(moments[-1].p)
+    assert practised(session) == 1
+
+
+def test_a_late_period_repeats_the_plan(session):
+    session.set_driver("practise")
+    first = [session.step().command for _ in range(8)]
+    late = [session.step(solve=False) for _ in range(8)]
+    assert not any(moment.solved for moment in late)
+    assert np.array_equal(first, [moment.command for moment in late])
+    assert session.step().solved
+    assert practised(session) == 2
 
 
 def test_the_hand_sends_what_it_is_told(session):
@@ -145,15 +238,6 @@ def test_a_recording_is_of_one_run(session, change):
     with pytest.raises(ValueError, match="cannot change during a recording"):
         getattr(session, change)(*arguments)
     session.step()
-
-
-def test_targets_come_from_picture_files(square):
-    _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
-    assert np.array_equal(mask_from_file(png.tobytes()), square)
-    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
-    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
-        with pytest.raises(ValueError, match=message):
-            mask_from_file(content)
 
 
 LIGHTEST = views.MASS[0]

@@ -1,6 +1,7 @@
 """What the panel shows is plain data, made of what the session holds."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -66,6 +67,26 @@ def test_traces_are_as_long_as_the_history(session, history):
     assert shown[0]["limit"] == ("hanging still", session.still_distance)
     assert ("stiffness command" in titles) == session.arm.has_stiffness
     assert all(len(line["values"]) == len(history) for each in shown for line in each["lines"])
+
+
+def test_a_promise_is_a_second_line_beside_the_distance(session, history):
+    def promised(history):
+        return [line for line in views.traces(session, history)[0]["lines"] if line["name"] == "promise"]
+
+    assert not promised(history)
+    promises = [replace(moment, promise=0.25 + k) for k, moment in enumerate(history)]
+    (line,) = promised([history[0], *promises])
+    assert line["values"] == [None, 0.25, 1.25, 2.25]
+    distance = views.traces(session, promises)[0]["lines"][0]
+    assert (line["colour"], line["dash"]) != (distance["colour"], distance["dash"])
+    assert line["dash"] == 1
+    plain(line)
+
+
+def test_a_mark_is_where_a_period_of_the_controller_ended(session, history):
+    ended = [replace(moment, period_ended=k == 1) for k, moment in enumerate(history)]
+    assert views.frame(session, views.plane(session), ended)["marks"] == [1]
+    assert views.frame(session, views.plane(session), history)["marks"] == []
 
 
 def test_a_frame_before_the_first_step_has_pictures_too(session):

@@ -102,6 +102,62 @@ def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_
         assert ((attempt.u >= policy.lower) & (attempt.u <= policy.upper)).all()
 
 
+def test_coasting_at_the_start_of_a_period_sends_the_plan_once_more(practice, env):
+    policy, commands = practice(), []
+    for k in range(25):
+        choose = policy.coast if k in (3, 8, 13, 14, 15) else policy
+        commands.append(choose(env.observe()))
+        env.advance(commands[-1])
+    np.testing.assert_array_equal(commands[:8], commands[8:16])
+    assert len(policy.trace) == 3  # of four periods
+    assert len(policy.promises) == 4
+    for k, attempt in enumerate(policy.attempts):
+        np.testing.assert_allclose(attempt.u, commands[8 * k : 8 * k + 8], atol=1e-6)
+        assert attempt.z.shape == (8, 3)
+    assert torch.equal(policy.attempts[1].s[:3], policy.attempts[0].z[-1])
+    assert len(policy.attempts) == 3
+
+
+def test_what_is_expected_of_a_repeated_plan_is_promised(practice, env):
+    policy = practice()
+    for _ in range(8):
+        env.advance(policy(env.observe()))
+    policy.coast(env.observe())
+    again = policy.attempts[0].u[None]
+    expected = policy.expected(policy._begun[0], again, policy.correction())
+    assert policy.promise == policy.promises[1] == pytest.approx(float(expected))
+
+
+def test_without_a_plan_there_is_nothing_to_coast_on(practice, env):
+    policy = practice()
+    policy.coast(env.observe())
+    assert [len(trace) for trace in policy.trace] == [3]  # the start and two iterations
+    assert policy.trace[0][-1] == policy.promise
+
+
+def test_after_somebody_else_has_moved_the_arm_a_period_begins_anew_and_what_was_learned_stays(practice, env):
+    policy = practice()
+    for _ in range(11):
+        env.advance(policy(env.observe()))
+    learned = list(policy.attempts)
+    policy.resume()
+    assert policy.promise is None
+    for _ in range(9):
+        env.advance(policy(env.observe()))
+    assert [each is known for each, known in zip(policy.attempts, learned, strict=False)] == [True]
+    assert len(policy.attempts) == 2
+    assert len(policy.attempts[1].z) == 8
+
+
+def test_a_promise_is_about_the_present_target(practice, env, square):
+    policy = practice()
+    assert policy.promise is None
+    policy(env.observe())
+    assert policy.promise == policy.promises[-1] > 0
+    policy.set_target(np.roll(square, 20, axis=1))
+    assert policy.promise is None
+
+
 def test_what_was_learned_stays_when_the_target_changes_and_goes_with_a_reset(practice, square):
     policy = practice()
     policy.attempts = attempts(policy, lambda u: 0.3)

@@ -248,7 +248,8 @@ class ChangesPolicy(Policy):
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and draw anew."""
         self._generator = torch.Generator().manual_seed(seed)
-        self._t, self._seen, self._u = 0, [], self._first
+        self._seen: list[Tensor] = []
+        self._t, self._u = 0, self._first
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = (torch.as_tensor(observe(self.autoencoder, observation)) - self.model.s_mean) / self.model.s_std

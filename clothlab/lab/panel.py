@@ -8,12 +8,15 @@ from typing import Any, ClassVar
 import anywidget
 import numpy as np
 import traitlets
+from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
 from clothlab.env import CONTROL_PERIOD, SimulationError
 from clothlab.lab import views
 from clothlab.lab.clock import Clock, Turns
-from clothlab.lab.session import LiveSession, Moment, mask_from_file
+from clothlab.lab.drivers import stick_command
+from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.targets import mask_from_file
 from clothlab.vision import HEIGHT, WIDTH
 
 ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
@@ -200,6 +203,7 @@ class LivePanel(anywidget.AnyWidget):
             "reset": self.reset,
             "set arm": self._set_arm,
             "set driver": session.set_driver,
+            "practise": lambda on: setattr(session, "practising", bool(on)),
             "set cloth": session.set_cloth,
             "set material": session.set_material,
             "set tension": self._set_tension,
@@ -237,7 +241,7 @@ class LivePanel(anywidget.AnyWidget):
             raise ValueError(f"this file is larger than {views.LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
         self._aim(mask_from_file(content))
 
-    def _take_over(self, u: Sequence[float]) -> None:
+    def _take_over(self, u: ArrayLike) -> None:
         """Drive by hand: whoever moves a slider takes over."""
         self.session.set_hand(u)
         self.session.set_driver("hand")
@@ -245,13 +249,11 @@ class LivePanel(anywidget.AnyWidget):
     def _greet_gamepad(self, enough: bool) -> None:
         if not enough:
             raise ValueError("a gamepad needs two sticks and a trigger")
-        trigger = ", right trigger: stiffness" if self.session.arm.has_stiffness else ""
-        self._say(f"gamepad: left stick: shoulder, right stick: elbow{trigger}")
+        self._say(views.gamepad(self.session))
 
     def _move_sticks(self, places: Sequence[float]) -> None:
         """Command where sticks and trigger stand in their range, 0 to 1."""
-        lower, upper = self.session.arm.command_lower, self.session.arm.command_upper
-        self._take_over(lower + np.clip(places[: len(lower)], 0, 1) * (upper - lower))
+        self._take_over(stick_command(self.session.arm, places))
 
     def _record(self) -> None:
         self.session.record()

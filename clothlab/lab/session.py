@@ -4,29 +4,24 @@ import copy
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.analysis import nearest_material
-from clothlab.arm import Arm, check_command
+from clothlab.arm import check_command
 from clothlab.autoencoder import decode, encode
 from clothlab.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.control import recorded_plans
 from clothlab.dpmpb import observe
-from clothlab.env import ClothEnv, Observation, Scene, SimulationError
+from clothlab.env import ClothEnv, Scene, SimulationError
 from clothlab.estimation import BiasEstimator
+from clothlab.lab.drivers import DRIVERS, Drivers
 from clothlab.lab.recorder import Recorder
-from clothlab.trials import OperatorPolicy, Policy, RandomPolicy
-from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
-
-YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
-RECORDED_TARGETS = 7  # how many recorded images the gallery has
-DRIVERS = ("control", "hand", "random", "operator")
+from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
+from clothlab.vision import check_mask
 
 
 @dataclass(frozen=True)
@@ -53,37 +48,13 @@ class Moment:
     image: np.ndarray  # cloth mask [H, W], bool
     reconstruction: np.ndarray  # what the autoencoder makes of it [H, W], 0 to 1
     distance: float  # ‖z_ref - z‖ [s.d. of z]
+    promise: float | None  # the distance that the controller that drives promises for the end of its period
     command: np.ndarray  # [D_u], in the arm's units
     theta: np.ndarray  # joint angles [2] [rad]
     p: np.ndarray  # parametric bias in use [D_p]
     seconds: float  # what the step took to compute [s]
     solved: bool  # whether the controller solved for this command, or went on with its last plan
-
-
-class Hand(Policy):
-    """Sends what a person's sliders say, within the range of the arm."""
-
-    name = "hand"
-
-    def __init__(self, arm: Arm, u: np.ndarray):
-        self.arm, self.u = arm, u
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        return np.clip(self.u, self.arm.command_lower, self.arm.command_upper)
-
-
-def mask_from_file(content: bytes) -> np.ndarray:
-    """Read a target `[H, W]` from a picture file: bright is cloth.
-
-    Raises:
-        ValueError: not a picture, another size, or no cloth in it.
-    """
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
-    if picture is None:
-        raise ValueError("this file is not a picture: use PNG or JPEG")
-    if picture.shape != (HEIGHT, WIDTH):
-        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {picture.shape[1]}×{picture.shape[0]}")
-    return check_mask(picture > 127)
+    period_ended: bool  # whether it was the last command of the controller's period
 
 
 class LiveSession:
@@ -99,6 +70,7 @@ class LiveSession:
 
     Attributes:
         driver: who chooses the commands, one of `DRIVERS`.
+        practising: whether the driver "practise" tries new plans; else it repeats the best known one.
         estimating: whether p follows what is observed.
         hand: the command `[D_u]` that the driver "hand" sends.
         tension: f_const [N] that everyone has to send, or None.
@@ -113,7 +85,7 @@ class LiveSession:
         self, arm: str = "torque", *, recordings: Path | None = None, picture_size: tuple[int, int] = (288, 384)
     ):
         self._scene = Scene(picture_size=picture_size)
-        self.driver, self.estimating, self.seed = "control", False, 0
+        self.driver, self.practising, self.estimating, self.seed = "control", True, False, 0
         self.recorder = Recorder(recordings or artifacts.data_folder() / artifacts.OWN_TRIALS)
         self.set_arm(arm)
 
@@ -131,14 +103,11 @@ class LiveSession:
 
     def _equip(self, setup: Setup) -> None:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
-        self.arm, autoencoder = self.trained.arm, self.trained.autoencoder
-        images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
-        images = images[images.any(axis=(1, 2))]  # those with a cloth in view
-        distances = map(_misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
-        self.usual_distance = float(np.percentile(list(distances), 99))
-        recorded = images[images.sum(axis=(1, 2)).argsort()[::-1]][:: -(-len(images) // RECORDED_TARGETS)]
-        targets, self._plans = artifacts.load_targets(), recorded_plans(trials)
-        self.gallery = targets | {f"recorded {k + 1}": image for k, image in enumerate(recorded)}
+        self.arm, self._plans = self.trained.arm, recorded_plans(trials)
+        self._runs = [self.trained.sequences(trial) for trial in trials]
+        images, targets = yardsticks(trials), artifacts.load_targets()
+        self.usual_distance = usual_misunderstanding(self.trained.autoencoder, images)
+        self.gallery = targets | recorded_targets(images)
         self.target = choose("target", setup.target, targets)
         self._p = choose("material", setup.cloth, self.trained.biases).copy()
         self.hand, self.env = self.arm.home_command, ClothEnv(self.arm, setup.cloth, scene=self._scene)
@@ -168,13 +137,10 @@ class LiveSession:
         Raises:
             ValueError, SimulationError: values that no cloth has, or with which it cannot be simulated.
         """
-        own = replace(self.env.cloth, name="own", damping=damping, mass=mass, foam="")
-        own = replace(own, name=f"damp{own.damping:.3f}-mass{own.mass:.3f}")
-        known = (cloth for cloth in CLOTHS.values() if replace(own, name=cloth.name) == cloth)
-        self.set_cloth(next(known, own))
+        self.set_cloth(_changed(self.env.cloth, damping, mass))
 
     def reset(self) -> None:
-        """Let the cloth hang still at the arm's home; controller and estimator forget what they saw."""
+        """Let the cloth hang still at the arm's home; controllers and estimator forget what they saw and learned."""
         self._refuse_while_recording("the run")
         self.env.start()
         self._begin()
@@ -184,8 +150,7 @@ class LiveSession:
         self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
         self.step_number, self.seed = 0, int(np.random.default_rng().integers(2**32))
-        for policy in self._policies.values():
-            policy.reset(self.seed)
+        self._drivers.reset(self.seed)
         self._estimator = BiasEstimator(self.trained.model, self._p)
 
     @property
@@ -211,26 +176,27 @@ class LiveSession:
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next step on; `believed` is what the network makes of it.
 
+        Practice does so from its next period on, and keeps what it learned.
+
         Raises:
             ValueError: another shape, or no cloth in it.
         """
         mask = check_mask(mask)
         z = encode(self.trained.autoencoder, mask)
         believed = decode(self.trained.autoencoder, z)
-        for policy in self._policies.values():
-            policy.set_target(mask)
+        self._drivers.set_target(mask)
         self.target, self._z_ref, self.believed = mask.copy(), z, believed
-        self.misunderstanding = _misunderstanding(mask, believed)
+        self.misunderstanding = misunderstanding(mask, believed)
 
     def set_driver(self, driver: str) -> None:
-        """Change who chooses the commands.
+        """Change who chooses the commands. What practice learned waits for its next turn.
 
         Raises:
             KeyError: unknown driver; the message lists the choices.
         """
-        policy = choose("driver", driver, self._policies)
-        if driver == "control" != self.driver:
-            policy.reset()  # it was not asked for a while: its plan and memory are of then
+        driver = choose("driver", driver, {name: name for name in DRIVERS})
+        if driver != self.driver:
+            self._drivers.resume()
         self.driver = driver
 
     def set_hand(self, u: ArrayLike) -> None:
@@ -239,20 +205,21 @@ class LiveSession:
         Raises:
             ValueError: another shape, not finite or out of range.
         """
-        self.hand = self._policies["hand"].u = check_command(self.arm, u)
+        self.hand = check_command(self.arm, u)
+        self._drivers.set_hand(self.hand)
 
     def set_tension(self, f_const: float | None) -> None:
         """Fix the stiffness command of a muscle arm [N] for every driver, or leave it free with None.
+
+        Such an arm is another one: practice begins anew.
 
         Raises:
             ValueError: outside the arm's range, or an arm without a stiffness command.
         """
         arm = self.arm if f_const is None else self.arm.with_stiffness(f_const)
-        control = self.trained.controller(self.target, self._p, plans=self._plans, arm=arm)
-        policies = (control, Hand(arm, self.hand), RandomPolicy(arm), OperatorPolicy(arm))
-        for policy in policies:
-            policy.reset(self.seed)
-        self._policies: dict[str, Any] = dict(zip(DRIVERS, policies, strict=True))
+        about = (self.trained, arm, self.target, self._p, self.hand)
+        self._drivers = Drivers(*about, plans=self._plans, runs=self._runs)
+        self._drivers.reset(self.seed)
         self.tension = f_const
 
     def step(self, *, solve: bool = True) -> Moment:
@@ -265,9 +232,9 @@ class LiveSession:
             SimulationError: the physics diverged.
             OSError: a recording cannot be written any more; it is stopped, and the step has happened.
         """
-        start, seen, policy = time.perf_counter(), self.observation, self._policies[self.driver]
-        solved = self.driver == "control" and (solve or not policy.trace)  # the first plan must come from a solve
-        u = (policy.coast if self.driver == "control" and not solved else policy)(seen)
+        start, seen = time.perf_counter(), self.observation
+        chosen = self._drivers.choose(self.driver, seen, solve=solve, practising=self.practising)
+        u = chosen.u
         before = copy.copy(self.env.data)
         try:
             self.env.advance(u)
@@ -287,11 +254,13 @@ class LiveSession:
             image=observation["image"].astype(bool),
             reconstruction=decode(self.trained.autoencoder, z),
             distance=float(np.linalg.norm(self._z_ref - z)),
+            promise=chosen.promise,
             command=u,
             theta=self.arm.angles(self.env.data),
             p=self.p,
             seconds=time.perf_counter() - start,
-            solved=solved,
+            solved=chosen.solved,
+            period_ended=chosen.period_ended,
         )
 
     @property
@@ -328,8 +297,7 @@ class LiveSession:
         self.recorder.close()
 
     def _use(self, p: np.ndarray) -> None:
-        for policy in self._policies.values():
-            policy.set_bias(p)
+        self._drivers.set_bias(p)
         self._p = p
 
     def _refuse_while_recording(self, what: str) -> None:
@@ -337,7 +305,8 @@ class LiveSession:
             raise ValueError(f"{what} cannot change during a recording: save or discard it first")
 
 
-def _misunderstanding(mask: np.ndarray, reconstruction: np.ndarray) -> float:
-    """Chamfer distance [pixel] between a mask and its reconstruction; infinite where no cloth is left."""
-    believed = reconstruction > 0.5
-    return chamfer_distance(mask, believed) if believed.any() else np.inf
+def _changed(cloth: Cloth, damping: float, mass: float) -> Cloth:
+    """One of the known cloths where these are its values, else a cloth of one's own."""
+    own = replace(cloth, name="own", damping=damping, mass=mass, foam="")
+    own = replace(own, name=f"damp{own.damping:.3f}-mass{own.mass:.3f}")
+    return next((known for known in CLOTHS.values() if replace(own, name=known.name) == known), own)

@@ -14,9 +14,9 @@ from clothlab import plots
 from clothlab.analysis import principal_axes
 from clothlab.arm import ARMS, JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
-from clothlab.control import ControlSettings
 from clothlab.env import CONTROL_PERIOD
-from clothlab.lab.session import DRIVERS, LiveSession, Moment
+from clothlab.lab.drivers import DRIVERS
+from clothlab.lab.session import LiveSession, Moment
 from clothlab.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
@@ -109,6 +109,7 @@ def state(session: LiveSession) -> dict[str, Any]:
     return {
         "arm": arm.name,
         "driver": session.driver,
+        "practising": session.practising,
         "cloth": {"name": cloth.name, "label": cloth.label, "material": (cloth.damping, cloth.mass)},
         "estimating": session.estimating,
         "fixed": tension is not None,
@@ -117,6 +118,12 @@ def state(session: LiveSession) -> dict[str, Any]:
         "recording": session.recording,
         "waiting": session.recorder.waiting,
     }
+
+
+def gamepad(session: LiveSession) -> str:
+    """What a gamepad's sticks and trigger do with this arm."""
+    trigger = ", right trigger: stiffness" if session.arm.has_stiffness else ""
+    return f"gamepad: left stick: shoulder, right stick: elbow{trigger}"
 
 
 def target(session: LiveSession) -> dict[str, Any]:
@@ -143,7 +150,7 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
         "decoded": encoded(images[1]),
         "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}",
         "traces": traces(session, history),
-        "marks": [k for k, moment in enumerate(history) if moment.step % ControlSettings.period == 0],
+        "marks": [k for k, moment in enumerate(history) if moment.period_ended],
         "at": the_plane.at(session.p),
         "trail": [the_plane.at(moment.p) for moment in history],
         "nearest": get_cloth(session.nearest).label,
@@ -151,20 +158,26 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
 
 
 def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, Any]]:
-    """The curves of a history: `{title, unit, lines: [{name, values, colour, dash}], limit: (name, value)}`."""
+    """The curves of a history: `{title, unit, lines: [{name, values, colour, dash}], limit: (name, value)}`.
 
-    def line(name: str, values: Iterable[float], colour: int = 0, dash: int = 0) -> dict[str, Any]:
-        return {"name": name, "values": [round(float(v), 4) for v in values], "colour": colour, "dash": dash}
+    Where a curve has a gap, its value is None.
+    """
+
+    def line(name: str, values: Iterable[float | None], colour: int = 0, dash: int = 0) -> dict[str, Any]:
+        rounded = [None if v is None else round(float(v), 4) for v in values]
+        return {"name": name, "values": rounded, "colour": colour, "dash": dash}
 
     def plot(title: str, unit: str, *lines: dict, limit: tuple[str, float] | None = None) -> dict[str, Any]:
         return {"title": title, "unit": unit, "lines": lines, "limit": limit}
 
     angles = [line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
     angles += [line(f"{joint} ref", (m.command[j] for m in history), j, 1) for j, joint in enumerate(JOINTS)]
-    distance = line("distance", (m.distance for m in history))
+    distances = [line("distance", (m.distance for m in history))]
+    if any(m.promise is not None for m in history):
+        distances.append(line("promise", (m.promise for m in history), 1, 1))
     seconds = line("step", (1e3 * m.seconds for m in history))
     shown = [
-        plot("distance to the target", "s.d. of z", distance, limit=("hanging still", session.still_distance)),
+        plot("distance to the target", "s.d. of z", *distances, limit=("hanging still", session.still_distance)),
         plot("joint angles", "rad", *angles),
         plot("time a step took", "ms", seconds, limit=("control period", 1e3 * CONTROL_PERIOD)),
     ]

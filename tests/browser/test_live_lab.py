@@ -72,6 +72,23 @@ def draw(page, start, end):
     page.mouse.up()
 
 
+VERMILION = [0xD5, 0x5E, 0x00]
+
+
+def count_pixels(caption, colour):
+    """How many pixels of the plot under this caption have a colour, about."""
+    return caption.evaluate(
+        """(caption, colour) => {
+          const { width, height } = caption.nextSibling;
+          const { data } = caption.nextSibling.getContext("2d").getImageData(0, 0, width, height);
+          let count = 0;
+          for (let k = 0; k < data.length; k += 4) count += colour.every((c, j) => Math.abs(data[k + j] - c) < 9);
+          return count;
+        }""",
+        colour,
+    )
+
+
 def test_a_session_in_the_live_lab(notebook, page, screenshot, recording, says):
     before, clock = frame(page), page.locator("[data-frame] figcaption").first
     seen = clock.text_content()
@@ -174,6 +191,32 @@ def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot, says):
     notebook.until("(panel.history[-1].command == [panel.session.arm.lower[0], panel.session.arm.upper[1]]).all()")
     page.get_by_text("Your sliders drive.").scroll_into_view_if_needed()
     screenshot("8-gamepad")
+    notebook.evaluate("panel.check()")
+
+
+def test_practise_shows_its_promise_beside_the_outcome(notebook, page, screenshot):
+    caption = page.locator("figcaption", has_text="distance to the target")
+    switch = button(page, "try new plans")
+    expect(switch).to_be_hidden()
+    choose(page, "driven by", "random")
+    notebook.until("panel.session.driver == 'random'")
+    button(page, "reset").click()  # nothing was promised in this history
+    expect(caption).not_to_contain_text("promise")
+    assert count_pixels(caption, VERMILION) == 0
+
+    choose(page, "driven by", "practise")
+    notebook.until("sum(moment.period_ended for moment in panel.history) >= 3", 60)
+    expect(caption).to_contain_text("promise")
+    assert count_pixels(caption, VERMILION) > 50
+    expect(switch).to_have_attribute("aria-pressed", "true")
+    screenshot("12-practise")
+    switch.click()
+    expect(switch).to_have_attribute("aria-pressed", "false")
+    notebook.until("not panel.session.practising")
+    button(page, "target: target-1").click()
+    notebook.until("(panel.session.target == panel.session.gallery['target-1']).all()")
+    notebook.until("sum(moment.period_ended for moment in panel.history) >= 5", 60)
+    screenshot("13-practise-repeats")
     notebook.evaluate("panel.check()")
 
 

@@ -91,6 +91,7 @@ function render({ model, el }) {
   const status = make("span", { className: "status", role: "status" });
   const message = make("div", { role: "alert" }), again = make("div", { "aria-hidden": true }); // at the top and, for small screens, below
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
+  const practise = button("try new plans", () => act("practise", { on: !get("state").practising })); // else the best known one again
   const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
   const plots = make("div", { className: "traces" }), pair = make("div", { className: "row" }, seen.figure, decoded.figure);
   const shown = make("div", { className: "columns" }, make("div", {}, scene.figure, pair), plots);
@@ -173,6 +174,8 @@ function render({ model, el }) {
     pending = wanted = null;
     arm.select.value = state.arm;
     driver.select.value = state.driver;
+    practise.hidden = state.driver !== "practise";
+    practise.setAttribute("aria-pressed", state.practising);
     const known = about.cloths.some((each) => each.name === state.cloth.name);
     cloth.fill([...(known ? [] : [["", `own: ${state.cloth.label}`]]), ...about.cloths.map((each) => [each.name, each.label])]);
     cloth.select.value = known ? state.cloth.name : "";
@@ -227,7 +230,7 @@ function render({ model, el }) {
   }
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
 
-  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row);
+  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise);
   el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, own)));
   for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
     const showSafely = trait === "about" ? () => (meetArm(), showState()) : show;

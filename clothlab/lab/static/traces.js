@@ -56,7 +56,7 @@ function tracePlot() {
     ctx.setTransform(SHARP, 0, 0, SHARP, 0, 0);
     ctx.fillStyle = "#fff";
     ctx.fillRect(0, 0, WIDTH, HEIGHT);
-    const values = lines.flatMap((line) => line.values).concat(limit ? [limit[1]] : []);
+    const values = lines.flatMap((line) => line.values.filter((v) => v !== null)).concat(limit ? [limit[1]] : []);
     const least = Math.min(0, ...values), most = Math.max(least + 1e-3, ...values), step = roundStep(most - least, 3);
     const low = Math.floor(least / step + 1e-9) * step, high = Math.ceil(most / step - 1e-9) * step;
     const count = Math.max(0, ...lines.map((line) => line.values.length)), first = history - count;
@@ -66,7 +66,7 @@ function tracePlot() {
       ctx.lineWidth = width;
       ctx.setLineDash(dashes);
       ctx.beginPath();
-      for (const point of points) ctx.lineTo(...point);
+      points.forEach((point, k) => point && (points[k - 1] ? ctx.lineTo(...point) : ctx.moveTo(...point))); // null is a gap
       ctx.stroke();
     };
     ctx.font = "13px sans-serif";
@@ -86,7 +86,7 @@ function tracePlot() {
     ctx.textAlign = "right";
     ctx.fillText("now", right, HEIGHT - 4);
     if (limit) path([[left, y(limit[1])], [right, y(limit[1])]], GREY, 1.5, [3, 3]);
-    for (const { values, colour, dash } of lines) path(values.map((v, k) => [x(k), y(v)]), COLOURS[colour], 2, DASHES[dash]);
+    for (const { values, colour, dash } of lines) path(values.map((v, k) => v === null ? null : [x(k), y(v)]), COLOURS[colour], 2, DASHES[dash]);
     ctx.setLineDash([]);
   }
   return { figure, draw };

@@ -1,0 +1,117 @@
+"""Who can choose the commands of a live run: two controllers, a person's hand, and the policies of the recordings."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab.arm import Arm
+from clothlab.artifacts import Trained
+from clothlab.dpmpb import Sequences
+from clothlab.env import Observation
+from clothlab.practice import PracticePolicy
+from clothlab.trials import OperatorPolicy, Policy, RandomPolicy
+
+DRIVERS = ("control", "practise", "hand", "random", "operator")
+
+
+class Choice(NamedTuple):
+    """A command, and what its driver says about it."""
+
+    u: np.ndarray  # command [D_u], in the arm's units
+    solved: bool  # whether a controller solved for it, or went on with its last plan
+    promise: float | None  # distance that the controller promises for the end of its period [s.d. of z]
+    period_ended: bool  # whether a period of the controller ends with it
+
+
+class Hand(Policy):
+    """Sends what a person's sliders say, within the range of the arm."""
+
+    name = "hand"
+
+    def __init__(self, arm: Arm, u: np.ndarray):
+        self.arm, self.u = arm, u
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        return np.clip(self.u, self.arm.command_lower, self.arm.command_upper)
+
+
+def stick_command(arm: Arm, places: Sequence[float]) -> np.ndarray:
+    """Command `[D_u]` where sticks and trigger stand in its range, 0 to 1; more places than commands are left out."""
+    lower, upper = arm.command_lower, arm.command_upper
+    return lower + np.clip(places[: len(lower)], 0, 1) * (upper - lower)
+
+
+class Drivers:
+    """The policies for one arm with one range of commands.
+
+    Args:
+        trained: model, autoencoder.
+        arm: that of the weights, or one with other limits.
+        target: mask `[H, W]`.
+        p: parametric bias `[D_p]`.
+        hand: the command `[D_u]` that the hand begins with.
+        plans: starts of the control, `[N, horizon, D_u]`.
+        runs: recordings that practice begins with.
+
+    Raises:
+        ValueError: as `ControlPolicy` and `PracticePolicy`.
+    """
+
+    def __init__(
+        self,
+        trained: Trained,
+        arm: Arm,
+        target: ArrayLike,
+        p: ArrayLike,
+        hand: np.ndarray,
+        *,
+        plans: ArrayLike,
+        runs: Sequence[Sequences],
+    ):
+        self._practice = PracticePolicy(trained.model, trained.autoencoder, arm, target, p, runs)
+        self._controllers = {"control": trained.controller(target, p, plans=plans, arm=arm), "practise": self._practice}
+        self._hand = Hand(arm, hand)
+        others = {"hand": self._hand, "random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
+        self._policies: dict[str, Policy] = self._controllers | others
+
+    def reset(self, seed: int) -> None:
+        """Everybody forgets the last run, and what was learned in it."""
+        for policy in self._policies.values():
+            policy.reset(seed)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Everybody aims at another image `[H, W]`."""
+        for policy in self._policies.values():
+            policy.set_target(mask)
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Everybody uses another parametric bias `[D_p]`."""
+        for policy in self._policies.values():
+            policy.set_bias(p)
+
+    def set_hand(self, u: np.ndarray) -> None:
+        """The hand sends this command `[D_u]`."""
+        self._hand.u = u
+
+    def resume(self) -> None:
+        """Let the controllers begin a period: phase, memory and plan are of when they last drove. Practice stays."""
+        self._controllers["control"].reset()
+        self._practice.resume()
+
+    def choose(self, driver: str, observation: Observation, *, solve: bool, practising: bool) -> Choice:
+        """Ask one of `DRIVERS` for a command.
+
+        Args:
+            driver: whom.
+            observation: what the robot sees.
+            solve: False lets a controller go on with its last plan, unless it has none yet.
+            practising: whether practice tries new plans.
+        """
+        if driver not in self._controllers:
+            return Choice(self._policies[driver](observation), solved=False, promise=None, period_ended=False)
+        controller, self._practice.practising = self._controllers[driver], practising
+        before = len(controller.trace)
+        u = (controller if solve else controller.coast)(observation)
+        return Choice(u, len(controller.trace) > before, controller.promise, controller.period_ended)

@@ -1,0 +1,51 @@
+"""Images to aim at, and how well the network understands them."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from clothlab.autoencoder import Autoencoder, decode, encode
+from clothlab.trials import Trial
+from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
+
+YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
+RECORDED_TARGETS = 7  # how many recorded images the gallery has
+
+
+def yardsticks(trials: Sequence[Trial]) -> np.ndarray:
+    """Some of the recorded images `[N, H, W]`, with cloth in each."""
+    images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
+    return images[images.any(axis=(1, 2))]
+
+
+def misunderstanding(mask: np.ndarray, reconstruction: np.ndarray) -> float:
+    """Chamfer distance [pixel] between a mask and its reconstruction; infinite where no cloth is left."""
+    believed = reconstruction > 0.5
+    return chamfer_distance(mask, believed) if believed.any() else np.inf
+
+
+def usual_misunderstanding(autoencoder: Autoencoder, images: np.ndarray) -> float:
+    """The same of images `[N, H, W]`, 99th percentile [pixel]: beyond it, an image is unlike any of these."""
+    distances = map(misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
+    return float(np.percentile(list(distances), 99))
+
+
+def recorded_targets(images: np.ndarray) -> dict[str, np.ndarray]:
+    """A few of the images `[N, H, W]`, from large to small, `{name: mask [H, W]}`."""
+    chosen = images[images.sum(axis=(1, 2)).argsort()[::-1]][:: -(-len(images) // RECORDED_TARGETS)]
+    return {f"recorded {k + 1}": image for k, image in enumerate(chosen)}
+
+
+def mask_from_file(content: bytes) -> np.ndarray:
+    """Read a target `[H, W]` from a picture file: bright is cloth.
+
+    Raises:
+        ValueError: not a picture, another size, or no cloth in it.
+    """
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
+    if picture is None:
+        raise ValueError("this file is not a picture: use PNG or JPEG")
+    if picture.shape != (HEIGHT, WIDTH):
+        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {picture.shape[1]}×{picture.shape[0]}")
+    return check_mask(picture > 127)

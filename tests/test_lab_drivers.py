@@ -1,0 +1,64 @@
+"""Who drives a live run, and what the controllers say about their commands."""
+
+import numpy as np
+import pytest
+
+from clothlab.arm import MuscleArm, TorqueArm
+from clothlab.artifacts import Trained
+from clothlab.autoencoder import Autoencoder
+from clothlab.control import recorded_plans
+from clothlab.dpmpb import DPMPB, Sequences
+from clothlab.lab.drivers import DRIVERS, Drivers, stick_command
+
+
+@pytest.fixture
+def drivers(trial, square):
+    arm, autoencoder = TorqueArm(), Autoencoder().eval()
+    trained = Trained("own", arm, autoencoder, DPMPB(7, 2).eval(), {}, np.zeros(1), "own")
+    rng = np.random.default_rng(0)
+    commands = rng.uniform(arm.command_lower, arm.command_upper, (40, 2))
+    about = {"plans": recorded_plans([trial]), "runs": [Sequences(rng.normal(size=(40, 7)), commands, "own")]}
+    return Drivers(trained, arm, square, np.zeros(2), arm.home_command, **about)
+
+
+def drive(drivers, env, driver, steps, **how):
+    choices = []
+    for _ in range(steps):
+        choices.append(drivers.choose(driver, env.observe(), **({"solve": True, "practising": True} | how)))
+        env.advance(choices[-1].u)
+    return choices
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_only_controllers_promise_and_have_periods(drivers, env, driver):
+    choices = drive(drivers, env, driver, 9)
+    controls = driver in ("control", "practise")
+    assert all((each.promise is not None) == controls for each in choices)
+    assert [k for k, each in enumerate(choices) if each.period_ended] == ([7] if controls else [])
+    solved = {"control": list(range(9)), "practise": [0, 8]}.get(driver, [])
+    assert [k for k, each in enumerate(choices) if each.solved] == solved
+
+
+def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(drivers, env):
+    drive(drivers, env, "practise", 11)
+    drivers.resume()
+    assert not drive(drivers, env, "hand", 3)[0].solved
+    assert drive(drivers, env, "practise", 8, solve=False)[0].solved  # a period begins, and there is no plan for it
+    assert len(drivers._practice.attempts) == 1
+    drivers.reset(0)
+    assert drivers._practice.attempts == []
+
+
+def test_who_does_not_practise_repeats(drivers, env):
+    drive(drivers, env, "practise", 8)
+    again = drive(drivers, env, "practise", 8, practising=False)
+    assert np.array([each.u for each in again]) == pytest.approx(drivers._practice.attempts[0].u.numpy(), abs=1e-6)
+
+
+def test_sticks_and_trigger_span_the_range():
+    for arm in (TorqueArm(), MuscleArm()):
+        count = len(arm.command_names)
+        assert stick_command(arm, [0, -1, 0]) == pytest.approx(arm.command_lower)
+        assert stick_command(arm, [1, 2, 1]) == pytest.approx(arm.command_upper)
+        assert stick_command(arm, [0.5] * 3) == pytest.approx((arm.command_lower + arm.command_upper) / 2)
+        assert len(stick_command(arm, [0.5] * 3)) == count

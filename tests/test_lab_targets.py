@@ -1,0 +1,52 @@
+"""Images to aim at: what is taken for one, and how well it is understood."""
+
+import cv2
+import numpy as np
+import pytest
+
+from clothlab.autoencoder import Autoencoder
+from clothlab.lab import targets
+
+
+def test_yardsticks_have_cloth_in_view(trial, monkeypatch):
+    monkeypatch.setattr(targets, "YARDSTICK_EVERY", 3)
+    without = trial.images.copy()
+    without[3] = False
+    found = targets.yardsticks([trial, type("Blank", (), {"images": without})])
+    assert len(found) == 7
+    assert np.array_equal(found[1], trial.images[3])
+    assert found.any(axis=(1, 2)).all()
+
+
+def test_nothing_is_further_from_the_truth_than_no_cloth(square):
+    assert targets.misunderstanding(square, square.astype(float)) == 0
+    moved = np.roll(square, 5, axis=1) * 0.9  # five of thirty columns stick out, by 1 to 5 pixels
+    assert targets.misunderstanding(square, moved) == pytest.approx(sum(range(6)) / 30)
+    assert targets.misunderstanding(square, square * 0.4) == np.inf
+
+
+def test_the_usual_misunderstanding_is_of_the_worst_in_a_hundred(square, monkeypatch):
+    shifts = range(100)
+    monkeypatch.setattr(targets, "encode", lambda _, images: images)
+    monkeypatch.setattr(targets, "decode", lambda _, z: [np.roll(square, k // 10, axis=1) for k in shifts])
+    usual = targets.usual_misunderstanding(Autoencoder(), np.repeat(square[None], 100, axis=0))
+    assert usual == targets.misunderstanding(square, np.roll(square, 9, axis=1))
+
+
+def test_recorded_targets_are_a_few_from_large_to_small():
+    images = np.zeros((20, 96, 128), bool)
+    for k, image in enumerate(images):
+        image[: 1 + (7 * k) % 20] = True
+    sizes = [mask.sum() for mask in targets.recorded_targets(images).values()]
+    assert 5 <= len(sizes) <= targets.RECORDED_TARGETS
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == images.sum(axis=(1, 2)).max()
+
+
+def test_targets_come_from_picture_files(square):
+    _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
+    assert np.array_equal(targets.mask_from_file(png.tobytes()), square)
+    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
+    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
+        with pytest.raises(ValueError, match=message):
+            targets.mask_from_file(content)
