@@ -179,7 +179,9 @@ def test_a_slow_experiment_may_have_no_record_yet(tiny, tmp_path):
         experiments.load_all(data=tmp_path)
 
 
-@pytest.mark.parametrize(("asked", "run"), [([], set(TINY) - experiments.SLOW), (["--only", "experience"], {"experience"})])
+@pytest.mark.parametrize(
+    ("asked", "run"), [([], set(TINY) - experiments.SLOW), (["--only", "experience"], {"experience"})]
+)
 def test_results_leave_slow_experiments_out_unless_asked(asked, run, monkeypatch):
     done = set()
     for name, module in experiments.EXPERIMENTS.items():
