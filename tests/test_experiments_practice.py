@@ -89,6 +89,15 @@ def test_the_last_ten_and_what_they_are_over_random():
     assert record.over_random("practice", "target-1, light") == pytest.approx([0.1, 0.2])
 
 
+def test_periods_are_counted_until_the_first_that_is_near():
+    runs = [
+        Run("practice", "target-1, light", k, k, 1.0, np.array(best), np.empty(0), None)
+        for k, best in enumerate(([0.9, 0.2, 0.9], [0.1, 0.9, 0.9], [0.9, 0.9, 0.9]))
+    ]
+    record = Record(Settings(models=(0, 1, 2)), tuple(runs))
+    assert record.periods_until("practice", "target-1, light", 0.2).tolist() == [3, 2, 5]
+
+
 def test_unknown_methods_and_cases_list_the_choices(tmp_path):
     with pytest.raises(KeyError, match="unknown method 'prayer'; choose from random"):
         run(Settings(methods=("prayer",)), folder=tmp_path)

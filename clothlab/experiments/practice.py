@@ -224,6 +224,12 @@ class Record:
         runs = self.select(method, case)
         return np.array([np.mean([run.last for run in runs if run.model == k]) for k in self.settings.models])
 
+    def periods_until(self, method: str, case: str, distance: float) -> np.ndarray:
+        """How many periods each run took until it was as near as `distance` [s.d. of z]; one more than all if never."""
+        best = np.array([run.best for run in self.select(method, case)])
+        near = np.pad(best <= distance, ((0, 0), (0, 1)), constant_values=True)
+        return near.argmax(axis=1) + 2  # the first period is left out of `best`
+
     def over_random(self, method: str, case: str, *, last: bool = True) -> np.ndarray:
         """Median best distance of each training, of all periods or the last, over random commands', `[models]`."""
         same_z = RANDOM + ", paper's recordings" * (METHODS[method].weights == PAPER)

@@ -224,14 +224,23 @@ def _practice(record: practice.Record, limits: limits.Record | None) -> list[Row
     for target, bound in most.items():
         cases = [name for name in record.settings.cases if practice.CASES[name].target == target]
         last = over_random(cases)
-        what = f"practice, {target}, both cloths: best distance a period over Random's, last ten periods"
-        rows.append(row(f"{what}, median", "–", float(np.median(last)), at_most=bound))
-        rows.append(row("… of the worst training", "–", float(np.median(last, axis=0).max()), at_most=0.3))
-        rows.append(row("… over all periods", "–", float(np.median(over_random(cases, last=False))), at_most=0.4))
-    ratios = [run.bias_ratio for run in record.runs if run.bias_ratio is not None]
-    if ratios:
-        what = "practice from a wrong p: distance to the right p in the end, over the start's"
-        rows.append(row(what, "approaches", float(np.mean(ratios)), at_most=1 / 3, spread=f" ± {np.std(ratios):.2f}"))
+        hands = "both foams" if target == "muscle" else "both cloths"
+        what = f"practice, {target}, {hands}: best distance a period over Random's"
+        rows += [
+            row(f"{what}, last ten periods, median", "–", float(np.median(last)), at_most=bound),
+            row(f"{what}, … of the worst training", "–", float(np.median(last, axis=0).max()), at_most=0.3),
+            row(f"{what}, all periods", "–", float(np.median(over_random(cases, last=False))), at_most=0.4),
+        ]
+    for method in record.settings.methods:
+        others = [record.over_random(method, case) for case in record.settings.cases if record.select(method, case)]
+        rows.append(row(f"{method}, all cases: the same, last ten periods, median", "–", float(np.median(others))))
+    for arm, bound in {"torque": 1 / 3, "muscle": None}.items():
+        cases = [name for name in record.settings.cases if practice.CASES[name].arm == arm]
+        ratios = [run.bias_ratio for run in record.runs if run.case in cases and run.bias_ratio is not None]
+        if ratios:
+            what = f"practice from a wrong p, {arm} arm: distance to the right p in the end, over the start's"
+            mean, spread = float(np.mean(ratios)), f" ± {np.std(ratios):.2f}"
+            rows.append(row(what, "approaches", mean, at_most=bound, spread=spread))
     if limits is not None:
         possible = {
             name: limits.possible(case.target, case.cloth)
