@@ -322,7 +322,7 @@ def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
 
 def test_unknown_names_list_the_choices(session):
     for call, message in (
-        (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, hand"),
+        (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, practise, hand"),
         (lambda: session.set_driver(["hand"]), "unknown driver"),
         (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
         (lambda: LiveSession("octopus"), "unknown arm 'octopus'; choose from torque, muscle"),
