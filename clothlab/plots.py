@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import imageio_ffmpeg
 import mediapy
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from clothlab.analysis import Landscape, principal_axes
@@ -379,3 +380,47 @@ def experience(record: Curves, columns: int = 5) -> Figure:
         axes[0, 0].scatter([], [], marker=marker, color="white", edgecolor="black", label=label)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+def promise_scatter(panels: dict[str, tuple[np.ndarray, np.ndarray]], picked: int = 10) -> Figure:
+    """Promised distance against the one that came, a panel for each target; the best promises stand out.
+
+    Args:
+        panels: `{title: (promised [N], came [N])}`, distances to the target [s.d. of z].
+        picked: how many of the best promises.
+    """
+    figure, axes = new_axes(1, len(panels), size=(3.4, 3.2))
+    for ax, (title, (promised, came)) in zip(axes[0], panels.items(), strict=True):
+        best, end = np.argsort(promised)[:picked], 1.05 * max(np.max(promised), np.max(came))
+        ax.plot([0, end], [0, end], color="0.35", ls="--", lw=1, label="as promised")
+        ax.scatter(promised, came, s=10, alpha=0.5, color=COLOURS[0], edgecolor="none", label="a plan")
+        look = {"s": 28, "marker": "D", "color": COLOURS[1], "edgecolor": "black"}
+        ax.scatter(promised[best], came[best], label=f"the {picked} best promises", **look)
+        ax.set(xlabel="promised ‖z_ref - z‖ [s.d. of z]", title=title, xlim=(0, end), ylim=(0, end), aspect="equal")
+    axes[0, 0].set_ylabel("came [s.d. of z]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax: Axes | None = None) -> Figure:
+    """Each period's distance to the target, on a logarithmic scale: practice goes down over two decades.
+
+    Args:
+        series: `{label: distance in each period, from the second on [periods] or one row a run [runs, periods]}`;
+            of several runs, each is a thin line and their median a thick one [s.d. of z].
+        baselines: distances that stay, by label [s.d. of z].
+        ax: where to draw; else on a figure of its own.
+    """
+    ax = new_axes(size=(7.0, 3.2))[1][0, 0] if ax is None else ax
+    for k, (label, values) in enumerate(series.items()):
+        rows, look = np.atleast_2d(values), {"color": COLOURS[k % 7], "ls": STYLES[k % 4]}
+        periods = np.arange(2, rows.shape[1] + 2)
+        for row in rows if len(rows) > 1 else ():
+            ax.plot(periods, row, lw=0.8, alpha=0.5, **look)
+        ax.plot(periods, np.median(rows, axis=0), lw=2, marker="os"[k % 2], ms=3, label=label, **look)
+    for k, (label, level) in enumerate(baselines.items()):
+        style = ("--", ":", "-.", (0, (8, 2, 1, 2, 1, 2)), "-")[k % 5]
+        ax.axhline(level, color=f"{0.15 + 0.12 * (k % 5):.2f}", ls=style, lw=1.3, label=label)
+    ax.set(xlabel="period", ylabel="‖z_ref - z‖ [s.d. of z]", yscale="log")
+    ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
+    return ax.figure

@@ -698,6 +698,42 @@ SLIPS = {
             "numpy.clip",
         ),
     ],
+    "honest": [
+        ("return", "promises.copy()", "as they were"),
+        ("return", "share * promises", "not towards 0"),
+        ("return", "share * (promises - promises.mean())", "add the mean again"),
+        ("1 - error**2 / promises.var()", "error**2 / promises.var()", "the other part"),
+        ("1 - error**2 / promises.var()", "1 - error / promises.std()", "standard deviations don't"),
+        ("share * (", "share**0.5 * (", "you took its root"),
+        ("1 - error**2 / promises.var()", "promises.var() / (promises.var() + error**2)", "in it already"),
+        ("max(0.0, 1 - error**2 / promises.var())", "1 - error**2 / promises.var()", "more than all of the spread"),
+        ("promises.mean()", "5", "whatever it is"),
+        ("error**2", "error", "2.56"),
+        ("return", "promises[:1]", "four promises, four numbers"),
+    ],
+    "one_outcome": [
+        ("k * missed / (1 + noise)", "k / (1 + noise)", "where is what was missed"),
+        ("k * missed / (1 + noise)", "k * missed", "teaches less"),
+        ("-0.5 *", "-1.0 *", "a half in its exponent"),
+        ("(x - tried) ** 2", "np.abs(x - tried)", "squares the distance"),
+        ("(x - tried) ** 2", "x**2", "not of all plans with 0"),
+        ("1 - k**2 / (1 + noise)", "k**2 / (1 + noise)", "asked is what is left"),
+        ("1 - k**2 / (1 + noise)", "1 - k / (1 + noise)", "k enters twice"),
+        ("1 - k**2 / (1 + noise)", "1 - k**2", "left out of the variance"),
+        ("1 - k**2 / (1 + noise)", "1 - missed * k**2 / (1 + noise)", "does not depend on what was missed"),
+        ("1 - k**2 / (1 + noise)", "(1 - k**2 / (1 + noise)) ** 0.5", "asked is the variance"),
+        ("return", "k * missed / (1 + noise)", "the mean and the share"),
+    ],
+    "practise_then_perform": [
+        ("t < periods * period", "t <= periods * period", "stops after 25 steps"),
+        ("t < periods * period", "t < periods", "stops after 3 steps"),
+        ("t < periods * period", "True", "stops after 40 steps"),
+        ("t < periods * period", "t != periods * period", "goes on performing"),
+        ("periods * period", "periods * 8", "2 periods of 5 steps"),
+        ("return policy(observation)", "return policy(t)", "pass the observation on"),
+        ("return policy(observation)", "return -policy(observation)", "send what the policy says"),
+        ("t = 0", "t = 0; policy(0)", "not before the first"),
+    ],
     "falling_speed": [
         ("* 9.81", "", "where is g?"),
         ("sheets * sheet", "sheet", "number of sheets is left out"),
@@ -1004,6 +1040,22 @@ RIGHTS = {
         ("rng.normal(0.0, sigma, len(u))", "sigma * rng.standard_normal(2)"),
         ("u = policy(observation)", "u = np.array(policy(observation)); u += 0"),
     ],
+    "honest": [
+        (
+            "body",
+            "m = sum(promises) / len(promises); v = sum((x - m) ** 2 for x in promises) / len(promises)\n"
+            "return [m + max(v - error**2, 0) / v * (x - m) for x in promises]",
+        ),
+        ("return", "torch.tensor(promises.mean() + share * (promises - promises.mean()))"),
+    ],
+    "one_outcome": [
+        ("return", "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]"),
+        ("return", "missed * k / (1 + noise), 1 - k @ np.diag(k) / (1 + noise)"),
+    ],
+    "practise_then_perform": [
+        ("t < periods * period", "t // period < periods"),
+        ("policy.practising = t < periods * period", "policy.practising &= t < periods * period"),
+    ],
     "falling_speed": [
         ("9.81", "9.80665"),
         ("return", "np.float32(sheets * sheet.density * sheet.thickness * area) * np.float32(9.81) / np.float32(drag)"),
@@ -1075,7 +1127,7 @@ def test_a_check_wants_the_function_itself():
 ODD = [None, "three", b"3", float("nan"), np.inf, 1j, (), (1,), range(9), [[1], [2, 3]], {"a": 1}, {1}, object(), dict]
 ODD += [np.array("three"), np.full(2, np.nan), np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), ValueError("odd")]
 ODD += [lambda *args, **kwargs: None, (k for k in range(3)), np.array([None, 1.0]), ["1", "2"], (np.zeros(2), None)]
-POLICIES = {"wave", "take_turns", "alternate", "shaken"}
+POLICIES = {"wave", "take_turns", "alternate", "shaken", "practise_then_perform"}
 
 
 def fails(*args, **kwargs):

@@ -51,6 +51,8 @@ FIGURES = {
     "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
     "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
     "experience": lambda: plots.experience(Grown(), columns=2),
+    "promises": lambda: plots.promise_scatter({"one": tuple(RNG.random((2, 12)))}, picked=3),
+    "periods": lambda: plots.period_bests({"a": RNG.random((3, 9)), "b": RNG.random(9)}, {"still": 1.0, "empty": 2.0}),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 

@@ -13,6 +13,7 @@ from clothlab.checks.estimate_and_control import averaged, half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
 from clothlab.checks.parametric_bias import chance, gain_of_dimension, matching_drag, shares_by_hand
+from clothlab.checks.practice import honest, one_outcome, practise_then_perform
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
@@ -40,6 +41,7 @@ __all__ = [
     "gain_of_dimension",
     "half_time",
     "handmade",
+    "honest",
     "in_time",
     "influence",
     "length_for_measured_tension",
@@ -49,8 +51,10 @@ __all__ = [
     "momentum_step",
     "my_mask",
     "nearest_phase",
+    "one_outcome",
     "pair_stiffness",
     "place",
+    "practise_then_perform",
     "random_shooting",
     "shaken",
     "share_won",

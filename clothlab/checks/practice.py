@@ -1,0 +1,94 @@
+"""Checks of notebook 10."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothlab.checks._check import array, arrays, check, expect, policy
+
+__all__ = ["honest", "one_outcome", "practise_then_perform"]
+
+
+@check(array("an honest promise for each", None))
+def honest(answer: Callable) -> None:
+    """Promises with the mean 5 and the variance 4, and errors that explain a part, all and more than all of it."""
+    promises = np.array([5 - 2**1.5, 5.0, 5 + 2**1.5, 5.0])
+    away = promises - promises.mean()
+    found = answer(promises, 1.0)
+    told = "give each promise back, shrunk: four promises, four numbers"
+    assert len(found) == 4, told
+    slips = {
+        "these are the promises as they were": promises,
+        "shrink towards the mean, not towards 0": 0.75 * promises,
+        "add the mean again": 0.75 * away,
+        "a quarter of the variance is error here: what is left is the other part": 5 + 0.25 * away,
+        "variances add up, standard deviations don't": 5 + 0.5 * away,
+        "the share is one of variances; you took its root": 5 + 0.75**0.5 * away,
+        "the variance of the promises has the variance of the errors in it already": 5 + 0.8 * away,
+        "divide by the variance of the promises, not by their standard deviation": 5 + 0.5 * away,
+    }
+    expect(found, 5 + 0.75 * away, "with errors of 1 and a variance of 4, three quarters of a promise stay", slips)
+    expect(answer(promises, 0.0), promises, "promises without errors are honest as they are")
+    expect(answer(promises + 3, 1.0), 8 + 0.75 * away, "the mean is that of the promises, whatever it is")
+    expect(answer(promises, 1.6), 5 + 0.36 * away, "errors of 1.6 are 2.56 of a variance of 4")
+    told = "where errors would explain more than all of the spread, every honest promise is the mean"
+    expect(answer(promises, 3.0), np.full(4, 5.0), told)
+
+
+@check(arrays("the mean and the share of the variance", array("the mean", None), array("the share", None)))
+def one_outcome(answer: Callable) -> None:
+    """At the plan that was tried, at a length from it, and far away; with noise and without."""
+    x, tried, missed = np.array([2.0, 3.0, 1.0, 20.0]), 2.0, 0.7
+    k = np.exp(-0.5 * (x - tried) ** 2)
+    for noise in (0.0, 0.25):
+        mean, left = answer(x, tried, missed, noise)
+        wanted = k * missed / (1 + noise)
+        slips = {
+            "the mean is what was missed, weighted by k: where is what was missed?": k / (1 + noise),
+            "an outcome with noise teaches less: the noise is added to k of the tried plan with itself": k * missed,
+            "the kernel has a half in its exponent": k**2 * missed / (1 + noise),
+            "the kernel squares the distance": np.exp(-0.5 * np.abs(x - tried)) * missed / (1 + noise),
+            "k of a plan with the tried one, not of all plans with 0": np.exp(-0.5 * x**2) * missed / (1 + noise),
+        }
+        expect(mean, wanted, f"the mean is {wanted.round(3)} here, got {mean.round(3)}", slips)
+        share = 1 - k**2 / (1 + noise)
+        slips = {
+            "that is the share that is known: asked is what is left": 1 - share,
+            "k enters twice": 1 - k / (1 + noise),
+            "the noise is left out of the variance": 1 - k**2,
+            "how sure one is does not depend on what was missed": 1 - k**2 * missed / (1 + noise),
+            "that is a standard deviation; asked is the variance": share**0.5,
+        }
+        expect(left, share, f"of the variance, {share.round(3)} are left here, got {left.round(3)}", slips)
+    mean, left = answer(np.array([-1.0]), -1.0, -3.0, 0.0)
+    expect([*mean, *left], [-3, 0], "where a plan was tried without noise, its outcome is known")
+
+
+class _Practising:
+    """A policy that notes whether it practises in each step."""
+
+    def __init__(self) -> None:
+        self.practising = True
+        self.noted: list[tuple[int, bool]] = []
+
+    def __call__(self, observation: int) -> np.ndarray:
+        self.noted.append((observation, bool(self.practising)))
+        return np.array([0.5, -observation / 100])
+
+
+@check(policy(2))
+def practise_then_perform(answer: Callable) -> None:
+    """Periods in different numbers and of different lengths, and when they stop being practice."""
+    for periods, period in ((3, 8), (2, 5)):
+        inner, steps = _Practising(), (periods + 2) * period
+        wrapped = answer(inner, periods, period)
+        assert not inner.noted, "ask the policy in each step, and not before the first"
+        sent = np.array([wrapped(t) for t in range(steps)])
+        told = "ask the policy once in each step, and pass the observation on"
+        assert [t for t, _ in inner.noted] == list(range(steps)), told
+        expect(sent, np.stack([np.full(steps, 0.5), -np.arange(steps) / 100], axis=1), "send what the policy says")
+        practised = [each for _, each in inner.noted]
+        last = practised.index(False) if False in practised else steps
+        told = f"{periods} periods of {period} steps are to be practice; yours stops after {last} steps"
+        assert last == periods * period, told
+        assert not any(practised[last:]), "once it performs, it goes on performing"
