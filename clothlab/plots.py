@@ -394,7 +394,7 @@ def promise_scatter(panels: dict[str, tuple[np.ndarray, np.ndarray]], picked: in
         best, end = np.argsort(promised)[:picked], 1.05 * max(np.max(promised), np.max(came))
         ax.plot([0, end], [0, end], color="0.35", ls="--", lw=1, label="as promised")
         ax.scatter(promised, came, s=10, alpha=0.5, color=COLOURS[0], edgecolor="none", label="a plan")
-        look = {"s": 28, "marker": "D", "color": COLOURS[1], "edgecolor": "black"}
+        look: dict[str, Any] = {"s": 28, "marker": "D", "color": COLOURS[1], "edgecolor": "black"}
         ax.scatter(promised[best], came[best], label=f"the {picked} best promises", **look)
         ax.set(xlabel="promised ‖z_ref - z‖ [s.d. of z]", title=title, xlim=(0, end), ylim=(0, end), aspect="equal")
     axes[0, 0].set_ylabel("came [s.d. of z]")
@@ -403,7 +403,7 @@ def promise_scatter(panels: dict[str, tuple[np.ndarray, np.ndarray]], picked: in
 
 
 def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax: Axes | None = None) -> Figure:
-    """Each period's distance to the target, on a logarithmic scale: practice goes down over two decades.
+    """Each period's distance to the target, on a logarithmic scale.
 
     Args:
         series: `{label: distance in each period, from the second on [periods] or one row a run [runs, periods]}`;
@@ -411,9 +411,12 @@ def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax:
         baselines: distances that stay, by label [s.d. of z].
         ax: where to draw; else on a figure of its own.
     """
-    ax = new_axes(size=(7.0, 3.2))[1][0, 0] if ax is None else ax
+    figure: Any = ax.figure if ax else None
+    if ax is None:
+        figure, ((ax,),) = new_axes(size=(7.0, 3.2))
     for k, (label, values) in enumerate(series.items()):
-        rows, look = np.atleast_2d(values), {"color": COLOURS[k % 7], "ls": STYLES[k % 4]}
+        rows: np.ndarray = np.atleast_2d(values)
+        look: dict[str, Any] = {"color": COLOURS[k % 7], "ls": STYLES[k % 4]}
         periods = np.arange(2, rows.shape[1] + 2)
         for row in rows if len(rows) > 1 else ():
             ax.plot(periods, row, lw=0.8, alpha=0.5, **look)
@@ -423,4 +426,4 @@ def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax:
         ax.axhline(level, color=f"{0.15 + 0.12 * (k % 5):.2f}", ls=style, lw=1.3, label=label)
     ax.set(xlabel="period", ylabel="‖z_ref - z‖ [s.d. of z]", yscale="log")
     ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
-    return ax.figure
+    return figure
