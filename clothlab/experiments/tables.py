@@ -234,13 +234,13 @@ def _practice(record: practice.Record, limits: limits.Record | None) -> list[Row
     for method in record.settings.methods:
         others = [record.over_random(method, case) for case in record.settings.cases if record.select(method, case)]
         rows.append(row(f"{method}, all cases: the same, last ten periods, median", "–", float(np.median(others))))
-    for arm, bound in {"torque": 1 / 3, "muscle": None}.items():
+    for arm, aim in {"torque": 1 / 3, "muscle": None}.items():
         cases = [name for name in record.settings.cases if practice.CASES[name].arm == arm]
         ratios = [run.bias_ratio for run in record.runs if run.case in cases and run.bias_ratio is not None]
         if ratios:
             what = f"practice from a wrong p, {arm} arm: distance to the right p in the end, over the start's"
             mean, spread = float(np.mean(ratios)), f" ± {np.std(ratios):.2f}"
-            rows.append(row(what, "approaches", mean, at_most=bound, spread=spread))
+            rows.append(row(what, "approaches", mean, at_most=aim, spread=spread))
     if limits is not None:
         possible = {
             name: limits.possible(case.target, case.cloth)
