@@ -41,6 +41,7 @@ __all__ = [
     "lab",
     "muscle",
     "plots",
+    "practice",
     "search",
     "stiffness",
     "trials",

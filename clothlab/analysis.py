@@ -160,6 +160,11 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
+def late_median(best: ArrayLike) -> float:
+    """Median of the last ten periods, by which what learns from its outcomes is judged, of `best_per_period` `[P]`."""
+    return float(np.median(check_array("best", best, ("P",))[-10:]))
+
+
 def median_best(runs: Iterable[ArrayLike], period: int = ControlSettings.period) -> float:
     """Median over periods and runs of the smallest distance in a period."""
     return float(np.median(np.concatenate([best_per_period(distances, period) for distances in runs])))

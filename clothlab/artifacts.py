@@ -7,7 +7,7 @@ so that a pair that does not belong together is refused.
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
@@ -27,6 +27,7 @@ from clothlab.autoencoder import Autoencoder
 from clothlab.cloth import get_cloth
 from clothlab.control import ControlPolicy, ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences, to_sequences
+from clothlab.practice import PracticePolicy, PracticeSettings
 from clothlab.trials import Trial, load_trial
 from clothlab.vision import check_mask
 
@@ -105,8 +106,30 @@ class Trained:
             plans: starts, as `ControlPolicy` has them.
             arm: one with other limits, such as `arm.with_stiffness(10)`.
         """
-        p = choose("material", p, self.biases) if isinstance(p, str) else p
-        return ControlPolicy(self.model, self.autoencoder, arm or self.arm, target, p, settings, plans)
+        return ControlPolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), settings, plans)
+
+    def practice(
+        self,
+        target: ArrayLike,
+        p: ArrayLike | str,
+        runs: Sequence[Sequences],
+        settings: PracticeSettings | None = None,
+        *,
+        arm: Arm | None = None,
+    ) -> PracticePolicy:
+        """A controller with this model that learns from its outcomes.
+
+        Args:
+            target: mask `[H, W]`.
+            p: parametric bias `[D_p]`, or the name of a trained material.
+            runs: recordings to begin with, as `sequences` gives them.
+            settings: how much is tried, and how far an outcome teaches.
+            arm: one with other limits, such as `arm.with_stiffness(10)`.
+        """
+        return PracticePolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), runs, settings)
+
+    def _bias(self, p: ArrayLike | str) -> ArrayLike:
+        return choose("material", p, self.biases) if isinstance(p, str) else p
 
 
 def load(name: str = "torque-0", *, data: Folder = None) -> Trained:

@@ -33,7 +33,6 @@ from clothlab.control import ControlSettings, control_loss, optimise_commands, p
 from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
-from clothlab.practice import PracticePolicy
 from clothlab.trials import Timed
 
 
@@ -204,10 +203,7 @@ def bench_loop() -> None:
         learned, mask = artifacts.load(f"{name}-0"), artifacts.load_target(target)
         cloth, p = next(iter(learned.biases.items()))
         runs = [learned.sequences(trial) for trial in artifacts.load_trials(trials)]
-        policies = {
-            "control": Timed(learned.controller(mask, p)),
-            "practice": Timed(PracticePolicy(learned.model, learned.autoencoder, learned.arm, mask, p, runs)),
-        }
+        policies = {"control": Timed(learned.controller(mask, p)), "practice": Timed(learned.practice(mask, p, runs))}
         for who, policy in policies.items():
             with contextlib.closing(ClothEnv(learned.arm, cloth)) as env:
                 env.reset()

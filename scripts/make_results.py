@@ -1,7 +1,8 @@
 """`make results`: run the experiments at full size from `data/`, with fresh simulation.
 
-Writes the records to `data/results/`, which notebooks and claims read, and the tables into the README. About four
-minutes on two cores. What takes hours runs only when `--only` names it; otherwise its stored record stays as it is.
+Writes the records to `data/results/`, which notebooks and claims read, and the tables into the README, with
+the weights of both amounts of recordings. What takes long runs only when `--only` names it; otherwise its stored record
+stays as it is.
 """
 
 import argparse
@@ -32,12 +33,7 @@ def publish() -> None:
 def main() -> None:
     """Run, store, publish."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--only",
-        nargs="*",
-        choices=experiments.EXPERIMENTS,
-        help="leave the others as they are; one that takes hours goes on where it stopped",
-    )
+    parser.add_argument("--only", nargs="*", choices=experiments.EXPERIMENTS, help="leave the others as they are")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     usual = [name for name in experiments.EXPERIMENTS if name not in experiments.SLOW]

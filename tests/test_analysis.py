@@ -11,6 +11,7 @@ from clothlab.analysis import (
     best_per_period,
     chamfer_against_z,
     difference_interval,
+    late_median,
     loss_landscape,
     nearest_material,
     principal_axes,
@@ -177,3 +178,9 @@ def test_equal_differences_have_no_interval_to_speak_of():
     assert difference_interval(np.full((5, 4), 0.2)) == pytest.approx((0.2, 0.2, 0.2))
     with pytest.raises(ValueError, match="differences is"):
         difference_interval([0.1, 0.2])
+
+
+def test_what_learns_is_judged_by_its_last_ten_periods():
+    assert late_median([9.0] * 20 + [1.0] * 5 + [3.0] * 5) == 2.0
+    with pytest.raises(ValueError, match="best is"):
+        late_median([[1.0]])

@@ -23,6 +23,7 @@ from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
 PAPER = "-paper"  # ending of records, as of weights: the same with what the paper's amount of recordings teaches
+RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # the paper's amount; with `-more` behind, what goes beyond
 SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)

@@ -6,13 +6,12 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
-from clothlab.analysis import best_per_period, target_distance
+from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.autoencoder import iou
 from clothlab.cloth import cloth_name
 from clothlab.control import ControlSettings
 from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
-from clothlab.experiments.practice import LAST, seen_runs
-from clothlab.practice import PracticePolicy
+from clothlab.experiments.practice import seen_runs
 from clothlab.trials import Trial
 
 
@@ -56,12 +55,12 @@ class Run:
     @property
     def ratio(self) -> float:
         """Last ten periods of practice over all of Random's, medians."""
-        return float(np.median(self.practice[-LAST:]) / np.median(self.random))
+        return late_median(self.practice) / float(np.median(self.random))
 
     @property
     def overlap(self) -> float:
         """Median IoU of the best image in each of the last ten periods of practice."""
-        return float(np.median(self.practice_overlap[-LAST:]))
+        return late_median(self.practice_overlap)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +84,7 @@ def run_one(settings: Settings, target: str, number: int) -> Run:
     """Practise one target, and move at random."""
     learned, mask = trained(f"{settings.weights}-{number % settings.models}"), artifacts.load_target(target)
     cloth = settings.drawn_cloth if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
-    policy = PracticePolicy(
-        learned.model, learned.autoencoder, learned.arm, mask, learned.biases[cloth], seen_runs(learned)
-    )
+    policy = learned.practice(mask, cloth, seen_runs(learned))
     seed = settings.first_seed + number
     ours = new_trial(policy, learned.arm, cloth, settings.steps, seed)
     chance = random_trial(learned.arm.name, cloth, settings.steps, seed)

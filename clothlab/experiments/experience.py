@@ -21,7 +21,15 @@ import torch
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import MaterialReadout, best_per_period, median_best, nearest_material, spread, target_distance
+from clothlab.analysis import (
+    MaterialReadout,
+    best_per_period,
+    late_median,
+    median_best,
+    nearest_material,
+    spread,
+    target_distance,
+)
 from clothlab.arm import get_arm
 from clothlab.artifacts import MORE, Trained
 from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
@@ -31,12 +39,11 @@ from clothlab.dpmpb import ModelTraining, stretches, to_sequences, train_dpmpb
 from clothlab.estimation import prediction_loss
 from clothlab.experiments import perception
 from clothlab.experiments._kept import once
-from clothlab.experiments._record import converter, estimate_at_random, new_trial, random_trial, run_jobs
+from clothlab.experiments._record import RECORDINGS, converter, estimate_at_random, new_trial, random_trial, run_jobs
 from clothlab.trials import Policy, Trial
 
 FOLDER = Path("build") / "experience"  # where trainings are kept, from the folder in which the experiment is run
 PAPER, DEFAULT = 1.0, 20.0  # the paper's amount, and that of the weights `torque-K` and `muscle-K`
-LAST = 10  # periods at the end, by which a controller that learns from its outcomes has learned
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class Setup:
 
 ARMS = {
     "torque": Setup(
-        trials="train",
+        trials=RECORDINGS["torque"],
         evaluation="evaluation",
         sequence_length=30,
         seen=("target-1", "target-2"),
@@ -73,7 +80,7 @@ ARMS = {
         cloths=(cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)),
     ),
     "muscle": Setup(
-        trials="muscle-train",
+        trials=RECORDINGS["muscle"],
         evaluation="muscle-evaluation",
         sequence_length=20,
         seen=("muscle",),
@@ -443,7 +450,7 @@ def _controlled(settings: Settings, learned: Trained, model: int) -> Iterator[Co
             policy = METHODS[method](learned, mask, cloth)
             trial = new_trial(policy, learned.arm, cloth, settings.control_steps, model)
             best = best_per_period(target_distance(learned.autoencoder, trial, mask))
-            yield Control(method, cloth, float(np.median(best)), float(np.median(best[-LAST:])), random)
+            yield Control(method, cloth, float(np.median(best)), late_median(best), random)
 
 
 def run(

@@ -12,19 +12,18 @@ from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
-from clothlab.analysis import best_per_period, target_distance
+from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.arm import Arm, get_arm
 from clothlab.autoencoder import Autoencoder
 from clothlab.cloth import Cloth, cloth_name
 from clothlab.control import ControlSettings, recorded_plans
 from clothlab.env import ClothEnv
-from clothlab.experiments._record import run_jobs
+from clothlab.experiments._record import RECORDINGS, run_jobs
 from clothlab.search import SearchSettings, SimulatorSearch, copy_state, cross_entropy
 from clothlab.trials import Trial, rollout, watch_motion
 
 PERIOD = ControlSettings.period
 POOL = 400  # recorded stretches, of which each search draws its starts
-LAST = 10  # periods that count as the end of a run
 SEARCH = SearchSettings()
 SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
 
@@ -104,7 +103,7 @@ class Run:
     @property
     def last_ten(self) -> float:
         """Median of the last ten of `best` [s.d. of z]."""
-        return float(np.median(self.best[-LAST:]))
+        return late_median(self.best)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,16 +214,15 @@ def search_trial(
 
 def run_case(settings: Settings, case: Case) -> Run:
     """How near one case comes."""
-    torque, muscle = (settings.weights, "train"), (settings.muscle_weights, "muscle-train")
-    weights, trials = {"torque": torque, "muscle": muscle}[case.arm]
-    autoencoder, _ = artifacts.load_autoencoder(weights)
+    weights = {"torque": settings.weights, "muscle": settings.muscle_weights}
+    autoencoder, _ = artifacts.load_autoencoder(weights[case.arm])
     target = artifacts.load_target(case.target)
     trial, trace = search_trial(
         autoencoder,
         case.arm,
         case.cloth,
         target,
-        recorded_plans(artifacts.load_trials(trials), PERIOD, POOL, seed=case.seed),
+        recorded_plans(artifacts.load_trials(RECORDINGS[case.arm]), PERIOD, POOL, seed=case.seed),
         settings.periods,
         f_const=case.f_const,
         search=settings.search if case.remembers else replace(settings.search, remembered=0),
@@ -248,7 +246,7 @@ def run_speeds(settings: Settings, seed: int) -> list[Speed]:
             peaks.append(watch_motion(env, plan).hand_speed.max())
         return -np.array(peaks)
 
-    starts = recorded_plans(artifacts.load_trials("muscle-train"), settings.speed_steps, search.starts, seed=seed)
+    starts = recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), settings.speed_steps, search.starts, seed=seed)
     found, speeds = [starts], []
     for f_const in (*settings.tensions, None):
         limited = arm if f_const is None else arm.with_stiffness(f_const)

@@ -237,7 +237,8 @@ class ChangesPolicy(Policy):
         plan: ArrayLike,
     ):
         self.changes, self.model, self.autoencoder, self.arm = changes, model, autoencoder, arm
-        self._goal = (torch.as_tensor(encode(autoencoder, target)) - model.s_mean[:3]) / model.s_std[:3]
+        z = arm.layout(autoencoder.latent_size).z
+        self._goal = (torch.as_tensor(encode(autoencoder, target)) - model.s_mean[z]) / model.s_std[z]
         self._first = (torch.as_tensor(np.asarray(plan, dtype=np.float32)) - model.u_mean) / model.u_std
         bounds = (arm.command_lower, arm.command_upper)
         self._lower, self._upper = (

@@ -13,7 +13,7 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import best_per_period, target_distance
+from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.artifacts import MORE, Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
@@ -21,14 +21,12 @@ from clothlab.control import nearest_plans, recorded_plans
 from clothlab.dpmpb import Sequences, to_sequences
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import PAPER, converter, new_trial, run_jobs, trained
+from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
-from clothlab.practice import PracticePolicy
 from clothlab.trials import Policy, RandomPolicy
 
 ENSEMBLE = 5  # models
 FOLDER = Path("build/practice")
-LAST = 10  # periods by which practice is judged
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,6 @@ CASES = {
     "foam hard-1": Case("muscle", "muscle", "hard-1", "soft-1"),
     "foam soft-1": Case("muscle", "muscle", "soft-1", "hard-1"),
 }
-RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # whose stretches are starts; all, with `-more`
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,7 @@ def _ensemble(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
 
 
 def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    return PracticePolicy(learned.model, learned.autoencoder, learned.arm, _target(case), p, seen_runs(learned))
+    return learned.practice(_target(case), p, seen_runs(learned))
 
 
 def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
@@ -138,24 +135,24 @@ def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
 
-RANDOM, GRADIENT, PRACTICE = "random", "gradient", "practice"
+RANDOM, RANDOM_ON_PAPERS, PRACTICE = "random", "random, paper's recordings", "practice"  # those that others ask for
 METHODS = {
-    "random": Method(_random, often=True),
-    "random, paper's recordings": Method(_random, weights="-paper"),
+    RANDOM: Method(_random, often=True),
+    RANDOM_ON_PAPERS: Method(_random, weights=PAPER),
     "replay of the best recorded stretch": Method(_replay),
     "gradient": Method(_gradient, often=True),
     "gradient, p = 0": Method(_gradient, p="zero"),
     "gradient, wrong p": Method(_gradient, p="wrong", often=True),
-    "gradient, paper's recordings": Method(_gradient, weights="-paper"),
+    "gradient, paper's recordings": Method(_gradient, weights=PAPER),
     "gradient, recorded starts": Method(_with_starts),
     "gradient, five models": Method(_ensemble),
     "cross-entropy": Method(_cross_entropy),
     "changes": Method(_changes),
-    "practice": Method(_practice, often=True),
+    PRACTICE: Method(_practice, often=True),
     "practice, p = 0": Method(_practice, p="zero", often=True),
     "practice, wrong p": Method(_practice, p="wrong", often=True),
     "practice, estimated p": Method(_practice, p="estimated", often=True),
-    "practice, paper's recordings": Method(_practice, weights="-paper"),
+    "practice, paper's recordings": Method(_practice, weights=PAPER),
     "gradient, without stiffness": Method(_gradient, stiffness=10.0, often=True),
     "practice, without stiffness": Method(_practice, stiffness=10.0, often=True),
 }
@@ -200,7 +197,7 @@ class Run:
     @property
     def last(self) -> float:
         """Median of the last ten periods [s.d. of z]."""
-        return float(np.median(self.best[-LAST:]))
+        return late_median(self.best)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +218,11 @@ class Record:
 
     def last(self, method: str, case: str) -> np.ndarray:
         """Median of the last ten periods of each training, mean over its repeats, `[models]` [s.d. of z]."""
+        return self._by_training(method, case, lambda run: run.last)
+
+    def _by_training(self, method: str, case: str, value: Callable[[Run], float]) -> np.ndarray:
         runs = self.select(method, case)
-        return np.array([np.mean([run.last for run in runs if run.model == k]) for k in self.settings.models])
+        return np.array([np.mean([value(run) for run in runs if run.model == k]) for k in self.settings.models])
 
     def periods_until(self, method: str, case: str, distance: float) -> np.ndarray:
         """How many periods each run took until it was as near as `distance` [s.d. of z]; one more than all if never."""
@@ -232,13 +232,10 @@ class Record:
 
     def over_random(self, method: str, case: str, *, last: bool = True) -> np.ndarray:
         """Median best distance of each training, of all periods or the last, over random commands', `[models]`."""
-        same_z = RANDOM + ", paper's recordings" * (METHODS[method].weights == PAPER)
+        same_z = RANDOM_ON_PAPERS if METHODS[method].weights == PAPER else RANDOM
         chance = np.median([np.median(run.best) for run in self.select(same_z, case)])
-        runs = self.select(method, case)
-        ours = [
-            [run.last if last else np.median(run.best) for run in runs if run.model == k] for k in self.settings.models
-        ]
-        return np.array([np.mean(each) for each in ours]) / chance
+        ours = self._by_training(method, case, lambda run: run.last if last else float(np.median(run.best)))
+        return ours / chance
 
 
 def run_one(settings: Settings, method: str, case: str, model: int, repeat: int) -> Run:

@@ -20,7 +20,7 @@ from clothlab.analysis import (
 from clothlab.arm import MuscleArm
 from clothlab.control import recorded_plans
 from clothlab.estimation import estimate_bias
-from clothlab.experiments._record import estimate_at_random, new_trial, random_trial, run_jobs, trained
+from clothlab.experiments._record import RECORDINGS, estimate_at_random, new_trial, random_trial, run_jobs, trained
 from clothlab.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, replay
 
@@ -240,7 +240,7 @@ def run_control(settings: Settings, condition: str, cloth: str, model: int) -> C
 def _controlled(settings: Settings, condition: str, cloth: str, model: int, mask: np.ndarray) -> Trial:
     learned = trained(f"{settings.weights}-{model}")
     other = next(each for each in settings.cloths if each != cloth)
-    plans = None if condition == WARM else recorded_plans(artifacts.load_trials("muscle-train"), seed=model)
+    plans = None if condition == WARM else recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), seed=model)
     arm = learned.arm.with_stiffness(settings.fixed_tension) if condition == FIXED else learned.arm
     policy = learned.controller(mask, other if condition == WRONG else cloth, plans=plans, arm=arm)
     return new_trial(policy, learned.arm, cloth, settings.control_steps, model)

@@ -259,7 +259,7 @@ TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practi
 def table(name: str, records: dict[str, Any]) -> list[Row]:
     """One of `TABLES`, with what the paper's amount of recordings gives beside it."""
     papers = {each.removesuffix(PAPER): record for each, record in records.items() if each.endswith(PAPER)}
-    beside = {each.what: each.here for each in TABLES[name](papers)} if papers and name != "practice" else {}
+    beside = {each.what: each.here for each in TABLES[name](papers)} if papers else {}
     return [replace(each, on_papers=beside.get(each.what, "")) for each in TABLES[name](records)]
 
 

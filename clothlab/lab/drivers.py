@@ -10,7 +10,6 @@ from clothlab.arm import Arm
 from clothlab.artifacts import Trained
 from clothlab.dpmpb import Sequences
 from clothlab.env import Observation
-from clothlab.practice import PracticePolicy
 from clothlab.trials import OperatorPolicy, Policy, RandomPolicy
 
 DRIVERS = ("control", "practise", "hand", "random", "operator")
@@ -70,7 +69,7 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Sequences],
     ):
-        self._practice = PracticePolicy(trained.model, trained.autoencoder, arm, target, p, runs)
+        self._practice = trained.practice(target, p, runs, arm=arm)
         self._controllers = {"control": trained.controller(target, p, plans=plans, arm=arm), "practise": self._practice}
         self._hand = Hand(arm, hand)
         others = {"hand": self._hand, "random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
