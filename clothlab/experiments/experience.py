@@ -103,9 +103,16 @@ def from_recorded_starts(learned: Trained, target: np.ndarray, cloth: str) -> Po
     return learned.controller(target, cloth, plans=recorded_plans(artifacts.load_trials(ARMS[learned.arm.name].trials)))
 
 
+def by_practice(learned: Trained, target: np.ndarray, cloth: str) -> Policy:
+    """Practice, which begins with plans of the paper's recordings: the same ones for all amounts."""
+    runs = [learned.sequences(trial) for trial in artifacts.load_trials(ARMS[learned.arm.name].trials)]
+    return learned.practice(target, cloth, runs)
+
+
 METHODS: dict[str, Method] = {  # who controls: another `Method` in a line of its own joins the experiment
     "paper's control": from_warm_start,
     "paper's control, recorded starts": from_recorded_starts,
+    "practice": by_practice,
 }
 
 
@@ -115,7 +122,7 @@ class Settings(Checked):
 
     arms: tuple[str, ...] = setting(tuple(ARMS))
     amounts: tuple[float, ...] = setting((0.5, 1.0, 2.0, 5.0, 10.0, 20.0), "times the paper's recordings", above=0)
-    models: tuple[int, ...] = setting((0, 1, 2), at_least=0)  # seeds of the trainings
+    models: tuple[int, ...] = setting((0, 1), at_least=0)  # seeds of the trainings
     autoencoder_updates: int = setting(4200, at_least=1)  # to the next whole epoch, as all updates
     model_updates: int = setting(1500, at_least=1)
     seen_steps: int = setting(450, "step", at_least=3)  # of random commands, for the chamfer distances
