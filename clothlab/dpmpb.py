@@ -1,16 +1,17 @@
 """DPMPB, the deep predictive model with parametric bias: s[t+1] = h(s[t], u[t], p) (paper, eqs. 1, 3 and 4)."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab._validation import Checked, check_array, setting
+from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.env import Observation
 from clothlab.trials import Trial
@@ -196,6 +197,7 @@ def train_dpmpb(
     runs: Sequence[Sequences],
     settings: ModelTraining | None = None,
     *,
+    known: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     device: str | None = None,
     progress: bool = True,
@@ -206,6 +208,7 @@ def train_dpmpb(
         runs: recorded runs; those of one material share one p, which starts at zero. Give each run a material of its
             own, and each gets its own p.
         settings: epochs, batch, sequence length, learning rate.
+        known: p of each material `{name: [D_p]}`, to be used as it is; by default p is trained.
         seed: of weights and batches.
         device: where to train; by default a GPU where torch sees one.
         progress: show a progress bar.
@@ -214,26 +217,28 @@ def train_dpmpb(
         The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
 
     Raises:
-        ValueError: no runs, runs shorter than a sequence, or runs of unequal sizes.
+        KeyError: a material whose p is not among the known ones; the message lists them.
+        ValueError: no runs, runs shorter than a sequence, runs of unequal sizes, or a known p that is not `[D_p]`.
     """
     settings = settings or ModelTraining()
     _check_runs(runs, settings.sequence_length)
+    p = _first_biases(_materials(runs), settings.bias_size, known)
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
     with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
         torch.manual_seed(seed)
-        return _train(runs, settings, device, progress)
+        return _train(runs, settings, p.to(device).requires_grad_(not known), device, progress)
 
 
 def _train(
-    runs: Sequence[Sequences], settings: ModelTraining, device: str, progress: bool
+    runs: Sequence[Sequences], settings: ModelTraining, p: Tensor, device: str, progress: bool
 ) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
     model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
     fit_normalisation(model, runs)
     model.to(device)
 
-    materials = list(dict.fromkeys(run.material for run in runs))
-    p = torch.zeros(len(materials), settings.bias_size, device=device, requires_grad=True)
-    groups: list[dict[str, Any]] = [{"params": model.parameters()}, {"params": [p], "lr": settings.bias_learning_rate}]
+    groups: list[dict[str, Any]] = [{"params": model.parameters()}]
+    if p.requires_grad:
+        groups.append({"params": [p], "lr": settings.bias_learning_rate})
     optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
     s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
     batches = -(-len(s) // settings.batch_size)
@@ -253,8 +258,21 @@ def _train(
         losses.append(total / len(s))
         path.append(p.detach().cpu().numpy().copy())
         bar.set_postfix(mse=f"{losses[-1]:.4f}")
-    trace = TrainingTrace(np.array(losses), dict(zip(materials, np.stack(path, axis=1), strict=True)))
+    trace = TrainingTrace(np.array(losses), dict(zip(_materials(runs), np.stack(path, axis=1), strict=True)))
     return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
+
+
+def _materials(runs: Sequence[Sequences]) -> list[str]:
+    """Each once, in the order in which they first occur."""
+    return list(dict.fromkeys(run.material for run in runs))
+
+
+def _first_biases(materials: list[str], size: int, known: Mapping[str, ArrayLike] | None) -> Tensor:
+    """Zeros, or what is known, `[K, D_p]`."""
+    if not known:
+        return torch.zeros(len(materials), size)
+    rows = [check_array(f"p of {name}", choose("material", name, known), (size,), np.float32) for name in materials]
+    return torch.as_tensor(np.array(rows))
 
 
 def _check_runs(runs: Sequence[Sequences], length: int) -> None:
@@ -279,7 +297,7 @@ def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tens
         States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
         order in which materials first occur.
     """
-    materials = list(dict.fromkeys(run.material for run in runs))
+    materials = _materials(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
     k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]

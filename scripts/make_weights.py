@@ -4,7 +4,6 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import joblib
 import numpy as np
@@ -13,58 +12,27 @@ import torch
 from clothlab import artifacts
 from clothlab.arm import get_arm
 from clothlab.artifacts import Trained
-from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
-from clothlab.trials import Trial
+from clothlab.autoencoder import train_autoencoder
+from clothlab.dpmpb import Sequences, to_sequences, train_dpmpb
+from clothlab.recipes import RECIPES
 
 SEEDS = range(5)  # the paper repeats learning and control five times
-
-
-@dataclass(frozen=True)
-class Training:
-    """What a set of weights is trained on, and how."""
-
-    arm: str
-    trials: tuple[str, ...]
-    autoencoder: AutoencoderTraining
-    model: ModelTraining
-
-
-PAPER = ModelTraining()
-# All sequences fit into one batch, so that there is one step an epoch: larger steps make up for their number.
-PAPER_MUSCLE = ModelTraining(
-    epochs=600, batch_size=1000, sequence_length=20, learning_rate=8e-3, bias_learning_rate=2.4e-2
-)
-# Twenty times the experience needs fewer rounds of it, and smaller batches learn more from each round.
-MORE_SEEN = AutoencoderTraining(epochs=8)
-MORE = ModelTraining(epochs=40, batch_size=100)
-TRAININGS = {
-    "torque-paper": Training("torque", ("train",), AutoencoderTraining(), PAPER),
-    "muscle-paper": Training("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
-    "torque": Training("torque", ("train", "train-more"), MORE_SEEN, MORE),
-    "muscle": Training("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
-}
-
-
-def load_trials(name: str) -> list[Trial]:
-    """All trials that a training learns from."""
-    return [trial for recording in TRAININGS[name].trials for trial in artifacts.load_trials(recording)]
 
 
 def train_one_autoencoder(name: str, progress: bool) -> None:
     """Train on all images of a training and save."""
     torch.set_num_threads(1)
-    images = np.concatenate([trial.images for trial in load_trials(name)])
-    model, losses = train_autoencoder(images, TRAININGS[name].autoencoder, seed=0, progress=progress)
+    images = np.concatenate([trial.images for trial in RECIPES[name].load_trials()])
+    model, losses = train_autoencoder(images, RECIPES[name].autoencoder, seed=0, progress=progress)
     artifacts.save_autoencoder(model, losses, name)
 
 
 def train_one(name: str, runs: list[Sequences], seed: int, progress: bool) -> None:
     """Train one DPMPB and save."""
     torch.set_num_threads(1)
-    training, (autoencoder, _) = TRAININGS[name], artifacts.load_autoencoder(name)
-    model, biases, trace = train_dpmpb(runs, training.model, seed=seed, progress=progress)
-    arm = get_arm(training.arm)
+    recipe, (autoencoder, _) = RECIPES[name], artifacts.load_autoencoder(name)
+    model, biases, trace = train_dpmpb(runs, recipe.model, seed=seed, progress=progress)
+    arm = get_arm(recipe.arm)
     artifacts.save(Trained(f"{name}-{seed}", arm, autoencoder, model, biases, trace.losses, sees_with=name))
 
 
@@ -80,7 +48,7 @@ def side_by_side(function: Callable[..., None], jobs: Sequence[tuple]) -> None:
 def main() -> None:
     """Train and save what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--names", choices=TRAININGS, nargs="+", default=list(TRAININGS), help="which weights")
+    parser.add_argument("--names", choices=RECIPES, nargs="+", default=list(RECIPES), help="which weights")
     parser.add_argument("--only", choices=["autoencoder", "dpmpb"], help="leave the other as it is")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="which of the DPMPB's trainings")
     arguments = parser.parse_args()
@@ -92,7 +60,7 @@ def main() -> None:
     for name in arguments.names if arguments.only != "autoencoder" else ():
         start = time.perf_counter()
         autoencoder, _ = artifacts.load_autoencoder(name)
-        runs = [to_sequences(autoencoder, trial) for trial in load_trials(name)]
+        runs = [to_sequences(autoencoder, trial) for trial in RECIPES[name].load_trials()]
         side_by_side(train_one, [(name, runs, seed) for seed in arguments.seeds])
         artifacts.write_checksums()
         print(f"{name}: DPMPB, {len(arguments.seeds)} seeds, in {time.perf_counter() - start:.0f} s")

@@ -187,3 +187,18 @@ def test_runs_that_no_model_can_learn_are_refused():
         train_dpmpb([GOOD, GOOD[:20]])
     with pytest.raises(ValueError, match=r"sizes differ"):
         train_dpmpb([GOOD, Sequences(np.zeros((40, 9)), GOOD.u, "b")])
+
+
+def test_a_p_that_is_known_is_used_as_it_is(made_up_runs):
+    known = {"b": [-0.5, 0.25], "a": [0.5, 0.0]}
+    _, biases, trace = train_dpmpb(made_up_runs, BRIEF, known=known, progress=False)
+    for name, p in known.items():
+        assert np.array_equal(biases[name], np.float32(p))
+        assert np.array_equal(trace.biases[name], np.tile(np.float32(p), (BRIEF.epochs + 1, 1)))
+
+
+def test_what_is_known_of_the_wrong_materials_or_size_is_refused(made_up_runs):
+    with pytest.raises(KeyError, match="b"):
+        train_dpmpb(made_up_runs, BRIEF, known={"a": [0.0, 0.0]}, progress=False)
+    with pytest.raises(ValueError, match="p of b"):
+        train_dpmpb(made_up_runs, BRIEF, known={"a": [0.0, 0.0], "b": [0.0]}, progress=False)

@@ -1,12 +1,13 @@
 """The experiment on practice: its runs are kept, its methods do what they say."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clothlab import artifacts
-from clothlab.experiments import practice
+from clothlab.experiments import other_models, practice
 from clothlab.experiments.practice import CASES, METHODS, Record, Run, Settings, jobs, run, run_one
 
 SMALL = {"cases": ("target-2, light",), "models": (0,), "repeats": 1, "steps": 16}
@@ -17,7 +18,7 @@ def short_trials(monkeypatch):
     """The first steps of a few recorded trials, also in place of those that are left to `make data`."""
     whole = artifacts.load_trials
     monkeypatch.setattr(
-        artifacts, "load_trials", lambda name: [trial[:20] for trial in whole(name.removesuffix(artifacts.MORE))]
+        artifacts, "load_trials", lambda name: [trial[:40] for trial in whole(name.removesuffix(artifacts.MORE))]
     )
     practice._seen.cache_clear()
     yield
@@ -27,7 +28,7 @@ def short_trials(monkeypatch):
 def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
     settings = Settings(methods=("random",), **SMALL)
     first = run(settings, folder=tmp_path)
-    monkeypatch.setattr(practice, "run_one", lambda *job: pytest.fail("run again"))
+    monkeypatch.setattr(practice, "run_one", lambda *job, **how: pytest.fail("run again"))
     again = run(settings, folder=tmp_path)
     assert np.array_equal(first.runs[0].best, again.runs[0].best)
 
@@ -36,7 +37,7 @@ def test_another_version_or_length_is_done_again(tmp_path, monkeypatch):
     run(Settings(methods=("random",), **SMALL), folder=tmp_path)
     calls = []
     real = run_one
-    monkeypatch.setattr(practice, "run_one", lambda *job: calls.append(job) or real(*job))
+    monkeypatch.setattr(practice, "run_one", lambda *job, **how: calls.append(job) or real(*job, **how))
     run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
     monkeypatch.setattr(practice, "version", lambda: "another")
     run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
@@ -63,13 +64,25 @@ def test_methods_on_which_claims_stand_run_often_and_stiffness_is_a_matter_of_th
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if "practice" not in name and "random" not in name])
-def test_every_opponent_moves_the_cloth(method, monkeypatch):
-    case = "foam hard-1" if METHODS[method].stiffness else "target-2, heavy"
+def test_every_opponent_moves_the_cloth(method, monkeypatch, tmp_path):
+    case = "target-2, heavy" if "torque" in METHODS[method].arms else "foam hard-1"
     monkeypatch.setattr(practice, "train_changes", lambda *a, **k: practice_changes(*a, **k))
-    found = run_one(Settings(methods=(method,), models=(0,), steps=16), method, case, 0, 0)
+    monkeypatch.setattr(practice, "OWN_STEPS", 40)
+    shorten_trainings(monkeypatch)
+    (tmp_path / "weights").mkdir()
+    found = run_one(Settings(methods=(method,), models=(0,), steps=16), method, case, 0, 0, folder=tmp_path)
     assert found.best.shape == (1,)
     assert np.isfinite(found.best).all()
     assert found.still > 0
+
+
+def shorten_trainings(monkeypatch):
+    train, go_on = other_models.train_dpmpb, other_models.retrained
+    monkeypatch.setattr(
+        other_models, "train_dpmpb", lambda runs, recipe, **how: train(runs, replace(recipe, epochs=1), **how)
+    )
+    brief = other_models.Retraining(updates=2, batch_size=4)
+    monkeypatch.setattr(other_models, "retrained", lambda *given, **how: go_on(*given, brief, **how))
 
 
 def practice_changes(runs, model, latent_size, *, seed):
@@ -107,3 +120,22 @@ def test_unknown_methods_and_cases_list_the_choices(tmp_path):
 
 def test_cases_are_those_of_the_tables():
     assert {case.target for case in CASES.values()} <= set(artifacts.load_targets())
+
+
+def test_a_model_of_another_kind_is_trained_once_and_then_kept(tmp_path, monkeypatch):
+    practice.trained_here.cache_clear()
+    made = []
+
+    def quickly(learned, runs, seed):
+        made.append(seed)
+        return other_models.without_p(learned, runs, seed)
+
+    shorten_trainings(monkeypatch)
+    monkeypatch.setitem(METHODS, "quick", replace(METHODS["gradient"], model=quickly))
+    settings = Settings(methods=("quick",), **SMALL)
+    first = run(settings, folder=tmp_path)
+    practice.trained_here.cache_clear()
+    (tmp_path / "results" / "quick-target-2-light-0-0.json").unlink()
+    again = run(settings, folder=tmp_path)
+    assert made == [0]
+    assert np.array_equal(first.runs[0].best, again.runs[0].best)

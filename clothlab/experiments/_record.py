@@ -18,12 +18,13 @@ from clothlab.artifacts import Folder, Trained
 from clothlab.cloth import Cloth
 from clothlab.env import ClothEnv
 from clothlab.estimation import estimate_bias
+from clothlab.recipes import RECIPES
 from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
 PAPER = "-paper"  # ending of records, as of weights: the same with what the paper's amount of recordings teaches
-RECORDINGS = {"torque": "train", "muscle": "muscle-train"}  # the paper's amount; with `-more` behind, what goes beyond
+RECORDINGS = {arm: RECIPES[arm + PAPER].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
 SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)

@@ -14,18 +14,21 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import best_per_period, late_median, target_distance
-from clothlab.artifacts import MORE, Trained
+from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
 from clothlab.control import nearest_plans, recorded_plans
 from clothlab.dpmpb import Sequences, to_sequences
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
+from clothlab.recipes import RECIPES
 from clothlab.trials import Policy, RandomPolicy
 
 ENSEMBLE = 5  # models
+OWN_STEPS, OWN_SEED = 248, 30_000  # the run that a model learns from before the one that counts, and its seed
 FOLDER = Path("build/practice")
 
 
@@ -50,6 +53,9 @@ CASES = {
 }
 
 
+Maker = Callable[[Trained, list[Sequences], int], Trained]
+
+
 @dataclass(frozen=True)
 class Method:
     """Who chooses the commands.
@@ -58,14 +64,18 @@ class Method:
         make: learned, case, seed of the training, p → policy.
         p: of the right cloth, of the wrong one, zero, or estimated from the wrong one.
         weights: what the names of the weights have after that of the arm.
+        model: trains another: learned, its recordings, seed → learned.
         often: whether a claim stands on it, so that it has four runs for each training in place of one.
-        stiffness: f_const [N] that has to be sent, on an arm that has it; 0 for whatever it likes.
+        arms: for which it makes sense.
+        stiffness: f_const [N] that has to be sent; 0 for whatever it likes.
     """
 
     make: Callable[[Trained, Case, int, np.ndarray], Policy]
     p: str = "right"
     weights: str = ""
+    model: Maker | None = None
     often: bool = False
+    arms: tuple[str, ...] = tuple(RECORDINGS)
     stiffness: float = 0.0
 
 
@@ -86,9 +96,7 @@ def seen_runs(learned: Trained) -> list[Sequences]:
     Raises:
         KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
     """
-    name = RECORDINGS[learned.arm.name]
-    runs = _seen(learned.sees_with, name)
-    return runs if learned.sees_with.endswith(PAPER) else [*runs, *_seen(learned.sees_with, name + MORE)]
+    return [run for name in RECIPES[learned.sees_with].recordings for run in _seen(learned.sees_with, name)]
 
 
 def _best_recorded(learned: Trained, case: Case) -> np.ndarray:
@@ -135,6 +143,13 @@ def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
 
+def _retrained(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
+    """Control, a round of learning from that run, control."""
+    first = new_trial(learned.controller(_target(case), p), learned.arm, case.cloth, OWN_STEPS, OWN_SEED + model)
+    wiser = other_models.retrained(learned, seen_runs(learned), [learned.sequences(first)], seed=model)
+    return replace(learned, model=wiser).controller(_target(case), p)
+
+
 RANDOM, RANDOM_ON_PAPERS, PRACTICE = "random", "random, paper's recordings", "practice"  # those that others ask for
 METHODS = {
     RANDOM: Method(_random, often=True),
@@ -146,6 +161,9 @@ METHODS = {
     "gradient, paper's recordings": Method(_gradient, weights=PAPER),
     "gradient, recorded starts": Method(_with_starts),
     "gradient, five models": Method(_ensemble),
+    "gradient, model without p": Method(_gradient, model=other_models.without_p),
+    "gradient, known C_damp and C_mass": Method(_gradient, model=other_models.with_constants, arms=("torque",)),
+    "gradient, retrained on its own run": Method(_retrained),
     "cross-entropy": Method(_cross_entropy),
     "changes": Method(_changes),
     PRACTICE: Method(_practice, often=True),
@@ -153,8 +171,9 @@ METHODS = {
     "practice, wrong p": Method(_practice, p="wrong", often=True),
     "practice, estimated p": Method(_practice, p="estimated", often=True),
     "practice, paper's recordings": Method(_practice, weights=PAPER),
-    "gradient, without stiffness": Method(_gradient, stiffness=10.0, often=True),
-    "practice, without stiffness": Method(_practice, stiffness=10.0, often=True),
+    "practice, model without p": Method(_practice, model=other_models.without_p),
+    "gradient, without stiffness": Method(_gradient, stiffness=10.0, arms=("muscle",), often=True),
+    "practice, without stiffness": Method(_practice, stiffness=10.0, arms=("muscle",), often=True),
 }
 
 
@@ -238,10 +257,29 @@ class Record:
         return ours / chance
 
 
-def run_one(settings: Settings, method: str, case: str, model: int, repeat: int) -> Run:
+@cache
+def trained_here(make: Maker, arm: str, model: int, folder: Path) -> Trained:
+    """A model that the project has no weights of, trained once and kept in the folder."""
+    stored = trained(f"{arm}-{model}")
+    name = f"{make.__name__}-{stored.name}"
+
+    def train() -> str:
+        artifacts.save_autoencoder(*artifacts.load_autoencoder(stored.sees_with), stored.sees_with, data=folder)
+        artifacts.save(replace(make(stored, seen_runs(stored), model), name=name), data=folder)
+        return name
+
+    once(name, {"version": version()}, train, folder=folder, files=[f"weights/dpmpb-{name}.safetensors"])
+    return artifacts.load(name, data=folder)
+
+
+def run_one(settings: Settings, method: str, case: str, model: int, repeat: int, *, folder: str | Path = FOLDER) -> Run:
     """One run of a method in a case."""
     how, what = choose("method", method, METHODS), choose("case", case, CASES)
-    learned, seed = trained(f"{what.arm}{how.weights}-{model}"), settings.first_seed + 100 * model + repeat
+    if how.model:
+        learned = trained_here(how.model, what.arm, model, Path(folder))
+    else:
+        learned = trained(f"{what.arm}{how.weights}-{model}")
+    seed = settings.first_seed + 100 * model + repeat
     if how.stiffness:
         learned = replace(learned, arm=learned.arm.with_stiffness(how.stiffness))
     right = learned.biases[what.cloth]
@@ -263,18 +301,24 @@ def jobs(settings: Settings) -> list[tuple[str, str, int, int]]:
     found = []
     for method, case, model in product(settings.methods, settings.cases, settings.models):
         how = choose("method", method, METHODS)
-        if how.stiffness and choose("case", case, CASES).arm != "muscle":
+        if choose("case", case, CASES).arm not in how.arms:
             continue
         repeats = settings.repeats if how.often else 1
         found += [(method, case, model, repeat) for repeat in range(repeats)]
     return found
 
 
+def _models(todo: list[tuple[str, str, int, int]]) -> list[tuple[Maker, str, int]]:
+    """Those that have to be trained, each once."""
+    wanted = [(METHODS[method].model, CASES[case].arm, model) for method, case, model, _ in todo]
+    return list(dict.fromkeys((make, arm, model) for make, arm, model in wanted if make))
+
+
 def run_kept(folder: Path, settings: Settings, *job: Any) -> Run:
     """`run_one`, or what it said before."""
     name = re.sub(r"\W+", "-", " ".join(map(str, job)))
     made_with = {"steps": settings.steps, "first_seed": settings.first_seed, "version": version()}
-    answer = once(name, made_with, lambda: converter.unstructure(run_one(settings, *job)), folder=folder)
+    answer = once(name, made_with, lambda: converter.unstructure(run_one(settings, *job, folder=folder)), folder=folder)
     return converter.structure(answer, Run)
 
 
@@ -291,5 +335,8 @@ def run(
     """
     settings, folder = settings or Settings(), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    todo = [(folder, settings, *job) for job in jobs(settings)]
-    return Record(settings, tuple(run_jobs(run_kept, todo, workers=workers, progress=progress, what="practice")))
+    todo = jobs(settings)
+    if models := _models(todo):  # before the runs, that no two of them train the same
+        run_jobs(trained_here, [(*each, folder) for each in models], workers=workers, progress=progress, what="models")
+    runs = [(folder, settings, *job) for job in todo]
+    return Record(settings, tuple(run_jobs(run_kept, runs, workers=workers, progress=progress, what="practice")))

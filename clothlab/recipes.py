@@ -1,0 +1,49 @@
+"""What each set of stored weights is trained on, and how."""
+
+from dataclasses import dataclass, replace
+
+from clothlab import artifacts
+from clothlab.autoencoder import AutoencoderTraining
+from clothlab.dpmpb import ModelTraining
+from clothlab.trials import Trial
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Recordings, and settings of the trainings.
+
+    Attributes:
+        arm: name of the arm.
+        recordings: names of the sets of trials.
+        autoencoder: how it is trained on their images.
+        model: how the DPMPB is trained on what the autoencoder sees.
+    """
+
+    arm: str
+    recordings: tuple[str, ...]
+    autoencoder: AutoencoderTraining
+    model: ModelTraining
+
+    def load_trials(self) -> list[Trial]:
+        """All trials to learn from.
+
+        Raises:
+            KeyError: recordings beyond the paper's amount that are not here; the message says how to make them.
+            ValueError: a damaged, altered or missing file.
+        """
+        return [trial for name in self.recordings for trial in artifacts.load_trials(name)]
+
+
+# All sequences of the muscle arm fit into one batch, so that there is one step an epoch: larger steps make up for it.
+PAPER_MUSCLE = ModelTraining(
+    epochs=600, batch_size=1000, sequence_length=20, learning_rate=8e-3, bias_learning_rate=2.4e-2
+)
+# Twenty times the experience needs fewer rounds of it, and smaller batches learn more from each round.
+MORE_SEEN = AutoencoderTraining(epochs=8)
+MORE = ModelTraining(epochs=40, batch_size=100)
+RECIPES = {
+    "torque-paper": Recipe("torque", ("train",), AutoencoderTraining(), ModelTraining()),
+    "muscle-paper": Recipe("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
+    "torque": Recipe("torque", ("train", "train-more"), MORE_SEEN, MORE),
+    "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
+}
