@@ -23,6 +23,7 @@ LAYERS += [
     "practice",
     "search",
     "artifacts",
+    "recipes",
     "analysis",
     "plots",
     "experiments",
