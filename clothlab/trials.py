@@ -288,6 +288,29 @@ class Motion:
         return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
 
 
+class MotionWatch:
+    """What to pass as `watch` to `rollout` or `ClothEnv.advance`, to know afterwards how the arm moved."""
+
+    def __init__(self, env: ClothEnv):
+        self._env = env
+        self._rows: list[tuple[float, ...]] = []
+
+    def __call__(self) -> None:
+        data = self._env.data
+        self._rows.append((data.time, *self._env.arm.angles(data), *data.site("hand").xpos))
+
+    def motion(self) -> Motion:
+        """All that was seen.
+
+        Raises:
+            ValueError: nothing was.
+        """
+        if not self._rows:
+            raise ValueError("a motion needs commands: one at the least")
+        time, theta, hand = np.split(np.array(self._rows), [1, 3], axis=1)
+        return Motion(time[:, 0], theta, hand)
+
+
 def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: float = 0.004) -> Motion:
     """Send commands to a scene as it stands, and watch the arm closely.
 
@@ -302,15 +325,10 @@ def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: floa
     samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
     if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
         raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
-    rows: list[tuple[float, ...]] = []
+    watch = MotionWatch(env)
     for u in commands:
-        env.advance(
-            u, lambda: rows.append((env.data.time, *env.arm.angles(env.data), *env.data.site("hand").xpos)), samples
-        )
-    if not rows:
-        raise ValueError("a motion needs commands: one at the least")
-    time, theta, hand = np.split(np.array(rows), [1, 3], axis=1)
-    return Motion(time[:, 0], theta, hand)
+        env.advance(u, watch, samples)
+    return watch.motion()
 
 
 def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> Motion:

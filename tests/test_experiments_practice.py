@@ -91,10 +91,12 @@ def practice_changes(runs, model, latent_size, *, seed):
     return train_changes(runs, model, latent_size, ChangesTraining(updates=3, batch_size=8, neighbours=2), seed=seed)
 
 
-def test_the_last_ten_and_what_they_are_over_random():
-    def made(method, model, seed, best):
-        return Run(method, "target-1, light", model, seed, 1.0, np.array(best), np.empty(0), None)
+def made(method, model, seed, best, speed=1.0):
+    speeds = np.full(len(best), speed)
+    return Run(method, "target-1, light", model, seed, 1.0, np.array(best), speeds, np.empty(0), None)
 
+
+def test_the_last_ten_and_what_they_are_over_random():
     runs = [made("random", k, k, [2.0] * 12) for k in range(2)]
     runs += [made("practice", k, seed, [9.0, 9.0] + [0.2 * (k + 1)] * 10) for k in range(2) for seed in range(2)]
     record = Record(Settings(models=(0, 1)), tuple(runs))
@@ -102,11 +104,27 @@ def test_the_last_ten_and_what_they_are_over_random():
     assert record.over_random("practice", "target-1, light") == pytest.approx([0.1, 0.2])
 
 
+def test_differences_are_of_runs_that_start_alike():
+    case = ["target-1, light"]
+    runs = [made("random", k, 0, [2.0] * 12) for k in range(2)]
+    runs += [made("gradient", k, seed, [0.5 + 0.1 * seed] * 12, speed=2) for k in range(2) for seed in range(3)]
+    runs += [made("practice", k, seed, [0.1 + 0.1 * seed + k] * 12, speed=3) for k in range(2) for seed in range(2)]
+    record = Record(Settings(models=(0, 1)), tuple(runs))
+    assert record.differences("practice", "gradient", case) == pytest.approx(np.array([[-0.2] * 2, [0.3] * 2]))
+    assert record.speed_gains("practice", "gradient", case) == pytest.approx(np.full((2, 2), 0.5))
+
+
+def test_the_first_run_starts_from_home_and_the_others_elsewhere():
+    settings = Settings(steps=20)
+    first, second, again = (run_one(settings, "gradient", "target-2, light", 0, repeat) for repeat in (0, 1, 1))
+    assert first.still < second.still
+    assert np.array_equal(second.best, again.best)
+    assert len(first.best) == len(first.hand_speed) == 1
+    assert 0 < first.hand_speed[0] < 10
+
+
 def test_periods_are_counted_until_the_first_that_is_near():
-    runs = [
-        Run("practice", "target-1, light", k, k, 1.0, np.array(best), np.empty(0), None)
-        for k, best in enumerate(([0.9, 0.2, 0.9], [0.1, 0.9, 0.9], [0.9, 0.9, 0.9]))
-    ]
+    runs = [made("practice", k, k, best) for k, best in enumerate(([0.9, 0.2, 0.9], [0.1, 0.9, 0.9], [0.9, 0.9, 0.9]))]
     record = Record(Settings(models=(0, 1, 2)), tuple(runs))
     assert record.periods_until("practice", "target-1, light", 0.2).tolist() == [3, 2, 5]
 

@@ -2,7 +2,7 @@
 could do it, on both arms, with the same time per solve."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -17,18 +17,20 @@ from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
-from clothlab.control import nearest_plans, recorded_plans
+from clothlab.control import ControlSettings, nearest_plans, recorded_plans
 from clothlab.dpmpb import Sequences, to_sequences
+from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
 from clothlab.recipes import RECIPES
-from clothlab.trials import Policy, RandomPolicy
+from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout
 
 ENSEMBLE = 5  # models
 OWN_STEPS, OWN_SEED = 248, 30_000  # the run that a model learns from before the one that counts, and its seed
+SAMPLES = 50  # of the hand's motion in each step
 FOLDER = Path("build/practice")
 
 
@@ -184,7 +186,8 @@ class Settings(Checked):
     methods: tuple[str, ...] = setting(tuple(METHODS))
     cases: tuple[str, ...] = setting(tuple(CASES))
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
-    repeats: int = setting(4, at_least=1)  # runs for each training where a claim stands on a method, else 1
+    repeats: int = setting(4, at_least=1)  # runs for each training where a claim stands on a method, else 1; the first
+    # of them starts from the arm's home, the others from random postures
     first_seed: int = setting(20_000, at_least=0)  # of the runs: this + 100 model + number of the run
     steps: int = setting(248, "step", at_least=16)  # 31 periods
 
@@ -198,8 +201,9 @@ class Run:
         case: one of `CASES`.
         model: seed of the training.
         seed: of the run.
-        still: distance of the cloth that hangs still [s.d. of z].
+        still: distance of the cloth that hangs still, where the run starts [s.d. of z].
         best: smallest distance in each period but the first [s.d. of z].
+        hand_speed: highest in each of these periods [m/s].
         promises: what practice expected of the plan of each period; empty for others [s.d. of z].
         bias_ratio: distance to the right p in the end over that at the start; None where p is not estimated.
     """
@@ -210,6 +214,7 @@ class Run:
     seed: int
     still: float
     best: np.ndarray
+    hand_speed: np.ndarray
     promises: np.ndarray
     bias_ratio: float | None
 
@@ -237,11 +242,36 @@ class Record:
 
     def last(self, method: str, case: str) -> np.ndarray:
         """Median of the last ten periods of each training, mean over its repeats, `[models]` [s.d. of z]."""
-        return self._by_training(method, case, lambda run: run.last)
+        return self._values(method, case, lambda run: run.last).mean(axis=1)
 
-    def _by_training(self, method: str, case: str, value: Callable[[Run], float]) -> np.ndarray:
+    def _values(self, method: str, case: str, value: Callable[[Run], float]) -> np.ndarray:
+        """A figure of each run, `[models, repeats]`."""
         runs = self.select(method, case)
-        return np.array([np.mean([value(run) for run in runs if run.model == k]) for k in self.settings.models])
+        return np.array([[value(run) for run in runs if run.model == k] for k in self.settings.models])
+
+    def _chance(self, method: str, case: str) -> float:
+        """Median best distance under random commands, in the z of a method [s.d. of z]."""
+        same_z = RANDOM_ON_PAPERS if METHODS[method].weights == PAPER else RANDOM
+        return float(np.median([np.median(run.best) for run in self.select(same_z, case)]))
+
+    def differences(self, first: str, second: str, cases: Sequence[str]) -> np.ndarray:
+        """How much farther from the target one method stays than another, over random commands' distance.
+
+        Last ten periods of runs that have training and start in common, mean over cases, `[models, repeats]`.
+        """
+        return self._paired(lambda run: run.last, lambda a, b, chance: (a - b) / chance, first, second, cases)
+
+    def speed_gains(self, first: str, second: str, cases: Sequence[str]) -> np.ndarray:
+        """Highest hand speed in the last ten periods under one method over that under another, minus one; likewise."""
+        return self._paired(lambda run: run.hand_speed[-10:].max(), lambda a, b, _: a / b - 1, first, second, cases)
+
+    def _paired(self, value: Callable, compare: Callable, first: str, second: str, cases: Sequence[str]) -> np.ndarray:
+        pairs = [(self._values(first, case, value), self._values(second, case, value)) for case in cases]
+        count = min(values.shape[1] for pair in pairs for values in pair)
+        chances = [self._chance(first, case) for case in cases]
+        return np.mean(
+            [compare(a[:, :count], b[:, :count], c) for (a, b), c in zip(pairs, chances, strict=True)], axis=0
+        )
 
     def periods_until(self, method: str, case: str, distance: float) -> np.ndarray:
         """How many periods each run took until it was as near as `distance` [s.d. of z]; one more than all if never."""
@@ -251,10 +281,8 @@ class Record:
 
     def over_random(self, method: str, case: str, *, last: bool = True) -> np.ndarray:
         """Median best distance of each training, of all periods or the last, over random commands', `[models]`."""
-        same_z = RANDOM_ON_PAPERS if METHODS[method].weights == PAPER else RANDOM
-        chance = np.median([np.median(run.best) for run in self.select(same_z, case)])
-        ours = self._by_training(method, case, lambda run: run.last if last else float(np.median(run.best)))
-        return ours / chance
+        ours = self._values(method, case, lambda run: run.last if last else float(np.median(run.best)))
+        return ours.mean(axis=1) / self._chance(method, case)
 
 
 @cache
@@ -287,13 +315,36 @@ def run_one(settings: Settings, method: str, case: str, model: int, repeat: int,
     policy, inner = how.make(learned, what, model, p), None
     if how.p == "estimated":
         inner, policy = policy, EstimatingPolicy(policy, BiasEstimator(learned.model, p), learned.autoencoder)
-    trial = new_trial(policy, learned.arm, what.cloth, settings.steps, seed)
+    trial, speed = _watched(policy, what, settings.steps, seed, random_start=repeat > 0)
     away = target_distance(learned.autoencoder, trial, _target(what))
     ratio = None
     if isinstance(policy, EstimatingPolicy):
         ratio = float(np.linalg.norm(policy.trace[-1] - right) / np.linalg.norm(p - right))
     promises = np.array(getattr(inner or policy, "promises", []), dtype=np.float64)
-    return Run(method, case, model, seed, float(away[0]), best_per_period(away).round(4), promises.round(4), ratio)
+    return Run(
+        method=method,
+        case=case,
+        model=model,
+        seed=seed,
+        still=float(away[0]),
+        best=best_per_period(away).round(4),
+        hand_speed=speed.round(3),
+        promises=promises.round(4),
+        bias_ratio=ratio,
+    )
+
+
+def _watched(policy: Policy, case: Case, steps: int, seed: int, *, random_start: bool) -> tuple[Trial, np.ndarray]:
+    """A run, and the highest speed of the hand in each of its periods but the first [m/s]."""
+    env = ClothEnv(case.arm, case.cloth)
+    watch = MotionWatch(env)
+    try:
+        trial = rollout(env, policy, steps, seed=seed, random_start=random_start, watch=watch, samples=SAMPLES)
+    finally:
+        env.close()
+    samples = ControlSettings.period * SAMPLES
+    speed = watch.motion().hand_speed[: len(trial) * SAMPLES // samples * samples]
+    return trial, speed.reshape(-1, samples).max(axis=1)[1:]
 
 
 def jobs(settings: Settings) -> list[tuple[str, str, int, int]]:
