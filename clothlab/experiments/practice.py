@@ -152,12 +152,13 @@ def _retrained(learned: Trained, case: Case, model: int, p: np.ndarray) -> Polic
     return replace(learned, model=wiser).controller(_target(case), p)
 
 
-RANDOM, RANDOM_ON_PAPERS, PRACTICE = "random", "random, paper's recordings", "practice"  # those that others ask for
+RANDOM, RANDOM_ON_PAPERS = "random", "random, paper's recordings"
+GRADIENT, PRACTICE = "gradient", "practice"
 METHODS = {
     RANDOM: Method(_random, often=True),
     RANDOM_ON_PAPERS: Method(_random, weights=PAPER),
     "replay of the best recorded stretch": Method(_replay),
-    "gradient": Method(_gradient, often=True),
+    GRADIENT: Method(_gradient, often=True),
     "gradient, p = 0": Method(_gradient, p="zero"),
     "gradient, wrong p": Method(_gradient, p="wrong", often=True),
     "gradient, paper's recordings": Method(_gradient, weights=PAPER),
@@ -239,6 +240,15 @@ class Record:
     def select(self, method: str, case: str) -> list[Run]:
         """The runs of a method in a case, by training and repeat."""
         return [run for run in self.runs if (run.method, run.case) == (method, case)]
+
+    @property
+    def periods(self) -> int:
+        """Of each run, the first among them."""
+        return self.settings.steps // ControlSettings.period
+
+    def cases(self, arm: str) -> list[str]:
+        """Those of one arm."""
+        return [name for name in self.settings.cases if CASES[name].arm == arm]
 
     def last(self, method: str, case: str) -> np.ndarray:
         """Median of the last ten periods of each training, mean over its repeats, `[models]` [s.d. of z]."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.analysis import median_best
+from clothlab.analysis import difference_interval, median_best
 from clothlab.experiments import (
     control,
     estimation,
@@ -18,7 +18,7 @@ from clothlab.experiments import (
     stiffness,
 )
 from clothlab.experiments._record import PAPER
-from clothlab.experiments.practice import PRACTICE
+from clothlab.experiments.practice import GRADIENT, PRACTICE
 from clothlab.experiments.stiffness import CONDITIONS, CORRECT, FIXED, RANDOM, WARM
 
 
@@ -234,8 +234,9 @@ def _practice(record: practice.Record, limits: limits.Record | None) -> list[Row
     for method in record.settings.methods:
         others = [record.over_random(method, case) for case in record.settings.cases if record.select(method, case)]
         rows.append(row(f"{method}, all cases: the same, last ten periods, median", "–", float(np.median(others))))
+    rows += _pairs(record)
     for arm, aim in {"torque": 1 / 3, "muscle": None}.items():
-        cases = [name for name in record.settings.cases if practice.CASES[name].arm == arm]
+        cases = record.cases(arm)
         ratios = [run.bias_ratio for run in record.runs if run.case in cases and run.bias_ratio is not None]
         if ratios:
             what = f"practice from a wrong p, {arm} arm: distance to the right p in the end, over the start's"
@@ -249,7 +250,50 @@ def _practice(record: practice.Record, limits: limits.Record | None) -> list[Row
         }
         over = np.median([record.last(PRACTICE, name) / value for name, value in possible.items()])
         what = "practice: last ten periods over what search on the true simulator finds, median"
-        rows.append(row(what, "–", float(over), at_most=1.5))
+        rows += [row(what, "–", float(over), at_most=1.5), *_periods(record, possible)]
+    return rows
+
+
+PAIRS = {  # what the paper says of them
+    (GRADIENT, practice.RANDOM): "Correct better",
+    (GRADIENT, "gradient, wrong p"): "Correct better",
+    (GRADIENT, "gradient, without stiffness"): "Correct better",
+    (PRACTICE, GRADIENT): "–",
+    (PRACTICE, "practice, wrong p"): "–",
+    (PRACTICE, "practice, p = 0"): "–",
+    (PRACTICE, "practice, estimated p"): "–",
+    (PRACTICE, "practice, without stiffness"): "–",
+}
+
+
+def _pairs(record: practice.Record) -> list[Row]:
+    """Differences between methods whose runs start alike, with the 95 % interval of their means."""
+    rows = []
+    for (first, second), paper in PAIRS.items():
+        for arm in practice.METHODS[second].arms:
+            cases = record.cases(arm)
+            if not all(record.select(name, case) for name in (first, second) for case in cases):
+                continue
+            what = f"{first} minus {second}, {arm} arm: last ten periods over Random's (95 %)"
+            mean, low, high = difference_interval(record.differences(first, second, cases))
+            rows.append(row(what, paper, mean, spread=f" ({low:.2f} to {high:.2f})"))
+            if practice.METHODS[second].stiffness:
+                what = f"{first} over {second}, {arm} arm: gain in peak hand speed (95 %)"
+                mean, low, high = (100 * each for each in difference_interval(record.speed_gains(first, second, cases)))
+                rows.append(row(what, "+12 %", mean, unit=" %", spread=f" ({low:.0f} to {high:.0f} %)"))
+    return rows
+
+
+def _periods(record: practice.Record, possible: dict[str, float]) -> list[Row]:
+    """What p is worth to who practises: how soon the cloth is about as near as it can be."""
+    rows = []
+    for method in (PRACTICE, "practice, wrong p", "practice, p = 0", "practice, estimated p"):
+        if record.select(method, next(iter(possible))):
+            found = [record.periods_until(method, case, 2 * value) for case, value in possible.items()]
+            counts = np.concatenate(found)
+            never = 100 * float(np.mean(counts > record.periods))
+            what = f"{method}: periods until within twice the possible, median"
+            rows.append(row(what, "–", float(np.median(counts)), spread=f" (never: {never:.0f} %)"))
     return rows
 
 
