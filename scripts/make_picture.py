@@ -1,4 +1,4 @@
-"""Draw the README's moving picture: the controller at work, what it sees, and the target. About a minute."""
+"""Draw the README's moving picture: the cloth after some periods of practice, what the robot sees, and the target."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from clothlab.env import ClothEnv, Scene
 from clothlab.trials import rollout
 from clothlab.vision import cloth_mask
 
-CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 48, 24, 3
+CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
 
 
@@ -28,13 +28,14 @@ def from_mask(mask: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Control for a few periods and write `docs/control.gif`."""
-    learned, target = artifacts.load(), artifacts.load_target("target-2")
+    """Practise for 31 periods and write the last three to `docs/control.gif`."""
+    learned, target = artifacts.load(), artifacts.load_target("target-1")
+    runs = [learned.sequences(trial) for trial in artifacts.load_trials("train")]
     env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
     pictures: list[np.ndarray] = []
     rollout(
         env,
-        learned.controller(target, CLOTH),
+        learned.practice(target, CLOTH, runs),
         STEPS,
         watch=lambda: pictures.append(env.picture()),
         samples=PICTURES_PER_STEP,
