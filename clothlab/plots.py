@@ -427,3 +427,44 @@ def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax:
     ax.set(xlabel="period", ylabel="‖z_ref - z‖ [s.d. of z]", yscale="log")
     ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
+
+
+def dots(rows: dict[str, dict[str, np.ndarray]], xlabel: str) -> Figure:
+    """A row of dots for each label, and their median as a bar, on a logarithmic scale.
+
+    Args:
+        rows: `{label: {group: values [N]}}`; the first row is the uppermost. A group may be missing in some.
+        xlabel: what the values are.
+    """
+    groups = list(dict.fromkeys(group for row in rows.values() for group in row))
+    figure, ((ax,),) = new_axes(size=(8.0, 0.9 + 0.27 * len(rows)))
+    for k, group in enumerate(groups):
+        look: dict[str, Any] = {"color": COLOURS[k], "marker": "osD^"[k % 4]}
+        for n, row in enumerate(rows.values()):
+            if group not in row:
+                continue
+            y = n + 0.3 * (k - (len(groups) - 1) / 2)
+            ax.plot(row[group], np.full(len(row[group]), y), ls="none", ms=4, alpha=0.6, **look)
+            ax.plot([np.median(row[group])] * 2, [y - 0.18, y + 0.18], color=COLOURS[k], lw=2.5)
+        ax.plot([], [], ls="none", label=group, **look)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.set(xscale="log", xlabel=xlabel, ylim=(len(rows) - 0.5, -0.5))
+    ax.legend(fontsize=8)
+    return figure
+
+
+def intervals(rows: dict[str, tuple[float, float, float]], xlabel: str) -> Figure:
+    """Means with their intervals, and a line at zero.
+
+    Args:
+        rows: `{label: (mean, lower end, upper end)}`, as `difference_interval` has them.
+        xlabel: what they are.
+    """
+    figure, ((ax,),) = new_axes(size=(8.0, 0.9 + 0.32 * len(rows)))
+    for n, (mean, low, high) in enumerate(rows.values()):
+        colour = COLOURS[0] if low <= 0 <= high else COLOURS[1]
+        ax.errorbar(mean, n, xerr=[[mean - low], [high - mean]], fmt="o", color=colour, capsize=3, ms=5)
+    ax.axvline(0, color="0.35", lw=1)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.set(xlabel=xlabel, ylim=(len(rows) - 0.5, -0.5))
+    return figure

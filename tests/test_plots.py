@@ -53,6 +53,8 @@ FIGURES = {
     "experience": lambda: plots.experience(Grown(), columns=2),
     "promises": lambda: plots.promise_scatter({"one": tuple(RNG.random((2, 12)))}, picked=3),
     "periods": lambda: plots.period_bests({"a": RNG.random((3, 9)), "b": RNG.random(9)}, {"still": 1.0, "empty": 2.0}),
+    "dots": lambda: plots.dots({"a": {"x": RNG.random(5), "y": RNG.random(3)}, "b": {"x": RNG.random(5)}}, "distance"),
+    "intervals": lambda: plots.intervals({"a": (1.0, 0.5, 1.5), "b": (0.1, -0.5, 0.6)}, "difference"),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 
