@@ -16,7 +16,7 @@ FEW = SearchSettings(starts=2, remembered=1, rounds=1, tries=1, elite=2)
 TINY = {
     "perception": {"targets": ("target-2",), "steps": 6},
     "self_organisation": {"models": (0,)},
-    "estimation": {"models": (1,), "cloths": ("damp0.03-mass0.15", "between-light"), "steps": 14},
+    "estimation": {"models": (1,), "repeats": 1, "cloths": ("damp0.03-mass0.15", "between-light"), "steps": 14},
     "control": {"models": (0,), "targets": ("target-2",), "cloths": ("damp0.03-mass0.05",), "steps": 16},
     "integrated": {"models": (0,), "steps": 16},
     "stiffness": {

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import clothlab
 from clothlab import artifacts, experiments
-from clothlab.experiments import tables
+from clothlab.experiments import practice, tables
 from clothlab.experiments.tables import row
 
 README = Path(clothlab.__file__).parents[1] / "README.md"
@@ -49,3 +50,22 @@ def test_a_row_says_whether_its_aim_is_met(bounds, aim, held):
 def test_markdown_has_a_line_for_each_row():
     text = tables.markdown([row("a", "1", 2.0), row("b", "–", 3.0, at_least=4, unit=" %")])
     assert text.splitlines()[2:] == ["| a | 1 |  | 2.00 | – |  |", "| b | – |  | 3.00 % | ≥ 4 % | short of it |"]
+
+
+def test_methods_that_ran_side_by_side_have_a_row_with_an_interval():
+    def made(method, model, seed, distance, speed):
+        runs = np.full(12, distance), np.full(12, speed), np.empty(0)
+        return practice.Run(method, "foam hard-1", model, seed, 1.0, *runs, None)
+
+    runs = [made("random", model, seed, 2.0, 1.0) for model in range(2) for seed in range(2)]
+    runs += [made("gradient", model, seed, 1.0 + 0.2 * model, 3.0) for model in range(2) for seed in range(2)]
+    runs += [made("gradient, without stiffness", model, seed, 1.5, 2.0) for model in range(2) for seed in range(2)]
+    settings = practice.Settings(
+        methods=("random", "gradient", "gradient, without stiffness"), cases=("foam hard-1",), models=(0, 1), repeats=2
+    )
+    rows = {row.what: row for row in tables._pairs(practice.Record(settings, tuple(runs)))}
+    assert len(rows) == 3
+    chance, stiffness, speed = rows.values()
+    assert chance.here == "-0.45 (-0.50 to -0.40)"
+    assert stiffness.here == "-0.20 (-0.25 to -0.15)"
+    assert (speed.here, speed.paper) == ("50.00 % (50 to 50 %)", "+12 %")

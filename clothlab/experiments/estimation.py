@@ -2,6 +2,7 @@
 Experiment": the figure on parametric biases)."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -24,10 +25,11 @@ class Settings(Checked):
     """Which cloths and trainings; the defaults are the full size."""
 
     weights: str = setting("torque")
-    models: tuple[int, ...] = setting((0, 1, 2), at_least=0)  # seeds of the trainings
+    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
+    repeats: int = setting(4, at_least=1)  # other commands for each training and cloth
     cloths: tuple[str, ...] = setting((*CLOTHS, *BETWEEN))
     steps: int = setting(200, "step", at_least=12)  # 40 s, about as in the paper
-    first_seed: int = setting(6000, at_least=0)  # of the commands: this + 100 model + number of the cloth
+    first_seed: int = setting(6000, at_least=0)  # of the commands: this + 100 model + 20 repeat + number of the cloth
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,7 @@ class Run:
     Attributes:
         cloth: name of the cloth in the hand.
         model: seed of the training.
+        seed: of the commands.
         trace: p after each step `[T, D_p]`.
         nearest: the material whose trained p is nearest in the end.
         distance: final distance to the right p [spreads of the trained p]; none for a cloth that was never trained.
@@ -46,6 +49,7 @@ class Run:
 
     cloth: str
     model: int
+    seed: int
     trace: np.ndarray
     nearest: str
     distance: float | None
@@ -59,7 +63,7 @@ class Record:
 
     Attributes:
         settings: of the experiment.
-        runs: one for each training and cloth.
+        runs: one for each training, cloth and repeat.
     """
 
     settings: Settings
@@ -81,20 +85,20 @@ def get_cloth(name: str) -> Cloth:
     return choose("cloth", name, CLOTHS | BETWEEN)
 
 
-def run_one(settings: Settings, name: str, model: int) -> Run:
+def run_one(settings: Settings, name: str, model: int, repeat: int = 0) -> Run:
     """Estimate p of one cloth."""
     learned, cloth = trained(f"{settings.weights}-{model}"), get_cloth(name)
-    seed = settings.first_seed + 100 * model + [*CLOTHS, *BETWEEN].index(name)
+    seed = settings.first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(name)
     p, trace = estimate_at_random(learned, cloth, settings.steps, seed)
     right = learned.biases.get(name)
     distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
     error = read / (cloth.damping, cloth.mass) - 1
-    return Run(name, model, trace.round(4), nearest_material(p, learned.biases), distance, read, error)
+    return Run(name, model, seed, trace.round(3), nearest_material(p, learned.biases), distance, read, error)
 
 
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
     """Estimate p of every cloth with every training."""
     settings = settings or Settings()
-    jobs = [(settings, name, model) for model in settings.models for name in settings.cloths]
+    jobs = [(settings, *job) for job in product(settings.cloths, settings.models, range(settings.repeats))]
     return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="estimation")))

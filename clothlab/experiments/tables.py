@@ -272,7 +272,7 @@ def _pairs(record: practice.Record) -> list[Row]:
     for (first, second), paper in PAIRS.items():
         for arm in practice.METHODS[second].arms:
             cases = record.cases(arm)
-            if not all(record.select(name, case) for name in (first, second) for case in cases):
+            if not cases or not all(record.select(name, case) for name in (first, second) for case in cases):
                 continue
             what = f"{first} minus {second}, {arm} arm: last ten periods over Random's (95 %)"
             mean, low, high = difference_interval(record.differences(first, second, cases))
