@@ -281,6 +281,7 @@ def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) 
         TypeError: what JSON has no word for.
     """
     text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
+    text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)  # a row of numbers on one line
     write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
 
 

@@ -83,6 +83,8 @@ def same(a, b):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(b, np.ndarray) and b.dtype == np.float32:  # what is read is float64, with the digits that float32 has
+        a = np.asarray(a, dtype=np.float32)
     return np.array_equal(a, b)
 
 

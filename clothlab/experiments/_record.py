@@ -28,7 +28,10 @@ RECORDINGS = {arm: RECIPES[arm + PAPER].recordings[0] for arm in ("torque", "mus
 SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)
-converter.register_unstructure_hook(np.ndarray, np.ndarray.tolist)
+# By way of text, float32 keeps the few digits that it has: 0.1, not 0.10000000149.
+converter.register_unstructure_hook(
+    np.ndarray, lambda array: (array.astype(str).astype(float) if array.dtype == np.float32 else array).tolist()
+)
 converter.register_structure_hook(np.ndarray, lambda value, _: np.asarray(value))
 
 
