@@ -170,7 +170,7 @@ METHODS = {
     "cross-entropy": Method(_cross_entropy),
     "changes": Method(_changes),
     PRACTICE: Method(_practice, often=True),
-    "practice, p = 0": Method(_practice, p="zero", often=True),
+    "practice, p = 0": Method(_practice, p="zero"),
     "practice, wrong p": Method(_practice, p="wrong", often=True),
     "practice, estimated p": Method(_practice, p="estimated", often=True),
     "practice, paper's recordings": Method(_practice, weights=PAPER),
