@@ -26,7 +26,7 @@ doctor: $(STAMP)  ## check this machine: versions, drawing, data
 lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) notebooks/00_start_here.ipynb
 
-check: $(STAMP)  ## linter, types and unit tests, in parallel: under a minute
+check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types

@@ -160,9 +160,12 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
+LATE = slice(-10, None)  # the last periods of a run, by which what learns from its outcomes is judged
+
+
 def late_median(best: ArrayLike) -> float:
-    """Median of the last ten periods, by which what learns from its outcomes is judged, of `best_per_period` `[P]`."""
-    return float(np.median(check_array("best", best, ("P",))[-10:]))
+    """Median of the last ten periods of `best_per_period` `[P]`."""
+    return float(np.median(check_array("best", best, ("P",))[LATE]))
 
 
 def median_best(runs: Iterable[ArrayLike], period: int = ControlSettings.period) -> float:

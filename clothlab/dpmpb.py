@@ -222,7 +222,7 @@ def train_dpmpb(
     """
     settings = settings or ModelTraining()
     _check_runs(runs, settings.sequence_length)
-    p = _first_biases(_materials(runs), settings.bias_size, known)
+    p = _first_biases(materials_of(runs), settings.bias_size, known)
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
     with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
         torch.manual_seed(seed)
@@ -258,11 +258,11 @@ def _train(
         losses.append(total / len(s))
         path.append(p.detach().cpu().numpy().copy())
         bar.set_postfix(mse=f"{losses[-1]:.4f}")
-    trace = TrainingTrace(np.array(losses), dict(zip(_materials(runs), np.stack(path, axis=1), strict=True)))
+    trace = TrainingTrace(np.array(losses), dict(zip(materials_of(runs), np.stack(path, axis=1), strict=True)))
     return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
 
 
-def _materials(runs: Sequence[Sequences]) -> list[str]:
+def materials_of(runs: Sequence[Sequences]) -> list[str]:
     """Each once, in the order in which they first occur."""
     return list(dict.fromkeys(run.material for run in runs))
 
@@ -297,7 +297,7 @@ def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tens
         States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
         order in which materials first occur.
     """
-    materials = _materials(runs)
+    materials = materials_of(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
     k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]

@@ -33,6 +33,7 @@ from clothlab.control import ControlSettings, control_loss, optimise_commands, p
 from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.recipes import RECIPES
 from clothlab.trials import Timed
 
 
@@ -199,10 +200,10 @@ def bench_loop() -> None:
     torch.set_num_threads(1)
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(cores)[:1])  # drawing would otherwise take a second core
-    for name, (target, trials) in {"torque": ("target-1", "train"), "muscle": ("muscle", "muscle-train")}.items():
+    for name, target in {"torque": "target-1", "muscle": "muscle"}.items():
         learned, mask = artifacts.load(f"{name}-0"), artifacts.load_target(target)
         cloth, p = next(iter(learned.biases.items()))
-        runs = [learned.sequences(trial) for trial in artifacts.load_trials(trials)]
+        runs = [learned.sequences(trial) for trial in RECIPES[f"{name}-paper"].load_trials()]
         policies = {"control": Timed(learned.controller(mask, p)), "practice": Timed(learned.practice(mask, p, runs))}
         for who, policy in policies.items():
             with contextlib.closing(ClothEnv(learned.arm, cloth)) as env:

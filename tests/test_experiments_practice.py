@@ -20,9 +20,12 @@ def short_trials(monkeypatch):
     monkeypatch.setattr(
         artifacts, "load_trials", lambda name: [trial[:40] for trial in whole(name.removesuffix(artifacts.MORE))]
     )
-    practice._seen.cache_clear()
+    kept = (practice._seen, practice._model_of_changes)
+    for each in kept:
+        each.cache_clear()
     yield
-    practice._seen.cache_clear()
+    for each in kept:
+        each.cache_clear()
 
 
 def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):

@@ -9,7 +9,6 @@ from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.autoencoder import iou
 from clothlab.cloth import cloth_name
-from clothlab.control import ControlSettings
 from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
 from clothlab.experiments.practice import seen_runs
 from clothlab.trials import Trial
@@ -103,7 +102,7 @@ def run_one(settings: Settings, target: str, number: int) -> Run:
 
 def _best_overlap(trial: Trial, mask: np.ndarray) -> np.ndarray:
     """Largest IoU in each period but the first, as `best_per_period` has it for distances."""
-    return 1 - best_per_period(1 - iou(trial.images, mask), ControlSettings.period)
+    return 1 - best_per_period(1 - iou(trial.images, mask))
 
 
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:

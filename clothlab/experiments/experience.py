@@ -40,6 +40,7 @@ from clothlab.estimation import prediction_loss
 from clothlab.experiments import perception
 from clothlab.experiments._kept import once
 from clothlab.experiments._record import RECORDINGS, converter, estimate_at_random, new_trial, random_trial, run_jobs
+from clothlab.recipes import RECIPES
 from clothlab.trials import Policy, Trial
 
 FOLDER = Path("build") / "experience"  # where trainings are kept, from the folder in which the experiment is run
@@ -53,7 +54,6 @@ class Setup:
     Attributes:
         trials: name of the paper's recordings; more of them are in the set of that name with `-more`.
         evaluation: name of trials that no training sees.
-        sequence_length: of the model's training, the paper's [step].
         seen: targets with which distances of images are compared.
         moved: name of the cloth that is moved at random for that.
         target: name of the one to realise.
@@ -62,7 +62,6 @@ class Setup:
 
     trials: str
     evaluation: str
-    sequence_length: int
     seen: tuple[str, ...]
     moved: str
     target: str
@@ -73,7 +72,6 @@ ARMS = {
     "torque": Setup(
         trials=RECORDINGS["torque"],
         evaluation="evaluation",
-        sequence_length=30,
         seen=("target-1", "target-2"),
         moved=cloth_name(0.05, 0.10),
         target="target-1",
@@ -82,7 +80,6 @@ ARMS = {
     "muscle": Setup(
         trials=RECORDINGS["muscle"],
         evaluation="muscle-evaluation",
-        sequence_length=20,
         seen=("muscle",),
         moved="soft-2",
         target="muscle",
@@ -379,7 +376,8 @@ def run_autoencoder(settings: Settings, arm: str, amount: float, folder: Path) -
 
 def run_model(settings: Settings, seen: Seen, model: int, folder: Path) -> Run:
     """Train a model on what an autoencoder has seen, or take the one that is kept, and measure what it is good for."""
-    eye, recipe = weights_name(seen.arm, seen.amount), ModelTraining(sequence_length=ARMS[seen.arm].sequence_length)
+    eye = weights_name(seen.arm, seen.amount)
+    recipe = ModelTraining(sequence_length=RECIPES[seen.arm].model.sequence_length)
     name = f"{eye}-{model}"
     autoencoder, _ = artifacts.load_autoencoder(eye, data=folder)
 

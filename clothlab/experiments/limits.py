@@ -259,7 +259,7 @@ def run_speeds(settings: Settings, seed: int) -> list[Speed]:
 
 
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """Every case and every seed: about 13 minutes on two cores."""
+    """Every case and every seed."""
     settings = settings or Settings()
     jobs = [(settings, case) for case in cases(settings)]
     runs = run_jobs(run_case, jobs, workers=workers, progress=progress, what="limits")

@@ -11,7 +11,7 @@ import torch
 from clothlab._validation import Checked, setting
 from clothlab.artifacts import Trained
 from clothlab.cloth import get_cloth
-from clothlab.dpmpb import DPMPB, Sequences, stretches, train_dpmpb
+from clothlab.dpmpb import DPMPB, Sequences, materials_of, stretches, train_dpmpb
 from clothlab.recipes import RECIPES
 
 
@@ -70,8 +70,8 @@ def retrained(
         seed: of the batches.
     """
     settings, model = settings or Retraining(), deepcopy(learned.model).train().requires_grad_(True)
-    length, stride = RECIPES[learned.sees_with].model.sequence_length, RECIPES[learned.sees_with].model.stride
-    sets = [(stretches(each, length, stride), _biases(learned, each)) for each in (runs, own)]
+    recipe = RECIPES[learned.sees_with].model
+    sets = [(stretches(each, recipe.sequence_length, recipe.stride), _biases(learned, each)) for each in (runs, own)]
     optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.updates)
     generator = torch.Generator().manual_seed(seed)
@@ -91,4 +91,4 @@ def retrained(
 
 def _biases(learned: Trained, runs: Sequence[Sequences]) -> torch.Tensor:
     """p of the runs' materials, as `stretches` counts them."""
-    return torch.as_tensor(np.array([learned.biases[name] for name in dict.fromkeys(run.material for run in runs)]))
+    return torch.as_tensor(np.array([learned.biases[name] for name in materials_of(runs)]))

@@ -13,7 +13,7 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import best_per_period, late_median, target_distance
+from clothlab.analysis import LATE, best_per_period, late_median, target_distance
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
@@ -24,7 +24,14 @@ from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
-from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
+from clothlab.experiments.opponents import (
+    ChangesModel,
+    ChangesPolicy,
+    CrossEntropyPolicy,
+    MeanLossPolicy,
+    Repeat,
+    train_changes,
+)
 from clothlab.recipes import RECIPES
 from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout
 
@@ -139,9 +146,15 @@ def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
     return learned.practice(_target(case), p, seen_runs(learned))
 
 
+@cache
+def _model_of_changes(weights: str, seed: int) -> ChangesModel:
+    """Trained once in each process: it is the same in all cases of an arm."""
+    learned = trained(weights)
+    return train_changes(seen_runs(learned), learned.model, learned.autoencoder.latent_size, seed=seed)
+
+
 def _changes(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    changes = train_changes(seen_runs(learned), learned.model, learned.autoencoder.latent_size, seed=model)
-    plan = _best_recorded(learned, case)
+    plan, changes = _best_recorded(learned, case), _model_of_changes(learned.name, model)
     return ChangesPolicy(changes, learned.model, learned.autoencoder, learned.arm, _target(case), plan)
 
 
@@ -273,7 +286,7 @@ class Record:
 
     def speed_gains(self, first: str, second: str, cases: Sequence[str]) -> np.ndarray:
         """Highest hand speed in the last ten periods under one method over that under another, minus one; likewise."""
-        return self._paired(lambda run: run.hand_speed[-10:].max(), lambda a, b, _: a / b - 1, first, second, cases)
+        return self._paired(lambda run: run.hand_speed[LATE].max(), lambda a, b, _: a / b - 1, first, second, cases)
 
     def _paired(self, value: Callable, compare: Callable, first: str, second: str, cases: Sequence[str]) -> np.ndarray:
         pairs = [(self._values(first, case, value), self._values(second, case, value)) for case in cases]
