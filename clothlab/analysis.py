@@ -204,6 +204,12 @@ def difference_interval(
     return float(values.mean()), float(low), float(high)
 
 
+def half_widths_from_zero(differences: ArrayLike) -> float:
+    """Mean of paired differences `[K, N]` over half the width of its interval: near or within one, perhaps none."""
+    mean, low, high = difference_interval(differences)
+    return 2 * mean / (high - low)
+
+
 def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     """Share of steps whose distance is below each threshold (the curves of the paper's figure on control).
 

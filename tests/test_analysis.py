@@ -11,6 +11,7 @@ from clothlab.analysis import (
     best_per_period,
     chamfer_against_z,
     difference_interval,
+    half_widths_from_zero,
     late_median,
     loss_landscape,
     nearest_material,
@@ -184,3 +185,12 @@ def test_what_learns_is_judged_by_its_last_ten_periods():
     assert late_median([9.0] * 20 + [1.0] * 5 + [3.0] * 5) == 2.0
     with pytest.raises(ValueError, match="best is"):
         late_median([[1.0]])
+
+
+def test_a_difference_is_far_from_zero_where_its_interval_is_narrow():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 1, (5, 4))
+    mean, low, high = difference_interval(noise + 10)
+    assert half_widths_from_zero(noise + 10) == pytest.approx(2 * mean / (high - low))
+    assert abs(half_widths_from_zero(noise - noise.mean())) < 0.1
+    assert half_widths_from_zero(noise - 10) < -5
