@@ -258,9 +258,12 @@ PAIRS = {  # what the paper says of them
     (GRADIENT, practice.RANDOM): "Correct better",
     (GRADIENT, "gradient, wrong p"): "Correct better",
     (GRADIENT, "gradient, without stiffness"): "Correct better",
+    (GRADIENT, "gradient, model without p"): "–",
+    (GRADIENT, "gradient, known C_damp and C_mass"): "–",
     (PRACTICE, GRADIENT): "–",
     (PRACTICE, "practice, wrong p"): "–",
     (PRACTICE, "practice, p = 0"): "–",
+    (PRACTICE, "practice, model without p"): "–",
     (PRACTICE, "practice, estimated p"): "–",
     (PRACTICE, "practice, without stiffness"): "–",
 }
@@ -287,7 +290,8 @@ def _pairs(record: practice.Record) -> list[Row]:
 def _periods(record: practice.Record, possible: dict[str, float]) -> list[Row]:
     """What p is worth to who practises: how soon the cloth is about as near as it can be."""
     rows = []
-    for method in (PRACTICE, "practice, wrong p", "practice, p = 0", "practice, estimated p"):
+    whose = ("", ", wrong p", ", p = 0", ", estimated p", ", model without p")
+    for method in (PRACTICE + each for each in whose):
         if record.select(method, next(iter(possible))):
             found = [record.periods_until(method, case, 2 * value) for case, value in possible.items()]
             counts = np.concatenate(found)
