@@ -38,6 +38,7 @@ __all__ = [
     "estimation",
     "experiments",
     "frozen",
+    "information",
     "lab",
     "muscle",
     "plots",

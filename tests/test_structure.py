@@ -24,6 +24,7 @@ LAYERS += [
     "search",
     "artifacts",
     "recipes",
+    "information",
     "analysis",
     "plots",
     "experiments",
