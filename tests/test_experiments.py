@@ -49,6 +49,19 @@ TINY = {
         "steps": 16,
     },
     "any_target": {"first": 1, "models": 1, "steps": 16},
+    "knowledge": {
+        "cloths": ("between-light",),
+        "motions": ("operator",),
+        "seeds": (1,),
+        "steps": 5,
+        "times": (0.4, 1.0),
+        "repeats": 2,
+        "controls": (),
+        "other_steps": (),
+        "other_disturbances": (),
+        "plans": 1,
+        "plan_steps": 5,
+    },
 }
 
 
@@ -81,6 +94,8 @@ def same(a, b):
     """Whether two records hold the same."""
     if dataclasses.is_dataclass(a):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(b, np.ndarray) and b.dtype == np.float32:  # what is read is float64, with the digits that float32 has

@@ -15,6 +15,7 @@ from clothlab.experiments import (
     estimation,
     experience,
     integrated,
+    knowledge,
     limits,
     perception,
     practice,
@@ -36,8 +37,9 @@ EXPERIMENTS.update(
     limits=limits,
     practice=practice,
     any_target=any_target,
+    knowledge=knowledge,
 )
-SLOW.update(("experience", "limits", "practice", "any_target"))
+SLOW.update(("experience", "limits", "practice", "any_target", "knowledge"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -50,6 +52,7 @@ __all__ = [
     "estimation",
     "experience",
     "integrated",
+    "knowledge",
     "limits",
     "load",
     "load_all",
