@@ -55,6 +55,14 @@ FIGURES = {
     "periods": lambda: plots.period_bests({"a": RNG.random((3, 9)), "b": RNG.random(9)}, {"still": 1.0, "empty": 2.0}),
     "dots": lambda: plots.dots({"a": {"x": RNG.random(5), "y": RNG.random(3)}, "b": {"x": RNG.random(5)}}, "distance"),
     "intervals": lambda: plots.intervals({"a": (1.0, 0.5, 1.5), "b": (0.1, -0.5, 0.6)}, "difference"),
+    "bounds": lambda: plots.bounds_over_time(
+        {
+            "C_damp": {"z": np.array([np.inf, 0.3, 0.1]), "mask": 0.1 + RNG.random(3)},
+            "C_mass": {"z": np.full(3, np.inf)},
+        },
+        np.array([1.0, 10.0, 40.0]),
+    ),
+    "information": lambda: plots.information_ellipses({"z": np.diag([4.0, 1.0]), "mask": np.diag([9.0, 0.0])}),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 
@@ -121,6 +129,28 @@ def test_the_ellipse_is_drawn_around_the_hand():
     hand = [line[-1] for line in links.get_data()]
     assert hand == pytest.approx(arm.hand(theta))
     assert np.mean(ellipse.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
+
+
+def test_a_bound_is_drawn_beside_the_root_of_time():
+    time = np.array([1.0, 4.0, 16.0])
+    figure = plots.bounds_over_time({"C_damp": {"z": np.array([np.inf, 0.4, 0.1])}}, time)
+    bound, guide = figure.axes[0].lines
+    assert bound.get_ydata()[1:].tolist() == [0.4, 0.1]
+    assert np.isnan(bound.get_ydata()[0]), "what is not known has no place on the axis"
+    assert guide.get_ydata() == pytest.approx([0.4, 0.2, 0.1])
+    assert figure.axes[0].get_xlabel() == "time [s]"
+
+
+def test_an_ellipse_has_one_standard_deviation_along_each_axis_and_an_end():
+    figure = plots.information_ellipses({"both": np.diag([100.0, 25.0]), "ratio": 100 * np.array([[1, -1], [-1, 1]])})
+    both, ratio, _ = figure.axes[0].lines
+    assert [np.ptp(each) / 2 for each in both.get_data()] == pytest.approx([0.1, 0.2], rel=1e-3)
+    x, y = ratio.get_data()
+    assert (x + y).max() / np.sqrt(2) == pytest.approx(1.0, rel=1e-3)  # cut at ten times 0.1
+    assert (x - y).max() / np.sqrt(2) == pytest.approx(1 / np.sqrt(200), rel=1e-3)
+    for nothing in ({}, {"z": np.zeros((2, 2))}, {"z": np.eye(3)}):
+        with pytest.raises(ValueError, match="information about two unknowns"):
+            plots.information_ellipses(nothing)
 
 
 def test_a_video_is_played_in_the_page(capsys, monkeypatch):
