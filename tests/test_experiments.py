@@ -55,7 +55,7 @@ TINY = {
         "seeds": (1,),
         "steps": 5,
         "times": (0.4, 1.0),
-        "repeats": 2,
+        "repeats": 4,
         "controls": (),
         "other_steps": (),
         "other_disturbances": (),

@@ -89,7 +89,7 @@ class Settings(Checked):
     steps: int = setting(200, "step", at_least=5)  # 40 s
     times: tuple[float, ...] = setting((1, 2, 3, 5, 7, 10, 14, 20, 28, 40), "s", at_least=CONTROL_PERIOD)
     step: float = setting(0.05, "log C", above=0, at_most=1)  # half the difference of the logarithms
-    repeats: int = setting(4, at_least=2)  # of each scene, with other disturbances
+    repeats: int = setting(4, at_least=4)  # of each scene, with other disturbances: a mean and two slopes are fitted
     disturbance: float = setting(1e-6, "rad", at_least=0)  # of start and commands, to see whether chaos makes it grow
     angle_noise: float = setting(5e-4, "rad", above=0)
     velocity_noise: float = setting(0.02, "rad/s", above=0)
@@ -371,8 +371,7 @@ def _sense_all(
 def left_over(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """What scatters over the repeats of scenes, beyond what goes in proportion to the camera's turn.
 
-    A camera that stands a little otherwise moves all of its images alike, and that could be calibrated. Neighbouring
-    scenes have the slopes in common, so that two repeats of four scenes leave something to be measured.
+    A camera that stands a little otherwise moves all of its images alike, and that could be calibrated.
 
     Args:
         repeats: what was sensed `[S, R, T, D]`.
@@ -381,12 +380,10 @@ def left_over(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
     Returns:
         Residuals `[S R, T, D]`, enlarged for what the means and the slopes have fitted away.
     """
-    scenes, count = repeats.shape[:2]
-    centred, moved = repeats - repeats.mean(axis=1, keepdims=True), turns - turns.mean(axis=0)
-    slopes = np.tensordot(np.linalg.pinv(moved), centred.mean(axis=0), axes=1)
-    residuals = centred - np.tensordot(moved, slopes, axes=1)
-    left = scenes * (count - 1) - np.linalg.matrix_rank(moved)
-    return np.sqrt(scenes * count / left) * residuals.reshape(-1, *repeats.shape[2:])
+    fitted = np.column_stack([np.ones(len(turns)), turns])
+    residuals = np.tensordot(np.eye(len(turns)) - fitted @ np.linalg.pinv(fitted), repeats, axes=(1, 1)).swapaxes(0, 1)
+    left = len(turns) - np.linalg.matrix_rank(fitted)
+    return np.sqrt(len(turns) / left) * residuals.reshape(-1, *repeats.shape[2:])
 
 
 def measure(
