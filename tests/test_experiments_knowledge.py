@@ -32,6 +32,7 @@ from clothlab.experiments.knowledge import (
 from clothlab.trials import OperatorPolicy, rollout
 
 CLOTH = get_cloth("damp0.05-mass0.10")
+ALL = (*SENSORS, knowledge.PREDICTED)
 TINY = {"steps": 5, "times": (0.6, 1.0), "repeats": 4, "step": 0.2}
 
 
@@ -95,7 +96,7 @@ def test_the_bound_of_the_product_diverges_when_springs_scale_with_mass_and_only
 
 def test_what_is_measured_has_a_value_for_each_sensor_and_time(measured):
     for known in measured.values():
-        assert {sensor: f.shape for sensor, f in known.information.items()} == dict.fromkeys(SENSORS, (2, 2, 2))
+        assert {sensor: f.shape for sensor, f in known.information.items()} == dict.fromkeys(ALL, (2, 2, 2))
         assert [len(known.noise[sensor]) for sensor in SENSORS] == [3, 10, 4, 2]
         assert known.noise["torques"] == pytest.approx([0.1, 0.1], rel=1e-3), "stated, and no chaos beside it"
         assert known.chaos < 1e-4
@@ -131,6 +132,22 @@ def test_a_camera_turned_by_pixels_moves_its_image_by_them():
     assert centres[1] - centres[0] == pytest.approx([3, -5], rel=0.2)  # pixels away from the middle are wider
 
 
+def test_the_networks_errors_are_those_behind_its_warmup(trial, monkeypatch):
+    monkeypatch.setattr(knowledge.artifacts, "load_trials", lambda name: [trial, trial[:11]])
+    with pytest.raises(ValueError, match="two steps at the least"):
+        knowledge.prediction_noise.__wrapped__("torque-0", "these")
+    monkeypatch.setattr(knowledge.artifacts, "load_trials", lambda name: [longer(trial)] * 2)
+    noise = knowledge.prediction_noise.__wrapped__("torque-0", "these")
+    assert noise.deviations.shape == (3,)
+    assert (noise.deviations > 1e-3).all()
+
+
+def longer(trial):
+    """The same again and again, as a recording that the network has not seen."""
+    names = ("images", "robot", "commands")
+    return replace(trial, **{name: np.concatenate([getattr(trial, name)] * 3) for name in names})
+
+
 def test_what_moves_with_the_camera_is_no_noise_and_what_scatters_is_measured_in_full():
     rng = np.random.default_rng(0)
     turns, slopes, level = (
@@ -160,11 +177,12 @@ def test_plans_are_measured_to_their_ends_and_ranked(monkeypatch):
     swings = [commands_of("random", seed, 6) for seed in range(3)]
     sizes = {swing.tobytes(): size for swing, size in zip(swings, (2.0, 0.0, 3.0), strict=True)}
 
-    def measured(settings, autoencoder, cloth, commands, times):
+    def measured(settings, autoencoder, cloth, commands, times, *, predicting):
         assert times == pytest.approx([1.2])
         return known(sizes[commands.tobytes()], 1)
 
     monkeypatch.setattr(knowledge, "measure", measured)
+    monkeypatch.setattr(knowledge, "_network", lambda settings: (None, None))
     order, log_det = most_informative(swings, "mask")
     assert order.tolist() == [2, 0, 1]
     assert log_det == pytest.approx([np.log(4 * 3), -np.inf, np.log(9 * 3)])
@@ -206,7 +224,7 @@ def test_measurements_that_cannot_be_are_refused_before_anything_is_simulated(ti
 
 def known(size, times=2):
     f = np.stack([size * (k + 1) * np.array([[2.0, -1.0], [-1.0, 2.0]]) for k in range(times)])
-    return Known(dict.fromkeys(SENSORS, f), {}, {}, 0.0, np.zeros(3))
+    return Known(dict.fromkeys(ALL, f), {}, {}, 0.0, np.zeros(3))
 
 
 @pytest.fixture
@@ -275,6 +293,7 @@ def test_what_was_measured_is_not_measured_again(tmp_path, monkeypatch, trial):
     calls = []
     monkeypatch.setattr(knowledge.artifacts, "load_trials", lambda name: [trial])
     monkeypatch.setattr(knowledge, "measure", lambda *_, **__: calls.append(0) or known(1.0))
+    monkeypatch.setattr(knowledge, "_network", lambda settings: (None, None))
     first = knowledge.run(settings, folder=tmp_path)
     assert len(calls) == len(first.runs) + len(first.plans) == 2
     assert np.array_equal(first.plans[0].commands, recorded_plans([trial], 6, 1)[0])

@@ -10,15 +10,21 @@ proportion to the camera's turn, is what a picture says by chance: the raster, a
 difference between z of an image and z of its reconstruction is no such noise, since z is a function of the image and
 the image is what is sensed; the record has it for comparison. Joint states and torques are exact in the simulator, so
 that their noise has to be stated.
+
+Beside z there is z "as predicted": the noise is then what the network errs a step ahead, on recordings that it was not
+trained on. That is the bound of an observer who knows no better than the network how a cloth moves. It is still kind to
+the network, whose errors are not independent of the material.
 """
 
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
@@ -28,8 +34,9 @@ from clothlab.autoencoder import Autoencoder, decode, encode
 from clothlab.cloth import CLOTHS, Cloth, cloth_name
 from clothlab.control import recorded_plans
 from clothlab.env import CONTROL_PERIOD, ClothEnv
+from clothlab.estimation import EstimationSettings
 from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import RECORDINGS, converter, run_jobs
+from clothlab.experiments._record import RECORDINGS, converter, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN, get_cloth
 from clothlab.information import Noise, cramer_rao, log_det, principal_directions, unbiased_information
 from clothlab.trials import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy, rollout
@@ -39,17 +46,20 @@ FOLDER = Path("build") / "knowledge"  # where runs are kept, from the folder in 
 MOTIONS = {"random": RandomPolicy, "operator": OperatorPolicy}
 UNKNOWNS = ("damping", "mass")  # of a cloth; F is about their logarithms
 SENSORS = ("z", "mask", "joints", "torques")
+PREDICTED = "z as predicted"  # by the network
 SENSOR_SETS = {
     "z": ("z",),
     "z + joints": ("z", "joints"),
     "z + joints + torques": ("z", "joints", "torques"),
     "mask": ("mask",),
     "mask + joints + torques": ("mask", "joints", "torques"),
+    PREDICTED: (PREDICTED,),
 }
 QUANTITIES = {"C_damp": (1, 0), "C_mass": (0, 1), "C_damp / C_mass": (1, -1), "C_damp · C_mass": (1, 1)}
 STRONG = 1000.0  # times the usual arm's masses, servos and damping: it moves alike, and no cloth moves it
 LEAST = 1e-5  # share of the best direction's information below which a measured one counts as none
-MEASURED_WITH = ("weights", "steps", "times", "repeats", "angle_noise", "velocity_noise", "torque_noise")
+NOISES = ("angle_noise", "velocity_noise", "torque_noise")
+MEASURED_WITH = ("weights", "model", "recordings", "steps", "times", "repeats", *NOISES)
 
 
 @dataclass(frozen=True)
@@ -82,7 +92,9 @@ class Settings(Checked):
     velocities as of a difference of angles, filtered; torques as of a motor's current, about 1 % of the largest.
     """
 
-    weights: str = setting("torque")  # autoencoder
+    weights: str = setting("torque")  # autoencoder, and with the number of a training the network that errs
+    model: int = setting(0, at_least=0)  # of the trainings
+    recordings: str = setting("evaluation")  # on which its errors are measured
     cloths: tuple[str, ...] = setting((*CLOTHS, *BETWEEN))
     motions: tuple[str, ...] = setting(tuple(MOTIONS))
     seeds: tuple[int, ...] = setting((7000, 7001, 7002), at_least=0)  # of the commands
@@ -134,7 +146,8 @@ class Known:
     """What a motion tells.
 
     Attributes:
-        information: F of (log C_damp, log C_mass) in each sensor by itself, up to each time `{sensor: [N, 2, 2]}`.
+        information: F of (log C_damp, log C_mass) in each sensor by itself, and in z as predicted, up to each time
+            `{sensor: [N, 2, 2]}`.
         noise: standard deviation of each channel `{sensor: [D]}`, in its unit.
         correlation: ρ, of the noise with that a step later, `{sensor: ρ}`.
         chaos: how far repeats of a run are from each other, root mean square over points and steps [m].
@@ -386,6 +399,40 @@ def left_over(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
     return np.sqrt(len(turns) / left) * residuals.reshape(-1, *repeats.shape[2:])
 
 
+@cache
+def prediction_noise(name: str, recordings: str) -> Noise:
+    """How far a network's z, a step ahead and with the right p, is from the z that comes.
+
+    Args:
+        name: of its weights.
+        recordings: set of trials, with cloths that it was trained on.
+    """
+    learned, errors = trained(name), []
+    for trial in artifacts.load_trials(recordings):
+        run, p = learned.sequences(trial), torch.as_tensor(learned.biases[trial.cloth.name])
+        s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+        with torch.no_grad():
+            predicted, _ = learned.model(s[None, :-1], u[None, :-1], p[None])
+        errors.append((predicted[0] - s[1:])[EstimationSettings.warmup :, learned.layout.z].numpy())
+    shortest = min(map(len, errors))
+    return Noise.measured([each[:shortest] for each in errors])
+
+
+def _noise_and_slopes(settings: Settings, sensed: _Sensed) -> tuple[dict[str, Noise], dict[str, np.ndarray]]:
+    """Noise of each sensor, and its sensitivities in each repeat `[R, T, D, P]`."""
+    stated = {
+        "joints": [settings.angle_noise] * 2 + [settings.velocity_noise] * 2,
+        "torques": [settings.torque_noise] * 2,
+    }
+    noises, slopes = {}, {}
+    for sensor, values in sensed.channels.items():
+        noises[sensor] = Noise.measured(
+            left_over(values.reshape(-1, *values.shape[2:]), sensed.turns), stated.get(sensor)
+        )
+        slopes[sensor] = np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * settings.step)  # [R, T, D, P]
+    return noises, slopes
+
+
 def measure(
     settings: Settings,
     autoencoder: Autoencoder,
@@ -394,6 +441,7 @@ def measure(
     times: tuple[float, ...],
     *,
     variant: str = USUAL,
+    predicting: Noise | None = None,
 ) -> Known:
     """What a motion tells of a cloth.
 
@@ -404,6 +452,7 @@ def measure(
         commands: of the motion, from rest at the arm's home `[T, D_u]`.
         times: at which F is wanted [s].
         variant: which of `VARIANTS`.
+        predicting: noise of z as predicted; that of z as seen when left out.
 
     Raises:
         KeyError: unknown variant; the message lists the choices.
@@ -414,17 +463,11 @@ def measure(
     if not len(index) or index.min() < 0 or index.max() >= len(commands):
         raise ValueError(f"times are within the motion's {len(commands) * CONTROL_PERIOD:g} s, got {times}")
     sensed = _sense_all(settings, autoencoder, cloth, commands, kind)
-    stated = {
-        "joints": [settings.angle_noise] * 2 + [settings.velocity_noise] * 2,
-        "torques": [settings.torque_noise] * 2,
+    noises, slopes = _noise_and_slopes(settings, sensed)
+    noises[PREDICTED], slopes[PREDICTED] = predicting or noises["z"], slopes["z"]
+    information = {
+        sensor: unbiased_information(slopes[sensor], noise)[index].round(3) for sensor, noise in noises.items()
     }
-    noises, information = {}, {}
-    for sensor, values in sensed.channels.items():
-        noises[sensor] = Noise.measured(
-            left_over(values.reshape(-1, *values.shape[2:]), sensed.turns), stated.get(sensor)
-        )
-        slopes = np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * settings.step)  # [R, T, D, P]
-        information[sensor] = unbiased_information(slopes, noises[sensor])[index].round(3)
     apart = sensed.points - sensed.points.mean(axis=2, keepdims=True)
     again = encode(autoencoder, decode(autoencoder, encode(autoencoder, sensed.images)) > 0.5)
     off = again - encode(autoencoder, sensed.images)
@@ -449,19 +492,25 @@ def cases(settings: Settings) -> list[Case]:
     return usual
 
 
+def _network(settings: Settings) -> tuple[Autoencoder, Noise]:
+    name = f"{settings.weights}-{settings.model}"
+    return trained(name).autoencoder, prediction_noise(name, settings.recordings)
+
+
 def run_case(settings: Settings, case: Case) -> Known:
     """What one motion of one cloth tells."""
-    autoencoder, _ = artifacts.load_autoencoder(settings.weights)
+    autoencoder, predicting = _network(settings)
     commands = commands_of(case.motion, case.seed, settings.steps)
     settings = replace(settings, step=case.step, disturbance=case.disturbance)
-    return measure(settings, autoencoder, get_cloth(case.cloth), commands, settings.times, variant=case.variant)
+    cloth, times = get_cloth(case.cloth), settings.times
+    return measure(settings, autoencoder, cloth, commands, times, variant=case.variant, predicting=predicting)
 
 
 def run_plan(settings: Settings, commands: np.ndarray) -> Known:
     """What one recorded stretch tells of the control cloth."""
-    autoencoder, _ = artifacts.load_autoencoder(settings.weights)
+    autoencoder, predicting = _network(settings)
     times = (len(commands) * CONTROL_PERIOD,)
-    return measure(settings, autoencoder, get_cloth(settings.control_cloth), commands, times)
+    return measure(settings, autoencoder, get_cloth(settings.control_cloth), commands, times, predicting=predicting)
 
 
 def _by_information(known: list[Known], sensors: str) -> tuple[np.ndarray, np.ndarray]:
