@@ -28,7 +28,7 @@ from clothlab.cloth import get_cloth
 from clothlab.control import ControlPolicy, ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.practice import PracticePolicy, PracticeSettings
-from clothlab.trials import Trial, load_trial
+from clothlab.trials import Trial, load_trial, sensed_by
 from clothlab.vision import check_mask
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
@@ -85,8 +85,12 @@ class Trained:
         return self.arm.layout(self.autoencoder.latent_size)
 
     def sequences(self, trial: Trial) -> Sequences:
-        """States and commands of a recorded trial, as the model sees them."""
-        return to_sequences(self.autoencoder, trial)
+        """States and commands of a recorded trial, as the model sees them.
+
+        Raises:
+            ValueError: a trial of an arm from which it does not follow what this one would have sensed.
+        """
+        return to_sequences(self.autoencoder, sensed_by(trial, self.arm))
 
     def controller(
         self,

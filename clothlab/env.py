@@ -342,6 +342,7 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
     return renderer
 
 
-for _arm, _cloth in {"torque": "damp0.05-mass0.10", "muscle": "soft-1"}.items():
+_MIDDLE = "damp0.05-mass0.10"
+for _arm, _cloth in {"torque": _MIDDLE, "muscle": "soft-1", "torque-feeling": _MIDDLE}.items():
     # gymnasium.make("clothlab.env:clothlab/Torque-v0")
     gymnasium.register(f"clothlab/{_arm.title()}-v0", "clothlab.env:ClothEnv", kwargs={"arm": _arm, "cloth": _cloth})

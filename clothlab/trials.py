@@ -23,6 +23,7 @@ from clothlab.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.vision import check_masks
 
 FORMAT = 1  # of trial files
+LARGEST_SAG = 0.12  # [rad] of an arm that hangs still, below its command
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,30 @@ class Trial(Checked):
         if not isinstance(steps, slice):
             raise TypeError(f"a trial is cut with a slice, such as trial[:100], not with {steps!r}")
         return replace(self, **{name: getattr(self, name)[steps] for name in ("images", "robot", "commands")})
+
+
+def sensed_by(trial: Trial, arm: Arm | str) -> Trial:
+    """The same run as an arm with other sensors would have recorded it: "torque" as "torque-feeling".
+
+    Nothing is simulated: what the other one senses must follow from what was recorded.
+
+    Args:
+        trial: a run that started from the arm's home.
+        arm: the other arm or its name; that of the trial returns the trial as it is.
+
+    Raises:
+        KeyError: unknown arm.
+        ValueError: it does not follow, or the run started elsewhere.
+    """
+    arm, recorded = get_arm(arm), get_arm(trial.arm)
+    if arm.name == recorded.name:
+        return trial
+    held = np.vstack([recorded.home_command, trial.commands[:-1]])
+    robot = arm.sensed_instead(trial.arm, trial.robot, held)
+    sag = trial.robot[0, recorded.sensed_angles] - recorded.home
+    if (np.abs(sag) > LARGEST_SAG).any():
+        raise ValueError("this run did not start from the arm's home: which command was held before it is not recorded")
+    return replace(trial, arm=arm.name, robot=robot)
 
 
 class Policy:

@@ -26,7 +26,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm, trange
 
 from clothlab import artifacts
-from clothlab.arm import ARMS, Arm
+from clothlab.arm import Arm, get_arm
 from clothlab.autoencoder import Autoencoder
 from clothlab.cloth import get_cloth
 from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
@@ -35,6 +35,8 @@ from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
 from clothlab.recipes import RECIPES
 from clothlab.trials import Timed
+
+COMPARED = {name: get_arm(name) for name in ("torque", "muscle")}
 
 
 def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
@@ -93,13 +95,15 @@ def bench_collection() -> None:
 
 def bench_arms() -> None:
     """Physics of the muscle arm against the torque arm's, both with a cloth in the hand."""
-    models = {name: build_spec(arm, get_cloth("damp0.05-mass0.10")).compile() for name, arm in ARMS.items()}
+    models = {name: build_spec(arm, get_cloth("damp0.05-mass0.10")).compile() for name, arm in COMPARED.items()}
     data = {name: mujoco.MjData(model) for name, model in models.items()}
-    for name, arm in ARMS.items():
+    for name, arm in COMPARED.items():
         arm.reset(data[name], arm.home_command)
     steps = 500
-    times = alternate({name: lambda name=name: mujoco.mj_step(models[name], data[name], steps) for name in ARMS}, 20)
-    rate = {name: steps / np.median(times[name]) for name in ARMS}
+    times = alternate(
+        {name: lambda name=name: mujoco.mj_step(models[name], data[name], steps) for name in COMPARED}, 20
+    )
+    rate = {name: steps / np.median(times[name]) for name in COMPARED}
     ratio = rate["muscle"] / rate["torque"]
     print(
         f"physics, muscle arm / torque arm: {ratio:.2f}  ({rate['muscle']:,.0f} / {rate['torque']:,.0f} steps a second)"
@@ -109,7 +113,7 @@ def bench_arms() -> None:
 def bench_solve() -> None:
     """One solve of the controller against the straightforward loop over `nn.LSTM`, on one core."""
     torch.set_num_threads(1)
-    for name, arm in ARMS.items():
+    for name, arm in COMPARED.items():
         bench_solve_of(name, arm)
 
 

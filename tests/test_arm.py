@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.arm import ARMS, JOINTS, Arm, FeelingArm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.env import ClothEnv
 from clothlab.muscle import MUSCLES
 from clothlab.trials import RandomPolicy
 
@@ -77,6 +78,35 @@ def test_the_torque_arm_reaches_its_command(env):
     for _ in range(15):
         env.advance(u)
     assert env.arm.state(env.data)[:2] == pytest.approx(u, abs=0.12)  # without integral part it sags under weight
+
+
+def test_the_arm_that_feels_is_the_torque_arm_with_two_more_sensors(env):
+    feeling = ClothEnv("torque-feeling", env.cloth)
+    feeling.start()
+    policy, arm = RandomPolicy(env.arm), feeling.arm
+    for _ in range(5):
+        u = policy({})
+        env.advance(u)
+        feeling.advance(u)
+    state = arm.state(feeling.data)
+    assert np.array_equal(state[:4], env.arm.state(env.data))
+    sag = u - state[:2]
+    assert state[4:] == pytest.approx(arm.servo_stiffness * sag - arm.servo_damping * state[2:4], abs=1e-9)
+    assert arm.layout(3).names[-2:] == ("τ shoulder [N m]", "τ elbow [N m]")
+    assert arm.sensed_angles == env.arm.sensed_angles
+
+
+def test_an_arm_that_holds_still_feels_its_own_weight():
+    spec = mujoco.MjSpec()
+    arm = FeelingArm()
+    arm.add_to(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    arm.reset(data, arm.home_command)
+    mujoco.mj_step(model, data, 4000)
+    mujoco.mj_forward(model, data)
+    assert arm.state(data)[4:] == pytest.approx(data.qfrc_bias[:2], rel=1e-3)
+    assert (data.qfrc_bias[:2] < -0.5).all()  # [N m]; angles are positive downwards
 
 
 @pytest.mark.parametrize("theta", [(-0.7, -1.5), (0.3, -1.57), (0.9, -0.1)])

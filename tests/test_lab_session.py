@@ -1,15 +1,18 @@
 """The live session behind the panel: what can be changed while it runs, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clothlab import artifacts
+from clothlab.arm import get_arm
 from clothlab.cloth import get_cloth
-from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
+from clothlab.dpmpb import DPMPB, ModelTraining, to_sequences, train_dpmpb
 from clothlab.env import SimulationError
 from clothlab.lab import views
 from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import LiveSession
+from clothlab.lab.session import SETUPS, LiveSession
 from clothlab.trials import RandomPolicy, load_trial, replay, rollout
 
 
@@ -34,6 +37,24 @@ def test_a_step_shows_what_it_saw_and_did(session):
 def test_a_late_step_goes_on_with_the_last_plan(session):
     assert session.step(solve=False).solved  # there is no plan yet
     assert not session.step(solve=False).solved
+
+
+def test_an_arm_that_feels_can_be_steered_once_it_has_weights(session, monkeypatch):
+    eyes, load = artifacts.load("torque-0"), artifacts.load
+    learned = replace(eyes, name="torque-feeling-0", arm=get_arm("torque-feeling"), model=DPMPB(9, 2).eval())
+    monkeypatch.setattr(artifacts, "load", lambda name: learned if name == learned.name else load(name))
+    monkeypatch.setitem(SETUPS, "torque-feeling", replace(SETUPS["torque"], weights=learned.name))
+    session.set_arm("torque-feeling")
+    assert session.step().theta.shape == (2,)
+    assert session.env.observe()["robot"].shape == (6,)
+    shown = views.fixtures(session, views.plane(session))
+    assert shown["arms"] == ["torque", "muscle", "torque-feeling"]
+
+
+def test_only_arms_that_a_session_has_weights_for_can_be_chosen(session):
+    assert views.fixtures(session, views.plane(session))["arms"] == list(SETUPS)
+    with pytest.raises(KeyError, match="unknown arm 'torque-feeling'; choose from torque, muscle"):
+        session.set_arm("torque-feeling")
 
 
 @pytest.mark.parametrize("driver", DRIVERS)

@@ -23,6 +23,7 @@ from clothlab.trials import (
     replay,
     rollout,
     save_trial,
+    sensed_by,
     watch_motion,
 )
 
@@ -60,7 +61,7 @@ class Told(Policy):
         return np.array([0.4, -0.4])
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
 @pytest.mark.parametrize("policy", POLICIES)
 def test_a_second_run_with_the_same_policy_is_the_first_one_bit_for_bit(arm, policy, env, muscle_env):
     env = env if arm == "torque" else muscle_env
@@ -209,7 +210,7 @@ def test_recorded_commands_are_sent_again_and_no_more(env, trial):
         rollout(env, policy, 13)
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
 def test_a_replay_repeats_the_recorded_run(arm, trial, muscle_trial):
     trial = (trial if arm == "torque" else muscle_trial)[:8]
     motion = replay(trial)
@@ -234,6 +235,30 @@ def test_a_motion_goes_on_from_where_the_scene_stands(env, trial):
     assert np.array_equal(np.concatenate([part.time for part in parts]), whole.time)
     with pytest.raises(ValueError, match="needs commands"):
         watch_motion(env, trial.commands[:0])
+
+
+def test_what_an_arm_that_feels_would_have_recorded_is_what_it_records(trial):
+    env = ClothEnv("torque-feeling", trial.cloth)
+    felt = rollout(env, ReplayPolicy(trial.commands), len(trial), seed=trial.seed, name=trial.policy)
+    env.close()
+    told = sensed_by(trial, "torque-feeling")
+    assert told.robot == pytest.approx(felt.robot, abs=1e-9)
+    assert np.ptp(told.robot[:, 4:], axis=0).min() > 1  # [N m]
+    assert (told.arm, told.cloth, told.policy, told.seed) == ("torque-feeling", trial.cloth, trial.policy, trial.seed)
+    assert np.array_equal(told.images, felt.images)
+    assert np.array_equal(told.commands, trial.commands)
+    assert sensed_by(trial, "torque") is trial
+
+
+def test_what_does_not_follow_from_a_recording_is_refused(trial, muscle_trial):
+    with pytest.raises(ValueError, match="the torque-feeling arm senses does not follow from .* the muscle arm"):
+        sensed_by(muscle_trial, "torque-feeling")
+    with pytest.raises(ValueError, match="the muscle arm senses does not follow from .* the torque arm"):
+        sensed_by(trial, "muscle")
+    with pytest.raises(ValueError, match="did not start from the arm's home"):
+        sensed_by(trial[6:], "torque-feeling")
+    with pytest.raises(KeyError, match="choose from torque, muscle, torque-feeling"):
+        sensed_by(trial, "tail")
 
 
 def test_a_replay_that_starts_elsewhere_is_refused(env):

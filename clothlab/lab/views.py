@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from clothlab import plots
 from clothlab.analysis import principal_axes
-from clothlab.arm import ARMS, JOINTS, MuscleArm
+from clothlab.arm import JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.session import SETUPS, LiveSession, Moment
 from clothlab.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
@@ -88,7 +88,7 @@ def fixtures(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
         "period": CONTROL_PERIOD,
         "history": HISTORY,
         "size": (WIDTH, HEIGHT),
-        "arms": list(ARMS),
+        "arms": list(SETUPS),
         "drivers": DRIVERS,
         "cloths": [{"name": name, "label": cloth.label} for name, cloth in cloths.items()],
         "material": [] if arm.has_stiffness else [("C_damp [N s/m]", DAMPING), ("C_mass [kg]", MASS)],
