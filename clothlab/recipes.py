@@ -3,9 +3,11 @@
 from dataclasses import dataclass, replace
 
 from clothlab import artifacts
+from clothlab._validation import choose
+from clothlab.artifacts import Trained
 from clothlab.autoencoder import AutoencoderTraining
 from clothlab.dpmpb import ModelTraining
-from clothlab.trials import Trial
+from clothlab.trials import Trial, sensed_by
 
 
 @dataclass(frozen=True)
@@ -15,23 +17,23 @@ class Recipe:
     Attributes:
         arm: name of the arm.
         recordings: names of the sets of trials.
-        autoencoder: how it is trained on their images.
+        autoencoder: how it is trained on their images; or the name of the recipe whose autoencoder is used.
         model: how the DPMPB is trained on what the autoencoder sees.
     """
 
     arm: str
     recordings: tuple[str, ...]
-    autoencoder: AutoencoderTraining
+    autoencoder: AutoencoderTraining | str
     model: ModelTraining
 
     def load_trials(self) -> list[Trial]:
-        """All trials to learn from.
+        """All trials to learn from, as the arm would have recorded them.
 
         Raises:
             KeyError: recordings beyond the paper's amount that are not here; the message says how to make them.
             ValueError: a damaged, altered or missing file.
         """
-        return [trial for name in self.recordings for trial in artifacts.load_trials(name)]
+        return [sensed_by(trial, self.arm) for name in self.recordings for trial in artifacts.load_trials(name)]
 
 
 # All sequences of the muscle arm fit into one batch, so that there is one step an epoch: larger steps make up for it.
@@ -46,4 +48,27 @@ RECIPES = {
     "muscle-paper": Recipe("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
     "torque": Recipe("torque", ("train", "train-more"), MORE_SEEN, MORE),
     "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
+    # The same camera, cloths and commands: torques follow from what the torque arm recorded.
+    "torque-feeling-paper": Recipe("torque-feeling", ("train",), "torque-paper", ModelTraining()),
+    "torque-feeling": Recipe("torque-feeling", ("train", "train-more"), "torque", MORE),
 }
+
+
+def sees_with(name: str) -> str:
+    """Name of the autoencoder of a recipe: its own, or that of another one.
+
+    Raises:
+        KeyError: unknown recipe; the message lists the choices.
+    """
+    autoencoder = choose("recipe", name, RECIPES).autoencoder
+    return autoencoder if isinstance(autoencoder, str) else name
+
+
+def recipe_of(learned: Trained) -> Recipe:
+    """The recipe by which stored weights were trained, or others of the same arm with the same autoencoder.
+
+    Raises:
+        KeyError: an arm and an autoencoder that no recipe has together; the message lists the choices.
+    """
+    pairs = {f"{recipe.arm} with {sees_with(name)}": recipe for name, recipe in RECIPES.items()}
+    return choose("recipe", f"{learned.arm.name} with {learned.sees_with}", pairs)

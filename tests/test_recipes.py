@@ -1,18 +1,55 @@
 """Recipes of the stored weights: for the arm that they say, from recordings that there are."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from clothlab import artifacts
 from clothlab.arm import get_arm
-from clothlab.recipes import RECIPES
+from clothlab.recipes import RECIPES, recipe_of, sees_with
 
 
-@pytest.mark.parametrize("name", RECIPES)
+def stored(name):
+    hashes = (artifacts.data_folder() / artifacts.CHECKSUMS).read_text()
+    return f"weights/dpmpb-{name}-0.safetensors" in hashes
+
+
+def test_the_weights_that_the_notebooks_start_from_are_stored():
+    assert {name for name in RECIPES if stored(name)} >= {"torque", "torque-paper", "muscle", "muscle-paper"}
+
+
+@pytest.mark.parametrize("name", list(filter(stored, RECIPES)))
 def test_a_recipe_is_for_the_arm_whose_weights_it_names(name):
     learned = artifacts.load(f"{name}-0")
     assert learned.arm.name == RECIPES[name].arm == name.removesuffix("-paper")
-    assert learned.sees_with == name
+    assert learned.sees_with == sees_with(name)
     assert len(learned.losses) == RECIPES[name].model.epochs
+    assert recipe_of(learned) is RECIPES[name]
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_whoever_sees_with_another_one_s_eyes_has_the_same_camera_and_recordings(name):
+    recipe, eye = RECIPES[name], RECIPES[sees_with(name)]
+    assert not isinstance(eye.autoencoder, str)
+    assert get_arm(recipe.arm).camera == get_arm(eye.arm).camera
+    assert recipe.recordings == eye.recordings
+
+
+def test_an_unknown_recipe_lists_the_choices():
+    with pytest.raises(KeyError, match=r"unknown recipe 'pancakes'; choose from torque-paper, muscle-paper, torque"):
+        sees_with("pancakes")
+    with pytest.raises(KeyError, match=r"'muscle with torque'; choose from torque with torque-paper"):
+        recipe_of(replace(artifacts.load("torque-0"), arm=get_arm("muscle")))
+
+
+def test_recordings_are_loaded_as_the_arm_would_have_made_them():
+    plain, felt = (RECIPES[name].load_trials() for name in ("torque-paper", "torque-feeling-paper"))
+    assert {trial.arm for trial in felt} == {"torque-feeling"}
+    for a, b in zip(plain, felt, strict=True):
+        assert np.array_equal(a.robot, b.robot[:, :4])
+        assert np.array_equal(a.images, b.images)
+        assert 0.5 < np.abs(b.robot[:, 4:]).max() < 100  # [N m]
 
 
 @pytest.mark.parametrize("arm", ["torque", "muscle"])

@@ -11,8 +11,8 @@ import torch
 from clothlab._validation import Checked, setting
 from clothlab.artifacts import Trained
 from clothlab.cloth import get_cloth
-from clothlab.dpmpb import DPMPB, Sequences, materials_of, stretches, train_dpmpb
-from clothlab.recipes import RECIPES
+from clothlab.dpmpb import DPMPB, Sequences, stretches, train_dpmpb
+from clothlab.recipes import recipe_of
 
 
 def without_p(learned: Trained, runs: Sequence[Sequences], seed: int) -> Trained:
@@ -23,7 +23,7 @@ def without_p(learned: Trained, runs: Sequence[Sequences], seed: int) -> Trained
         runs: the recordings that they learned from.
         seed: of the training.
     """
-    recipe = replace(RECIPES[learned.sees_with].model, bias_size=0)
+    recipe = replace(recipe_of(learned).model, bias_size=0)
     model, biases, trace = train_dpmpb(runs, recipe, seed=seed, progress=False)
     return replace(learned, model=model, biases=biases, losses=trace.losses)
 
@@ -39,7 +39,7 @@ def with_constants(learned: Trained, runs: Sequence[Sequences], seed: int) -> Tr
     cloths = [get_cloth(name) for name in learned.biases]
     logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths])
     known = dict(zip(learned.biases, (logs - logs.mean(0)) / logs.std(0), strict=True))
-    model, biases, trace = train_dpmpb(runs, RECIPES[learned.sees_with].model, known=known, seed=seed, progress=False)
+    model, biases, trace = train_dpmpb(runs, recipe_of(learned).model, known=known, seed=seed, progress=False)
     return replace(learned, model=model, biases=biases, losses=trace.losses)
 
 
@@ -70,8 +70,9 @@ def retrained(
         seed: of the batches.
     """
     settings, model = settings or Retraining(), deepcopy(learned.model).train().requires_grad_(True)
-    recipe = RECIPES[learned.sees_with].model
-    sets = [(stretches(each, recipe.sequence_length, recipe.stride), _biases(learned, each)) for each in (runs, own)]
+    training = recipe_of(learned).model
+    length, stride = training.sequence_length, training.stride
+    sets = [(stretches(each, length, stride), _biases(learned, each)) for each in (runs, own)]
     optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.updates)
     generator = torch.Generator().manual_seed(seed)

@@ -24,16 +24,9 @@ from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
-from clothlab.experiments.opponents import (
-    ChangesModel,
-    ChangesPolicy,
-    CrossEntropyPolicy,
-    MeanLossPolicy,
-    Repeat,
-    train_changes,
-)
-from clothlab.recipes import RECIPES
-from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout
+from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
+from clothlab.recipes import recipe_of
+from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout, sensed_by
 
 ENSEMBLE = 5  # models
 OWN_STEPS, OWN_SEED = 248, 30_000  # the run that a model learns from before the one that counts, and its seed
@@ -93,10 +86,10 @@ def _target(case: Case) -> np.ndarray:
 
 
 @cache
-def _seen(sees_with: str, recordings: str) -> list[Sequences]:
-    """Recordings as an autoencoder sees them, encoded once in each process."""
+def _seen(sees_with: str, arm: str, recordings: str) -> list[Sequences]:
+    """Recordings as an autoencoder sees and an arm senses them, encoded once in each process."""
     autoencoder, _ = artifacts.load_autoencoder(sees_with)
-    return [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
+    return [to_sequences(autoencoder, sensed_by(trial, arm)) for trial in artifacts.load_trials(recordings)]
 
 
 def seen_runs(learned: Trained) -> list[Sequences]:
@@ -105,7 +98,8 @@ def seen_runs(learned: Trained) -> list[Sequences]:
     Raises:
         KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
     """
-    return [run for name in RECIPES[learned.sees_with].recordings for run in _seen(learned.sees_with, name)]
+    recordings, how = recipe_of(learned).recordings, (learned.sees_with, learned.arm.name)
+    return [run for name in recordings for run in _seen(*how, name)]
 
 
 def _best_recorded(learned: Trained, case: Case) -> np.ndarray:
