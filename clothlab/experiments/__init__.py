@@ -14,6 +14,7 @@ from clothlab.experiments import (
     control,
     estimation,
     experience,
+    feeling,
     integrated,
     knowledge,
     limits,
@@ -37,9 +38,9 @@ EXPERIMENTS.update(
     limits=limits,
     practice=practice,
     any_target=any_target,
-    knowledge=knowledge,
+    feeling=feeling,
 )
-SLOW.update(("experience", "limits", "practice", "any_target", "knowledge"))
+SLOW.update(("experience", "limits", "practice", "any_target", "feeling"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -51,6 +52,7 @@ __all__ = [
     "control",
     "estimation",
     "experience",
+    "feeling",
     "integrated",
     "knowledge",
     "limits",
