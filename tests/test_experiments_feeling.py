@@ -124,7 +124,7 @@ def test_commands_that_nobody_can_send_are_refused_before_the_work_begins(comman
 
 
 def test_settings_that_name_nothing_are_refused():
-    with pytest.raises(KeyError, match="unknown cloth 'silk'; choose from damp0.03"):
+    with pytest.raises(KeyError, match=r"unknown cloth 'silk'; choose from damp0.03"):
         Settings(cloths=("silk",))
     with pytest.raises(KeyError, match="unknown method 'magic'; choose from gradient, practice"):
         Settings(methods=("magic",))

@@ -251,9 +251,9 @@ def test_what_an_arm_that_feels_would_have_recorded_is_what_it_records(trial):
 
 
 def test_what_does_not_follow_from_a_recording_is_refused(trial, muscle_trial):
-    with pytest.raises(ValueError, match="the torque-feeling arm senses does not follow from .* the muscle arm"):
+    with pytest.raises(ValueError, match=r"the torque-feeling arm senses does not follow from .* the muscle arm"):
         sensed_by(muscle_trial, "torque-feeling")
-    with pytest.raises(ValueError, match="the muscle arm senses does not follow from .* the torque arm"):
+    with pytest.raises(ValueError, match=r"the muscle arm senses does not follow from .* the torque arm"):
         sensed_by(trial, "muscle")
     with pytest.raises(ValueError, match="did not start from the arm's home"):
         sensed_by(trial[6:], "torque-feeling")
