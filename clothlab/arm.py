@@ -18,6 +18,8 @@ from clothlab.muscle import MUSCLES, Muscles
 JOINTS = ("shoulder", "elbow")
 SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
 SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
+BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
+BAR_RADIUS = 0.008  # [m]
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,47 @@ class Camera(Checked):
     position: tuple[float, float, float] = setting(unit="m")
     target: tuple[float, float, float] = setting(unit="m")
     fovy: float = setting(unit="degree", above=0, at_most=170)  # vertical field of view
+    roll: float = setting(0.0, "degree")  # turn about the line of sight; the picture turns clockwise
+
+    @property
+    def axes(self) -> np.ndarray:
+        """What is right, up and backward for the camera, in the world: rows of `[3, 3]`."""
+        backward = np.subtract(self.position, self.target)
+        backward /= np.linalg.norm(backward)
+        right = np.cross([0.0, 0.0, 1.0], backward)
+        right /= np.linalg.norm(right)
+        level = np.array([right, np.cross(backward, right), backward])
+        return _turn(np.deg2rad([0.0, 0.0, self.roll])) @ level
+
+    def moved(self, shift: ArrayLike = (0, 0, 0), turn: ArrayLike = (0, 0, 0)) -> "Camera":
+        """The same camera elsewhere.
+
+        Args:
+            shift: to its right, upward and backward `[3]` [m].
+            turn: about these axes, as one rotation vector `[3]` [degree]: up (pitch), to the left (yaw), and
+                counterclockwise (roll).
+
+        Raises:
+            ValueError: no three finite numbers, or a camera that would look straight up or down.
+        """
+        shift, turn = check_array("shift", shift, (3,)), check_array("turn", turn, (3,))
+        axes = _turn(np.deg2rad(turn)) @ self.axes
+        position = np.add(self.position, shift @ self.axes)
+        target = position - axes[2] * np.linalg.norm(np.subtract(self.position, self.target))
+        if abs(axes[2, 2]) > 0.999:
+            raise ValueError("a camera that looks straight up or down has no upright picture")
+        level = replace(self, position=tuple(position.tolist()), target=tuple(target.tolist()), roll=0.0)
+        right, up, _ = level.axes
+        return replace(level, roll=float(np.rad2deg(np.arctan2(axes[0] @ up, axes[0] @ right))))
+
+
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """Axes `[3, 3]`, one in a row, that result from turning by a rotation vector `[3]` [rad] in their own frame."""
+    quaternion, matrix = np.empty(4), np.empty(9)
+    angle = np.linalg.norm(vector)
+    mujoco.mju_axisAngle2Quat(quaternion, vector / max(angle, 1e-12), angle)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3).T
 
 
 @dataclass(frozen=True)
@@ -369,9 +412,9 @@ def _add_hand(parent: mujoco.MjsBody, position: ArrayLike, bar_length: float) ->
     hand.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[0, -bar_length / 2, 0, 0, bar_length / 2, 0],
-        size=[0.008, 0, 0],
+        size=[BAR_RADIUS, 0, 0],
         mass=0.05,
-        rgba=(0.2, 0.2, 0.2, 1),
+        rgba=BAR_RGBA,
         contype=0,
         conaffinity=0,
     )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from clothlab import vision
 from clothlab._validation import Checked, check_number, setting
-from clothlab.arm import Arm, check_command, get_arm
+from clothlab.arm import Arm, Camera, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
@@ -71,14 +71,21 @@ def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjS
     spec.option.timestep = scene.time_step
     spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
     spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
-    target = spec.worldbody.add_body(name="camera_target", pos=arm.camera.target)
-    target.add_site(size=[0.001, 0, 0], group=4)
-    follow = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY
-    camera = {"pos": arm.camera.position, "fovy": arm.camera.fovy, "mode": follow, "targetbody": target.name}
-    spec.worldbody.add_camera(name="camera", **camera)
+    _add_camera(spec, arm.camera)
     hand, position = arm.add_to(spec)
     add_cloth(spec, cloth, hand, position, front_forward=arm.camera.position[0] > position[0])
     return spec
+
+
+def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
+    target = spec.worldbody.add_body(name="camera_target", pos=camera.target)
+    target.add_site(size=[0.001, 0, 0], group=4)
+    how = {"mode": mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY, "targetbody": target.name}
+    if camera.roll:  # MuJoCo keeps a camera upright that follows a body
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
+        how = {"quat": quaternion}
+    spec.worldbody.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **how)
 
 
 class ClothEnv(gymnasium.Env):
