@@ -43,6 +43,7 @@ __all__ = [
     "muscle",
     "plots",
     "practice",
+    "registration",
     "search",
     "stiffness",
     "trials",

@@ -14,8 +14,9 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 PACKAGE = ROOT / "clothlab"
-LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "trials", "autoencoder"]
+LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "trials", "registration"]
 LAYERS += [
+    "autoencoder",
     "dpmpb",
     "frozen",
     "estimation",
