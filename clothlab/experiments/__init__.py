@@ -11,6 +11,7 @@ and run when asked for by name.
 
 from clothlab.experiments import (
     any_target,
+    cameras,
     control,
     estimation,
     experience,
@@ -39,8 +40,9 @@ EXPERIMENTS.update(
     practice=practice,
     any_target=any_target,
     feeling=feeling,
+    cameras=cameras,
 )
-SLOW.update(("experience", "limits", "practice", "any_target", "feeling"))
+SLOW.update(("experience", "limits", "practice", "any_target", "feeling", "cameras"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -49,6 +51,7 @@ __all__ = [
     "ClaimError",
     "Findings",
     "any_target",
+    "cameras",
     "control",
     "estimation",
     "experience",

@@ -8,7 +8,7 @@ differs is what the training's loss makes of them, not what could be known.
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -202,7 +202,7 @@ def estimate_one(
     first = settings.first_seed if motion == RANDOM else settings.as_long_seed
     seed = first + 100 * model + 20 * number + list(KNOWN).index(cloth)
     steps = settings.steps if commands is None else len(commands)
-    policy = ReplayPolicy(commands) if motion == CHOSEN else RandomPolicy(learned.arm)
+    policy = ReplayPolicy(commands) if commands and motion == CHOSEN else RandomPolicy(learned.arm)
     trial = new_trial(policy, learned.arm, held, steps, seed)
     p, _ = estimate_bias(learned.model, learned.sequences(trial))
     right = learned.biases.get(cloth)
@@ -231,7 +231,11 @@ def control_one(settings: Settings, weights: str, model: int, method: str, targe
     return Control(weights, model, method, target, cloth, best.round(4))
 
 
-_KINDS = {"read": (read_one, Readout), "estimate": (estimate_one, Estimate), "control": (control_one, Control)}
+_KINDS: dict[str, tuple[Callable[..., Any], type]] = {
+    "read": (read_one, Readout),
+    "estimate": (estimate_one, Estimate),
+    "control": (control_one, Control),
+}
 
 
 def run_kept(folder: Path, settings: Settings, kind: str, *job: Any) -> Any:
@@ -291,5 +295,5 @@ def run(
     todo = [(folder, settings, *job) for job in jobs(settings, chosen)]
     folder.mkdir(parents=True, exist_ok=True)
     found = run_jobs(run_kept, todo, workers=workers, progress=progress, what="feeling")
-    kinds = (tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values())
+    kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]
     return Record(settings, *kinds)
