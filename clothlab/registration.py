@@ -168,8 +168,8 @@ def find_bar(picture: np.ndarray) -> np.ndarray | None:
 
     None where the bar is not to be seen, or leaves the picture.
     """
-    below: np.ndarray = (picture < DARK).all(axis=2)
-    _, labels, parts, _ = cv2.connectedComponentsWithStats(below.astype(np.uint8))
+    below = np.asarray((picture < DARK).all(axis=2), np.uint8)
+    _, labels, parts, _ = cv2.connectedComponentsWithStats(below)
     dark = np.isin(labels, 1 + np.flatnonzero(parts[1:, cv2.CC_STAT_AREA] >= LEAST_PART))
     rows, columns = np.nonzero(dark)
     if len(rows) < LEAST_BAR or dark[[0, -1]].any() or dark[:, [0, -1]].any():
