@@ -6,7 +6,18 @@ import torch
 
 from clothlab.autoencoder import Autoencoder
 from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings, estimate_bias, prediction_loss
+from clothlab.estimation import (
+    BiasEstimator,
+    EstimatingPolicy,
+    EstimationSettings,
+    Fit,
+    NewtonEstimator,
+    NewtonSettings,
+    bias_covariance,
+    estimate_bias,
+    new_estimator,
+    prediction_loss,
+)
 from clothlab.trials import RandomPolicy, Wrapper, rollout
 
 QUICK = EstimationSettings(window=20, warmup=2)
@@ -136,6 +147,90 @@ def test_a_start_is_a_p(listening, p):
 def test_a_window_reaches_beyond_the_warm_up(window, warmup):
     with pytest.raises(ValueError, match=rf"window must be longer than the warmup of {warmup} steps, got {window}"):
         EstimationSettings(window=window, warmup=warmup)
+
+
+def test_newton_finds_the_p_that_generated_the_data_while_momentum_is_on_its_way(listening, run):
+    _, newton = estimate_bias(listening, run, settings=NewtonSettings())
+    _, momentum = estimate_bias(listening, run)
+    away = [np.linalg.norm(trace - (0.4, -0.3), axis=1) for trace in (newton, momentum)]
+    assert away[0][20] < 0.01
+    assert away[1][20] > 0.3
+    moved = np.linalg.norm(np.diff(newton, axis=0), axis=1)
+    assert moved[:4].tolist() == [0] * 4  # with two predictions there is nothing to judge
+    assert moved.max() <= NewtonSettings.longest + 1e-6
+
+
+def test_slopes_are_the_gradient_and_the_loss_is_the_loss(listening, run):
+    s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+    p = torch.tensor([0.1, 0.2], requires_grad=True)
+    loss = prediction_loss(listening, s, u, p, warmup=3)
+    loss.backward()
+    fit = Fit.of(listening, s, u, p.detach().numpy(), warmup=3)
+    assert fit.loss == pytest.approx(loss.item(), rel=1e-4)
+    gradient = -2 * np.einsum("td,tdi->i", fit.errors, fit.slopes) / fit.errors.size
+    assert gradient == pytest.approx(p.grad.numpy(), rel=0.02)
+
+
+def test_outliers_move_newton_less_where_errors_are_weighted():
+    rng = np.random.default_rng(0)
+    errors, slopes = rng.normal(size=(200, 1)), np.ones((200, 1, 1))
+    errors[:3] += 100
+    plain, weighted = (Fit(errors, slopes).step(freedom)[0] for freedom in (1e9, 3))
+    assert plain == pytest.approx(errors.mean())
+    assert abs(weighted) < abs(plain) / 2
+
+
+def test_errors_that_follow_each_other_make_the_estimate_less_sure():
+    rng = np.random.default_rng(1)
+    slopes = np.ones((3000, 1, 1))
+    alone = rng.normal(size=(3000, 1))
+    together = np.repeat(alone[:1000], 3, axis=0)
+    apart, joined = (Fit(errors, slopes).covariance(1e9, lag=30)[0, 0] for errors in (alone, together))
+    assert apart == pytest.approx(1 / 3000, rel=0.35)  # the law of the mean
+    assert joined == pytest.approx(1 / 1000, rel=0.35)
+
+
+def test_an_estimator_knows_how_sure_it_is(listening, run):
+    noisy = Sequences(run.s + np.random.default_rng(2).normal(size=run.s.shape) * 0.01, run.u, "cloth")
+    for settings in (NewtonSettings(), QUICK):
+        estimator, traces = new_estimator(listening, settings=settings), []
+        for s, u in zip(noisy.s, noisy.u, strict=True):
+            estimator.update(s, u)
+            traces.append(None if estimator.covariance is None else np.trace(estimator.covariance))
+        assert traces[1] is None
+        assert traces[-1] > 0
+    estimator = NewtonEstimator(listening)
+    for s, u in zip(noisy.s, noisy.u, strict=True):
+        estimator.update(s, u)
+    assert estimator.covariance == pytest.approx(bias_covariance(listening, noisy, estimator.p))
+
+
+def test_the_warm_up_counts_only_where_the_window_begins_in_a_motion(listening, run):
+    settings = NewtonSettings(window=20, warmup=8)
+    counted = {}
+    for from_rest in (True, False):
+        estimator, counted[from_rest] = NewtonEstimator(listening, settings=settings, from_rest=from_rest), []
+        for s, u in zip(run.s, run.u, strict=True):
+            estimator.update(s, u)
+            counted[from_rest].append(0 if estimator.fit is None else len(estimator.fit.errors))
+    assert counted[True][:21] == [0] * 5 + [*range(5, 20)] + [12]
+    assert counted[False][12:21] == [0, *range(5, 13)]
+
+
+def test_a_newton_step_that_is_refused_leaves_the_estimate(listening, run):
+    estimator = NewtonEstimator(listening)
+    for s, u in zip(run.s[:10], run.u[:10], strict=True):
+        estimator.update(s, u)
+    before = estimator.p
+    with pytest.raises(ValueError, match="so far from what the model was trained on"):
+        estimator.update(np.full(7, 1e38), np.zeros(2))
+    assert np.array_equal(estimator.p, before)
+    assert len(estimator._seen) == 10
+
+
+def test_a_newton_window_holds_something_to_judge():
+    with pytest.raises(ValueError, match="window must hold the warmup and 5 steps more, got 12"):
+        NewtonSettings(window=12)
 
 
 class Listens(Wrapper):
