@@ -47,6 +47,7 @@ __all__ = [
     "search",
     "stiffness",
     "trials",
+    "uncertainty",
     "vision",
 ]
 __version__ = "0.2.0"
