@@ -21,6 +21,7 @@ from clothlab.env import CONTROL_PERIOD
 from clothlab.information import check_information, principal_directions
 from clothlab.stiffness import static_posture
 from clothlab.trials import Trial
+from clothlab.uncertainty import outline
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
@@ -177,7 +178,10 @@ def cloth_profiles(profiles: dict[str, Sequence[np.ndarray]]) -> Figure:
 
 
 def material_map(
-    biases: dict[str, np.ndarray], cloths: dict[str, Cloth], trajectories: dict[str, np.ndarray] | None = None
+    biases: dict[str, np.ndarray],
+    cloths: dict[str, Cloth],
+    trajectories: dict[str, np.ndarray] | None = None,
+    covariances: dict[str, np.ndarray] | None = None,
 ) -> Figure:
     """Parametric biases on their principal axes, with online trajectories (the paper's figure on PB in simulation).
 
@@ -185,6 +189,7 @@ def material_map(
         biases: trained p of each material `{name: [D_p]}`.
         cloths: the materials; the larger the mass, the larger the marker, whose shape is C_damp's or the foam's.
         trajectories: estimates over time `{label: [T, D_p]}`; the last one is ringed.
+        covariances: how sure the last one is `{label: [D_p, D_p]}`: its 90 % region is drawn.
     """
     pca = principal_axes(biases)
     figure, axes = new_axes(size=(6.4, 5.0))
@@ -201,10 +206,14 @@ def material_map(
             zorder=2,
         )
         ax.annotate(cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=8)
+    covariances = covariances or {}
     for k, (label, path) in enumerate((trajectories or {}).items()):
         x, y = pca.transform(path).T
         ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], lw=1.5, label=label, zorder=3)
         ax.scatter(x[-1], y[-1], s=130, facecolor="none", edgecolor=COLOURS[k % 7], lw=2, zorder=4)
+        if label in covariances:
+            across = pca.components_ @ covariances[label] @ pca.components_.T
+            ax.fill(*outline((x[-1], y[-1]), across).T, color=COLOURS[k % 7], alpha=0.25, zorder=1)
     share = pca.explained_variance_ratio_
     ax.margins(0.14)  # room for the labels
     ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")

@@ -44,6 +44,7 @@ FIGURES = {
     "profiles": lambda: plots.cloth_profiles({"a": RNG.random((3, 6, 3, 3)), "b": RNG.random((2, 6, 3, 3))}),
     "map": lambda: plots.material_map(BIASES, CLOTHS),
     "map of foams": lambda: plots.material_map({name: RNG.normal(size=2) for name in FOAMS}, FOAMS, {"run": PATH}),
+    "map with a region": lambda: plots.material_map(BIASES, CLOTHS, {"run": PATH}, {"run": 0.1 * np.eye(2)}),
     "landscapes": lambda: plots.loss_landscapes({"run": LANDSCAPE, "other": LANDSCAPE}, BIASES),
     "landscape": lambda: plots.loss_landscapes({"run": LANDSCAPE}, BIASES, next(iter(BIASES)), {"run": PATH}),
     "predictions": lambda: plots.predicted_states(RNG.random((5, 2)), {"p": RNG.random((5, 2))}, ["a [m]", "b [N]"]),
