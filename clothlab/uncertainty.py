@@ -6,6 +6,7 @@ shift the lowest loss, however long a run is, and only runs with known materials
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from scipy.stats import chi2
 
 from clothlab._validation import check_array, check_number, choose
 from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.estimation import Fit, NewtonSettings
+from clothlab.estimation import Estimator, Fit, NewtonSettings
 
 SHARE = 0.9  # of the regions that are shown
 LENGTHS = (50, 100, 200)  # steps after which a calibration looks
@@ -81,6 +82,15 @@ def settle(
     return p, Fit.of(model, s, u, p)
 
 
+class Doubt(NamedTuple):
+    """What there is to say against an estimate."""
+
+    covariance: np.ndarray  # of p [D_p, D_p]
+    surprise: float  # log of the prediction error over the usual one
+    unfamiliar: bool  # whether that is too much
+    outside: bool  # whether the 90 % region lies beyond the trained p
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """What runs with known materials say about one training.
@@ -121,7 +131,7 @@ class Calibration:
     def unfamiliar(self, fit: Fit, p: ArrayLike) -> bool:
         """Whether the material is predicted worse than any that the model was trained on; too early, it is not."""
         enough = len(fit.errors) >= self.lengths[0] - 1
-        return enough and self.surprise(fit, p) > np.interp(len(fit.errors), self.lengths, self.limit)
+        return enough and self.surprise(fit, p) > float(np.interp(len(fit.errors), self.lengths, self.limit))
 
     def outside(self, p: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
         """Whether the region around p lies beyond a side of the trained p: predicted well perhaps, but never seen."""
@@ -130,6 +140,18 @@ class Calibration:
         widths = np.sqrt(np.einsum("ki,ij,kj->k", normals, np.asarray(covariance), normals))
         gaps = normals @ np.asarray(p) + offsets
         return bool((gaps > _radius(share, normals.shape[1]) * widths).any())
+
+    def doubt(self, estimator: Estimator) -> Doubt | None:
+        """All of this about the current estimate, with one look; None where too little was seen."""
+        fit, p = estimator.fit, estimator.p
+        if fit is None:
+            return None
+        try:
+            covariance = self.covariance(fit)
+        except np.linalg.LinAlgError:
+            return None
+        outside = self.outside(p, covariance)
+        return Doubt(covariance, self.surprise(fit, p), self.unfamiliar(fit, p), outside)
 
 
 def _surprise(fit: Fit, p: np.ndarray, biases: np.ndarray, usual: np.ndarray) -> float:

@@ -49,18 +49,14 @@ TINY = {
         "steps": 16,
     },
     "any_target": {"first": 1, "models": 1, "steps": 16},
-    "knowledge": {
-        "cloths": ("between-light",),
-        "motions": ("operator",),
-        "seeds": (1,),
-        "steps": 5,
-        "times": (0.4, 1.0),
-        "repeats": 4,
-        "controls": (),
-        "other_steps": (),
-        "other_disturbances": (),
-        "plans": 1,
-        "plan_steps": 5,
+    "uncertainty": {
+        "models": (0,),
+        "repeats": 1,
+        "cloths": ("damp0.03-mass0.15", "long"),
+        "strange_repeats": 1,
+        "known": ("damp0.03-mass0.05", "damp0.03-mass0.15", "damp0.07-mass0.05"),
+        "known_repeats": 2,
+        "lengths": (14,),
     },
 }
 

@@ -24,6 +24,7 @@ from clothlab.experiments import (
     self_organisation,
     stiffness,
     tables,
+    uncertainty,
 )
 from clothlab.experiments._record import EXPERIMENTS, PAPER, SLOW, load, load_all, save
 from clothlab.experiments.claims import ClaimError, Findings
@@ -39,10 +40,9 @@ EXPERIMENTS.update(
     limits=limits,
     practice=practice,
     any_target=any_target,
-    feeling=feeling,
-    cameras=cameras,
+    uncertainty=uncertainty,
 )
-SLOW.update(("experience", "limits", "practice", "any_target", "feeling", "cameras"))
+SLOW.update(("experience", "limits", "practice", "any_target", "uncertainty"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -67,4 +67,5 @@ __all__ = [
     "self_organisation",
     "stiffness",
     "tables",
+    "uncertainty",
 ]
