@@ -173,7 +173,7 @@ def test_p_moves_only_while_it_is_estimated(session):
     for _ in range(14):
         assert session.step().p == pytest.approx([0.3, -0.2])
     session.estimating = True
-    moved = [session.step().p for _ in range(14)][-1]
+    moved = [session.step().p for _ in range(18)][-1]  # the warm-up of a cloth in motion, and some to judge
     assert not np.allclose(moved, [0.3, -0.2])
     with pytest.raises(ValueError, match="finite"):
         session.set_p(np.array([np.nan, 0.0]))

@@ -10,6 +10,7 @@ import pytest
 from clothlab.arm import get_arm
 from clothlab.lab import views
 from clothlab.lab.session import LiveSession
+from clothlab.uncertainty import Doubt, inside
 
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
 
@@ -38,6 +39,32 @@ def test_a_place_on_the_map_is_a_p_and_back():
         assert plane.p(plane.at(p)) == pytest.approx(p)
     assert [dot["label"] for dot in plane.map["dots"]] == ["first", "b", "c"]
     assert all(max(map(abs, dot["at"])) < plane.map["reach"] for dot in plane.map["dots"])
+
+
+def test_a_region_on_the_map_is_around_its_place():
+    plane, covariance = views.Plane(BIASES, {}), np.array([[0.04, 0.01], [0.01, 0.09]])
+    edge = plane.region(BIASES["a"], covariance)
+    assert np.mean(edge[:-1], axis=0) == pytest.approx(plane.at(BIASES["a"]), abs=0.01)
+    assert all(inside(plane.p(at), BIASES["a"], 1.01 * covariance) for at in edge)
+    assert not any(inside(plane.p(at), BIASES["a"], 0.99 * covariance) for at in edge)
+
+
+def test_doubts_are_shown_while_p_is_estimated_and_say_what_is_strange(session):
+    the_plane, known = views.plane(session), Doubt(0.01 * np.eye(2), 0.1, False, False)
+    nothing = {"region": [], "warning": ""}
+    assert views.doubts(session, the_plane) == nothing
+    session.finder.doubt = known
+    assert views.doubts(session, the_plane) == nothing
+    session.estimating = True
+    shown = views.doubts(session, the_plane)
+    plain(shown)
+    assert len(shown["region"]) > 10
+    assert shown["warning"] == ""
+    session.finder.doubt = known._replace(outside=True)
+    assert "beyond all that it learned" in views.doubts(session, the_plane)["warning"]
+    session.finder.doubt = known._replace(unfamiliar=True, surprise=np.log(2))
+    assert "2.0 times the usual" in views.doubts(session, the_plane)["warning"]
+    session.finder.doubt, session.estimating = None, False
 
 
 def test_images_become_files_of_the_same_size():

@@ -17,8 +17,8 @@ from clothlab.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.control import recorded_plans
 from clothlab.dpmpb import observe
 from clothlab.env import ClothEnv, Scene, SimulationError
-from clothlab.estimation import BiasEstimator
 from clothlab.lab.drivers import DRIVERS, Drivers
+from clothlab.lab.finder import Finder, calibration
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
 from clothlab.vision import check_mask
@@ -26,17 +26,18 @@ from clothlab.vision import check_mask
 
 @dataclass(frozen=True)
 class Setup(Checked):
-    """What a session starts with on each arm: the sets of weights and trials, a cloth and a target."""
+    """What a session starts with on each arm: weights, trials that they learned from and others, cloth and target."""
 
     weights: str = setting()
     trials: str = setting()
+    known: str = setting()
     cloth: str = setting()
     target: str = setting()
 
 
 SETUPS = {
-    "torque": Setup("torque-0", "train", "damp0.05-mass0.10", "target-2"),
-    "muscle": Setup("muscle-0", "muscle-train", "soft-1", "muscle"),
+    "torque": Setup("torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
+    "muscle": Setup("muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"),
 }
 
 
@@ -78,6 +79,7 @@ class LiveSession:
         misunderstanding: chamfer distance [pixel] between the two; infinite where no cloth is left.
         usual_distance: the same of recorded images, 99th percentile [pixel]: beyond it, an image is unlike any cloth.
         gallery: images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
+        finder: who estimates p, and doubts.
         seed: of the random numbers since the last reset.
     """
 
@@ -103,6 +105,7 @@ class LiveSession:
 
     def _equip(self, setup: Setup) -> None:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
+        self._calibration = calibration(setup.weights, setup.known)
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.sequences(trial) for trial in trials]
         images, targets = yardsticks(trials), artifacts.load_targets()
@@ -151,7 +154,7 @@ class LiveSession:
         self._still = encode(self.trained.autoencoder, self.observation["image"])
         self.step_number, self.seed = 0, int(np.random.default_rng().integers(2**32))
         self._drivers.reset(self.seed)
-        self._estimator = BiasEstimator(self.trained.model, self._p)
+        self.finder = Finder(self.trained, self._calibration, self._p)
 
     @property
     def p(self) -> np.ndarray:
@@ -165,7 +168,7 @@ class LiveSession:
             ValueError: p of another size or not finite.
         """
         p = check_array("p", p, self._p.shape, np.float32)
-        self._estimator = BiasEstimator(self.trained.model, p)
+        self.finder = Finder(self.trained, self._calibration, p)
         self._use(p)
 
     @property
@@ -247,7 +250,8 @@ class LiveSession:
             about = {"cloth": self.env.cloth, "arm": self.arm.name, "policy": self.driver, "seed": self.seed}
             self.recorder.add(seen, u, about)
         if self.estimating:
-            self._use(self._estimator.update(observe(self.trained.autoencoder, seen), u))
+            s = observe(self.trained.autoencoder, seen)
+            self._use(self.finder.update(s, u, at_rest=self.step_number == 1))
         z = encode(self.trained.autoencoder, observation["image"])
         return Moment(
             step=self.step_number,

@@ -16,7 +16,8 @@ from clothlab.arm import JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import SETUPS, LiveSession, Moment
+from clothlab.lab.session import LiveSession, Moment
+from clothlab.uncertainty import outline
 from clothlab.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
@@ -68,6 +69,11 @@ class Plane:
     def at(self, p: ArrayLike) -> list[float]:
         """Where p `[D_p]` is on the map: PC1 and PC2."""
         return self._axes.transform(np.asarray(p)[None])[0].tolist()
+
+    def region(self, p: ArrayLike, covariance: ArrayLike) -> list[list[float]]:
+        """Edge of the 90 % region around p `[D_p]` on the map, places of PC1 and PC2."""
+        across = self._axes.components_
+        return outline(self.at(p), across @ np.asarray(covariance) @ across.T).round(4).tolist()
 
     def p(self, at: ArrayLike) -> np.ndarray:
         """p `[D_p]` of a place on the map."""
@@ -154,7 +160,22 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
         "at": the_plane.at(session.p),
         "trail": [the_plane.at(moment.p) for moment in history],
         "nearest": get_cloth(session.nearest).label,
-    }
+    } | doubts(session, the_plane)
+
+
+def doubts(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
+    """While p is estimated: the edge of its 90 % region, and a warning where the material is unlike the trained ones.
+
+    The region is empty, and the warning too, where there is nothing to say.
+    """
+    doubt = session.finder.doubt if session.estimating else None
+    if doubt is None:
+        return {"region": [], "warning": ""}
+    warning = "p lies beyond all that it learned." if doubt.outside else ""
+    if doubt.unfamiliar:
+        times = np.exp(doubt.surprise)
+        warning = f"It knows no such material: squared prediction error {times:.1f} times the usual."
+    return {"region": the_plane.region(session.p, doubt.covariance), "warning": warning}
 
 
 def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, Any]]:

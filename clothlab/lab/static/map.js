@@ -1,4 +1,5 @@
-// The plane of p: trained materials as dots, the p in use as a cross with its trail. A click or the arrow keys choose.
+// The plane of p: trained materials as dots, the p in use as a cross with its trail and the region
+// that holds it in nine cases of ten. A click or the arrow keys choose.
 function placeLabel(width, [x, y], taken, size) {
   // Beside, above or below its dot, as near as it is inside and covers nothing yet.
   const around = (r) => [[r, 5], [-r - width, 5], [-width / 2, -r - 1], [-width / 2, r + 11], [r, -r], [r, r + 10], [-r - width, -r], [-r - width, r + 10]];
@@ -20,7 +21,7 @@ function pbMap(choose, SIZE = 310) {
   canvas.setAttribute("role", "application");
   canvas.setAttribute("aria-label", "map of the parametric bias p: click, or use the arrow keys, to set p");
   ctx.scale(SHARP, SHARP);
-  let shown = { dots: [], reach: 1, axes: ["", ""], at: [0, 0], trail: [], held: "" };
+  let shown = { dots: [], reach: 1, axes: ["", ""], at: [0, 0], trail: [], region: [], held: "" };
   const half = SIZE / 2 - PAD;
   const toScreen = ([x, y]) => [SIZE / 2 + (x / shown.reach) * half, SIZE / 2 - (y / shown.reach) * half];
 
@@ -72,6 +73,15 @@ function pbMap(choose, SIZE = 310) {
       ctx.lineWidth = 1;
       ctx.fillText(label, ...at);
     });
+    if (shown.region.length) {
+      ctx.strokeStyle = "#D55E00";
+      ctx.lineWidth = 1.5;
+      ctx.setLineDash([5, 3]);
+      ctx.beginPath();
+      for (const point of shown.region) ctx.lineTo(...toScreen(point));
+      ctx.stroke();
+      ctx.setLineDash([]);
+    }
     const [x, y] = toScreen(shown.at);
     ctx.strokeStyle = "#D55E00";
     ctx.lineWidth = 3.5;

@@ -124,7 +124,8 @@ function render({ model, el }) {
   const cloth = makeMenu("cloth", (name) => act("set cloth", { cloth: name }));
   const material = make("div"), estimate = button("estimate p online", () => act("estimate", { on: !get("state").estimating }));
   const map = pbMap((at) => act("set p", { at })), legend = make("div", { className: "note" });
-  const materials = make("section", { style: "--least:310px" }, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, map.canvas);
+  const strange = make("div", { role: "status", className: "no" });
+  const materials = make("section", { style: "--least:310px" }, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, map.canvas, strange);
 
   // -- stiffness
   const fixed = make("input", { type: "checkbox" });
@@ -200,7 +201,7 @@ function render({ model, el }) {
   }
   function showLegend() {
     const { label } = get("state").cloth;
-    legend.textContent = `● in the hand: ${label}   + p in use, nearest to ${get("frame").nearest}`;
+    legend.textContent = `● in the hand: ${label}   + p in use, nearest to ${get("frame").nearest}${get("frame").region.length ? "   ⋯ 90 % region" : ""}`;
   }
   let version = -1;
   function showTarget() {
@@ -223,7 +224,8 @@ function render({ model, el }) {
     traces.length = frame.traces.length;
     if (plots.children.length !== traces.length) plots.replaceChildren(...traces.map(({ figure }) => figure));
     frame.traces.forEach((trace, i) => traces[i].draw(trace, frame.marks, get("about")));
-    map.draw({ at: frame.at, trail: frame.trail });
+    map.draw({ at: frame.at, trail: frame.trail, region: frame.region });
+    strange.textContent = frame.warning && `⚠ ${frame.warning}`;
     showLegend();
     shown.dataset.frame = frame.number;
     model.send({ do: "drawn", frame: frame.number });
