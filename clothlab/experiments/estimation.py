@@ -11,13 +11,17 @@ from clothlab.analysis import MaterialReadout, nearest_material, spread
 from clothlab.cloth import CLOTHS, Cloth
 from clothlab.experiments._record import estimate_at_random, run_jobs, trained
 
-BETWEEN = {  # never trained on: geometric means of neighbouring trained values
+BETWEEN = {  # never trained on: geometric means of neighbouring trained values, and one nearer to a corner of them
     name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5)
     for name, (c, d), (m, n) in (
         ("between-light", (0.03, 0.05), (0.05, 0.10)),
         ("between-heavy", (0.05, 0.07), (0.10, 0.15)),
+        ("between-slow", (0.05, 0.07), (0.05, 0.10)),  # much drag for its mass
+        ("between-fast", (0.03, 0.05), (0.10, 0.15)),
+        ("between-corner", (0.06, 0.07), (0.05, 0.07)),
     )
 }
+ESTIMATED = (*CLOTHS, "between-light", "between-heavy")
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Settings(Checked):
     weights: str = setting("torque")
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
     repeats: int = setting(4, at_least=1)  # other commands for each training and cloth
-    cloths: tuple[str, ...] = setting((*CLOTHS, *BETWEEN))
+    cloths: tuple[str, ...] = setting(ESTIMATED)
     steps: int = setting(200, "step", at_least=12)  # 40 s, about as in the paper
     first_seed: int = setting(6000, at_least=0)  # of the commands: this + 100 model + 20 repeat + number of the cloth
 
