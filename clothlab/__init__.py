@@ -38,7 +38,7 @@ __all__ = [
     "estimation",
     "experiments",
     "frozen",
-    "information",
+    "identification",
     "lab",
     "muscle",
     "plots",
