@@ -15,6 +15,7 @@ BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
 LANDSCAPE = Landscape(principal_axes(BIASES), np.linspace(-2, 2, 5), np.linspace(-2, 2, 4), 0.1 + RNG.random((4, 5)))
 PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
+RACE = {name: {who: RNG.random((4, 2)) for who in ("p", "sysid")} for name in ("C_damp", "C_mass", "C_damp / C_mass")}
 
 
 class Grown:
@@ -56,14 +57,7 @@ FIGURES = {
     "periods": lambda: plots.period_bests({"a": RNG.random((3, 9)), "b": RNG.random(9)}, {"still": 1.0, "empty": 2.0}),
     "dots": lambda: plots.dots({"a": {"x": RNG.random(5), "y": RNG.random(3)}, "b": {"x": RNG.random(5)}}, "distance"),
     "intervals": lambda: plots.intervals({"a": (1.0, 0.5, 1.5), "b": (0.1, -0.5, 0.6)}, "difference"),
-    "bounds": lambda: plots.bounds_over_time(
-        {
-            "C_damp": {"z": np.array([np.inf, 0.3, 0.1]), "mask": 0.1 + RNG.random(3)},
-            "C_mass": {"z": np.full(3, np.inf)},
-        },
-        np.array([1.0, 10.0, 40.0]),
-    ),
-    "information": lambda: plots.information_ellipses({"z": np.diag([4.0, 1.0]), "mask": np.diag([9.0, 0.0])}),
+    "race": lambda: plots.race(RACE, np.array([5.0, 10.0]), {"bound": {"C_damp": np.array([0.02, 0.01])}}),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 
@@ -164,3 +158,16 @@ def test_a_video_is_played_in_the_page(capsys, monkeypatch):
 def test_nothing_to_show_is_refused():
     with pytest.raises(ValueError, match="no image to show"):
         plots.image_grid([])
+
+
+def test_a_race_shows_the_median_run_and_a_bound_where_there_is_one():
+    times, errors = np.array([5.0, 40.0]), np.array([[0.1, 0.01], [0.2, 0.02], [0.6, 0.9]])
+    figure = plots.race({"a": {"p": errors}, "b": {"p": errors / 2}}, times, {"bound": {"b": times / 100}}, ["a", "b"])
+    first, second = figure.axes
+    assert [line.get_label() for line in first.lines] == ["p"]
+    assert list(first.lines[0].get_ydata()) == pytest.approx([0.2, 0.02])
+    assert list(second.lines[0].get_ydata()) == pytest.approx([0.1, 0.01])
+    assert list(second.lines[1].get_ydata()) == pytest.approx([0.05, 0.4])
+    assert [line.get_label() for line in second.lines] == ["p", "bound"]
+    assert first.get_yscale() == "log"
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {"p", "bound"}
