@@ -21,6 +21,7 @@ from clothlab.experiments import (
     limits,
     perception,
     practice,
+    race,
     self_organisation,
     stiffness,
     tables,
@@ -40,9 +41,9 @@ EXPERIMENTS.update(
     limits=limits,
     practice=practice,
     any_target=any_target,
-    uncertainty=uncertainty,
+    race=race,
 )
-SLOW.update(("experience", "limits", "practice", "any_target", "uncertainty"))
+SLOW.update(("experience", "limits", "practice", "any_target", "race"))
 
 __all__ = [
     "EXPERIMENTS",
@@ -63,6 +64,7 @@ __all__ = [
     "load_all",
     "perception",
     "practice",
+    "race",
     "save",
     "self_organisation",
     "stiffness",
