@@ -7,7 +7,7 @@ import pytest
 from clothlab import artifacts, experiments
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES
 from clothlab.dpmpb import Sequences
-from clothlab.experiments import race
+from clothlab.experiments import practice, race
 from clothlab.experiments.race import ALL, GROUPS, METHODS, OUTSIDE, ROUGH, Method, Record, Run, Settings, run, run_one
 from clothlab.identification import UNKNOWN, FitSettings, RegressorTraining, logs
 
@@ -22,9 +22,9 @@ def short_trials(monkeypatch):
     monkeypatch.setattr(
         artifacts, "load_trials", lambda name: [trial[:40] for trial in whole(name.removesuffix(artifacts.MORE))[::6]]
     )
-    race._recorded.cache_clear()
+    practice._seen.cache_clear()
     yield
-    race._recorded.cache_clear()
+    practice._seen.cache_clear()
 
 
 def guess(settings, learned, model, folder):

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,13 @@ from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import MaterialReadout
 from clothlab.artifacts import Trained
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
-from clothlab.dpmpb import Sequences, to_sequences, train_dpmpb
+from clothlab.dpmpb import Sequences, train_dpmpb
 from clothlab.env import CONTROL_PERIOD
 from clothlab.estimation import estimate_bias
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import converter, random_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.practice import seen_runs
 from clothlab.identification import (
     UNKNOWN,
     FitSettings,
@@ -224,17 +225,11 @@ def load_network(path: Path) -> Regressor:
     return network.eval().requires_grad_(False)
 
 
-@cache
-def _recorded(weights: str, model: int) -> list[Sequences]:
-    """The recordings that weights learned from, as their autoencoder sees them, once in each process."""
-    return [to_sequences(trained(f"{weights}-{model}").autoencoder, trial) for trial in RECIPES[weights].load_trials()]
-
-
 def train_network(settings: Settings, model: int, folder: Path) -> float:
     """Train a network, or leave the one that is kept; seconds of computation [s]."""
 
     def train() -> float:
-        runs, start = _recorded(settings.weights, model), time.process_time()
+        runs, start = seen_runs(trained(f"{settings.weights}-{model}")), time.process_time()
         told = {name: logs(cloth) for name, cloth in CLOTHS.items()}
         network, _ = train_regressor(runs, told, settings.network, seed=model)
         write_bytes(folder / network_file(model), to_bytes(network.state_dict()))
@@ -249,7 +244,7 @@ def train_model(settings: Settings, folder: Path) -> float:
     recipe = RECIPES[settings.weights].model
 
     def train() -> float:
-        runs, start = _recorded(settings.weights, settings.models[0]), time.process_time()
+        runs, start = seen_runs(trained(f"{settings.weights}-{settings.models[0]}")), time.process_time()
         train_dpmpb(runs, replace(recipe, epochs=1), seed=0, progress=False)
         return (time.process_time() - start) * recipe.epochs
 
