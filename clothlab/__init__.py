@@ -39,6 +39,7 @@ __all__ = [
     "experiments",
     "frozen",
     "identification",
+    "information",
     "lab",
     "muscle",
     "plots",
