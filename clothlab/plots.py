@@ -480,6 +480,60 @@ def intervals(rows: dict[str, tuple[float, float, float]], xlabel: str) -> Figur
     return figure
 
 
+def bounds_over_time(panels: dict[str, dict[str, np.ndarray]], time: np.ndarray) -> Figure:
+    """How well a constant can be known at best after some time, a panel for each, on logarithmic scales.
+
+    A grey line falls with the root of time, as a bound does while the motion goes on as it is. What is not known at
+    all, an infinite bound, is not drawn.
+
+    Args:
+        panels: `{quantity: {sensors: least standard deviation of its logarithm [N]}}`.
+        time: `[N]` [s].
+    """
+    figure, axes = new_axes(1, len(panels), size=(3.2, 3.2), sharex=True, sharey=True)
+    for ax, (quantity, curves) in zip(axes[0], panels.items(), strict=True):
+        known = []
+        for k, (label, values) in enumerate(curves.items()):
+            shown = np.where(np.isfinite(values), values, np.nan)
+            look: dict[str, Any] = {"color": COLOURS[k % 7], "ls": STYLES[k % 4], "marker": "os^Dv"[k % 5], "ms": 3}
+            ax.plot(time, shown, label=label, **look)
+            known += shown[np.isfinite(shown)].tolist()
+        if known:
+            guide = np.max(known) * np.sqrt(np.min(time) / np.asarray(time))
+            ax.plot(time, guide, color="0.6", lw=1, label="_root of time")
+        ax.set(xscale="log", yscale="log", xlabel="time [s]", title=quantity)
+    axes[0, 0].set_ylabel("least standard deviation of the log")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def information_ellipses(ellipses: dict[str, np.ndarray], longest: float = 10.0) -> Figure:
+    """Regions of one standard deviation around the true constants, dᵀ F d = 1: where they are long, little is known.
+
+    Args:
+        ellipses: Fisher information of (log C_damp, log C_mass) `{label: F [2, 2]}`.
+        longest: where an axis would be longer than so many times the longest short one, the ellipse is cut there: of a
+            direction that is not observed at all, it has no end.
+
+    Raises:
+        ValueError: no information matrices of two unknowns, or one without any information.
+    """
+    found = {label: principal_directions(check_information(f)) for label, f in ellipses.items()}
+    if not found or any(values.shape != (2,) or values[0] <= 0 for values, _ in found.values()):
+        raise ValueError("an ellipse needs information about two unknowns, [2, 2], and some in one direction at least")
+    reach = longest * max(values[0] ** -0.5 for values, _ in found.values())
+    figure, ((ax,),) = new_axes(size=(4.6, 4.2))
+    turn = np.linspace(0, 2 * np.pi, 400)
+    for k, (label, (values, rows)) in enumerate(found.items()):
+        half = np.minimum(1 / np.sqrt(np.maximum(values, reach**-2)), reach)
+        x, y = (np.stack([np.cos(turn), np.sin(turn)], axis=1) * half @ rows).T
+        ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], label=label)
+    ax.plot(0, 0, "k+", label="_truth")
+    ax.set(xlabel="error of log C_damp", ylabel="error of log C_mass", aspect="equal")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    return figure
+
+
 def race(
     curves: dict[str, dict[str, np.ndarray]],
     times: np.ndarray,

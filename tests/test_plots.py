@@ -57,6 +57,14 @@ FIGURES = {
     "periods": lambda: plots.period_bests({"a": RNG.random((3, 9)), "b": RNG.random(9)}, {"still": 1.0, "empty": 2.0}),
     "dots": lambda: plots.dots({"a": {"x": RNG.random(5), "y": RNG.random(3)}, "b": {"x": RNG.random(5)}}, "distance"),
     "intervals": lambda: plots.intervals({"a": (1.0, 0.5, 1.5), "b": (0.1, -0.5, 0.6)}, "difference"),
+    "bounds": lambda: plots.bounds_over_time(
+        {
+            "C_damp": {"z": np.array([np.inf, 0.3, 0.1]), "mask": 0.1 + RNG.random(3)},
+            "C_mass": {"z": np.full(3, np.inf)},
+        },
+        np.array([1.0, 10.0, 40.0]),
+    ),
+    "information": lambda: plots.information_ellipses({"z": np.diag([4.0, 1.0]), "mask": np.diag([9.0, 0.0])}),
     "race": lambda: plots.race(RACE, np.array([5.0, 10.0]), {"bound": {"C_damp": np.array([0.02, 0.01])}}),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }

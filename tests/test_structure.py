@@ -20,6 +20,7 @@ LAYERS += [
     "dpmpb",
     "frozen",
     "estimation",
+    "uncertainty",
     "identification",
     "control",
     "practice",

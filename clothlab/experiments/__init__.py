@@ -41,9 +41,15 @@ EXPERIMENTS.update(
     limits=limits,
     practice=practice,
     any_target=any_target,
+    knowledge=knowledge,
+    feeling=feeling,
+    cameras=cameras,
+    uncertainty=uncertainty,
     race=race,
 )
-SLOW.update(("experience", "limits", "practice", "any_target", "race"))
+SLOW.update(
+    ("experience", "limits", "practice", "any_target", "knowledge", "feeling", "cameras", "uncertainty", "race")
+)
 
 __all__ = [
     "EXPERIMENTS",

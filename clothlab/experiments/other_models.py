@@ -11,7 +11,7 @@ import torch
 from clothlab._validation import Checked, setting
 from clothlab.artifacts import Trained
 from clothlab.cloth import get_cloth
-from clothlab.dpmpb import DPMPB, Sequences, stretches, train_dpmpb
+from clothlab.dpmpb import DPMPB, Sequences, materials_of, stretches, train_dpmpb
 from clothlab.recipes import recipe_of
 
 
@@ -70,9 +70,8 @@ def retrained(
         seed: of the batches.
     """
     settings, model = settings or Retraining(), deepcopy(learned.model).train().requires_grad_(True)
-    training = recipe_of(learned).model
-    length, stride = training.sequence_length, training.stride
-    sets = [(stretches(each, length, stride), _biases(learned, each)) for each in (runs, own)]
+    recipe = recipe_of(learned).model
+    sets = [(stretches(each, recipe.sequence_length, recipe.stride), _biases(learned, each)) for each in (runs, own)]
     optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.updates)
     generator = torch.Generator().manual_seed(seed)

@@ -24,7 +24,14 @@ from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, version
 from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
-from clothlab.experiments.opponents import ChangesPolicy, CrossEntropyPolicy, MeanLossPolicy, Repeat, train_changes
+from clothlab.experiments.opponents import (
+    ChangesModel,
+    ChangesPolicy,
+    CrossEntropyPolicy,
+    MeanLossPolicy,
+    Repeat,
+    train_changes,
+)
 from clothlab.recipes import recipe_of
 from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout, sensed_by
 

@@ -16,7 +16,7 @@ from clothlab.arm import JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.session import SETUPS, LiveSession, Moment
 from clothlab.uncertainty import outline
 from clothlab.vision import HEIGHT, WIDTH
 
