@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts
-from clothlab.experiments import other_models, practice
+from clothlab.experiments import _kept, other_models, practice
 from clothlab.experiments.practice import CASES, METHODS, Record, Run, Settings, jobs, run, run_one
 
 SMALL = {"cases": ("target-2, light",), "models": (0,), "repeats": 1, "steps": 16}
@@ -42,7 +42,7 @@ def test_another_version_or_length_is_done_again(tmp_path, monkeypatch):
     real = run_one
     monkeypatch.setattr(practice, "run_one", lambda *job, **how: calls.append(job) or real(*job, **how))
     run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
-    monkeypatch.setattr(practice, "version", lambda: "another")
+    monkeypatch.setattr(_kept, "version", lambda: "another")
     run(Settings(methods=("random",), **SMALL | {"steps": 24}), folder=tmp_path)
     assert len(calls) == 2
 

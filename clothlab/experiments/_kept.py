@@ -2,14 +2,18 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import clothlab
 from clothlab import artifacts
 from clothlab._files import sha256
+from clothlab.experiments._record import converter
+
+T = TypeVar("T")
 
 
 def once(
@@ -36,6 +40,21 @@ def once(
         {"made_with": made_with, "files": _hashes(folder, files), "answer": answer}, name, data=folder
     )
     return answer
+
+
+def piece(about: Iterable[Any], made_with: Mapping[str, Any], make: Callable[[], T], kind: type[T], folder: Path) -> T:
+    """A part of a record, or what it was found to be before by the same code.
+
+    Args:
+        about: what tells it from the other parts, in words and numbers, from which it has its name.
+        made_with: settings that it depends on.
+        make: finds it.
+        kind: class of the part.
+        folder: where to keep; it exists.
+    """
+    name = re.sub(r"\W+", "-", " ".join(map(str, about))).strip("-")
+    known = {**made_with, "version": version()}
+    return converter.structure(once(name, known, lambda: converter.unstructure(make()), folder=folder), kind)
 
 
 def _read(name: str, folder: Path) -> dict[str, Any]:

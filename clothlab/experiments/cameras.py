@@ -5,7 +5,6 @@ at once in directions drawn at random. Everything is judged from the old place: 
 the camera there. For the mending see `clothlab.registration`.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -19,22 +18,20 @@ from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import best_per_period, late_median, nearest_material, spread, target_distance
 from clothlab.arm import Arm, Camera, get_arm
-from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode, iou
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
-from clothlab.estimation import estimate_bias
-from clothlab.experiments._kept import once, version
+from clothlab.estimation import NewtonSettings, estimate_bias
+from clothlab.experiments._kept import piece
 from clothlab.experiments._record import converter, new_trial, run_jobs, trained
-from clothlab.experiments.practice import seen_runs
+from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
 from clothlab.registration import Registered, Registration, RegistrationSettings, look, register
-from clothlab.trials import Policy, RandomPolicy, ReplayPolicy, Trial
+from clothlab.trials import RandomPolicy, ReplayPolicy, Trial
 from clothlab.vision import HEIGHT
 
 FOLDER = Path("build/cameras")  # where each piece is kept as soon as it is done
 UNMOVED, BOTH = "unmoved", "both"
 SHIFTS, TURNS = ("right", "up", "backward"), ("pitch", "yaw", "roll")  # along and about the camera's own axes
-GRADIENT, PRACTICE = "gradient", "practice"
 MATTERS = ("weights", "steps", "first_seed", "target", "control_steps")  # others only say which pieces there are
 
 
@@ -65,10 +62,10 @@ class Settings(Checked):
 
     weights: str = setting("torque")
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # trainings for the unmoved camera and for both
-    curve_models: tuple[int, ...] = setting((0, 1), at_least=0)  # trainings for displacements of one kind
+    curve_models: tuple[int, ...] = setting((0,), at_least=0)  # trainings for displacements of one kind
     directions: tuple[str, ...] = setting((*SHIFTS, *TURNS))
-    shifts: tuple[float, ...] = setting((0.01, 0.02, 0.05, 0.1, 0.2), "m", above=0)
-    turns: tuple[float, ...] = setting((1.0, 2.0, 3.0, 5.0, 10.0), "degree", above=0, at_most=45)
+    shifts: tuple[float, ...] = setting((0.01, 0.05, 0.2), "m", above=0)
+    turns: tuple[float, ...] = setting((1.0, 3.0, 10.0), "degree", above=0, at_most=45)
     draws: int = setting(4, at_least=0)  # of random directions in which it is both shifted and turned
     both_shift: float = setting(0.05, "m", above=0)
     both_turn: float = setting(3.0, "degree", above=0, at_most=45)
@@ -88,7 +85,7 @@ class Settings(Checked):
             KeyError: an unknown direction, cloth or method; the message lists the choices.
         """
         super().__post_init__()
-        known: dict[str, Any] = {"direction": dict.fromkeys((*SHIFTS, *TURNS)), "cloth": CLOTHS, "method": _METHODS}
+        known: dict[str, Any] = {"direction": dict.fromkeys((*SHIFTS, *TURNS)), "cloth": CLOTHS, "method": METHODS}
         for kind, names in (("direction", self.directions), ("cloth", self.cloths), ("method", self.methods)):
             for name in names:
                 choose(kind, name, known[kind])
@@ -287,7 +284,7 @@ def estimate_one(settings: Settings, place: Place, mended: bool, model: int, clo
     right = trial if there == learned.arm else _seen_from(learned.arm, trial)
     if mended:
         trial = registered(learned.arm.name, place)[0].trial(trial)
-    p, _ = estimate_bias(learned.model, learned.sequences(trial))
+    p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
     z, z_right = (encode(learned.autoencoder, each.images) for each in (trial, right))
     return Estimate(
         place=place.name,
@@ -302,22 +299,11 @@ def estimate_one(settings: Settings, place: Place, mended: bool, model: int, clo
     )
 
 
-def _gradient(learned: Trained, mask: np.ndarray, cloth: str) -> Policy:
-    return learned.controller(mask, cloth)
-
-
-def _practice(learned: Trained, mask: np.ndarray, cloth: str) -> Policy:
-    return learned.practice(mask, cloth, seen_runs(learned))
-
-
-_METHODS = {GRADIENT: _gradient, PRACTICE: _practice}
-
-
 def control_one(settings: Settings, place: Place, mended: bool, model: int, method: str, cloth: str) -> Control:
     """Aim at the target, which was set from the old place, with what the moved camera sees."""
     learned, mask = trained(f"{settings.weights}-{model}"), artifacts.load_target(settings.target)
     there = replace(learned.arm, camera=place.camera(learned.arm))
-    policy = _METHODS[method](learned, mask, cloth)
+    policy = aim(method, learned, settings.target, cloth)
     if mended:
         policy = Registered(policy, registered(learned.arm.name, place)[0])
     trial = new_trial(policy, there, cloth, settings.control_steps, model)
@@ -338,11 +324,9 @@ _KINDS: dict[str, tuple[Callable[..., Any], type]] = {
 def run_kept(folder: Path, settings: Settings, kind: str, place: Place, *job: Any) -> Any:
     """One piece of the work, or what it said before."""
     function, made = _KINDS[kind]
-    name = f"{kind} {place.name} {place.size:g} " + " ".join(map(str, job))
-    made_with = {each: getattr(settings, each) for each in MATTERS}
-    made_with |= {"place": converter.unstructure(place), "version": version()}
-    make = lambda: converter.unstructure(function(settings, place, *job))  # noqa: E731
-    return converter.structure(once(re.sub(r"[^\w]+", "-", name).strip("-"), made_with, make, folder=folder), made)
+    made_with = {each: getattr(settings, each) for each in MATTERS} | {"place": converter.unstructure(place)}
+    about = (kind, place.name, f"{place.size:g}", *job)
+    return piece(about, made_with, lambda: function(settings, place, *job), made, folder)
 
 
 def jobs(settings: Settings) -> list[tuple]:

@@ -7,7 +7,6 @@ differs is what the training's loss makes of them, not what could be known.
 """
 
 import hashlib
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -21,30 +20,19 @@ from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.analysis import MaterialReadout, best_per_period, late_median, nearest_material, spread, target_distance
 from clothlab.arm import get_arm
-from clothlab.artifacts import Trained
-from clothlab.cloth import CLOTHS, Cloth, cloth_name
-from clothlab.estimation import estimate_bias
-from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import converter, new_trial, run_jobs, trained
-from clothlab.experiments.practice import seen_runs
-from clothlab.trials import Policy, RandomPolicy, ReplayPolicy
+from clothlab.cloth import CLOTHS, cloth_name
+from clothlab.estimation import NewtonSettings, estimate_bias
+from clothlab.experiments._kept import piece
+from clothlab.experiments._record import load, new_trial, run_jobs, trained
+from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
+from clothlab.trials import RandomPolicy, ReplayPolicy
 
 FOLDER = Path("build/feeling")  # where each piece is kept as soon as it is done
 TORQUE, FEELING = "torque", "torque-feeling"  # weights
 RANDOM, CHOSEN, AS_LONG = "random", "chosen", "random, as long"  # commands while p is estimated
-GRADIENT, PRACTICE = "gradient", "practice"
 SHORTEST = 12  # steps from which p can be estimated at all
 MATTERS = ("steps", "first_seed", "as_long_seed", "control_steps")  # the other settings only say which pieces there are
-_PAIRS = {  # C_damp and C_mass of trained cloths, between which a cloth lies
-    "between-light": ((0.03, 0.05), (0.05, 0.10)),
-    "between-heavy": ((0.05, 0.07), (0.10, 0.15)),
-    "between-light-damped": ((0.05, 0.07), (0.05, 0.10)),
-    "between-heavy-free": ((0.03, 0.05), (0.10, 0.15)),
-    "between-middle": ((0.03, 0.07), (0.05, 0.15)),
-}
-BETWEEN = {  # never trained on: geometric means
-    name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5) for name, ((c, d), (m, n)) in _PAIRS.items()
-}
 KNOWN = CLOTHS | BETWEEN
 
 
@@ -59,6 +47,7 @@ class Settings(Checked):
     steps: int = setting(200, "step", at_least=SHORTEST)  # 40 s of them
     first_seed: int = setting(40_000, at_least=0)  # of them: this + 100 model + 20 repeat + number of the cloth
     as_long_seed: int = setting(45_000, at_least=0)  # of random commands beside chosen ones, likewise
+    chosen: int = setting(2, at_least=0)  # of the recorded stretches, those that tell most of a cloth
     targets: tuple[str, ...] = setting(("target-1", "target-2"))
     held: tuple[str, ...] = setting((cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)))  # cloths to realise them with
     methods: tuple[str, ...] = setting((GRADIENT, PRACTICE))
@@ -71,7 +60,7 @@ class Settings(Checked):
             KeyError: an unknown cloth or method; the message lists the choices.
         """
         super().__post_init__()
-        for kind, names, choices in (("cloth", self.cloths, KNOWN), ("method", self.methods, _METHODS)):
+        for kind, names, choices in (("cloth", self.cloths, KNOWN), ("method", self.methods, METHODS)):
             for name in names:
                 choose(kind, name, choices)
 
@@ -204,7 +193,7 @@ def estimate_one(
     steps = settings.steps if commands is None else len(commands)
     policy = ReplayPolicy(commands) if commands and motion == CHOSEN else RandomPolicy(learned.arm)
     trial = new_trial(policy, learned.arm, held, steps, seed)
-    p, _ = estimate_bias(learned.model, learned.sequences(trial))
+    p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
     right = learned.biases.get(cloth)
     distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
     error = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p)) / (held.damping, held.mass) - 1
@@ -212,21 +201,10 @@ def estimate_one(
     return Estimate(weights, model, motion, number, cloth, steps, nearest, distance, error)
 
 
-def _gradient(learned: Trained, mask: np.ndarray, cloth: str) -> Policy:
-    return learned.controller(mask, cloth)
-
-
-def _practice(learned: Trained, mask: np.ndarray, cloth: str) -> Policy:
-    return learned.practice(mask, cloth, seen_runs(learned))
-
-
-_METHODS = {GRADIENT: _gradient, PRACTICE: _practice}
-
-
 def control_one(settings: Settings, weights: str, model: int, method: str, target: str, cloth: str) -> Control:
     """Aim at a target with the right p."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
-    trial = new_trial(_METHODS[method](learned, mask, cloth), learned.arm, cloth, settings.control_steps, model)
+    trial = new_trial(aim(method, learned, target, cloth), learned.arm, cloth, settings.control_steps, model)
     best = best_per_period(target_distance(learned.autoencoder, trial, mask))
     return Control(weights, model, method, target, cloth, best.round(4))
 
@@ -242,10 +220,9 @@ def run_kept(folder: Path, settings: Settings, kind: str, *job: Any) -> Any:
     """One piece of the work, or what it said before."""
     function, made = _KINDS[kind]
     sent = hashlib.sha256(repr(job).encode()).hexdigest()[:8]  # of commands that were chosen too
-    name = f"{kind}-" + re.sub(r"\W+", "-", " ".join(str(each) for each in job if isinstance(each, str | int)))
-    made_with = {"settings": {each: getattr(settings, each) for each in MATTERS}, "version": version(), "sent": sent}
-    answer = once(name, made_with, lambda: converter.unstructure(function(settings, *job)), folder=folder)
-    return converter.structure(answer, made)
+    about = (kind, *(each for each in job if isinstance(each, str | int)))
+    made_with = {"settings": {each: getattr(settings, each) for each in MATTERS}, "sent": sent}
+    return piece(about, made_with, lambda: function(settings, *job), made, folder)
 
 
 def jobs(settings: Settings, chosen: Iterable[ArrayLike] = ()) -> list[tuple]:
@@ -269,10 +246,22 @@ def jobs(settings: Settings, chosen: Iterable[ArrayLike] = ()) -> list[tuple]:
     return found + [("control", *each, *rest) for each, *rest in runs]
 
 
+def most_informative(count: int) -> list[np.ndarray]:
+    """Those of the recorded stretches that tell most of a cloth (D-optimal), by the stored record of `knowledge`.
+
+    Raises:
+        KeyError: there is no such record; the message lists those that there are.
+    """
+    if not count:
+        return []
+    known = load("knowledge")
+    return [known.plans[number].commands for number in known.order("z + joints + torques")[:count]]
+
+
 def run(
     settings: Settings | None = None,
     *,
-    chosen: Iterable[ArrayLike] = (),
+    chosen: Iterable[ArrayLike] | None = None,
     workers: int = 1,
     progress: bool = False,
     folder: str | Path = FOLDER,
@@ -281,17 +270,18 @@ def run(
 
     Args:
         settings: what is run.
-        chosen: sequences of commands `[T, D_u]` that were chosen to learn from; each is sent to every cloth, beside
-            random commands for the same time.
+        chosen: sequences of commands `[T, D_u]` to learn from; each is sent to every cloth, beside random commands
+            for the same time. When left out, `most_informative`.
         workers: processes.
         progress: show a progress bar.
         folder: where each piece is kept as soon as it is done; an interrupted experiment goes on from there.
 
     Raises:
-        KeyError: weights that are not trained yet; the message lists the choices.
+        KeyError: weights that are not trained yet, or no record of what motions tell; the message lists the choices.
         ValueError: chosen commands of another size, not finite, or too short.
     """
     settings, folder = settings or Settings(), Path(folder)
+    chosen = most_informative(settings.chosen) if chosen is None else chosen
     todo = [(folder, settings, *job) for job in jobs(settings, chosen)]
     folder.mkdir(parents=True, exist_ok=True)
     found = run_jobs(run_kept, todo, workers=workers, progress=progress, what="feeling")

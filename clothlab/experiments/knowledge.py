@@ -16,7 +16,6 @@ trained on. That is the bound of an observer who knows no better than the networ
 the network, whose errors are not independent of the material.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -35,8 +34,8 @@ from clothlab.cloth import CLOTHS, Cloth, cloth_name
 from clothlab.control import recorded_plans
 from clothlab.env import CONTROL_PERIOD, ClothEnv
 from clothlab.estimation import EstimationSettings
-from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import RECORDINGS, converter, run_jobs, trained
+from clothlab.experiments._kept import piece
+from clothlab.experiments._record import RECORDINGS, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN, get_cloth
 from clothlab.information import Noise, cramer_rao, log_det, principal_directions, unbiased_information
 from clothlab.trials import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy, rollout
@@ -542,22 +541,19 @@ def most_informative(
     return _by_information([run_plan(settings, plan) for plan in plans], sensors)
 
 
-def _kept(folder: Path, settings: Settings, name: str, about: dict, measured: Callable[[], Known]) -> Known:
-    """What was measured, or what it was found to be before."""
-    made_with = about | {each: getattr(settings, each) for each in MEASURED_WITH} | {"version": version()}
-    answer = once(re.sub(r"\W+", "-", name), made_with, lambda: converter.unstructure(measured()), folder=folder)
-    return converter.structure(answer, Known)
+def _kept(folder: Path, settings: Settings, about: dict, how: dict, measured: Callable[[], Known]) -> Known:
+    made_with = about | how | {each: getattr(settings, each) for each in MEASURED_WITH}
+    return piece(about.values(), made_with, measured, Known, folder)
 
 
 def _case_kept(folder: Path, settings: Settings, case: Case) -> Known:
-    about = asdict(case)
-    return _kept(folder, settings, " ".join(map(str, about.values())), about, lambda: run_case(settings, case))
+    return _kept(folder, settings, asdict(case), {}, lambda: run_case(settings, case))
 
 
 def _plan_kept(folder: Path, settings: Settings, number: int, commands: np.ndarray) -> Known:
-    about = {"commands": commands.tolist(), "cloth": settings.control_cloth}
-    about |= {"step": settings.step, "disturbance": settings.disturbance}
-    return _kept(folder, settings, f"plan {number}", about, lambda: run_plan(settings, commands))
+    how = {"commands": commands.tolist(), "cloth": settings.control_cloth}
+    how |= {"step": settings.step, "disturbance": settings.disturbance}
+    return _kept(folder, settings, {"what": "plan", "number": number}, how, lambda: run_plan(settings, commands))
 
 
 def run(

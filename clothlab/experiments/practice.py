@@ -1,7 +1,6 @@
 """Does learning from outcomes spread the cloth? Practice against the paper's method, and both against everyone else who
 could do it, on both arms, with the same time per solve."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,8 +21,8 @@ from clothlab.dpmpb import Sequences, to_sequences
 from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
-from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import PAPER, RECORDINGS, converter, new_trial, run_jobs, trained
+from clothlab.experiments._kept import once, piece, version
+from clothlab.experiments._record import PAPER, RECORDINGS, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import (
     ChangesModel,
     ChangesPolicy,
@@ -192,6 +191,12 @@ METHODS = {
     "gradient, without stiffness": Method(_gradient, stiffness=10.0, arms=("muscle",), often=True),
     "practice, without stiffness": Method(_practice, stiffness=10.0, arms=("muscle",), often=True),
 }
+
+
+def aim(method: str, learned: Trained, target: str, cloth: str) -> Policy:
+    """Who moves one of the nine cloths towards a target with the right p, by the name of the method."""
+    case = Case(learned.sees_with, target, cloth, cloth)
+    return METHODS[method].make(learned, case, 0, learned.biases[cloth])
 
 
 @dataclass(frozen=True)
@@ -391,10 +396,8 @@ def _models(todo: list[tuple[str, str, int, int]]) -> list[tuple[Maker, str, int
 
 def run_kept(folder: Path, settings: Settings, *job: Any) -> Run:
     """`run_one`, or what it said before."""
-    name = re.sub(r"\W+", "-", " ".join(map(str, job)))
-    made_with = {"steps": settings.steps, "first_seed": settings.first_seed, "version": version()}
-    answer = once(name, made_with, lambda: converter.unstructure(run_one(settings, *job, folder=folder)), folder=folder)
-    return converter.structure(answer, Run)
+    made_with = {"steps": settings.steps, "first_seed": settings.first_seed}
+    return piece(job, made_with, lambda: run_one(settings, *job, folder=folder), Run, folder)
 
 
 def run(

@@ -24,10 +24,11 @@ from clothlab.artifacts import Trained
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.dpmpb import Sequences, train_dpmpb
 from clothlab.env import CONTROL_PERIOD
-from clothlab.estimation import estimate_bias
-from clothlab.experiments._kept import once, version
-from clothlab.experiments._record import converter, random_trial, run_jobs, trained
+from clothlab.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.experiments._kept import once, piece, version
+from clothlab.experiments._record import random_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.knowledge import QUANTITIES
 from clothlab.experiments.practice import seen_runs
 from clothlab.identification import (
     UNKNOWN,
@@ -54,12 +55,6 @@ ALL = CLOTHS | BETWEEN | OUTSIDE
 # The simulation as somebody has it who did not measure the springs: 30 % too soft, 50 % too much of what resists folds.
 ROUGH = Cloth("rough", stiffness=0.7 * Cloth.stiffness, bending=1.5 * Cloth.bending)
 FIT, NETWORK = FitSettings(), RegressorTraining()
-QUANTITIES = {  # how much of log C_damp and of log C_mass is in the logarithm of each
-    "C_damp": (1, 0),
-    "C_mass": (0, 1),
-    "C_damp / C_mass": (1, -1),
-    "C_damp · C_mass": (1, 1),
-}
 
 
 @dataclass(frozen=True)
@@ -67,9 +62,10 @@ class Settings(Checked):
     """Who takes part, with which cloths; the defaults are the full size."""
 
     weights: str = setting("torque")
-    methods: tuple[str, ...] = setting(("p", "sysid", "sysid-rough", "network"))
+    methods: tuple[str, ...] = setting(("p", "p by momentum", "sysid", "sysid-rough", "network"))
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings, and of other commands
-    rough_models: tuple[int, ...] = setting((0,), at_least=0)  # those of them with which the rough simulation is fitted
+    fitted_models: tuple[int, ...] = setting((0, 1), at_least=0)  # those of them with which a simulation is fitted,
+    rough_models: tuple[int, ...] = setting((0,), at_least=0)  # and a rough one: that takes minutes a run
     cloths: tuple[str, ...] = setting(tuple(ALL))
     steps: tuple[int, ...] = setting((25, 50, 100, 200), "step", at_least=12)  # 5, 10, 20 and 40 s
     first_seed: int = setting(31000, at_least=0)  # of the commands: this + 100 model + number of the cloth
@@ -176,10 +172,16 @@ class Method:
     needs: str
 
 
-def by_p(settings: Settings, learned: Trained, model: int, folder: Path) -> Identify:
+def by_p(
+    settings: Settings,
+    learned: Trained,
+    model: int,
+    folder: Path,
+    rule: EstimationSettings | NewtonSettings | None = None,
+) -> Identify:
     """p, estimated online from 0, and read out by a smooth map that the trained cloths give."""
     readout = MaterialReadout.fit(learned.biases, CLOTHS)
-    return lambda run: np.log(readout(estimate_bias(learned.model, run)[0]))
+    return lambda run: np.log(readout(estimate_bias(learned.model, run, settings=rule or NewtonSettings())[0]))
 
 
 def by_fit(settings: Settings, learned: Trained, model: int, folder: Path, cloth: Cloth | None = None) -> Identify:
@@ -198,16 +200,19 @@ def by_network(settings: Settings, learned: Trained, model: int, folder: Path) -
     return load_network(folder / network_file(model)).identify
 
 
+RECORDED = "recordings, and which of them are of one cloth; C_damp and C_mass of these cloths to read p, no more"
 METHODS = {
-    "p": Method(
-        by_p, "recordings, and which of them are of one cloth; C_damp and C_mass of these cloths to read p, no more"
-    ),
+    "p": Method(by_p, RECORDED),
+    "p by momentum": Method(partial(by_p, rule=EstimationSettings()), RECORDED),
     "sysid": Method(by_fit, "the simulator, with all of arm, camera and cloth as they are but C_damp and C_mass"),
     "sysid-rough": Method(
         partial(by_fit, cloth=ROUGH), "the same, where stretch and bending of the cloth are off by 30 and 50 %"
     ),
     "network": Method(by_network, "recordings, and C_damp and C_mass of each of their cloths"),
 }
+
+
+FEWER = {"sysid": "fitted_models", "sysid-rough": "rough_models"}  # methods, and the setting that says for which runs
 
 
 def network_file(model: int) -> str:
@@ -273,19 +278,18 @@ def run_one(settings: Settings, name: str, model: int, folder: Path) -> list[Run
     seed = settings.first_seed + 100 * model + [*ALL].index(name)
     shared: list[Sequences] = []  # recorded when the first method needs it
 
-    def measure(method: str) -> Any:
+    def measure(method: str) -> Run:
         if not shared:
             shared.append(sensed(settings, learned, name, seed))
         said, seconds = answers(METHODS[method].make(settings, learned, model, folder), shared[0], settings.steps)
-        return converter.unstructure(Run(method, name, model, seed, (said - logs(cloth)).round(5), seconds.round(6)))
+        return Run(method, name, model, seed, (said - logs(cloth)).round(5), seconds.round(6))
 
-    whose = asdict(settings) | {"cloths": None, "models": None, "rough_models": None, "methods": None}
-    made_with = {"version": version(), "settings": whose}
-    takes_part = [each for each in settings.methods if each != "sysid-rough" or model in settings.rough_models]
-    kept = [
-        once(f"{method}-{name}-{model}", made_with, partial(measure, method), folder=folder) for method in takes_part
+    made_with = {each: getattr(settings, each) for each in ("weights", "steps", "first_seed")}
+    made_with |= {"fit": asdict(settings.fit), "network": asdict(settings.network)}
+    takes_part = [each for each in settings.methods if model in getattr(settings, FEWER.get(each, "models"))]
+    return [
+        piece((method, name, model), made_with, partial(measure, method), Run, folder=folder) for method in takes_part
     ]
-    return [converter.structure(each, Run) for each in kept]
 
 
 def run(

@@ -7,7 +7,7 @@ is learned from development runs; each run that is judged has commands and a see
 import time
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,12 @@ import numpy as np
 
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import nearest_material
-from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
+from clothlab.cloth import CLOTHS, Cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.estimation import BiasEstimator, Estimator, NewtonEstimator
-from clothlab.experiments._kept import once, version
+from clothlab.experiments._kept import piece
 from clothlab.experiments._record import converter, random_trial, run_jobs, trained
+from clothlab.experiments.estimation import BETWEEN
 from clothlab.trials import Trial
 from clothlab.uncertainty import LENGTHS, SHARE, Calibration, calibrate, inside
 
@@ -31,11 +32,6 @@ def _own(damping: float, mass: float, name: str = "") -> Cloth:
     return Cloth(name or f"damp{damping:.3f}-mass{mass:.3f}", damping=damping, mass=mass)
 
 
-BETWEEN = {  # geometric means of neighbouring trained values
-    cloth.name: cloth
-    for (c, d), (m, n) in product(pairwise(DAMPINGS), pairwise(MASSES))
-    for cloth in [_own((c * d) ** 0.5, (m * n) ** 0.5)]
-}
 # Beyond the trained values on every side that can be simulated: with half of the lowest of both, it diverges.
 BEYOND = {
     cloth.name: cloth
@@ -234,10 +230,8 @@ def _look(estimator: Estimator, calibration: Calibration) -> tuple[Any, ...]:
 
 def run_kept(folder: Path, settings: Settings, calibration: Calibration, *job: Any) -> Run:
     """`run_one`, kept as soon as it is done."""
-    name = "run-{}-{}-{}".format(*job)
-    made_with = {"settings": converter.unstructure(settings), "version": version()}
-    answer = once(name, made_with, lambda: converter.unstructure(run_one(settings, calibration, *job)), folder=folder)
-    return converter.structure(answer, Run)
+    made_with = {"settings": converter.unstructure(settings)}
+    return piece(("run", *job), made_with, lambda: run_one(settings, calibration, *job), Run, folder)
 
 
 def run(
