@@ -478,6 +478,45 @@ SLIPS = {
         ("np.std(gains, ddof=1)", "np.ptp(gains)", "standard deviation 3"),
         ("return", "np.mean(gains)", "the mean and the standard deviation"),
     ],
+    "price_of_the_other": [
+        ("np.sqrt(", "(", "take the root"),
+        ("return np.sqrt(", "return 1 / np.sqrt(", "the other way round"),
+        ("* np.diag(information)", "", "divide by the one with the other known"),
+        (
+            "np.diag(np.linalg.inv(information)) * np.diag(information)",
+            "1 / np.diag(information)",
+            "with the other known",
+        ),
+        ("np.diag(np.linalg.inv(information))", "1 / np.diag(information)", "the diagonal of F inverted"),
+        ("np.diag(information)", "np.diag(information)[::-1]", "the factors are"),
+        ("return", "information[0, 0]", "a factor for each unknown"),
+        ("return np", "information *= 2; return np", "changes its argument"),
+    ],
+    "most_telling": [
+        ("np.linalg.det(informations)", "np.trace(informations, axis1=1, axis2=2)", "the trace does not see this"),
+        ("np.argmax", "np.argmin", "nothing at all"),
+        ("np.argmax(np.linalg.det(informations))", "3", "another tells more"),
+        ("return", "np.linalg.det(informations)", "a number of a motion"),
+    ],
+    "share_held": [
+        ("-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
+        ("-2 * np.log(0.1)", "4 * np.log(0.1) ** 2", "squared already"),
+        ("np.mean(squared", "np.mean(np.sqrt(squared)", "not its root"),
+        ("np.linalg.inv(covariances)", "covariances", "the inverse of the covariance"),
+        (
+            "body",
+            "widths = 1.645 * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))\n"
+            "return np.mean((np.abs(estimates - truths) <= widths).all(axis=1))",
+            "an ellipse, no box",
+        ),
+        ("<=", ">", "of those outside"),
+        (
+            "np.linalg.inv(covariances)",
+            "np.linalg.inv(np.tile([[4.0, 1.9], [1.9, 1.0]], (400, 1, 1)))",
+            "its own covariance",
+        ),
+        ("np.mean(", "np.sum(", "the regions hold"),
+    ],
     "momentum_step": [
         ("momentum * v + gradient", "momentum * v + rate * gradient", "v collects the gradients as they are"),
         (
@@ -966,6 +1005,22 @@ RIGHTS = {
             "gains = 100 * (few - more) / few; return np.array([gains.mean(), gains.std(ddof=1)])",
         ),
         ("return", "__import__('statistics').mean(gains), __import__('statistics').stdev(gains)"),
+    ],
+    "price_of_the_other": [
+        ("body", "(a, b), (_, c) = information; return 2 * [(1 - b * b / (a * c)) ** -0.5]"),
+        ("return", "np.float32(np.sqrt(np.diag(np.linalg.inv(information)) * np.diag(information)))"),
+    ],
+    "most_telling": [
+        ("body", "return max(range(len(informations)), key=lambda k: np.linalg.det(informations[k]))"),
+        ("body", "return np.prod(np.linalg.eigvalsh(informations), axis=1).argmax()"),
+    ],
+    "share_held": [
+        ("-2 * np.log(0.1)", "4.60517"),
+        (
+            "body",
+            "held = [d @ np.linalg.solve(c, d) <= 4.605 for d, c in zip(estimates - truths, covariances)]\n"
+            "return sum(held) / len(held)",
+        ),
     ],
     "momentum_step": [
         ("return", "[(p - rate * v).tolist(), v.astype(np.float32)]"),

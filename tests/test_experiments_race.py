@@ -39,7 +39,7 @@ def guesses(monkeypatch):
 
 
 def test_everybody_is_asked_about_every_cloth_and_it_is_kept(tmp_path, monkeypatch):
-    settings = Settings(methods=("p", "network"), **TINY)
+    settings = Settings(methods=("p", "p by momentum", "network"), **TINY)
     record = run(settings, folder=tmp_path)
     assert [(each.cloth, each.method) for each in record.runs] == [
         (cloth, method) for cloth in settings.cloths for method in settings.methods
@@ -48,6 +48,7 @@ def test_everybody_is_asked_about_every_cloth_and_it_is_kept(tmp_path, monkeypat
         assert each.error.shape == (2, 2)
         assert (each.seconds > 0).all()
     assert record.training["p"] > 0 < record.training["network"]
+    assert record.training["p by momentum"] == record.training["p"], "the same weights"
     assert len({each.seed for each in record.runs}) == 2, "all methods get the same run, and each cloth its own"
     experiments.save("race", record, data=tmp_path)
     again = experiments.load("race", data=tmp_path)
@@ -55,7 +56,7 @@ def test_everybody_is_asked_about_every_cloth_and_it_is_kept(tmp_path, monkeypat
     assert np.array_equal(again.errors("p", "C_damp"), record.errors("p", "C_damp"))
     for name in ("answers", "sensed", "train_regressor", "train_dpmpb"):
         monkeypatch.setattr(race, name, lambda *a, **k: pytest.fail("done again"))
-    assert np.array_equal(run(settings, folder=tmp_path).runs[3].error, record.runs[3].error)
+    assert np.array_equal(run(settings, folder=tmp_path).runs[5].error, record.runs[5].error)
 
 
 @pytest.mark.skipif(not hasattr(mujoco.sysid, "optimize"), reason="packages of mujoco.sysid are missing")

@@ -24,6 +24,7 @@ from clothlab.checks.variable_stiffness import (
     pair_stiffness,
     stretch_by_bisection,
 )
+from clothlab.checks.what_can_be_known import most_telling, price_of_the_other, share_held
 
 __all__ = [
     "CheckFailed",
@@ -49,14 +50,17 @@ __all__ = [
     "lstm_weights",
     "matching_drag",
     "momentum_step",
+    "most_telling",
     "my_mask",
     "nearest_phase",
     "one_outcome",
     "pair_stiffness",
     "place",
     "practise_then_perform",
+    "price_of_the_other",
     "random_shooting",
     "shaken",
+    "share_held",
     "share_won",
     "shares_by_hand",
     "sign_flip_share",

@@ -307,8 +307,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {"workers": workers, "progress": progress}
     training = dict.fromkeys(settings.methods, 0.0)
-    if "p" in training:
-        training["p"] = train_model(settings, folder)
+    if by_recordings := [name for name in training if METHODS[name].needs == RECORDED]:
+        training |= dict.fromkeys(by_recordings, train_model(settings, folder))
     if "network" in training:
         jobs = [(settings, model, folder) for model in settings.models]
         training["network"] = float(np.mean(run_jobs(train_network, jobs, what="networks", **options)))

@@ -1,0 +1,81 @@
+"""Checks of notebook 12."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothlab.checks._check import array, check, expect, number
+
+__all__ = ["most_telling", "price_of_the_other", "share_held"]
+
+
+@check(array("a factor for each unknown", 2))
+def price_of_the_other(answer: Callable) -> None:
+    """Two unknowns that are hard to tell apart, and two that have nothing to do with each other."""
+    slanted, upright = np.array([[4.0, 19.0], [19.0, 100.0]]), np.diag([9.0, 0.25])
+    for f in (slanted, upright):
+        both = np.diag(np.linalg.inv(f))
+        truth = np.sqrt(both * np.diag(f))
+        slips = {
+            "those are ratios of variances: of deviations, take the root": truth**2,
+            "the other way round: it is harder with both unknown, so the factor is 1 or more": 1 / truth,
+            "that is the deviation with both unknown: divide by the one with the other known": np.sqrt(both),
+            "that is the deviation with the other known": np.diag(f) ** -0.5,
+            "F inverted at its diagonal is not the diagonal of F inverted": np.ones(2),
+        }
+        found = answer(f.copy())
+        expect(found, truth, f"for F = {f.tolist()} the factors are {truth.round(3)}, not {found}", slips)
+
+
+@check(number("a number of a motion"))
+def most_telling(answer: Callable) -> None:
+    """Motions of which one tells much of one unknown, one a little of both, and one nothing of one."""
+    shapes = {
+        "one": ([100.0, 0.01], 0.3),
+        "both": ([4.0, 2.0], 1.0),
+        "half": ([9.0, 0.0], 0.0),
+        "less": ([2.0, 2.0], 0.0),
+    }
+    found = {}
+    for name, (values, angle) in shapes.items():
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        found[name] = turn @ np.diag(values) @ turn.T
+    for order in (["one", "both", "half", "less"], ["less", "half", "one", "both"]):
+        number = answer(np.array([found[name] for name in order]))
+        slips = {
+            "that tells most of one unknown and next to nothing of the other: the trace does not see this": order.index(
+                "one"
+            ),
+            "that motion says nothing at all of one unknown": order.index("half"),
+            "another tells more of both": order.index("less"),
+        }
+        expect(number, order.index("both"), f"the region is smallest for {order.index('both')}, not {number:g}", slips)
+
+
+@check(number("a share"))
+def share_held(answer: Callable) -> None:
+    """Estimates that scatter as they say, in a long and slanted region."""
+    rng = np.random.default_rng(1)
+    covariance = np.array([[4.0, 1.9], [1.9, 1.0]])
+    truths = rng.normal(size=(400, 2))
+    estimates = truths + rng.multivariate_normal(np.zeros(2), covariance, size=400)
+    covariances = np.tile(covariance, (400, 1, 1))
+    gaps = estimates - truths
+    far = np.einsum("ni,nij,nj->n", gaps, np.linalg.inv(covariances), gaps)
+    limit = -2 * np.log(0.1)
+    truth = float(np.mean(far <= limit))
+    wide = np.abs(gaps) <= 1.645 * np.sqrt([4.0, 1.0])
+    slips = {
+        "1.645 deviations hold 90 % of one number; of two in a plane, the radius is larger": np.mean(far <= 1.645**2),
+        "the distance is squared already": np.mean(far <= limit**2),
+        "compare the squared distance with -2 log 0.1, not its root": np.mean(np.sqrt(far) <= limit),
+        "the inverse of the covariance stands between the gaps": np.mean(
+            np.einsum("ni,nij,nj->n", gaps, covariances, gaps) <= limit
+        ),
+        "a region is an ellipse, no box: its two axes are not those of p": np.mean(wide.all(axis=1)),
+        "that is the share of those outside": 1 - truth,
+    }
+    found = answer(truths.copy(), estimates.copy(), covariances.copy())
+    expect(found, truth, f"the regions hold {truth:.4f} of the right ones, not {found:.4f}", slips)
+    narrow = answer(truths, estimates, covariances * 1e-8)
+    expect(narrow, 0, "regions that are next to points hold nothing: does each run have its own covariance?")
