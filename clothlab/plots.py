@@ -439,12 +439,13 @@ def period_bests(series: dict[str, np.ndarray], baselines: dict[str, float], ax:
     return figure
 
 
-def dots(rows: dict[str, dict[str, np.ndarray]], xlabel: str) -> Figure:
-    """A row of dots for each label, and their median as a bar, on a logarithmic scale.
+def dots(rows: dict[str, dict[str, np.ndarray]], xlabel: str, xscale: str = "log") -> Figure:
+    """A row of dots for each label, and their median as a bar.
 
     Args:
         rows: `{label: {group: values [N]}}`; the first row is the uppermost. A group may be missing in some.
         xlabel: what the values are.
+        xscale: "log" or "linear".
     """
     groups = list(dict.fromkeys(group for row in rows.values() for group in row))
     figure, ((ax,),) = new_axes(size=(8.0, 0.9 + 0.27 * len(rows)))
@@ -458,8 +459,32 @@ def dots(rows: dict[str, dict[str, np.ndarray]], xlabel: str) -> Figure:
             ax.plot([np.median(row[group])] * 2, [y - 0.18, y + 0.18], color=COLOURS[k], lw=2.5)
         ax.plot([], [], ls="none", label=group, **look)
     ax.set_yticks(range(len(rows)), rows)
-    ax.set(xscale="log", xlabel=xlabel, ylim=(len(rows) - 0.5, -0.5))
+    ax.set(xscale=xscale, xlabel=xlabel, ylim=(len(rows) - 0.5, -0.5))
     ax.legend(fontsize=8)
+    return figure
+
+
+def fall_off(panels: dict[str, dict[str, dict[str, np.ndarray]]], sizes: dict[str, np.ndarray]) -> Figure:
+    """What becomes of some quantities when something is displaced: a row a quantity, a column a kind of displacement.
+
+    Args:
+        panels: `{quantity: {kind: {direction: [hows, sizes]}}}`; of two hows, the second is drawn dashed.
+        sizes: of the displacements `{kind, with its unit: [sizes]}`, above zero.
+    """
+    figure, axes = new_axes(len(panels), len(sizes), size=(4.2, 2.2), sharey="row", sharex="col")
+    for row, (quantity, kinds) in zip(axes, panels.items(), strict=True):
+        row[0].set_ylabel(quantity, fontsize=9)
+        for ax, (kind, at) in zip(row, sizes.items(), strict=True):
+            for colour, (direction, hows) in zip(COLOURS, kinds[kind].items(), strict=False):
+                for k, values in enumerate(hows):
+                    label = direction if not k else "_again"
+                    ax.plot(at, values, STYLES[k], marker="os"[k], ms=4, color=colour, label=label)
+            ax.set(xscale="log")
+            ax.set_xticks(at, [f"{size:g}" for size in at])
+            ax.minorticks_off()
+    for ax, top, kind in zip(axes[-1], axes[0], sizes, strict=True):
+        ax.set_xlabel(kind)
+        top.legend(fontsize=8)
     return figure
 
 
@@ -499,7 +524,7 @@ def bounds_over_time(panels: dict[str, dict[str, np.ndarray]], time: np.ndarray)
             ax.plot(time, shown, label=label, **look)
             known += shown[np.isfinite(shown)].tolist()
         if known:
-            guide = np.max(known) * np.sqrt(np.min(time) / np.asarray(time))
+            guide = known[-1] * np.sqrt(np.max(time) / np.asarray(time))
             ax.plot(time, guide, color="0.6", lw=1, label="_root of time")
         ax.set(xscale="log", yscale="log", xlabel="time [s]", title=quantity)
     axes[0, 0].set_ylabel("least standard deviation of the log")
@@ -530,6 +555,7 @@ def information_ellipses(ellipses: dict[str, np.ndarray], longest: float = 10.0)
         ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], label=label)
     ax.plot(0, 0, "k+", label="_truth")
     ax.set(xlabel="error of log C_damp", ylabel="error of log C_mass", aspect="equal")
+    ax.locator_params(nbins=5)
     figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     return figure
 

@@ -144,6 +144,18 @@ def test_a_bound_is_drawn_beside_the_root_of_time():
     assert figure.axes[0].get_xlabel() == "time [s]"
 
 
+def test_what_falls_off_has_a_column_for_each_kind_of_displacement():
+    rows = {"rate": {"shift [cm]": {"up": np.array([[1.0, 0.5], [1.0, 0.9]])}, "turn [°]": {"yaw": np.ones((2, 3))}}}
+    figure = plots.fall_off(rows, {"shift [cm]": np.array([1.0, 5.0]), "turn [°]": np.array([1.0, 3.0, 10.0])})
+    shift, turn = figure.axes
+    plain, mended = shift.lines
+    assert plain.get_ydata().tolist() == [1.0, 0.5]
+    assert mended.get_ydata().tolist() == [1.0, 0.9]
+    assert plain.get_linestyle() != mended.get_linestyle()
+    assert (shift.get_xlabel(), shift.get_ylabel(), turn.get_xlabel()) == ("shift [cm]", "rate", "turn [°]")
+    assert [text.get_text() for text in turn.get_legend().get_texts()] == ["yaw"]
+
+
 def test_an_ellipse_has_one_standard_deviation_along_each_axis_and_an_end():
     figure = plots.information_ellipses({"both": np.diag([100.0, 25.0]), "ratio": 100 * np.array([[1, -1], [-1, 1]])})
     both, ratio, _ = figure.axes[0].lines

@@ -25,6 +25,7 @@ from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.dpmpb import Sequences, train_dpmpb
 from clothlab.env import CONTROL_PERIOD
 from clothlab.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.experiments import knowledge
 from clothlab.experiments._kept import once, piece, version
 from clothlab.experiments._record import random_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
@@ -146,6 +147,29 @@ class Record:
         cloths = ALL if group is None else choose("group of cloths", group, GROUPS)
         found = [np.abs(run.error @ share) for run in self.runs if run.method == method and run.cloth in cloths]
         return np.reshape(found, (-1, len(self.settings.steps)))
+
+    def over_bound(self, method: str, known: knowledge.Record, sensors: str, quantity: str) -> np.ndarray:
+        """Errors in the end over the Cramér-Rao bounds of the same cloths under random commands, `[runs]`.
+
+        Args:
+            method: who answers.
+            known: what motions tell of the trained cloths; runs with others are left out.
+            sensors: whose bound, one of `knowledge.SENSOR_SETS`.
+            quantity: one of `QUANTITIES`.
+
+        Raises:
+            KeyError: unknown sensors or quantity; the message lists the choices.
+            ValueError: bounds for another time than the last of the race.
+        """
+        if known.settings.times[-1] != self.times[-1]:
+            raise ValueError(f"bounds are for {known.settings.times[-1]:g} s, the race ends after {self.times[-1]:g} s")
+        share = np.array(choose("quantity", quantity, QUANTITIES))
+        best = {
+            cloth: np.median([run.known.bound(sensors)[quantity][-1] for run in known.cases("random", cloth)])
+            for cloth in known.settings.cloths
+        }
+        runs = [run for run in self.runs if run.method == method and run.cloth in best]
+        return np.array([abs(run.error[-1] @ share) / best[run.cloth] for run in runs])
 
     def curves(self, group: str | None = None) -> dict[str, dict[str, np.ndarray]]:
         """`errors` of all quantities and methods, `{quantity: {method: [runs, times]}}`."""
