@@ -1,5 +1,7 @@
 """The race: all get the same and are told nothing; what is done is kept; errors are what they say."""
 
+from dataclasses import replace
+
 import mujoco.sysid
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from clothlab import artifacts, experiments
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES
 from clothlab.dpmpb import Sequences
-from clothlab.experiments import _kept, practice, race
+from clothlab.experiments import _kept, knowledge, practice, race
 from clothlab.experiments.race import ALL, GROUPS, METHODS, OUTSIDE, ROUGH, Method, Record, Run, Settings, run, run_one
 from clothlab.identification import UNKNOWN, FitSettings, RegressorTraining, logs
 
@@ -115,6 +117,25 @@ def test_a_product_errs_by_both_and_seconds_are_of_the_median_run():
         record.errors("p", "C_mess")
     with pytest.raises(KeyError, match="unknown group of cloths 'foams'; choose from trained"):
         record.errors("p", "C_mass", "foams")
+
+
+def test_errors_are_compared_with_the_bound_of_the_same_cloth():
+    def case(cloth, information):
+        told = dict.fromkeys(("z", "joints"), information[None] / 2)
+        how = knowledge.Case(cloth, "random", 7000, 0.05, 1e-6)
+        return knowledge.Run(how, knowledge.Known(told, {}, {}, 0.0, np.zeros(3)))
+
+    cloths = ("damp0.03-mass0.05", "damp0.07-mass0.15")
+    settings = knowledge.Settings(cloths=cloths, steps=10, times=(2,))
+    known = knowledge.Record(settings, tuple(map(case, cloths, (np.eye(2) * 200, np.eye(2) * 800))), ())
+    errors = {cloths[0]: (0.3, 0.1), cloths[1]: (0.0, 0.1), "between-light": (9.0, 0.0)}
+    runs = tuple(Run("p", cloth, 0, 0, np.array([[5.0, 5.0], e]), np.ones(2)) for cloth, e in errors.items())
+    record = Record(Settings(steps=(12, 20), methods=("p",)), runs, {"p": 0.0})
+    with pytest.raises(ValueError, match="bounds are for 2 s, the race ends after 4 s"):
+        record.over_bound("p", known, "z + joints", "C_damp / C_mass")
+    known = replace(known, settings=replace(settings, steps=20, times=(2, 4)))
+    over = record.over_bound("p", known, "z + joints", "C_damp / C_mass")
+    assert over == pytest.approx([0.2 / 0.1, 0.1 / 0.05])
 
 
 def test_the_rough_simulation_is_fitted_less_often(guesses, tmp_path, monkeypatch):

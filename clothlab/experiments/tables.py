@@ -8,14 +8,19 @@ import numpy as np
 
 from clothlab.analysis import difference_interval, median_best
 from clothlab.experiments import (
+    cameras,
     control,
     estimation,
+    feeling,
     integrated,
+    knowledge,
     limits,
     perception,
     practice,
+    race,
     self_organisation,
     stiffness,
+    uncertainty,
 )
 from clothlab.experiments._record import PAPER
 from clothlab.experiments.practice import GRADIENT, PRACTICE
@@ -301,7 +306,94 @@ def _periods(record: practice.Record, possible: dict[str, float]) -> list[Row]:
     return rows
 
 
-TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practised}
+def known(records: dict[str, Any]) -> list[Row]:
+    """Rows of notebook 12, what can be known; of slow experiments, those that have a record."""
+    rows = []
+    if "feeling" in records:
+        rows += _feeling(records["feeling"])
+    if "knowledge" in records and "race" in records:
+        rows += _bounds(records["knowledge"], records["race"])
+    if "uncertainty" in records:
+        rows += _uncertainty(records["uncertainty"])
+    if "cameras" in records:
+        rows += _cameras(records["cameras"])
+    return rows
+
+
+def _feeling(record: feeling.Record) -> list[Row]:
+    rows = []
+    for weights, name, least, most in (
+        (feeling.FEELING, "with torques", 0.95, 10),
+        (feeling.TORQUE, "without torques", None, None),
+    ):
+        r2 = record.r2(weights)
+        for k, what in enumerate(("log C_damp", "log C_mass")):
+            spread = f" ± {r2[:, k].std():.2f}"
+            what = f"{name}: leave-one-cloth-out R² of {what}, mean of {len(r2)} trainings"
+            rows.append(row(what, "–", r2[:, k].mean(), at_least=least, spread=spread))
+        for what, errors in zip(("C_damp", "C_mass"), 100 * record.errors(weights).T, strict=True):
+            what = f"{name}: cloths between, {what} read off p after 40 s, 90th percentile of errors"
+            spread = f" (median {np.median(errors):.1f} %)"
+            rows.append(row(what, "–", float(np.quantile(errors, 0.9)), at_most=most, unit=" %", spread=spread))
+        rows.append(
+            row(f"{name}: nearest trained p is the right one", "–", 100 * record.nearest_rate(weights), unit=" %")
+        )
+    return rows
+
+
+def _bounds(record: knowledge.Record, raced: race.Record) -> list[Row]:
+    rows, ratio = [], "C_damp / C_mass"
+    observers = {
+        "z + joints": "of an observer who knows the simulator",
+        knowledge.PREDICTED: "… who predicts as the network",
+    }
+    for sensors, who in observers.items():
+        over = raced.over_bound("p", record, sensors, ratio)
+        what = f"p after 40 s: error of {ratio} over the Cramér-Rao bound {who}, median"
+        rows.append(row(what, "–", float(np.median(over)), at_most=3))
+    for method in raced.settings.methods:
+        at_five, at_forty = (100 * np.median(raced.errors(method, ratio, "trained")[:, k]) for k in (0, -1))
+        what = f"{method}: median error of {ratio} after {raced.times[-1]:g} s"
+        rows.append(row(what, "–", at_forty, unit=" %", spread=f" ({at_five:.1f} % after {raced.times[0]:g} s)"))
+    return rows
+
+
+def _uncertainty(record: uncertainty.Record) -> list[Row]:
+    right, momentum = (100 * record.right(rule)[-1] for rule in ("newton", "momentum"))
+    rows = [row("p by Gauss-Newton, 40 s: nearest trained p is the right one", "–", right, at_least=97, unit=" %")]
+    rows.append(row("… by momentum, the same runs", "–", momentum, unit=" %"))
+    for name, rule in (("Gauss-Newton", "newton"), ("momentum", "momentum")):
+        seconds = record.seconds_to(rule)
+        if seconds is not None:
+            rows.append(
+                row(f"p by {name}: time from which it is the right one in 90 % of runs", "–", seconds, unit=" s")
+            )
+    held, bare = 100 * record.coverage()[-1], 100 * record.coverage(calibrated=False)[-1]
+    what = "90 % regions hold the right p after 40 s"
+    rows.append(row(what, "–", held, at_least=85, at_most=95, unit=" %", spread=f" ({bare:.0f} % by curvature alone)"))
+    for kind in uncertainty.KINDS:
+        told = 100 * np.mean([*record.alarms(kind).values()], axis=0)[-1]
+        also = 100 * np.mean([*record.alarms(kind, or_outside=True).values()], axis=0)[-1]
+        what = f"cloths, {kind}: called unfamiliar by the error of prediction"
+        rows.append(row(what, "–", told, unit=" %", spread=f" ({also:.0f} % by that or by the place of p)"))
+    return rows
+
+
+def _cameras(record: cameras.Record) -> list[Row]:
+    rows, settings = [], record.settings
+    where = f"camera off by {settings.both_turn:g}° and {100 * settings.both_shift:g} cm"
+    for mended, how in ((False, "as it is"), (True, "registered")):
+        over = record.over_unmoved(cameras.BOTH, mended)
+        what = f"{where}, {how}: nearest-material rate over the unmoved camera's"
+        rows.append(row(what, "–", over["nearest"], at_least=0.9 if mended else None))
+        for method in settings.methods:
+            what = f"{where}, {how}: {method}, {settings.target}, last ten periods over the unmoved camera's"
+            distance = record.last(method, cameras.BOTH, mended)
+            rows.append(row(what, "–", over[method], at_most=1.1 if mended else None, spread=f" ({distance:.2f} s.d.)"))
+    return rows
+
+
+TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practised, "known": known}
 
 
 def table(name: str, records: dict[str, Any]) -> list[Row]:
