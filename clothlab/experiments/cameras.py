@@ -66,7 +66,7 @@ class Settings(Checked):
     directions: tuple[str, ...] = setting((*SHIFTS, *TURNS))
     shifts: tuple[float, ...] = setting((0.01, 0.05, 0.2), "m", above=0)
     turns: tuple[float, ...] = setting((1.0, 3.0, 10.0), "degree", above=0, at_most=45)
-    draws: int = setting(4, at_least=0)  # of random directions in which it is both shifted and turned
+    draws: int = setting(3, at_least=0)  # of random directions in which it is both shifted and turned
     both_shift: float = setting(0.05, "m", above=0)
     both_turn: float = setting(3.0, "degree", above=0, at_most=45)
     draw_seed: int = setting(53_000, at_least=0)
