@@ -71,8 +71,8 @@ class Simulator:
 class FitSettings(Checked):
     """How the simulation is fitted.
 
-    From the middle of the range alone, Gauss-Newton stops in one of many small valleys: a folded cloth is chaotic, and
-    a thousandth of C_damp moves z by a tenth of its deviation. So a coarse search over the start of a run comes first.
+    From the middle of the range alone, Gauss-Newton stops in one of many small valleys: where a cloth folds, a
+    thousandth of C_damp can move z by a tenth of its deviation. So a coarse search over the start of a run comes first.
     """
 
     reach: float = setting(3.0, "times", above=1)  # bounds: so far from the middle of the trained range, both ways

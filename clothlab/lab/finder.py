@@ -26,7 +26,7 @@ def calibration(weights: str, known: str) -> Calibration:
 
 
 class Finder:
-    """Follows p by Gauss-Newton, which needs a quarter of momentum's time; now and then it doubts.
+    """Follows p by Gauss-Newton, which is right sooner than momentum is; now and then it doubts.
 
     Args:
         trained: the model and what it was trained with.
