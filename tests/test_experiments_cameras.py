@@ -118,12 +118,14 @@ def test_what_is_compared_with_the_unmoved_camera_has_the_same_trainings():
 
 
 def test_more_trainings_are_tried_where_a_bound_stands():
-    models = {job[1].name: set() for job in jobs(Settings()) if job[0] == "estimate"}
-    for kind, place, *rest in jobs(Settings()):
-        if kind == "estimate":
+    pieces = [piece for job in jobs(Settings()) for piece in job]
+    assert len(pieces) == len(set(pieces))
+    for kind in ("estimate", "control"):
+        models = {place.name: set() for _, place, *_ in pieces}
+        for _, place, *rest in [piece for piece in pieces if piece[0] == kind]:
             models[place.name].add(rest[1])
-    assert models[UNMOVED] == models[BOTH] == {0, 1, 2, 3, 4}
-    assert models["yaw"] == {0}
+        assert models[UNMOVED] == models[BOTH] == {0, 1, 2, 3, 4}
+        assert models["yaw"] == {0}
 
 
 @pytest.mark.parametrize(
@@ -134,7 +136,7 @@ def test_more_trainings_are_tried_where_a_bound_stands():
             "unknown direction 'sideways'; choose from right, up, backward, pitch, yaw, roll",
         ),
         ({"cloths": ("silk",)}, "unknown cloth 'silk'"),
-        ({"methods": ("magic",)}, "unknown method 'magic'; choose from random"),
+        ({"curve_methods": ("magic",)}, "unknown method 'magic'; choose from random"),
     ],
 )
 def test_settings_that_name_nothing_are_refused(wrong, message):

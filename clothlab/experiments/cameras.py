@@ -7,8 +7,8 @@ the camera there. For the mending see `clothlab.registration`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import product
+from functools import cache, lru_cache, partial
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,8 @@ class Settings(Checked):
     first_seed: int = setting(50_000, at_least=0)  # of them: this + 20 model + number of the cloth, for every place
     target: str = setting("target-2")
     held: tuple[str, ...] = setting((cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)))  # cloths to realise it with
-    methods: tuple[str, ...] = setting((GRADIENT, PRACTICE))
+    methods: tuple[str, ...] = setting((GRADIENT, PRACTICE))  # for the unmoved camera and for both
+    curve_methods: tuple[str, ...] = setting((GRADIENT,))  # for displacements of one kind
     control_steps: int = setting(248, "step", at_least=16)  # 31 periods
 
     def __post_init__(self) -> None:
@@ -86,7 +87,8 @@ class Settings(Checked):
         """
         super().__post_init__()
         known: dict[str, Any] = {"direction": dict.fromkeys((*SHIFTS, *TURNS)), "cloth": CLOTHS, "method": METHODS}
-        for kind, names in (("direction", self.directions), ("cloth", self.cloths), ("method", self.methods)):
+        methods = self.methods + self.curve_methods
+        for kind, names in (("direction", self.directions), ("cloth", self.cloths), ("method", methods)):
             for name in names:
                 choose(kind, name, known[kind])
 
@@ -231,9 +233,10 @@ class Record:
         """
         if models is None:
             models = self.settings.models if place == BOTH else self.settings.curve_models
+        methods = self.settings.methods if place in (UNMOVED, BOTH) else self.settings.curve_methods
         here = self.nearest_rate(UNMOVED, False, None, models)
         found = {"nearest": self.nearest_rate(place, mended, size, models) / here if here else np.nan}
-        for method in self.settings.methods:
+        for method in methods:
             there, here = (
                 self.last(method, place, mended, size, models),
                 self.last(method, UNMOVED, False, None, models),
@@ -275,13 +278,18 @@ def _overlap(a: np.ndarray, b: np.ndarray) -> float:
     return float(iou(a[some], b[some]).mean())
 
 
+@lru_cache(maxsize=2)  # from a moved place, and from the old one, with which it is compared
+def _seen(arm: Arm, cloth: str, steps: int, seed: int) -> Trial:
+    """A run with random commands, the same whatever is seen."""
+    return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
+
+
 def estimate_one(settings: Settings, place: Place, mended: bool, model: int, cloth: str) -> Estimate:
     """Estimate p of one cloth from what the moved camera sees."""
     learned = trained(f"{settings.weights}-{model}")
     there = replace(learned.arm, camera=place.camera(learned.arm))
     seed = settings.first_seed + 20 * model + list(CLOTHS).index(cloth)
-    trial = new_trial(RandomPolicy(there), there, cloth, settings.steps, seed)
-    right = trial if there == learned.arm else _seen_from(learned.arm, trial)
+    right, trial = (_seen(arm, cloth, settings.steps, seed) for arm in (learned.arm, there))
     if mended:
         trial = registered(learned.arm.name, place)[0].trial(trial)
     p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
@@ -321,22 +329,29 @@ _KINDS: dict[str, tuple[Callable[..., Any], type]] = {
 }
 
 
-def run_kept(folder: Path, settings: Settings, kind: str, place: Place, *job: Any) -> Any:
-    """One piece of the work, or what it said before."""
-    function, made = _KINDS[kind]
-    made_with = {each: getattr(settings, each) for each in MATTERS} | {"place": converter.unstructure(place)}
-    about = (kind, place.name, f"{place.size:g}", *job)
-    return piece(about, made_with, lambda: function(settings, place, *job), made, folder)
+def run_kept(folder: Path, settings: Settings, pieces: list[tuple]) -> list[Any]:
+    """Some pieces of the work, or what they said before."""
+    found = []
+    for kind, place, *job in pieces:
+        function, made = _KINDS[kind]
+        made_with = {each: getattr(settings, each) for each in MATTERS} | {"place": converter.unstructure(place)}
+        about = (kind, place.name, f"{place.size:g}", *job)
+        found.append(piece(about, made_with, partial(function, settings, place, *job), made, folder))
+    return found
 
 
-def jobs(settings: Settings) -> list[tuple]:
-    """Every piece of the work: its kind, the place, and what else it is about."""
-    found: list[tuple] = [("register", place) for place in settings.places]
-    for place in settings.places:
-        models = settings.models if place.name in (UNMOVED, BOTH) else settings.curve_models
-        ways = list(product((False, True), models))
-        found += [("estimate", place, *way, cloth) for way, cloth in product(ways, settings.cloths)]
-        found += [("control", place, *way, *rest) for way, *rest in product(ways, settings.methods, settings.held)]
+def jobs(settings: Settings) -> list[list[tuple]]:
+    """The pieces of the work, each its kind, the place, and what else it is about; together those with the same run."""
+    found: list[list[tuple]] = [[("register", place)] for place in settings.places]
+    for model in sorted({*settings.models, *settings.curve_models}):
+        for_both, for_curve = model in settings.models, model in settings.curve_models
+        tried = {UNMOVED: True, BOTH: for_both}
+        places = [place for place in settings.places if tried.get(place.name, for_curve)]
+        ways = list(product(places, (False, True), (model,)))
+        found += [[("estimate", *way, cloth) for way in ways] for cloth in settings.cloths]
+        for place, *rest in ways:
+            methods = settings.methods if place.name in tried else settings.curve_methods
+            found += [[("control", place, *rest, *each)] for each in product(methods, settings.held)]
     return found
 
 
@@ -353,7 +368,7 @@ def run(
     """
     settings, folder = settings or Settings(), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    todo = [(folder, settings, *job) for job in jobs(settings)]
-    found = run_jobs(run_kept, todo, workers=workers, progress=progress, what="cameras")
+    todo = [(folder, settings, pieces) for pieces in jobs(settings)]
+    found = list(chain(*run_jobs(run_kept, todo, workers=workers, progress=progress, what="cameras")))
     kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]
     return Record(settings, *kinds)
