@@ -19,6 +19,7 @@ from clothlab.experiments import (
     integrated,
     knowledge,
     limits,
+    more_of_one,
     perception,
     practice,
     race,
@@ -46,9 +47,21 @@ EXPERIMENTS.update(
     cameras=cameras,
     uncertainty=uncertainty,
     race=race,
+    more_of_one=more_of_one,
 )
 SLOW.update(
-    ("experience", "limits", "practice", "any_target", "knowledge", "feeling", "cameras", "uncertainty", "race")
+    (
+        "experience",
+        "limits",
+        "practice",
+        "any_target",
+        "knowledge",
+        "feeling",
+        "cameras",
+        "uncertainty",
+        "race",
+        "more_of_one",
+    )
 )
 
 __all__ = [
@@ -68,6 +81,7 @@ __all__ = [
     "limits",
     "load",
     "load_all",
+    "more_of_one",
     "perception",
     "practice",
     "race",
