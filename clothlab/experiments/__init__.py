@@ -49,20 +49,8 @@ EXPERIMENTS.update(
     race=race,
     more_of_one=more_of_one,
 )
-SLOW.update(
-    (
-        "experience",
-        "limits",
-        "practice",
-        "any_target",
-        "knowledge",
-        "feeling",
-        "cameras",
-        "uncertainty",
-        "race",
-        "more_of_one",
-    )
-)
+QUICK = {"perception", "self_organisation", "estimation", "control", "integrated", "stiffness"}
+SLOW.update(EXPERIMENTS.keys() - QUICK)
 
 __all__ = [
     "EXPERIMENTS",
