@@ -49,7 +49,6 @@ RECIPES = {
     "torque": Recipe("torque", ("train", "train-more"), MORE_SEEN, MORE),
     "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
     # The same camera, cloths and commands: torques follow from what the torque arm recorded.
-    "torque-feeling-paper": Recipe("torque-feeling", ("train",), "torque-paper", ModelTraining()),
     "torque-feeling": Recipe("torque-feeling", ("train", "train-more"), "torque", MORE),
 }
 
