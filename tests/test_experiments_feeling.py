@@ -118,6 +118,17 @@ def test_rates_and_errors_are_of_the_cloths_that_they_are_about():
     assert record.r2("torque").tolist() == [[1.0, 1.0, 0.5]]
 
 
+def test_errors_are_paired_by_training_cloth_and_number_whatever_their_order():
+    def estimate(weights, model, number, error):
+        return Estimate(weights, model, CHOSEN, number, CLOTH, 14, CLOTH, 0.1, np.array([error, -error]))
+
+    first = [estimate("torque", model, number, 0.1 * model + 0.01 * number) for model in (0, 1) for number in (0, 1)]
+    second = [estimate("torque-feeling", *job) for job in ((1, 1, 0.11), (0, 0, 0.0), (1, 0, 0.1), (0, 1, 0.01))]
+    record = Record(replace(SMALL, models=(0, 1)), (), (*first, *second), ())
+    for weights in SMALL.weights:
+        assert record.paired(weights, CHOSEN)[..., 1] == pytest.approx(np.array([[0.0, 0.01], [0.1, 0.11]]))
+
+
 @pytest.mark.parametrize(
     ("commands", "message"),
     [

@@ -171,6 +171,15 @@ class Record:
         """Sizes of the relative errors of C_damp and C_mass, `[runs, 2]`."""
         return np.abs([each.error for each in self.select(weights, motion, between=between)])
 
+    def paired(self, weights: str, motion: str = RANDOM) -> np.ndarray:
+        """Sizes of the relative errors of C_damp and C_mass of all cloths, `[models, runs, 2]`.
+
+        In the same order whatever the weights, and for chosen commands and random ones as long.
+        """
+        found = [each for each in self.estimates if (each.weights, each.motion) == (weights, motion)]
+        found.sort(key=lambda each: (each.model, each.cloth, each.number))
+        return np.abs([each.error for each in found]).reshape(len(self.settings.models), -1, 2)
+
     def last(self, weights: str, method: str, target: str) -> np.ndarray:
         """Distance in the last ten periods, mean over cloths, `[models]` [s.d. of z]."""
         runs = [run for run in self.control if (run.weights, run.method, run.target) == (weights, method, target)]
