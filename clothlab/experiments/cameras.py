@@ -62,6 +62,7 @@ class Settings(Checked):
 
     weights: str = setting("torque")
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # trainings for the unmoved camera and for both
+    control_models: tuple[int, ...] = setting((0, 1, 2), at_least=0)  # those of them that realise the target, too
     curve_models: tuple[int, ...] = setting((0,), at_least=0)  # trainings for displacements of one kind
     directions: tuple[str, ...] = setting((*SHIFTS, *TURNS))
     shifts: tuple[float, ...] = setting((0.01, 0.05, 0.2), "m", above=0)
@@ -77,7 +78,7 @@ class Settings(Checked):
     held: tuple[str, ...] = setting((cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)))  # cloths to realise it with
     methods: tuple[str, ...] = setting((GRADIENT, PRACTICE))  # for the unmoved camera and for both
     curve_methods: tuple[str, ...] = setting((GRADIENT,))  # for displacements of one kind
-    control_steps: int = setting(248, "step", at_least=16)  # 31 periods
+    control_steps: int = setting(200, "step", at_least=16)  # 25 periods
 
     def __post_init__(self) -> None:
         """Refuse what would only be noticed hours later.
@@ -349,7 +350,7 @@ def jobs(settings: Settings) -> list[list[tuple]]:
         places = [place for place in settings.places if tried.get(place.name, for_curve)]
         ways = list(product(places, (False, True), (model,)))
         found += [[("estimate", *way, cloth) for way in ways] for cloth in settings.cloths]
-        for place, *rest in ways:
+        for place, *rest in ways if model in settings.control_models else ():
             methods = settings.methods if place.name in tried else settings.curve_methods
             found += [[("control", place, *rest, *each)] for each in product(methods, settings.held)]
     return found

@@ -35,7 +35,7 @@ class Settings(Checked):
     """Which cloths and trainings; the defaults are the full size."""
 
     weights: str = setting("torque")
-    models: tuple[int, ...] = setting((0, 1, 2), at_least=0)  # seeds of the trainings
+    models: tuple[int, ...] = setting((0, 1), at_least=0)  # seeds of the trainings
     extra: tuple[str, ...] = setting((cloth_name(0.03, 0.15), cloth_name(0.03, 0.10)))  # told least and most by a run
     repeats: int = setting(20, at_least=1)  # further recordings of it with each policy: as many as there are
     recorded_steps: int = setting(250, "step", at_least=20)  # of each

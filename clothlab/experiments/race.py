@@ -65,7 +65,7 @@ class Settings(Checked):
     weights: str = setting("torque")
     methods: tuple[str, ...] = setting(("p", "p by momentum", "sysid", "sysid-rough", "network"))
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings, and of other commands
-    fitted_models: tuple[int, ...] = setting((0, 1), at_least=0)  # those of them with which a simulation is fitted,
+    fitted_models: tuple[int, ...] = setting((0,), at_least=0)  # those of them with which a simulation is fitted,
     rough_models: tuple[int, ...] = setting((0,), at_least=0)  # and a rough one: that takes minutes a run
     cloths: tuple[str, ...] = setting(tuple(ALL))
     steps: tuple[int, ...] = setting((25, 50, 100, 200), "step", at_least=12)  # 5, 10, 20 and 40 s
