@@ -117,6 +117,15 @@ def test_what_is_compared_with_the_unmoved_camera_has_the_same_trainings():
     assert record.over_unmoved("yaw", False) == {"nearest": 0.0, GRADIENT: 4.0}
 
 
+def test_what_is_lost_is_lost_with_the_same_training():
+    runs = tuple(control(UNMOVED, False, 1.0 + k, model=k) for k in (0, 1))
+    runs += tuple(control(BOTH, True, last, model=k) for k, last in ((1, 2.5), (0, 1.25), (1, 2.0)))
+    record = Record(
+        replace(SMALL, methods=(GRADIENT,)), (), (), (*runs, control(BOTH, True, 1.5), control(BOTH, False, 9))
+    )
+    assert record.lost(GRADIENT, True) == pytest.approx(np.array([[0.25, 0.5], [0.5, 0.0]]))
+
+
 def test_more_trainings_are_tried_where_a_bound_stands():
     pieces = [piece for job in jobs(Settings()) for piece in job]
     assert len(pieces) == len(set(pieces))

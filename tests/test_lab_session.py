@@ -1,6 +1,5 @@
 """The live session behind the panel: what can be changed while it runs, and what it refuses."""
 
-
 import numpy as np
 import pytest
 

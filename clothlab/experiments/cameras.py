@@ -227,6 +227,17 @@ class Record:
         runs = self._of(self.control, place, mended, size, models)
         return float(np.mean([run.last for run in runs if run.method == method]))
 
+    def lost(self, method: str, mended: bool) -> np.ndarray:
+        """How much farther from the target with a camera shifted and turned than unmoved, `[models, runs]` [s.d. of z].
+
+        The same training, the same cloth; one run for each cloth and draw of directions.
+        """
+        runs = [run for run in self.control if run.method == method]
+        here = {(run.model, run.cloth): run.last for run in runs if (run.place, run.mended) == (UNMOVED, False)}
+        there = [run for run in runs if (run.place, run.mended) == (BOTH, mended)]
+        differences = {k: [run.last - here[k, run.cloth] for run in there if run.model == k] for k, _ in here}
+        return np.array([*differences.values()])
+
     def over_unmoved(self, place: str, mended: bool, size: float | None = None, models: Any = None) -> dict[str, float]:
         """Rate of nearest p, and distance to the target by each method, over the unmoved camera's, same trainings.
 
