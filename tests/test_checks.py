@@ -500,8 +500,8 @@ SLIPS = {
     ],
     "share_held": [
         ("-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
-        ("-2 * np.log(0.1)", "4 * np.log(0.1) ** 2", "squared already"),
-        ("np.mean(squared", "np.mean(np.sqrt(squared)", "not its root"),
+        ("-2 * np.log(0.1)", "4 * np.log(0.1) ** 2", "not squared again"),
+        ("np.mean(squared", "np.mean(np.sqrt(squared)", "has no root"),
         ("np.linalg.inv(covariances)", "covariances", "the inverse of the covariance"),
         (
             "body",

@@ -67,8 +67,9 @@ def share_held(answer: Callable) -> None:
     wide = np.abs(gaps) <= 1.645 * np.sqrt([4.0, 1.0])
     slips = {
         "1.645 deviations hold 90 % of one number; of two in a plane, the radius is larger": np.mean(far <= 1.645**2),
-        "the distance is squared already": np.mean(far <= limit**2),
-        "compare the squared distance with -2 log 0.1, not its root": np.mean(np.sqrt(far) <= limit),
+        "compare the squared distance with -2 log 0.1: the one has no root, the other is not squared again": np.mean(
+            far <= limit**2
+        ),
         "the inverse of the covariance stands between the gaps": np.mean(
             np.einsum("ni,nij,nj->n", gaps, covariances, gaps) <= limit
         ),
