@@ -25,12 +25,13 @@ def once(
         name: of this piece of work, which is kept as `FOLDER/results/NAME.json`.
         made_with: whatever the answer depends on, as JSON has it; code is not known.
         make: does the work and returns what JSON has a word for.
-        folder: where to keep; it exists.
+        folder: where to keep; made where there is none.
         files: what `make` writes there beside its answer. If one of them is gone or altered, the work is done again.
 
     Raises:
         TypeError: an answer, or something that it depends on, that JSON has no word for.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     made_with = json.loads(json.dumps(made_with))
     kept = _read(name, folder)
     if kept.get("made_with") == made_with and kept.get("files") == _hashes(folder, files):
@@ -50,7 +51,7 @@ def piece(about: Iterable[Any], made_with: Mapping[str, Any], make: Callable[[],
         made_with: settings that it depends on.
         make: finds it.
         kind: class of the part.
-        folder: where to keep; it exists.
+        folder: where to keep.
     """
     name = re.sub(r"\W+", "-", " ".join(map(str, about))).strip("-")
     known = {**made_with, "version": version()}

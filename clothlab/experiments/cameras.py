@@ -379,7 +379,6 @@ def run(
         folder: where each piece is kept as soon as it is done; an interrupted experiment goes on from there.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     todo = [(folder, settings, pieces) for pieces in jobs(settings)]
     found = list(chain(*run_jobs(run_kept, todo, workers=workers, progress=progress, what="cameras")))
     kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]

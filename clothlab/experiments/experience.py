@@ -467,7 +467,6 @@ def run(
         FileNotFoundError: fewer recordings than an amount needs; the message says how to get them.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {"workers": workers, "progress": progress}
     # The largest first, so that recordings that are missing are noticed early.
     pairs = product(sorted(settings.amounts, reverse=True), settings.arms)

@@ -292,7 +292,6 @@ def run(
     settings, folder = settings or Settings(), Path(folder)
     chosen = most_informative(settings.chosen) if chosen is None else chosen
     todo = [(folder, settings, *job) for job in jobs(settings, chosen)]
-    folder.mkdir(parents=True, exist_ok=True)
     found = run_jobs(run_kept, todo, workers=workers, progress=progress, what="feeling")
     kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]
     return Record(settings, *kinds)

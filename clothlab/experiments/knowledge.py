@@ -568,7 +568,6 @@ def run(
         folder: where each case is kept as soon as it is done; an interrupted experiment goes on from there.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     todo = cases(settings)
     jobs = [(folder, settings, case) for case in todo]
     known = run_jobs(_case_kept, jobs, workers=workers, progress=progress, what="knowledge")

@@ -164,12 +164,11 @@ def run(
         KeyError, ValueError: the recordings of the weights are missing; the message says how to make them.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    eye = trained(f"{settings.weights}-{settings.models[0]}").sees_with
-    artifacts.save_autoencoder(*artifacts.load_autoencoder(eye), eye, data=folder)  # weights are kept beside theirs
     together: dict[str, Any] = {"workers": workers, "progress": progress}
     jobs = [(settings, extra, *job, folder) for extra, job in product(settings.extra, _recordings(settings))]
     run_jobs(record_one, jobs, what="recordings", **together)
+    eye = trained(f"{settings.weights}-{settings.models[0]}").sees_with
+    artifacts.save_autoencoder(*artifacts.load_autoencoder(eye), eye, data=folder)  # weights are kept beside theirs
     to_train = [(settings, *pair, folder) for pair in product(settings.extra, settings.models)]
     run_jobs(train_one, to_train, what="trainings", **together)
     tried = product((NONE, *settings.extra), settings.models, settings.cloths)

@@ -412,7 +412,6 @@ def run(
         folder: where each run is kept as soon as it is done; an interrupted experiment goes on from there.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     todo = jobs(settings)
     if models := _models(todo):  # before the runs, that no two of them train the same
         run_jobs(trained_here, [(*each, folder) for each in models], workers=workers, progress=progress, what="models")

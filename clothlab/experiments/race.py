@@ -328,7 +328,6 @@ def run(
     settings, folder = settings or Settings(), Path(folder)
     if {"sysid", "sysid-rough"} & set(settings.methods):
         sysid_tools()  # to be missed now rather than after the trainings
-    folder.mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {"workers": workers, "progress": progress}
     training = dict.fromkeys(settings.methods, 0.0)
     if by_recordings := [name for name in training if METHODS[name].needs == RECORDED]:

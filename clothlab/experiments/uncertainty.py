@@ -246,7 +246,6 @@ def run(
         folder: where each run is kept as soon as it is done; an interrupted experiment goes on from there.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     models = [(settings, model) for model in settings.models]
     found = run_jobs(calibrate_one, models, workers=workers, progress=progress, what="calibration")
     calibrations = dict(zip(settings.models, found, strict=True))
