@@ -15,7 +15,7 @@ from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_number, choose
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import Cloth
 from clothlab.control import ControlSettings
@@ -53,6 +53,17 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
     trained = _stacked(biases)
     gaps = trained - check_array("p", p, trained.shape[1:])
     return list(biases)[np.linalg.norm(gaps, axis=1).argmin()]
+
+
+def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> float:
+    """Distance of `p` `[D_p]` to the trained p of a material, over the `spread` of all.
+
+    Raises:
+        KeyError: a material that was not trained; the message lists the choices.
+        ValueError: p of another size or not finite.
+    """
+    right = choose("material", material, biases)
+    return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(biases)
 
 
 @dataclass(frozen=True)

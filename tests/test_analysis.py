@@ -9,6 +9,7 @@ import torch
 from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
+    bias_error,
     chamfer_against_z,
     difference_interval,
     half_widths_from_zero,
@@ -75,12 +76,15 @@ def test_the_spread_is_a_distance_and_the_nearest_is_near():
     assert spread(TWO) == pytest.approx(3)
     assert nearest_material([5.0, 0.1], TWO) == "a"
     assert nearest_material(np.float32([5.0, -0.1]), TWO) == "b"
+    assert bias_error([TWO["a"][0], TWO["a"][1] + 6.0], "a", TWO) == pytest.approx(2)  # of the spread of 3
 
 
 @pytest.mark.parametrize("p", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [[0.0, 0.0]], None, "a"])
 def test_what_is_no_p_is_near_to_nothing(p):
     with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
         nearest_material(p, TWO)
+    with pytest.raises(ValueError, match="p is"):
+        bias_error(p, "a", TWO)
 
 
 @pytest.mark.parametrize("biases", [{}, {"a": [np.nan, 0.0]}, {"a": [0.0, 0.0], "b": [0.0]}])

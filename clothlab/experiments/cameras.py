@@ -16,7 +16,7 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import best_per_period, late_median, nearest_material, spread, target_distance
+from clothlab.analysis import best_per_period, bias_error, late_median, nearest_material, target_distance
 from clothlab.arm import Arm, Camera, get_arm
 from clothlab.autoencoder import encode, iou
 from clothlab.cloth import CLOTHS, cloth_name
@@ -313,7 +313,7 @@ def estimate_one(settings: Settings, place: Place, mended: bool, model: int, clo
         model=model,
         cloth=cloth,
         nearest=nearest_material(p, learned.biases),
-        distance=float(np.linalg.norm(p - learned.biases[cloth])) / spread(learned.biases),
+        distance=bias_error(p, cloth, learned.biases),
         z_error=float(np.linalg.norm(z - z_right, axis=1).mean()),
         overlap=_overlap(trial.images, right.images),
     )

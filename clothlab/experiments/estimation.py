@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import MaterialReadout, nearest_material, spread
+from clothlab.analysis import MaterialReadout, bias_error, nearest_material
 from clothlab.cloth import CLOTHS, Cloth
 from clothlab.experiments._record import estimate_at_random, run_jobs, trained
 
@@ -94,8 +94,7 @@ def run_one(settings: Settings, name: str, model: int, repeat: int = 0) -> Run:
     learned, cloth = trained(f"{settings.weights}-{model}"), get_cloth(name)
     seed = settings.first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(name)
     p, trace = estimate_at_random(learned, cloth, settings.steps, seed)
-    right = learned.biases.get(name)
-    distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
+    distance = bias_error(p, name, learned.biases) if name in learned.biases else None
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
     error = read / (cloth.damping, cloth.mass) - 1
     return Run(name, model, seed, trace.round(3), nearest_material(p, learned.biases), distance, read, error)

@@ -24,10 +24,10 @@ from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
+    bias_error,
     late_median,
     median_best,
     nearest_material,
-    spread,
     target_distance,
 )
 from clothlab.arm import get_arm
@@ -436,11 +436,11 @@ def _prediction(learned: Trained) -> float:
 def _estimated(settings: Settings, learned: Trained, model: int) -> tuple[float, float]:
     """How often the estimate of p comes nearest to the right one, and its median distance to it [spreads]."""
     right, distances = [], []
-    for k, (name, goal) in enumerate(learned.biases.items()):
+    for k, name in enumerate(learned.biases):
         seed = settings.estimation_seed + 100 * model + k
         p, _ = estimate_at_random(learned, name, settings.estimation_steps, seed)
         right.append(nearest_material(p, learned.biases) == name)
-        distances.append(np.linalg.norm(p - goal) / spread(learned.biases))
+        distances.append(bias_error(p, name, learned.biases))
     return float(np.mean(right)), float(np.median(distances))
 
 

@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
-from clothlab.analysis import MaterialReadout, best_per_period, late_median, nearest_material, spread, target_distance
+from clothlab.analysis import (
+    MaterialReadout,
+    best_per_period,
+    bias_error,
+    late_median,
+    nearest_material,
+    target_distance,
+)
 from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.estimation import NewtonSettings, estimate_bias
@@ -203,8 +210,7 @@ def estimate_one(
     policy = ReplayPolicy(commands) if commands and motion == CHOSEN else RandomPolicy(learned.arm)
     trial = new_trial(policy, learned.arm, held, steps, seed)
     p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
-    right = learned.biases.get(cloth)
-    distance = None if right is None else float(np.linalg.norm(p - right)) / spread(learned.biases)
+    distance = bias_error(p, cloth, learned.biases) if cloth in learned.biases else None
     error = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p)) / (held.damping, held.mass) - 1
     nearest = nearest_material(p, learned.biases)
     return Estimate(weights, model, motion, number, cloth, steps, nearest, distance, error)

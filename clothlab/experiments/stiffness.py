@@ -10,10 +10,10 @@ from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import (
     best_per_period,
+    bias_error,
     empty_distance,
     nearest_material,
     principal_axes,
-    spread,
     success_rate,
     target_distance,
 )
@@ -194,7 +194,7 @@ def run_held_out(settings: Settings, model: int) -> list[HeldOut]:
     for trial in artifacts.load_trials(settings.trials):
         p, _ = estimate_bias(learned.model, learned.sequences(trial))
         name, nearest = trial.cloth.name, nearest_material(p, learned.biases)
-        distance = float(np.linalg.norm(p - learned.biases[name])) / spread(learned.biases)
+        distance = bias_error(p, name, learned.biases)
         rows.append(HeldOut(model, name, trial.policy, nearest, distance))
     return rows
 
