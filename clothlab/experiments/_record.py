@@ -13,6 +13,7 @@ from tqdm.auto import tqdm
 
 from clothlab import artifacts
 from clothlab._validation import choose
+from clothlab.analysis import late_median
 from clothlab.arm import Arm
 from clothlab.artifacts import Folder, Trained
 from clothlab.cloth import Cloth
@@ -33,6 +34,17 @@ converter.register_unstructure_hook(
     np.ndarray, lambda array: (array.astype(str).astype(float) if array.dtype == np.float32 else array).tolist()
 )
 converter.register_structure_hook(np.ndarray, lambda value, _: np.asarray(value))
+
+
+class Reached:
+    """A run towards a target: a base of the parts of records that have `best`, its distance in each period."""
+
+    best: np.ndarray
+
+    @property
+    def last(self) -> float:
+        """Median of the last ten periods [s.d. of z]."""
+        return late_median(self.best)
 
 
 def save(name: str, record: Any, *, data: Folder = None) -> None:

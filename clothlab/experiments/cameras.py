@@ -16,14 +16,14 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import best_per_period, bias_error, late_median, nearest_material, target_distance
+from clothlab.analysis import best_per_period, bias_error, nearest_material, target_distance
 from clothlab.arm import Arm, Camera, get_arm
 from clothlab.autoencoder import encode, iou
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
 from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
-from clothlab.experiments._record import converter, new_trial, run_jobs, trained
+from clothlab.experiments._record import Reached, converter, new_trial, run_jobs, trained
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
 from clothlab.registration import Registered, Registration, RegistrationSettings, look, register
 from clothlab.trials import RandomPolicy, ReplayPolicy, Trial
@@ -160,7 +160,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Control:
+class Control(Reached):
     """One run towards the target.
 
     Attributes:
@@ -182,11 +182,6 @@ class Control:
     cloth: str
     best: np.ndarray
     believed: np.ndarray
-
-    @property
-    def last(self) -> float:
-        """Median of the last ten periods [s.d. of z]."""
-        return late_median(self.best)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,19 +18,12 @@ from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
-from clothlab.analysis import (
-    MaterialReadout,
-    best_per_period,
-    bias_error,
-    late_median,
-    nearest_material,
-    target_distance,
-)
+from clothlab.analysis import MaterialReadout, best_per_period, bias_error, nearest_material, target_distance
 from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
-from clothlab.experiments._record import load, new_trial, run_jobs, trained
+from clothlab.experiments._record import Reached, load, new_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
 from clothlab.trials import RandomPolicy, ReplayPolicy
@@ -117,7 +110,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Control:
+class Control(Reached):
     """One run towards a target.
 
     Attributes:
@@ -135,11 +128,6 @@ class Control:
     target: str
     cloth: str
     best: np.ndarray
-
-    @property
-    def last(self) -> float:
-        """Median of the last ten periods [s.d. of z]."""
-        return late_median(self.best)
 
 
 @dataclass(frozen=True, eq=False)

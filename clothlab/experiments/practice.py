@@ -12,7 +12,7 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
-from clothlab.analysis import LATE, best_per_period, late_median, target_distance
+from clothlab.analysis import LATE, best_per_period, target_distance
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.cloth import cloth_name
@@ -22,7 +22,7 @@ from clothlab.env import ClothEnv
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, piece, version
-from clothlab.experiments._record import PAPER, RECORDINGS, new_trial, run_jobs, trained
+from clothlab.experiments._record import PAPER, RECORDINGS, Reached, new_trial, run_jobs, trained
 from clothlab.experiments.opponents import (
     ChangesModel,
     ChangesPolicy,
@@ -213,7 +213,7 @@ class Settings(Checked):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Reached):
     """One run.
 
     Attributes:
@@ -237,11 +237,6 @@ class Run:
     hand_speed: np.ndarray
     promises: np.ndarray
     bias_ratio: float | None
-
-    @property
-    def last(self) -> float:
-        """Median of the last ten periods [s.d. of z]."""
-        return late_median(self.best)
 
 
 @dataclass(frozen=True, eq=False)
