@@ -32,6 +32,15 @@ def choose(kind: str, name: str, choices: Mapping[str, T], none_yet: str = "(non
     return choices[name]
 
 
+def choose_all(kind: str, names: Iterable[str], choices: Mapping[str, T]) -> list[T]:
+    """`choose` for several names.
+
+    Raises:
+        KeyError: an unknown name; the message lists the choices.
+    """
+    return [choose(kind, name, choices) for name in names]
+
+
 def check_name(kind: str, name: str) -> str:
     """Return a name that is to become a file's.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clothlab import artifacts
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose_all, setting
 from clothlab.analysis import best_per_period, bias_error, nearest_material, target_distance
 from clothlab.arm import Arm, Camera, get_arm
 from clothlab.autoencoder import encode, iou
@@ -87,11 +87,9 @@ class Settings(Checked):
             KeyError: an unknown direction, cloth or method; the message lists the choices.
         """
         super().__post_init__()
-        known: dict[str, Any] = {"direction": dict.fromkeys((*SHIFTS, *TURNS)), "cloth": CLOTHS, "method": METHODS}
-        methods = self.methods + self.curve_methods
-        for kind, names in (("direction", self.directions), ("cloth", self.cloths), ("method", methods)):
-            for name in names:
-                choose(kind, name, known[kind])
+        choose_all("direction", self.directions, dict.fromkeys((*SHIFTS, *TURNS)))
+        choose_all("cloth", self.cloths, CLOTHS)
+        choose_all("method", self.methods + self.curve_methods, METHODS)
 
     @property
     def places(self) -> list[Place]:

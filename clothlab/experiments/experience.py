@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from clothlab import artifacts
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose_all, setting
 from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
@@ -138,9 +138,8 @@ class Settings(Checked):
             ValueError: nothing to measure, or an amount that is neither a part of the recordings nor whole repeats.
         """
         super().__post_init__()
-        for kind, names, choices in (("arm", self.arms, ARMS), ("method of control", self.methods, METHODS)):
-            for name in names:
-                choose(kind, name, choices)
+        choose_all("arm", self.arms, ARMS)
+        choose_all("method of control", self.methods, METHODS)
         for what in ("arms", "amounts", "models"):
             if not getattr(self, what):
                 raise ValueError(f"Settings.{what} needs an entry at least")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab._validation import Checked, check_array, choose, setting
+from clothlab._validation import Checked, check_array, choose_all, setting
 from clothlab.analysis import MaterialReadout, best_per_period, bias_error, nearest_material, target_distance
 from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
@@ -60,9 +60,8 @@ class Settings(Checked):
             KeyError: an unknown cloth or method; the message lists the choices.
         """
         super().__post_init__()
-        for kind, names, choices in (("cloth", self.cloths, KNOWN), ("method", self.methods, METHODS)):
-            for name in names:
-                choose(kind, name, choices)
+        choose_all("cloth", self.cloths, KNOWN)
+        choose_all("method", self.methods, METHODS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clothlab import artifacts
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import MaterialReadout, nearest_material
 from clothlab.artifacts import Trained
 from clothlab.cloth import CLOTHS, cloth_name
@@ -52,8 +52,7 @@ class Settings(Checked):
             KeyError: an unknown cloth; the message lists the choices.
         """
         super().__post_init__()
-        for name in self.extra + self.cloths:
-            choose("cloth", name, CLOTHS)
+        choose_all("cloth", self.extra + self.cloths, CLOTHS)
 
 
 @dataclass(frozen=True, eq=False)

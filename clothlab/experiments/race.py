@@ -18,7 +18,7 @@ from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
 from clothlab._files import write_bytes
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import MaterialReadout
 from clothlab.artifacts import Trained
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
@@ -81,9 +81,8 @@ class Settings(Checked):
             ValueError: nothing to run, or steps that do not grow.
         """
         super().__post_init__()
-        for kind, names, choices in (("method", self.methods, METHODS), ("cloth", self.cloths, ALL)):
-            for name in names:
-                choose(kind, name, choices)
+        choose_all("method", self.methods, METHODS)
+        choose_all("cloth", self.cloths, ALL)
         for what in ("methods", "models", "cloths", "steps"):
             if not getattr(self, what):
                 raise ValueError(f"Settings.{what} needs an entry at least")

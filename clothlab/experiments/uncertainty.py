@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import nearest_material
 from clothlab.cloth import CLOTHS, Cloth
 from clothlab.env import CONTROL_PERIOD
@@ -174,7 +174,7 @@ class Record:
 def development_trials(settings: Settings) -> list[Trial]:
     """Runs with known cloths, the same for all trainings."""
     arm, first = trained(f"{settings.weights}-{settings.models[0]}").arm.name, settings.development_seed
-    cloths = [choose("cloth", name, CLOTHS) for name in settings.known]
+    cloths = choose_all("cloth", settings.known, CLOTHS)
     return [
         random_trial(arm, cloth, settings.lengths[-1], first + 30 * repeat + [*ALL].index(cloth.name))
         for repeat, cloth in product(range(settings.known_repeats), cloths)
