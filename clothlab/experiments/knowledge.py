@@ -271,12 +271,9 @@ def vary(cloth: Cloth, unknown: str, step: float, *, springs_scale: bool = False
 
 def turned(camera: Camera, across: float, up: float) -> Camera:
     """The camera turned by parts of a pixel of its image."""
-    position, target = np.array(camera.position), np.array(camera.target)
-    forward = target - position
-    pixel = 2 * np.linalg.norm(forward) * np.tan(np.deg2rad(camera.fovy) / 2) / HEIGHT  # [m] at the target
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    axes = np.stack([each / np.linalg.norm(each) for each in (right, np.cross(right, forward))])
-    return replace(camera, target=tuple(target + pixel * np.array([across, up]) @ axes))
+    distance = np.linalg.norm(np.subtract(camera.target, camera.position))
+    pixel = 2 * distance * np.tan(np.deg2rad(camera.fovy) / 2) / HEIGHT  # [m] at the target
+    return replace(camera, target=tuple(camera.target + pixel * np.array([across, up]) @ camera.axes[:2]))
 
 
 def strong_arm() -> TorqueArm:
