@@ -103,15 +103,17 @@ class Fit:
         """Mean squared error in standard deviations, as `prediction_loss` has it."""
         return float((self.errors**2).mean())
 
-    def step(self, freedom: float = NewtonSettings.freedom) -> np.ndarray:
+    def step(self, freedom: float = NewtonSettings.freedom, longest: float = np.inf) -> np.ndarray:
         """How far p is from the lowest loss, by Gauss-Newton with the weights of Student's t, `[D_p]`.
 
-        With endless `freedom` all errors weigh the same. Where the predictions hardly depend on p, p hardly moves.
+        With endless `freedom` all errors weigh the same. Where the predictions hardly depend on p, p hardly moves; a
+        way longer than `longest` is cut to it.
         """
         weight = (freedom + 1) / (freedom + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.slopes, weight, self.slopes)
         pull = np.einsum("tdi,td,td->i", self.slopes, weight, self.errors)
-        return np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ pull
+        way = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ pull
+        return way * min(1, longest / max(float(np.linalg.norm(way)), 1e-12))
 
     def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = NewtonSettings.lag) -> np.ndarray:
         """Covariance of p at the lowest loss, `[D_p, D_p]`.
@@ -320,9 +322,7 @@ class NewtonEstimator(Estimator):
             return
         if not fit.loss < LARGEST_LOSS:
             raise ValueError(NO_LOSS)
-        step = fit.step(self.settings.freedom)
-        step *= min(1, self.settings.longest / max(float(np.linalg.norm(step)), 1e-12))
-        self._p = torch.tensor(self.p + step, dtype=torch.float32)
+        self._p = torch.tensor(self.p + fit.step(self.settings.freedom, self.settings.longest), dtype=torch.float32)
 
     def _judge(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> Fit | None:
         whole = self._from_rest and len(seen) <= self._window

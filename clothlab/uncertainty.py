@@ -74,12 +74,11 @@ def settle(
         settings: `freedom` and `longest` count.
         rounds: Gauss-Newton steps.
     """
-    settings, p = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
+    settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
     for _ in range(rounds):
-        step = Fit.of(model, s, u, p).step(settings.freedom)
-        p = p + step * min(1, settings.longest / max(float(np.linalg.norm(step)), 1e-12))
-    return p, Fit.of(model, s, u, p)
+        found = found + Fit.of(model, s, u, found).step(settings.freedom, settings.longest)
+    return found, Fit.of(model, s, u, found)
 
 
 class Doubt(NamedTuple):
