@@ -140,31 +140,6 @@ class Fit:
         return self.errors**2 / max(self.loss, 1e-12)
 
 
-def bias_covariance(
-    model: DPMPB, run: Sequences, p: ArrayLike, settings: NewtonSettings | None = None, warmup: int = 0
-) -> np.ndarray:
-    """How sure a p that was estimated from a run is, by the curvature of the loss and the scatter of its errors.
-
-    Of the model's own faults it knows only what shows as scatter; `clothlab.uncertainty` adds the rest.
-
-    Args:
-        model: trained network.
-        run: states and commands.
-        p: the estimate `[D_p]`, near the lowest loss.
-        settings: `freedom` and `lag` count.
-        warmup: first steps left out; none for a run that begins at rest.
-
-    Returns:
-        `[D_p, D_p]`.
-
-    Raises:
-        ValueError: p of another size or not finite.
-    """
-    settings, p = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
-    fit = Fit.of(model, torch.as_tensor(run.s), torch.as_tensor(run.u), p, warmup)
-    return fit.covariance(settings.freedom, settings.lag)
-
-
 def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = EstimationSettings.warmup) -> Tensor:
     """L(p) over a run: how far the model's next states are from those that were seen (eq. 4, with W fixed).
 
@@ -240,7 +215,7 @@ class Estimator(ABC):
 
     @property
     def covariance(self) -> np.ndarray | None:
-        """Covariance of the p with the lowest loss `[D_p, D_p]`, as `bias_covariance`; None where not known yet."""
+        """Covariance of the p with the lowest loss `[D_p, D_p]`, as `Fit.covariance`; None where not known yet."""
         fit = self.fit
         try:
             return None if fit is None else fit.covariance()

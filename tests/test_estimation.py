@@ -13,7 +13,6 @@ from clothlab.estimation import (
     Fit,
     NewtonEstimator,
     NewtonSettings,
-    bias_covariance,
     estimate_bias,
     new_estimator,
     prediction_loss,
@@ -202,7 +201,8 @@ def test_an_estimator_knows_how_sure_it_is(listening, run):
     estimator = NewtonEstimator(listening)
     for s, u in zip(noisy.s, noisy.u, strict=True):
         estimator.update(s, u)
-    assert estimator.covariance == pytest.approx(bias_covariance(listening, noisy, estimator.p))
+    whole = Fit.of(listening, torch.as_tensor(noisy.s), torch.as_tensor(noisy.u), estimator.p)
+    assert estimator.covariance == pytest.approx(whole.covariance())
 
 
 def test_the_warm_up_counts_only_where_the_window_begins_in_a_motion(listening, run):
