@@ -18,7 +18,7 @@ from clothlab.arm import Arm
 from clothlab.artifacts import Folder, Trained
 from clothlab.cloth import Cloth
 from clothlab.env import ClothEnv
-from clothlab.estimation import estimate_bias
+from clothlab.estimation import EstimationSettings, NewtonSettings, estimate_bias
 from clothlab.recipes import RECIPES
 from clothlab.trials import Policy, RandomPolicy, Trial, rollout
 
@@ -131,7 +131,13 @@ def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
     return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
 
 
-def estimate_at_random(learned: Trained, cloth: Cloth | str, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def estimate_at_random(
+    learned: Trained,
+    cloth: Cloth | str,
+    steps: int,
+    seed: int,
+    settings: EstimationSettings | NewtonSettings | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
     trial = random_trial(learned.arm.name, cloth, steps, seed)
-    return estimate_bias(learned.model, learned.sequences(trial))
+    return estimate_bias(learned.model, learned.sequences(trial), settings=settings)

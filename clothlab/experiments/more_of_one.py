@@ -17,9 +17,9 @@ from clothlab.analysis import MaterialReadout, nearest_material
 from clothlab.artifacts import Trained
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.dpmpb import Sequences, train_dpmpb
-from clothlab.estimation import NewtonSettings, estimate_bias
+from clothlab.estimation import NewtonSettings
 from clothlab.experiments._kept import once, piece, version
-from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
+from clothlab.experiments._record import estimate_at_random, new_trial, run_jobs, trained
 from clothlab.experiments.practice import seen_runs
 from clothlab.identification import logs
 from clothlab.recipes import recipe_of
@@ -140,8 +140,7 @@ def run_one(settings: Settings, extra: str, model: int, cloth: str, folder: Path
     readout, first = MaterialReadout.fit(learned.biases, CLOTHS), settings.first_seed + 10 * [*CLOTHS].index(cloth)
 
     def measure(seed: int) -> Run:
-        run = learned.sequences(random_trial(learned.arm.name, cloth, settings.steps, seed))
-        p, _ = estimate_bias(learned.model, run, settings=NewtonSettings())
+        p, _ = estimate_at_random(learned, cloth, settings.steps, seed, NewtonSettings())
         error = np.log(readout(p)) - logs(CLOTHS[cloth])
         return Run(extra, model, cloth, seed, nearest_material(p, learned.biases), error.round(4))
 
