@@ -1,6 +1,6 @@
 """What all experiments share: records on disk, runs side by side, and the trials that nobody controls."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from types import ModuleType
 from typing import Any, TypeVar
@@ -100,6 +100,11 @@ def run_jobs(
         joblib.delayed(_alone)(function, job) for job in jobs
     )
     return list(tqdm(answers, total=len(jobs), desc=what, unit="run", disable=not progress))
+
+
+def sort_out(found: Iterable[Any], kinds: Iterable[type]) -> list[Any]:
+    """Those of each class, in the order in which they were found."""
+    return [tuple(each for each in found if isinstance(each, kind)) for kind in kinds]
 
 
 def _alone(function: Callable[..., T], job: tuple) -> T:

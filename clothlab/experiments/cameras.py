@@ -23,7 +23,7 @@ from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
 from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
-from clothlab.experiments._record import Reached, converter, new_trial, run_jobs, trained
+from clothlab.experiments._record import Reached, converter, new_trial, run_jobs, sort_out, trained
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
 from clothlab.registration import Registered, Registration, RegistrationSettings, look, register
 from clothlab.trials import RandomPolicy, ReplayPolicy, Trial
@@ -374,5 +374,4 @@ def run(
     settings, folder = settings or Settings(), Path(folder)
     todo = [(folder, settings, pieces) for pieces in jobs(settings)]
     found = list(chain(*run_jobs(run_kept, todo, workers=workers, progress=progress, what="cameras")))
-    kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]
-    return Record(settings, *kinds)
+    return Record(settings, *sort_out(found, (made for _, made in _KINDS.values())))

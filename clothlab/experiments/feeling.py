@@ -23,7 +23,7 @@ from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
-from clothlab.experiments._record import Reached, load, new_trial, run_jobs, trained
+from clothlab.experiments._record import Reached, load, new_trial, run_jobs, sort_out, trained
 from clothlab.experiments.estimation import BETWEEN
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
 from clothlab.trials import RandomPolicy, ReplayPolicy
@@ -286,5 +286,4 @@ def run(
     chosen = most_informative(settings.chosen) if chosen is None else chosen
     todo = [(folder, settings, *job) for job in jobs(settings, chosen)]
     found = run_jobs(run_kept, todo, workers=workers, progress=progress, what="feeling")
-    kinds: list[Any] = [tuple(each for each in found if isinstance(each, made)) for _, made in _KINDS.values()]
-    return Record(settings, *kinds)
+    return Record(settings, *sort_out(found, (made for _, made in _KINDS.values())))
