@@ -28,16 +28,10 @@ FOLDER = Path("build") / "uncertainty"  # where runs are kept, from the folder i
 EVERY = 5  # steps between the estimates that are written down
 
 
-def _own(damping: float, mass: float, name: str = "") -> Cloth:
-    return Cloth(name or f"damp{damping:.3f}-mass{mass:.3f}", damping=damping, mass=mass)
-
-
 # Beyond the trained values on every side that can be simulated: with half of the lowest of both, it diverges.
-BEYOND = {
-    cloth.name: cloth
-    for pair in ((0.015, 0.05), (0.015, 0.3), (0.05, 0.3), (0.12, 0.05), (0.12, 0.15), (0.12, 0.3))
-    for cloth in [_own(*pair)]
-}
+_BEYOND = ((0.015, 0.05), (0.015, 0.3), (0.05, 0.3), (0.12, 0.05), (0.12, 0.15), (0.12, 0.3))
+_NAMES = [f"damp{damping:.3f}-mass{mass:.3f}" for damping, mass in _BEYOND]
+BEYOND = {name: Cloth(name, damping=c, mass=m) for name, (c, m) in zip(_NAMES, _BEYOND, strict=True)}
 OTHER_SIZES = {
     "short": Cloth("short", length=0.35),
     "long": Cloth("long", length=0.70),
