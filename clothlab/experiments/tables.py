@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clothlab.analysis import difference_interval, median_best
+from clothlab.env import CONTROL_PERIOD
 from clothlab.experiments import (
     cameras,
     control,
@@ -113,7 +114,7 @@ def _self_organisation(record: self_organisation.Record) -> list[Row]:
 def _estimation(record: estimation.Record) -> list[Row]:
     right = float(np.mean([run.nearest == run.cloth for run in record.trained]))
     distance = float(np.median([run.distance for run in record.trained]))
-    what = "estimation from p = 0, 40 s: nearest trained p is the right one"
+    what = f"estimation from p = 0, {record.settings.steps * CONTROL_PERIOD:g} s: nearest trained p is the right one"
     rows = [
         row(what, "–", 100 * right, at_least=95, unit=" %"),
         row("… final distance to the right p, in spreads, median", "–", distance, at_most=0.35),
@@ -332,7 +333,7 @@ def _feeling(record: feeling.Record) -> list[Row]:
             what = f"{name}: leave-one-cloth-out R² of {what}, mean of {len(r2)} trainings"
             rows.append(row(what, "–", r2[:, k].mean(), at_least=least, spread=spread))
         for what, errors in zip(("C_damp", "C_mass"), 100 * record.errors(weights).T, strict=True):
-            what = f"{name}: cloths between, {what} read off p after 40 s, 90th percentile of errors"
+            what = f"{name}: cloths between, {what} read off p after {record.settings.steps * CONTROL_PERIOD:g} s, 90th percentile of errors"
             spread = f" (median {np.median(errors):.1f} %)"
             rows.append(row(what, "–", float(np.quantile(errors, 0.9)), at_most=most, unit=" %", spread=spread))
         rows.append(
@@ -349,7 +350,7 @@ def _bounds(record: knowledge.Record, raced: race.Record) -> list[Row]:
     }
     for sensors, who in observers.items():
         over = raced.over_bound("p", record, sensors, ratio)
-        what = f"p after 40 s: error of {ratio} over the Cramér-Rao bound {who}, median"
+        what = f"p after {raced.times[-1]:g} s: error of {ratio} over the Cramér-Rao bound {who}, median"
         rows.append(row(what, "–", float(np.median(over)), at_most=3))
     for method in raced.settings.methods:
         at_five, at_forty = (100 * np.median(raced.errors(method, ratio, "trained")[:, k]) for k in (0, -1))
@@ -360,7 +361,9 @@ def _bounds(record: knowledge.Record, raced: race.Record) -> list[Row]:
 
 def _uncertainty(record: uncertainty.Record) -> list[Row]:
     right, momentum = (100 * record.right(rule)[-1] for rule in ("newton", "momentum"))
-    rows = [row("p by Gauss-Newton, 40 s: nearest trained p is the right one", "–", right, at_least=97, unit=" %")]
+    end = f"{record.settings.lengths[-1] * CONTROL_PERIOD:g} s"
+    what = f"p by Gauss-Newton, {end}: nearest trained p is the right one"
+    rows = [row(what, "–", right, at_least=97, unit=" %")]
     rows.append(row("… by momentum, the same runs", "–", momentum, unit=" %"))
     for name, rule in (("Gauss-Newton", "newton"), ("momentum", "momentum")):
         seconds = record.seconds_to(rule)
@@ -369,7 +372,7 @@ def _uncertainty(record: uncertainty.Record) -> list[Row]:
                 row(f"p by {name}: time from which it is the right one in 90 % of runs", "–", seconds, unit=" s")
             )
     held, bare = 100 * record.coverage()[-1], 100 * record.coverage(calibrated=False)[-1]
-    what = "90 % regions hold the right p after 40 s"
+    what = f"90 % regions hold the right p after {end}"
     rows.append(row(what, "–", held, at_least=85, at_most=95, unit=" %", spread=f" ({bare:.0f} % by curvature alone)"))
     for kind in uncertainty.KINDS:
         told = 100 * np.mean([*record.alarms(kind).values()], axis=0)[-1]
