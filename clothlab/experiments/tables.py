@@ -322,7 +322,7 @@ def known(records: dict[str, Any]) -> list[Row]:
 
 
 def _feeling(record: feeling.Record) -> list[Row]:
-    rows = []
+    rows, end = [], record.settings.steps * CONTROL_PERIOD
     for weights, name, least, most in (
         (feeling.FEELING, "with torques", 0.95, 10),
         (feeling.TORQUE, "without torques", None, None),
@@ -333,7 +333,7 @@ def _feeling(record: feeling.Record) -> list[Row]:
             what = f"{name}: leave-one-cloth-out R² of {what}, mean of {len(r2)} trainings"
             rows.append(row(what, "–", r2[:, k].mean(), at_least=least, spread=spread))
         for what, errors in zip(("C_damp", "C_mass"), 100 * record.errors(weights).T, strict=True):
-            what = f"{name}: cloths between, {what} read off p after {record.settings.steps * CONTROL_PERIOD:g} s, 90th percentile of errors"
+            what = f"{name}: cloths between, {what} read off p after {end:g} s, 90th percentile of errors"
             spread = f" (median {np.median(errors):.1f} %)"
             rows.append(row(what, "–", float(np.quantile(errors, 0.9)), at_most=most, unit=" %", spread=spread))
         rows.append(
