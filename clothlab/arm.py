@@ -184,13 +184,18 @@ class Arm(Checked, ABC):
     @abstractmethod
     def _add_actuators(self, spec: mujoco.MjSpec) -> None: ...
 
-    def add_to(self, spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
+    def add_to(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody | None = None) -> tuple[mujoco.MjsBody, np.ndarray]:
         """Build the arm into a scene.
+
+        Args:
+            spec: the scene under construction; changed in place.
+            parent: the body that carries the shoulder, at the world's origin when every joint is at zero; the world
+                itself by default.
 
         Returns:
             The hand's body, and its position in the world when every joint is at zero `[3]` [m].
         """
-        parent = spec.worldbody
+        parent = spec.worldbody if parent is None else parent
         for i, joint in enumerate(JOINTS):
             body = parent.add_body(name=joint, pos=SHOULDER_POSITION if i == 0 else [self.link_length, 0, 0])
             body.add_joint(
@@ -214,6 +219,10 @@ class Arm(Checked, ABC):
         self._add_actuators(spec)
         hand = _add_hand(parent, [self.link_length, 0, 0], self.bar_length)
         return hand, SHOULDER_POSITION + np.array([2 * self.link_length, 0, 0])
+
+    def felt_angles(self, robot: ArrayLike) -> np.ndarray:
+        """Joint angles θ `[..., 2]` [rad] that follow from what the robot senses of itself, `[..., D_r]`."""
+        return np.asarray(robot)[..., self.sensed_angles]
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
         """Joint angles θ, `[2]` [rad]. A muscle arm does not sense them; figures show them all the same."""
@@ -374,6 +383,14 @@ class MuscleArm(Muscles, Arm):
     def command(self, data: mujoco.MjData, u: np.ndarray) -> None:
         for name, length in zip(MUSCLES, self.sent_length(u), strict=True):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
+
+    def felt_angles(self, robot: ArrayLike) -> np.ndarray:
+        f, lengths = np.split(np.asarray(robot, dtype=np.float64), 2, axis=-1)
+        # The body image, read backwards, by least squares over the muscles that pull: a slack one says nothing.
+        taut = (f > 0).astype(np.float64)
+        squares = np.einsum("mi,...m,mj->...ij", self.moment_arms, taut, self.moment_arms)
+        sums = np.einsum("mi,...m->...i", self.moment_arms, taut * (lengths + self.elongation(f)))
+        return np.einsum("...ij,...j->...i", np.linalg.pinv(squares), sums)
 
     def state(self, data: mujoco.MjData) -> np.ndarray:
         """Tensions f and muscle lengths l, `[12]` [N] [m]."""

@@ -132,7 +132,13 @@ def point_names(cloth: Cloth) -> list[list[str]]:
 
 
 def add_cloth(
-    spec: mujoco.MjSpec, cloth: Cloth, hand: mujoco.MjsBody, hand_position: np.ndarray, *, front_forward: bool = True
+    spec: mujoco.MjSpec,
+    cloth: Cloth,
+    hand: mujoco.MjsBody | None,
+    hand_position: np.ndarray,
+    *,
+    front_forward: bool = True,
+    back_rgba: tuple[float, ...] = BACK_RGBA,
 ) -> None:
     """Hang the cloth from a hand.
 
@@ -144,16 +150,19 @@ def add_cloth(
         spec: the scene under construction; changed in place.
         cloth: what to hang.
         hand: the body that holds the first row. Its frame must be parallel to the world's when every joint is at zero.
-        hand_position: where `hand` is in the world when every joint is at zero [m].
+            None leaves that row as free as the others.
+        hand_position: where `hand`, or the middle of a free first row, is in the world when every joint is at zero [m].
         front_forward: whether the red front looks away from the robot, or towards it.
+        back_rgba: colour of the other side.
     """
     hanging = _hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
         for name, offset in zip(row, hanging[i], strict=True):
             _add_point(spec, cloth, name, hand if i == 0 else None, offset, hand_position)
-    for a, b, stiffness in springs(cloth):
+    for a, b, stiffness in springs(cloth, held=hand is not None):
         _add_spring(spec, cloth, a, b, stiffness)
-    _add_surface(spec, cloth, hand_position + hanging, front_forward)
+    front_and_back = (FRONT_RGBA, back_rgba)
+    _add_surface(spec, cloth, hand_position + hanging, front_and_back if front_forward else front_and_back[::-1])
 
 
 def _hanging_points(cloth: Cloth) -> np.ndarray:
@@ -186,15 +195,20 @@ def _add_point(
     body.add_site(name=name, size=[0.001, 0, 0], group=4)
 
 
-def springs(cloth: Cloth) -> Iterator[tuple[str, str, float]]:
-    """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs."""
+def springs(cloth: Cloth, *, held: bool = True) -> Iterator[tuple[str, str, float]]:
+    """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs.
+
+    Args:
+        cloth: gives grid and stiffnesses.
+        held: whether the first row is built into a rigid bar, so that springs within it would do nothing.
+    """
     names = point_names(cloth)
     kinds = [(cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]), (cloth.bending, [(2, 0), (0, 2)])]
     for stiffness, steps in kinds:
         for (di, dj), i, j in product(steps, range(cloth.rows), range(cloth.columns)):
             end_i, end_j = i + di, j + dj
             inside = end_i < cloth.rows and 0 <= end_j < cloth.columns
-            if inside and end_i > 0:  # a spring inside row 0 would join two points of the rigid hand bar
+            if inside and (end_i > 0 or not held):
                 yield names[i][j], names[end_i][end_j], stiffness
 
 
@@ -206,14 +220,15 @@ def _add_spring(spec: mujoco.MjSpec, cloth: Cloth, a: str, b: str, stiffness: fl
     tendon.wrap_site(b)
 
 
-def _add_surface(spec: mujoco.MjSpec, cloth: Cloth, rest: np.ndarray, front_forward: bool) -> None:
-    """Draw the cloth: a skin shows one side only, so two of opposite winding give a red front and a blue back."""
+def _add_surface(
+    spec: mujoco.MjSpec, cloth: Cloth, rest: np.ndarray, colours: tuple[tuple[float, ...], tuple[float, ...]]
+) -> None:
+    """Draw the cloth: a skin shows one side only, so two of opposite winding: away from the robot, to it."""
     names = [name for row in point_names(cloth) for name in row]
     corner = np.array([i * cloth.columns + j for i in range(cloth.rows - 1) for j in range(cloth.columns - 1)])
     right, below = corner + 1, corner + cloth.columns
     front = np.stack([corner, below, right, right, below, below + 1], axis=1).reshape(-1, 3)
-    away, towards = (FRONT_RGBA, BACK_RGBA) if front_forward else (BACK_RGBA, FRONT_RGBA)
-    for side, faces, rgba in (("away", front, away), ("towards", front[:, ::-1], towards)):
+    for side, faces, rgba in zip(("away", "towards"), (front, front[:, ::-1]), colours, strict=True):
         spec.add_skin(
             name=f"cloth_{side}",
             rgba=rgba,

@@ -71,21 +71,23 @@ def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjS
     spec.option.timestep = scene.time_step
     spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
     spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
-    _add_camera(spec, arm.camera)
+    add_camera(spec, arm.camera)
     hand, position = arm.add_to(spec)
     add_cloth(spec, cloth, hand, position, front_forward=arm.camera.position[0] > position[0])
     return spec
 
 
-def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
-    target = spec.worldbody.add_body(name="camera_target", pos=camera.target)
+def add_camera(spec: mujoco.MjSpec, camera: Camera, parent: mujoco.MjsBody | None = None) -> None:
+    """Put the camera into a scene, fixed to the world or to a body `parent` at the world's origin."""
+    parent = spec.worldbody if parent is None else parent
+    target = parent.add_body(name="camera_target", pos=camera.target)
     target.add_site(size=[0.001, 0, 0], group=4)
     how = {"mode": mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY, "targetbody": target.name}
     if camera.roll:  # MuJoCo keeps a camera upright that follows a body
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
         how = {"quat": quaternion}
-    spec.worldbody.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **how)
+    parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **how)
 
 
 class ClothEnv(gymnasium.Env):
@@ -165,7 +167,7 @@ class ClothEnv(gymnasium.Env):
         cloth = get_cloth(cloth)
         try:
             self.cloth = cloth
-            self.model = build_spec(self.arm, cloth, self.scene).compile()
+            self.model = self._spec().compile()
             self.data = mujoco.MjData(self.model)
             self.start()
         except Exception:
@@ -189,6 +191,16 @@ class ClothEnv(gymnasium.Env):
         if random_start:
             u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
         mujoco.mj_resetData(self.model, self.data)
+        self._place(u)
+        self._simulate(round(self.scene.settle_time / self.scene.time_step))
+        self.data.time = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def _spec(self) -> mujoco.MjSpec:
+        return build_spec(self.arm, self.cloth, self.scene)
+
+    def _place(self, u: np.ndarray) -> None:
+        """Put the arm where `u` wants it, and the cloth below its hand."""
         mujoco.mj_kinematics(self.model, self.data)
         hand_at_zero = self.data.body("hand").xpos.copy()
         self.arm.reset(self.data, u)
@@ -199,9 +211,6 @@ class ClothEnv(gymnasium.Env):
             for name in row:
                 for axis, value in zip("xyz", displacement, strict=True):
                     self.data.joint(f"{name}_{axis}").qpos[0] = value
-        self._simulate(round(self.scene.settle_time / self.scene.time_step))
-        self.data.time = 0.0
-        mujoco.mj_forward(self.model, self.data)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[Observation, dict]:
         """Start an episode with the cloth hanging still.
@@ -269,8 +278,10 @@ class ClothEnv(gymnasium.Env):
         """Gymnasium's name for `picture`; None unless `render_mode` asks for pictures."""
         return self.picture() if self.render_mode else None
 
-    def camera_picture(self, height: int = vision.HEIGHT, width: int = vision.WIDTH) -> np.ndarray:
-        """What the camera sees, `[height, width, 3]` uint8.
+    def camera_picture(
+        self, height: int = vision.HEIGHT, width: int = vision.WIDTH, *, depth: bool = False
+    ) -> np.ndarray:
+        """What the camera sees, `[height, width, 3]` uint8; or how far away that is, `[height, width]` float32 [m].
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
@@ -278,8 +289,13 @@ class ClothEnv(gymnasium.Env):
         """
         renderer = self.renderer(height, width)
         renderer.update_scene(self.data, "camera")
-        picture = renderer.render()
-        _release_opengl()
+        if depth:
+            renderer.enable_depth_rendering()
+        try:
+            picture = renderer.render()
+        finally:
+            renderer.disable_depth_rendering()
+            _release_opengl()
         return picture
 
     def renderer(self, height: int, width: int) -> mujoco.Renderer:

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clothlab._validation import check_array, check_number
+
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three numbers could describe.
@@ -92,3 +94,29 @@ def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
 def _distance_to(mask: np.ndarray) -> np.ndarray:
     """Distance [pixel] of every pixel to the nearest one of the mask, `[H, W]`."""
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+
+def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: ArrayLike) -> np.ndarray:
+    """Where in the world the pixels of a depth image are: a pinhole camera, read backwards.
+
+    Args:
+        depth: how far each pixel's surface is from the camera along the line of sight's axis `[h, w]` [m].
+        fovy: vertical field of view [degree].
+        position: of the camera in the world `[3]` [m].
+        axes: what is right, up and backward for the camera, in the world: rows of `[3, 3]`.
+
+    Returns:
+        Points `[h, w, 3]` [m].
+
+    Raises:
+        ValueError: no depth image, a field of view that no lens has, or arrays of other shapes.
+    """
+    depth = check_array("a depth image", depth, ("h", "w"))
+    check_number("fovy", fovy, above=0, at_most=170)
+    position, axes = check_array("position", position, (3,)), check_array("axes", axes, (3, 3))
+    height, width = depth.shape
+    focal = 0.5 * height / np.tan(np.deg2rad(fovy) / 2)  # [pixel]
+    right = (np.arange(width) + 0.5 - width / 2) / focal
+    up = -(np.arange(height) + 0.5 - height / 2) / focal
+    rays = np.stack([*np.broadcast_arrays(right, up[:, None]), -np.ones((height, width))], axis=-1)
+    return position + depth[..., None] * (rays @ axes)

@@ -137,6 +137,30 @@ def test_the_body_image_is_what_the_arm_senses_at_rest(muscle_env):
     assert muscle_env.arm.body_image(angles, f) == pytest.approx(length, abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_feels_its_angles_while_it_moves(name):
+    env = ClothEnv(name, "hard-1")
+    policy = RandomPolicy(env.arm)
+    robot, theta = [], []
+    for _ in range(10):
+        env.advance(policy({}))
+        robot.append(env.arm.state(env.data))
+        theta.append(env.arm.angles(env.data))
+    assert env.arm.felt_angles(robot) == pytest.approx(np.array(theta), abs=1e-6)
+
+
+def test_an_arm_can_be_carried_by_another_body():
+    spec = mujoco.MjSpec()
+    base = spec.worldbody.add_body(name="base", mass=1.0, inertia=[1.0] * 3, explicitinertial=True)
+    base.add_joint(name="base", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+    hand, position = MUSCLE.add_to(spec, base)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.joint("base").qpos[0] = -0.5
+    mujoco.mj_kinematics(model, data)
+    assert data.body(hand.name).xpos == pytest.approx(position - [0.5, 0, 0])
+
+
 def test_tension_is_never_negative_and_motors_stay_in_their_limits(muscle_env):
     arm, data = muscle_env.arm, muscle_env.data
     policy = RandomPolicy(arm)

@@ -94,6 +94,25 @@ def test_springs_join_neighbours_and_leave_the_hand_bar_out():
     assert len(found) == 6 + 4 + 4 + 4 + 3 + 2
 
 
+def test_a_free_first_row_has_springs_of_its_own():
+    cloth = get_cloth("soft-1")
+    more = set(springs(cloth, held=False)) - set(springs(cloth))
+    pairs = {("cloth_0_0", "cloth_0_1"), ("cloth_0_1", "cloth_0_2"), ("cloth_0_0", "cloth_0_2")}
+    assert {(a, b) for a, b, _ in more} == pairs
+
+
+def test_a_cloth_that_nobody_holds_falls_as_a_whole():
+    cloth, spec = get_cloth("soft-1"), mujoco.MjSpec()
+    add_cloth(spec, cloth, None, np.zeros(3))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    assert model.nv == 3 * cloth.rows * cloth.columns
+    mujoco.mj_step(model, data, 100)
+    fallen = np.array([data.joint(f"{name}_z").qpos[0] for row in point_names(cloth) for name in row])
+    assert fallen == pytest.approx(np.full(len(fallen), fallen[0]))
+    assert fallen[0] < -0.05
+
+
 def test_points_are_named_by_row_and_column():
     assert point_names(Cloth("small", rows=2, columns=2)) == [["cloth_0_0", "cloth_0_1"], ["cloth_1_0", "cloth_1_1"]]
 
