@@ -14,7 +14,8 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 PACKAGE = ROOT / "clothlab"
-LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "trials", "registration"]
+LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "depth"]
+LAYERS += ["furniture", "table", "recognition", "reaching", "trials", "registration"]
 LAYERS += [
     "autoencoder",
     "dpmpb",
