@@ -54,8 +54,8 @@ class Furniture(Checked):
 
     The arm, 0.6 m long with its shoulder 1 m above the floor, lays an edge on a table of this height 0.43 to 0.45 m
     ahead, and from there a cloth of 0.5 m covers the table's middle. Held up, the cloth touches the table with its far
-    edge 0.59 m ahead at most. What lies between, on a table as deep as this, must be thrown, or the base must get
-    nearer: on this one, the robot's body stops 0.2 m before the table.
+    edge 0.59 m ahead at most, or 0.74 m with the base drawn up, 0.2 m before the table. The rest of the way it has to
+    be pushed, which a stiff one bears, or thrown. Where the border lies depends on `near`.
     """
 
     near: float = setting(0.35, "m", above=0)  # the table's edge ahead of the shoulder

@@ -51,7 +51,6 @@ class TableEnv(ClothEnv):
 
     Attributes:
         furniture: what stands where.
-        held: names of what is in the hand: points of the cloth, or `"basket"`.
         command: the arm's last command `[D_u]`.
     """
 
@@ -69,7 +68,6 @@ class TableEnv(ClothEnv):
     ):
         self.furniture = furniture or Furniture()
         self.start_in = choose("start", start_in, {name: name for name in STARTS})
-        self.held: tuple[str, ...] = ()
         self._release_in: int | None = None
         self._base_path: np.ndarray = np.empty(0)
         arm = replace(get_arm(arm), home=self.furniture.start_posture)
@@ -84,6 +82,12 @@ class TableEnv(ClothEnv):
     def base_goal(self) -> float:
         """Where the base was last sent [m]."""
         return float(self.data.actuator("base").ctrl[0])
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of what is in the hand: points of the cloth's first or last row, or `"basket"`."""
+        active = self.data.eq_active
+        return tuple(name for name in self._graspable() if active[self.model.equality(f"grip_{name}").id])
 
     @property
     def hand(self) -> np.ndarray:
@@ -112,16 +116,17 @@ class TableEnv(ClothEnv):
             SimulationError: the physics diverged.
         """
         size = len(self.arm.command_names)
-        u = np.asarray(u, dtype=np.float64)
+        u = np.array(u, dtype=np.float64)
         if release_after is not None:
             check_number("release_after", release_after, at_least=0, at_most=CONTROL_PERIOD)
-            self._release_in = round(release_after / self.scene.time_step)
         if u.shape == (size + 1,):
             self._send_base(u[size])
             u = u[:size]
+        if release_after is not None:
+            self._release_in = round(release_after / self.scene.time_step)
         try:
             super().advance(u, watch, samples)
-            self.command = u.copy()
+            self.command = u
         finally:
             self._release_in, self._base_path = None, np.empty(0)
         if release_after is not None:
@@ -166,13 +171,11 @@ class TableEnv(ClothEnv):
             self._tie(f"grip_{name}", True)
             if name in point_names(self.cloth)[0]:
                 self._tie(f"clip_{name}", False)
-            self.held = (*self.held, name)
 
     def release(self) -> None:
         """Let go of all that is in the hand, at once."""
         for name in self.held:
             self._tie(f"grip_{name}", False)
-        self.held = ()
 
     def place_cloth(self, points: ArrayLike) -> None:
         """Put the points of the cloth somewhere, at rest.
@@ -197,7 +200,6 @@ class TableEnv(ClothEnv):
     def _place(self, u: np.ndarray) -> None:
         """Draw where rack and basket are; put the arm where `u` wants it, and the cloth below rack or hand."""
         furniture, data = self.furniture, self.data
-        self.held = ()
         place_rack(data, furniture, self.np_random)
         place_basket(data, furniture, self.np_random)
         in_hand = self.start_in == "hand"

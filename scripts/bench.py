@@ -34,6 +34,7 @@ from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
 from clothlab.recipes import RECIPES
+from clothlab.table import TableEnv
 from clothlab.trials import Timed
 
 COMPARED = {name: get_arm(name) for name in ("torque", "muscle")}
@@ -108,6 +109,22 @@ def bench_arms() -> None:
     print(
         f"physics, muscle arm / torque arm: {ratio:.2f}  ({rate['muscle']:,.0f} / {rate['torque']:,.0f} steps a second)"
     )
+
+
+def bench_table() -> None:
+    """Physics of the table's scene against the muscle arm's, a control period with the same cloth in the hand."""
+    scenes = {"muscle": ClothEnv("muscle", "hard-1"), "table": TableEnv("muscle", "hard-1", start_in="hand")}
+    arm, rng = scenes["muscle"].arm, np.random.default_rng(0)
+    commands = rng.uniform(arm.command_lower, arm.command_upper, (25, len(arm.command_names)))
+
+    def swing(env: ClothEnv) -> None:
+        env.start(seed=0)
+        for u in commands:
+            env.advance(u)
+
+    times = alternate({name: partial(swing, env) for name, env in scenes.items()}, 20)
+    table, muscle = (1e3 * np.median(times[name]) / len(commands) for name in ("table", "muscle"))
+    print(f"control period, table / muscle arm: {table / muscle:.2f}  ({table:.2f} / {muscle:.2f} ms)")
 
 
 def bench_solve() -> None:
@@ -343,6 +360,7 @@ def bench_panel_answers(notebook: Notebook) -> None:
 BENCHES = {
     "step": bench_step,
     "arms": bench_arms,
+    "table": bench_table,
     "collection": bench_collection,
     "solve": bench_solve,
     "ensemble": bench_ensemble,

@@ -35,6 +35,7 @@ def reach(height):
 def test_the_hand_reaches_what_the_docstring_says():
     assert reach(FURNITURE.height + 0.01) == pytest.approx((0.43, 0.45), abs=0.006)
     assert reach(FURNITURE.height + CLOTH.length)[1] == pytest.approx(0.59, abs=0.006)
+    assert reach(FURNITURE.height + CLOTH.length)[1] + FURNITURE.base_range[1] == pytest.approx(0.74, abs=0.006)
     assert FURNITURE.near - FURNITURE.base_range[1] == pytest.approx(0.2)
 
 

@@ -234,6 +234,23 @@ def test_a_base_too_fast_or_out_of_range_is_refused(table, goal, message):
     assert np.array_equal(everything(table), before)
 
 
+def test_what_is_refused_leaves_the_hand_closed(hand):
+    with pytest.raises(ValueError, match="the place of the base"):
+        hand.advance([*hand.command, 9.0], release_after=0.0)
+    hand.advance(hand.command)
+    assert len(hand.held) == 3
+
+
+def test_a_stored_state_remembers_what_is_in_the_hand(hand):
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(hand.model, kind))
+    mujoco.mj_getState(hand.model, hand.data, state, kind)
+    hand.release()
+    assert hand.held == ()
+    mujoco.mj_setState(hand.model, hand.data, state, kind)
+    assert hand.held == ("cloth_0_0", "cloth_0_1", "cloth_0_2")
+
+
 @pytest.mark.parametrize("u", [[0.0], [0, 0, 20, 0, 0], [0, 0, np.nan], [9, 0, 20]], ids=str)
 def test_commands_of_no_arm_are_refused(table, u):
     with pytest.raises(ValueError, match="command"):
