@@ -112,6 +112,7 @@ class Arm(Checked, ABC):
     sensed_angles = slice(0, 0)  # where the joint angles [rad] lie in the robot state, if they are sensed
     angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`
     stiffness_command = slice(len(JOINTS), len(JOINTS))  # where f_const [N] lies in `u`, if there is one
+    closed_command = slice(0, 0)  # where it lies in `u` for how much of the period the hand is closed, if it can open
 
     def __post_init__(self) -> None:
         """Refuse ranges that do not rise, and a home outside."""
@@ -321,7 +322,7 @@ class MuscleArm(Muscles, Arm):
     stop_margin: float = setting(0.6, "rad", at_least=0)  # wide, because a soft arm sags
     home_tension: float = setting(30.0, "N", above=0)  # f_const at the start, where the range allows it
 
-    command_names = (*TorqueArm.command_names, "f_const [N]")
+    command_names: ClassVar[tuple[str, ...]] = (*TorqueArm.command_names, "f_const [N]")
     state_names = (*(f"f {name} [N]" for name in MUSCLES), *(f"l {name} [m]" for name in MUSCLES))
     tensions = slice(0, len(MUSCLES))
     stiffness_command = slice(len(JOINTS), len(JOINTS) + 1)
@@ -398,7 +399,43 @@ class MuscleArm(Muscles, Arm):
         return np.concatenate([f, [-data.joint(name).qpos[0] for name in MUSCLES]])
 
 
-ARMS: dict[str, Arm] = {arm.name: arm for arm in (TorqueArm(), MuscleArm(), FeelingArm())}
+@dataclass(frozen=True, kw_only=True)
+class HandArm(MuscleArm):
+    """The same arm, whose hand opens when the command says so, in a scene where there is something to let go of.
+
+    The command has one number more: for how much of the control period the hand is closed. A plan with a release time
+    is so a plan like any other, and a model learns from 1, …, 1, 0.4, 0, …, 0 when the cloth was let go.
+    """
+
+    name: str = "muscle-hand"
+
+    command_names = (*MuscleArm.command_names, "hand closed [period]")
+    closed_command = slice(len(MuscleArm.command_names), len(MuscleArm.command_names) + 1)
+
+    def with_stiffness(self, f_const: float) -> "HandArm":
+        check_command(self, [*self.home, f_const, 1.0])
+        return replace(self, tension_range=(f_const, f_const))
+
+    @property
+    def command_lower(self) -> np.ndarray:
+        return np.append(super().command_lower, 0.0)
+
+    @property
+    def command_upper(self) -> np.ndarray:
+        return np.append(super().command_upper, 1.0)
+
+    @property
+    def home_command(self) -> np.ndarray:
+        return np.append(super().home_command, 1.0)
+
+    def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
+        super().reset(data, u[: self.closed_command.start])
+
+    def sent_length(self, u: np.ndarray) -> np.ndarray:
+        return super().sent_length(u[: self.closed_command.start])
+
+
+ARMS: dict[str, Arm] = {arm.name: arm for arm in (TorqueArm(), MuscleArm(), FeelingArm(), HandArm())}
 
 
 def get_arm(arm: Arm | str) -> Arm:

@@ -366,6 +366,7 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
 
 
 _MIDDLE = "damp0.05-mass0.10"
-for _arm, _cloth in {"torque": _MIDDLE, "muscle": "soft-1", "torque-feeling": _MIDDLE}.items():
+_CLOTHS = {"torque": _MIDDLE, "muscle": "soft-1", "torque-feeling": _MIDDLE, "muscle-hand": "soft-1"}
+for _arm, _cloth in _CLOTHS.items():
     # gymnasium.make("clothlab.env:clothlab/Torque-v0")
     gymnasium.register(f"clothlab/{_arm.title()}-v0", "clothlab.env:ClothEnv", kwargs={"arm": _arm, "cloth": _cloth})

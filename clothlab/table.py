@@ -34,7 +34,8 @@ class TableEnv(ClothEnv):
 
     * a command may have one number more, the place where the base should be at the end of the control period [m];
       without it the base stays. What knows nothing of a base can so command the arm all the same.
-    * the cloth hangs from the rack, or from the hand, at the start; `grasp` and `release` take and let go.
+    * the cloth hangs from the rack, or from the hand, at the start; `grasp` and `release` take and let go. So does a
+      command of an arm whose hand opens on command, such as `muscle-hand`.
     * `reset` and `start` draw the places of rack and basket, within the ranges of the furniture.
 
     Args:
@@ -109,7 +110,7 @@ class TableEnv(ClothEnv):
                 is led evenly.
             watch: called while the period goes by.
             samples: how often.
-            release_after: let go within the period, so long after its beginning [s].
+            release_after: let go within the period, so long after its beginning [s], whatever the command says.
 
         Raises:
             ValueError: a command of another shape, not finite or out of range; a base too fast or out of its range.
@@ -122,6 +123,8 @@ class TableEnv(ClothEnv):
         if u.shape == (size + 1,):
             self._send_base(u[size])
             u = u[:size]
+        if release_after is None and u.shape == (size,):
+            release_after = self._opening(u)
         if release_after is not None:
             self._release_in = round(release_after / self.scene.time_step)
         try:
@@ -131,6 +134,12 @@ class TableEnv(ClothEnv):
             self._release_in, self._base_path = None, np.empty(0)
         if release_after is not None:
             self.release()
+
+    def _opening(self, u: np.ndarray) -> float | None:
+        """How long after the beginning of the period the command opens the hand [s]; None where it stays as it is."""
+        closed = u[self.arm.closed_command]
+        opens = closed.size and 0 <= closed[0] < 1 and self.held
+        return float(closed[0]) * CONTROL_PERIOD if opens else None
 
     def grasp(self) -> tuple[str, ...]:
         """Close the hand on what is nearest to the bar: an edge of the cloth, or the handle of the basket.
