@@ -16,6 +16,7 @@ from sklearn.linear_model import RANSACRegressor
 
 from clothlab._validation import check_array
 from clothlab.arm import BAR_RADIUS
+from clothlab.cloth import Cloth
 from clothlab.depth import PointCloud
 from clothlab.furniture import Basket
 
@@ -27,6 +28,9 @@ CELL = 0.01  # [m] of the coarse grid in which clusters are looked for
 LINK = 0.025  # [m] points nearer than that hang together
 BIN = 0.01  # [m] of the cloth's width, each of which has its uppermost point
 LEAST_WIDTH = 0.10  # [m] of an edge that can be told from a scrap
+LAID_CELL = 0.02  # [m] of the grid by which its area is measured: no pixel of it is as large, seen at a slant
+FLAT_SEEN = 0.02  # [m] above a table or below, what seems to lie on it
+BACK = 14  # of 255, by which blue stands out from green on a cloth's red back, not on its front
 ROD_SLACK = 0.02  # [m] above and below the rod, what still belongs to it
 
 
@@ -92,6 +96,50 @@ class LaidCloth:
 
     centre: np.ndarray
     size: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSpread:
+    """How well a cloth seems to lie on a table; `table.Spread` is how well it does.
+
+    Attributes:
+        flat: part of its seen surface that is on the table.
+        area: what it covers, as a part of the flat cloth's area. What the arm hides is missing.
+        angle: of the rectangle around it, from straight ahead, -45 to 45 [degree].
+        back_up: whether its back is up, as when its far edge went forward.
+        centre: of that rectangle `[3]` [m].
+    """
+
+    flat: float
+    area: float
+    angle: float
+    back_up: bool
+    centre: np.ndarray
+
+    @property
+    def success(self) -> bool:
+        """Whether that looks like a cloth spread out, its far edge forward."""
+        return self.back_up and self.flat >= 0.85 and self.area >= 0.85 and abs(self.angle) <= 15.0
+
+
+def find_spread(cloud: PointCloud, height: float, cloth: Cloth) -> SeenSpread:
+    """Find how a cloth lies on a table of that height [m]: a robot's own verdict on its throw.
+
+    Raises:
+        NotInView: no cloth to be seen.
+    """
+    seen = _one_thing("cloth", cloud, _cloth_coloured(cloud.colours))
+    level = np.abs(seen.points[:, 2] - height) < FLAT_SEEN
+    cells = np.unique(np.floor(seen.points[level, :2] / LAID_CELL), axis=0)
+    if len(cells) < 4:
+        return SeenSpread(0.0, 0.0, 0.0, False, seen.points.mean(axis=0))
+    centre, size, angle = cv2.minAreaRect(seen.points[level][:, :2].astype(np.float32))
+    # The cells at the outline are covered by half on average.
+    area = (len(cells) * LAID_CELL**2 - sum(size) * LAID_CELL) / (cloth.length * cloth.width)
+    _, green, blue = np.median(seen.colours[level].astype(int), axis=0)
+    turned = (angle + 45.0) % 90.0 - 45.0
+    place = np.array([*centre, seen.points[level, 2].mean()])
+    return SeenSpread(float(level.mean()), float(area), turned, bool(blue - green > BACK), place)
 
 
 def find_cloth(cloud: PointCloud) -> SeenCloth:

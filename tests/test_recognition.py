@@ -6,9 +6,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from clothlab.cloth import get_cloth
 from clothlab.depth import PointCloud, look
 from clothlab.furniture import Basket
-from clothlab.recognition import NotInView, basket_distance, find_bar, find_basket, find_cloth, find_laid_cloth
+from clothlab.recognition import (
+    NotInView,
+    basket_distance,
+    find_bar,
+    find_basket,
+    find_cloth,
+    find_laid_cloth,
+    find_spread,
+)
 from clothlab.table import TableEnv
 
 ASIDE = (2.0, 0.0, -0.6)  # [m] out of the way of a look at the basket
@@ -96,6 +105,38 @@ def test_a_cloth_on_the_table_is_found(env):
     laid = find_laid_cloth(look(env), env.furniture.height)
     assert laid.centre == pytest.approx([0.70, 0.0, 0.603], abs=0.006)
     assert laid.size == pytest.approx([0.5, 0.4], abs=0.01)
+
+
+BACK, FRONT = (160, 12, 49), (209, 18, 25)
+
+
+def lying(length=0.5, turn=0.0, colour=BACK, height=0.6):
+    """A sheet on a table at 0.6 m, its middle at the world's origin."""
+    _, y, x = sheet((0.0, 0.0, length / 2), length=length).T
+    cos, sin = np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))
+    points = np.column_stack([cos * x - sin * y, sin * x + cos * y, np.full(len(x), height)])
+    return find_spread(cloud_of(points, colour), 0.6, get_cloth("hard-1"))
+
+
+def test_a_sheet_on_the_table_covers_what_it_covers():
+    assert lying().success
+    assert lying().area == pytest.approx(1.0, abs=0.06)  # its outline lies on the grid: no cell is half covered
+    assert lying().flat == 1.0
+    assert lying(length=0.42).area == pytest.approx(0.84, abs=0.06)
+    assert not lying(length=0.40).success
+
+
+@pytest.mark.parametrize(("turn", "success"), [(10.0, True), (-12.0, True), (20.0, False), (-20.0, False)])
+def test_a_turned_sheet_is_seen_turned(turn, success):
+    assert lying(turn=turn).angle == pytest.approx(turn, abs=1.0)
+    assert lying(turn=turn).success == success
+
+
+def test_a_sheet_with_its_front_up_or_in_the_air_is_not_spread():
+    assert not lying(colour=FRONT).back_up
+    assert not lying(colour=FRONT).success
+    assert lying(height=0.65).flat == 0
+    assert not lying(height=0.65).success
 
 
 def test_what_is_not_there_is_not_in_view(env):
