@@ -43,6 +43,8 @@ PAPER_MUSCLE = ModelTraining(
 # Twenty times the experience needs fewer rounds of it, and smaller batches learn more from each round.
 MORE_SEEN = AutoencoderTraining(epochs=8)
 MORE = ModelTraining(epochs=40, batch_size=100)
+# Short throws: the model has to know them from the first step to the last, and all windows begin near the first.
+THROWS = ModelTraining(epochs=150, batch_size=150, sequence_length=16, stride=1)
 RECIPES = {
     "torque-paper": Recipe("torque", ("train",), AutoencoderTraining(), ModelTraining()),
     "muscle-paper": Recipe("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
@@ -50,6 +52,7 @@ RECIPES = {
     "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
     # The same camera, cloths and commands: torques follow from what the torque arm recorded.
     "torque-feeling": Recipe("torque-feeling", ("train", "train-more"), "torque", MORE),
+    "table": Recipe("muscle-hand", ("table-throws", "table-random"), AutoencoderTraining(epochs=20), THROWS),
 }
 
 

@@ -7,6 +7,7 @@ import argparse
 import math
 import os
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -20,10 +21,12 @@ from clothlab import artifacts
 from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
+from clothlab.table import TableEnv
+from clothlab.throwing import OperatorThrow, RandomThrow, judged, look_at_spread
 from clothlab.trials import OperatorPolicy, RandomPolicy, rollout, save_trial
 from clothlab.vision import HEIGHT, WIDTH
 
-POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy}
+POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "random-throw": RandomThrow, "throw": OperatorThrow}
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class Recording:
     steps: int
     first_seed: int  # no two trials share a seed
     repeats: int = 1  # with each cloth and policy
+    policies: tuple[str, ...] = ("random", "operator")
+    over_table: bool = False  # the cloth is thrown on a table, and somebody writes down whether it lies as it should
 
 
 TRAINED_FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")  # hard-2 is kept for the estimation of the unknown
@@ -45,6 +50,9 @@ RECORDINGS = {
     "muscle-train": Recording("muscle", TRAINED_FOAMS, 400, 11000),  # 80 s, as in the paper
     "muscle-train-more": Recording("muscle", TRAINED_FOAMS, 400, 200_000, repeats=19),
     "muscle-evaluation": Recording("muscle", TRAINED_FOAMS, 200, 12000),
+    # Short: a cloth that was let go does not come back.
+    "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 80, ("throw",), over_table=True),
+    "table-random": Recording("muscle-hand", TRAINED_FOAMS, 20, 310_000, 30, ("random-throw",), over_table=True),
 }
 TARGET_STEPS = 250
 HAND_AHEAD = 0.3  # [m]
@@ -88,12 +96,15 @@ DRAWN: dict[str, tuple[float, tuple[Stroke, ...]]] = {  # radius of the brush [p
 }
 
 
-def jobs() -> list[Job]:
-    """Every trial to record."""
+def jobs(names: Iterable[str] = tuple(RECORDINGS)) -> list[Job]:
+    """Every trial of these recordings."""
     found = []
-    for name, recording in RECORDINGS.items():
+    for name in names:
+        recording = RECORDINGS[name]
         # The last repeat changes slowest: the first files of a set are whole sets of cloths and policies themselves.
-        for k, (repeat, cloth, policy) in enumerate(product(range(recording.repeats), recording.cloths, POLICIES)):
+        for k, (repeat, cloth, policy) in enumerate(
+            product(range(recording.repeats), recording.cloths, recording.policies)
+        ):
             file = f"{repeat:02}_{cloth}_{policy}.npz" if recording.repeats > 1 else f"{cloth}_{policy}.npz"
             found.append((Path(name) / file, recording, cloth, policy, recording.first_seed + k))
     return found
@@ -101,12 +112,25 @@ def jobs() -> list[Job]:
 
 def record(path: Path, recording: Recording, cloth: str, policy: str, seed: int) -> None:
     """Record one trial and save it."""
+    if recording.over_table:
+        return record_throw(path, recording, cloth, policy, seed)
     env = ClothEnv(recording.arm, cloth)
     try:
         trial = rollout(env, POLICIES[policy](env.arm), recording.steps, seed=seed)
     finally:
         env.close()
     save_trial(trial, path)
+
+
+def record_throw(path: Path, recording: Recording, cloth: str, policy: str, seed: int) -> None:
+    """Record one throw, look what came of it, write that down and save it."""
+    env = TableEnv(recording.arm, cloth, start_in="hand")
+    try:
+        trial = rollout(env, POLICIES[policy](env.arm), recording.steps, seed=seed)
+        seen = None if env.held else look_at_spread(env)
+    finally:
+        env.close()
+    save_trial(judged(trial, seen is not None and seen.success), path)
 
 
 def record_all(todo: list[Job], folder: Path, workers: int, progress: bool = True) -> None:
@@ -251,10 +275,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--only", choices=["trials", "targets"], help="leave the other as it is")
+    parser.add_argument("--sets", choices=RECORDINGS, nargs="+", default=list(RECORDINGS), help="of trials")
     arguments = parser.parse_args()
     start, files = time.perf_counter(), []
     if arguments.only != "targets":
-        todo = jobs()
+        todo = jobs(arguments.sets)
         record_all(todo, artifacts.data_folder() / "trials", arguments.workers)
         files += [f"trials/{path.as_posix()}" for path, *_ in todo]
     if arguments.only != "trials":

@@ -26,7 +26,7 @@ def data(tmp_path, monkeypatch):
 
 def test_only_those_without_borrowed_eyes_train_an_autoencoder():
     found = make_weights.autoencoders(list(RECIPES))
-    assert [name for name, _ in found] == ["torque-paper", "muscle-paper", "torque", "muscle"]
+    assert [name for name, _ in found] == ["torque-paper", "muscle-paper", "torque", "muscle", "table"]
     assert make_weights.autoencoders(["muscle"]) == [("muscle", RECIPES["muscle"].autoencoder)]
 
 
