@@ -25,6 +25,7 @@ from clothlab.experiments import (
     race,
     self_organisation,
     stiffness,
+    table_setting,
     tables,
     uncertainty,
 )
@@ -48,6 +49,7 @@ EXPERIMENTS.update(
     uncertainty=uncertainty,
     race=race,
     more_of_one=more_of_one,
+    table_setting=table_setting,
 )
 QUICK = {"perception", "self_organisation", "estimation", "control", "integrated", "stiffness"}
 SLOW.update(EXPERIMENTS.keys() - QUICK)
@@ -76,6 +78,7 @@ __all__ = [
     "save",
     "self_organisation",
     "stiffness",
+    "table_setting",
     "tables",
     "uncertainty",
 ]

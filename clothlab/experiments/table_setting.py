@@ -1,0 +1,377 @@
+"""Setting the table: is the whole run reliable, and does throwing the cloth beat laying it down slowly?
+
+Three methods spread the cloth: the model's throw, a slow hand, and the best recorded throw with this very cloth. All of
+them meet the same episodes, with the same rack, grasp and basket. And a study of the border: how far away the table may
+be until slow laying stops to work, and where throws still do.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from clothlab import artifacts
+from clothlab._validation import Checked, choose, setting
+from clothlab.analysis import difference_interval, nearest_material
+from clothlab.artifacts import Trained
+from clothlab.autoencoder import encode
+from clothlab.dpmpb import Sequences, to_sequences
+from clothlab.episode import Episode, Outcome, throw
+from clothlab.estimation import EstimatingPolicy, NewtonEstimator
+from clothlab.experiments._kept import piece
+from clothlab.experiments._record import run_jobs, trained
+from clothlab.furniture import Furniture
+from clothlab.reaching import Mover, ReachSettings, lay_slowly
+from clothlab.table import TableEnv, spread
+from clothlab.throwing import ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
+from clothlab.trials import ReplayPolicy
+
+ARM, THROWS = "muscle-hand", "table-throws"
+FOLDER = Path("build") / "table_setting"  # where runs are kept, from the folder in which the experiment is run
+DYNAMIC, SLOW_HAND, RECORDED = "dynamic", "slow", "best recorded"
+REACH = ReachSettings()
+THROW = ThrowSettings()
+
+
+@dataclass(frozen=True)
+class Settings(Checked):
+    """What is run; the defaults are the full size."""
+
+    weights: str = setting("table")
+    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings, episode by episode in turn
+    methods: tuple[str, ...] = setting((DYNAMIC, SLOW_HAND, RECORDED))
+    episodes: int = setting(50, at_least=1)
+    first_seed: int = setting(500_000, at_least=0)
+    foam: str = setting("hard-1")  # in the hand
+    ahead: float = setting(0.66, "m", above=0)  # of the target, so near that the basket can be put on its middle
+    noise: float = setting(0.002, "m", at_least=0)  # of the depth image at 1 m
+    reach: ReachSettings = REACH
+    throw: ThrowSettings = THROW
+    # The border, in the hand from the start: how far the table's edge is ahead of the shoulder.
+    border_foams: tuple[str, ...] = setting(("soft-1", "soft-2", "hard-1", "hard-3"))
+    border: tuple[float, ...] = setting((0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50), "m", above=0)
+    margins: tuple[float, ...] = setting((0.05, 0.09, 0.13, 0.17, 0.19, 0.21, 0.25), "m", at_least=0)  # tried each time
+
+    def __post_init__(self) -> None:
+        """Refuse unknown methods and what leaves nothing to run."""
+        super().__post_init__()
+        for method in self.methods:
+            choose("method", method, METHODS)
+        if not self.models or self.episodes % len(self.models):
+            raise ValueError(
+                f"Settings.episodes must be a multiple of the {len(self.models)} models, got {self.episodes}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One episode.
+
+    Attributes:
+        method: who spreads the cloth.
+        model: seed of the training.
+        seed: of the episode.
+        failed: phase that failed, one of `episode.PHASES`; empty where the robot noticed none.
+        cause: why, in words.
+        grasped: whether the cloth was.
+        seen: whether the robot thought the cloth spread.
+        spread: whether it was.
+        flat: part of its points on the table; 0 where it did not get that far.
+        area: that it covers, as a part of the flat cloth's; likewise.
+        angle: of its length from straight ahead [degree]; likewise.
+        placed: whether the basket was.
+        tilt: of the basket from upright [degree]; None where it was not fetched.
+        off_centre: from the basket's middle to the cloth's [m]; likewise.
+        dragged: way of the cloth meanwhile [m]; likewise.
+        foam: whose p is nearest to that estimated during the first swing; empty where none was.
+        bias: that p; empty likewise.
+        expected: distance to the target that was expected when each swing began [s.d. of z]; empty likewise.
+        before_release: the same before the hand would have opened; empty likewise.
+        steps: control steps.
+    """
+
+    method: str
+    model: int
+    seed: int
+    failed: str
+    cause: str
+    grasped: bool
+    seen: bool
+    spread: bool
+    flat: float
+    area: float
+    angle: float
+    placed: bool
+    tilt: float | None
+    off_centre: float | None
+    dragged: float | None
+    foam: str
+    bias: np.ndarray
+    expected: np.ndarray
+    before_release: np.ndarray
+    steps: int
+
+    @property
+    def success(self) -> bool:
+        """Whether the table was set: cloth spread, basket placed."""
+        return self.spread and self.placed
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """What spreads a cloth on a table so far away.
+
+    Attributes:
+        foam: in the hand.
+        near: from the shoulder to the table's edge [m].
+        slow: whether slow laying did, with each of the margins `[margins]`, bool.
+        thrown: whether each recorded throw did that had spread this foam on the table where it was recorded, bool.
+    """
+
+    foam: str
+    near: float
+    slow: np.ndarray
+    thrown: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was found.
+
+    Attributes:
+        settings: of the experiment.
+        runs: one for each method and episode.
+        border: one for each foam and place of the table.
+    """
+
+    settings: Settings
+    runs: tuple[Run, ...]
+    border: tuple[Border, ...]
+
+    def select(self, method: str) -> list[Run]:
+        """The episodes of a method."""
+        return [run for run in self.runs if run.method == method]
+
+    def rate(self, what: str, method: str = DYNAMIC, given: str = "") -> float:
+        """Part of a method's episodes of which something holds; of those alone of which `given` holds.
+
+        Args:
+            what: a yes-or-no attribute of `Run`, such as `"grasped"`, `"spread"`, `"placed"`, `"success"`.
+            method: which.
+            given: another of them.
+        """
+        runs = [run for run in self.select(method) if not given or getattr(run, given)]
+        return float(np.mean([getattr(run, what) for run in runs])) if runs else float("nan")
+
+    def p_rate(self) -> float:
+        """Part of the dynamic episodes with a first swing in which the p nearest to the estimate was the right one."""
+        runs = [run for run in self.select(DYNAMIC) if run.foam]
+        return float(np.mean([run.foam == self.settings.foam for run in runs])) if runs else float("nan")
+
+    def difference(self, first: str, second: str, what: str = "spread") -> tuple[float, float, float]:
+        """How much more often something holds with one method than with another: mean, 95 % interval."""
+
+        def held(method: str) -> np.ndarray:
+            runs = self.select(method)
+            return np.array([[getattr(run, what) for run in runs if run.model == k] for k in self.settings.models])
+
+        return difference_interval(held(first).astype(float) - held(second).astype(float))
+
+    def failures(self, method: str) -> dict[tuple[str, str], int]:
+        """How often a method's episodes failed in each phase for each cause, the most frequent first.
+
+        What the robot did not notice has its phase too: the cloth was not spread after all, the basket not placed.
+        """
+        found = Counter(_failure(run) for run in self.select(method) if not run.success)
+        return dict(found.most_common())
+
+
+def _failure(run: Run) -> tuple[str, str]:
+    if run.failed:
+        return run.failed, run.cause
+    return ("look", "taken for spread") if not run.spread else ("put basket", "not noticed")
+
+
+@dataclass(frozen=True, eq=False)
+class _Notes:
+    """What a spreader knows beside the outcome."""
+
+    foam: str = ""
+    bias: tuple[float, ...] = ()
+    expected: tuple[float, ...] = ()
+    before_release: tuple[float, ...] = ()
+
+
+Method = Callable[[Settings, Trained, Mover], _Notes]
+
+
+@cache
+def spread_runs(weights: str) -> tuple[Sequences, ...]:
+    """Recorded throws of all foams after which the cloth was seen to lie spread, as the models of these weights see."""
+    autoencoder = trained(weights).autoencoder
+    return tuple(to_sequences(autoencoder, trial) for trial in artifacts.load_trials(THROWS) if was_spread(trial))
+
+
+@cache
+def target(foam: str, ahead: float) -> np.ndarray:
+    """Mask of the foam as it should lie, laid by hand."""
+    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
+        return laid_by_hand(env, ahead)
+
+
+def _dynamic(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
+    """Swing once to find p, then throw as the model says."""
+    arm, runs = mover.env.arm, spread_runs(learned.name)
+    mask, start = target(settings.foam, settings.ahead), np.zeros(learned.model.bias_size)
+    thrower = ThrowPolicy(learned.model, learned.autoencoder, arm, mask, start, runs, learned.biases, settings.throw)
+    policy = EstimatingPolicy(thrower, NewtonEstimator(learned.model, start), learned.autoencoder)
+    throw(mover, policy, done=lambda: thrower.done)
+    if not thrower.swings:
+        return _Notes()
+    bias = policy.trace[thrower.swings[0].ended - 1]
+    return _Notes(
+        nearest_material(bias, learned.biases),
+        tuple(map(float, bias.round(4))),
+        tuple(round(swing.expected, 4) for swing in thrower.swings),
+        tuple(round(swing.before_release, 4) for swing in thrower.swings),
+    )
+
+
+def _slow(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
+    lay_slowly(mover)
+    return _Notes()
+
+
+def best_recorded(settings: Settings, learned: Trained) -> np.ndarray:
+    """Commands `[T, D_u]` of the recorded throw with this foam after which it lay nearest to the target.
+
+    Raises:
+        ValueError: none of them spread this foam.
+    """
+    steps = settings.throw.steps
+    runs = [run for run in spread_runs(learned.name) if run.material == settings.foam]
+    if not runs:
+        raise ValueError(f"no recorded throw spread {settings.foam}")
+    z_ref = encode(learned.autoencoder, target(settings.foam, settings.ahead))
+    away = [np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref) for run in runs]
+    return runs[int(np.argmin(away))].u[:steps].astype(np.float64)
+
+
+def _recorded(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
+    commands = best_recorded(settings, learned)
+    throw(mover, ReplayPolicy(commands), len(commands))
+    return _Notes()
+
+
+METHODS: dict[str, Method] = {DYNAMIC: _dynamic, SLOW_HAND: _slow, RECORDED: _recorded}
+
+
+def run_one(settings: Settings, method: str, model: int, seed: int) -> Run:
+    """One episode with one method."""
+    spread_it = choose("method", method, METHODS)
+    learned, notes = trained(f"{settings.weights}-{model}"), _Notes()
+
+    def spreader(mover: Mover) -> None:
+        nonlocal notes
+        notes = spread_it(settings, learned, mover)
+
+    with closing(TableEnv(ARM, settings.foam)) as env:
+        env.start(seed=seed)
+        reach = replace(settings.reach, noise=settings.noise)
+        outcome = Episode(Mover(env, reach, samples=1, rng=np.random.default_rng(seed)), spreader).run()
+    return as_run(method, model, seed, outcome, notes)
+
+
+def as_run(method: str, model: int, seed: int, outcome: Outcome, notes: _Notes) -> Run:
+    """What is kept of an episode."""
+    lies, stands = outcome.spread, outcome.placement
+    return Run(
+        method=method,
+        model=model,
+        seed=seed,
+        failed=outcome.failed,
+        cause=outcome.cause,
+        grasped=outcome.grasped,
+        seen=outcome.seen is not None,
+        spread=outcome.spread_out,
+        flat=round(lies.flat, 3) if lies else 0.0,
+        area=round(lies.area, 3) if lies else 0.0,
+        angle=round(lies.angle, 1) if lies else 0.0,
+        placed=outcome.placed,
+        tilt=round(stands.tilt, 2) if stands else None,
+        off_centre=round(stands.off_centre, 4) if stands else None,
+        dragged=round(outcome.dragged, 4) if outcome.dragged is not None else None,
+        foam=notes.foam,
+        bias=np.array(notes.bias),
+        expected=np.array(notes.expected),
+        before_release=np.array(notes.before_release),
+        steps=outcome.steps,
+    )
+
+
+def run_border(settings: Settings, foam: str, near: float) -> Border:
+    """Slow laying with each margin, and recorded throws, with the table so far away."""
+    throws = [trial for trial in artifacts.load_trials(THROWS) if was_spread(trial) and trial.cloth.name == foam]
+    with closing(TableEnv(ARM, foam, start_in="hand", furniture=replace(Furniture(), near=near))) as env:
+
+        def succeeds(spread_it: Callable[[], None]) -> bool:
+            env.start(seed=settings.first_seed)
+            spread_it()
+            u = env.arm.home_command
+            u[env.arm.closed_command] = 0.0
+            for _ in range(8):
+                env.advance(u)
+            return spread(env.cloth, env.furniture, env.cloth_points()).success
+
+        def send(commands: np.ndarray) -> None:
+            for u in commands:
+                env.advance(u)
+
+        slow = [succeeds(lambda m=margin: lay_slowly(Mover(env, samples=1), margin=m)) for margin in settings.margins]  # type: ignore[misc]
+        thrown = [succeeds(lambda t=trial: send(t.commands)) for trial in throws]  # type: ignore[misc]
+    return Border(foam, near, np.array(slow, bool), np.array(thrown, bool))
+
+
+def run(
+    settings: Settings | None = None, *, workers: int = 1, progress: bool = False, folder: str | Path = FOLDER
+) -> Record:
+    """All episodes with all methods, and the border.
+
+    Args:
+        settings: what is run.
+        workers: processes.
+        progress: show a progress bar.
+        folder: where each run is kept as soon as it is done; an interrupted experiment goes on from there.
+    """
+    settings, folder = settings or Settings(), Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    models = settings.models
+    episodes = [(models[k % len(models)], settings.first_seed + k) for k in range(settings.episodes)]
+    todo = [(folder, settings, method, *each) for each, method in product(episodes, settings.methods)]
+    runs = run_jobs(_kept_run, todo, workers=workers, progress=progress, what="episodes")
+    places = [(folder, settings, *each) for each in product(settings.border_foams, settings.border)]
+    border = run_jobs(_kept_border, places, workers=workers, progress=progress, what="border")
+    return Record(settings, tuple(runs), tuple(border))
+
+
+def _kept_run(folder: Path, settings: Settings, method: str, model: int, seed: int) -> Run:
+    made_with = {
+        "weights": settings.weights,
+        "foam": settings.foam,
+        "ahead": settings.ahead,
+        "noise": settings.noise,
+        "reach": asdict(settings.reach),
+        "throw": asdict(settings.throw),
+    }
+    return piece((method, model, seed), made_with, lambda: run_one(settings, method, model, seed), Run, folder)
+
+
+def _kept_border(folder: Path, settings: Settings, foam: str, near: float) -> Border:
+    made_with = {"margins": settings.margins, "first_seed": settings.first_seed}
+    about = ("border", foam, round(100 * near))
+    return piece(about, made_with, lambda: run_border(settings, foam, near), Border, folder)
