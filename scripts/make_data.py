@@ -51,8 +51,8 @@ RECORDINGS = {
     "muscle-train-more": Recording("muscle", TRAINED_FOAMS, 400, 200_000, repeats=19),
     "muscle-evaluation": Recording("muscle", TRAINED_FOAMS, 200, 12000),
     # Short: a cloth that was let go does not come back.
-    "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 80, ("throw",), over_table=True),
-    "table-random": Recording("muscle-hand", TRAINED_FOAMS, 20, 310_000, 30, ("random-throw",), over_table=True),
+    "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 50, ("throw",), over_table=True),
+    "table-random": Recording("muscle-hand", TRAINED_FOAMS, 20, 310_000, 15, ("random-throw",), over_table=True),
 }
 TARGET_STEPS = 250
 HAND_AHEAD = 0.3  # [m]
