@@ -134,11 +134,13 @@ def test_the_dynamic_method_swings_estimates_and_lets_go(learned, monkeypatch):
     env.close()
 
 
-def test_the_border_is_tried_with_every_margin_and_every_throw_of_the_foam(learned):
-    settings = Settings(models=(0,), episodes=1, margins=(0.17,), throw=TINY)
-    border = run_border(settings, "hard-1", 0.15)
-    assert border.slow.shape == (1,)
-    assert border.thrown.tolist() == [False, False]  # two throws at random
+def test_the_border_is_tried_with_every_margin_and_every_throw():
+    settings = Settings(models=(0,), episodes=1, margins=(0.17,), border_throws=2)
+    close, away = (run_border(settings, "hard-1", near) for near in (0.15, 0.8))
+    assert close.slow.tolist() == [True]
+    assert away.slow.tolist() == [False]
+    assert close.thrown.shape == (2,)
+    assert away.thrown.tolist() == [False, False]  # nobody throws so far
 
 
 def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from clothlab.experiments._record import run_jobs, trained
 from clothlab.furniture import Furniture
 from clothlab.reaching import Mover, ReachSettings, lay_slowly
 from clothlab.table import TableEnv, spread
-from clothlab.throwing import ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
+from clothlab.throwing import OperatorThrow, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
 from clothlab.trials import ReplayPolicy
 
 ARM, THROWS = "muscle-hand", "table-throws"
@@ -55,7 +55,10 @@ class Settings(Checked):
     # The border, in the hand from the start: how far the table's edge is ahead of the shoulder.
     border_foams: tuple[str, ...] = setting(("soft-1", "soft-2", "hard-1", "hard-3"))
     border: tuple[float, ...] = setting((0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50), "m", above=0)
-    margins: tuple[float, ...] = setting((0.05, 0.09, 0.13, 0.17, 0.19, 0.21, 0.25), "m", at_least=0)  # tried each time
+    margins: tuple[float, ...] = setting(
+        (0.09, 0.13, 0.15, 0.167, 0.187, 0.21, 0.25), "m", at_least=0
+    )  # of slow laying
+    border_throws: int = setting(80, at_least=0)  # of an operator who knows nothing of where the table is
 
     def __post_init__(self) -> None:
         """Refuse unknown methods and what leaves nothing to run."""
@@ -130,7 +133,7 @@ class Border:
         foam: in the hand.
         near: from the shoulder to the table's edge [m].
         slow: whether slow laying did, with each of the margins `[margins]`, bool.
-        thrown: whether each recorded throw did that had spread this foam on the table where it was recorded, bool.
+        thrown: whether each of an operator's throws did `[border_throws]`, bool.
     """
 
     foam: str
@@ -315,8 +318,7 @@ def as_run(method: str, model: int, seed: int, outcome: Outcome, notes: _Notes) 
 
 
 def run_border(settings: Settings, foam: str, near: float) -> Border:
-    """Slow laying with each margin, and recorded throws, with the table so far away."""
-    throws = [trial for trial in artifacts.load_trials(THROWS) if was_spread(trial) and trial.cloth.name == foam]
+    """Slow laying with each margin, and an operator's throws, with the table so far away: no model, no camera."""
     with closing(TableEnv(ARM, foam, start_in="hand", furniture=replace(Furniture(), near=near))) as env:
 
         def succeeds(spread_it: Callable[[], None]) -> bool:
@@ -328,12 +330,17 @@ def run_border(settings: Settings, foam: str, near: float) -> Border:
                 env.advance(u)
             return spread(env.cloth, env.furniture, env.cloth_points()).success
 
-        def send(commands: np.ndarray) -> None:
-            for u in commands:
-                env.advance(u)
+        def throws(seed: int) -> None:
+            operator = OperatorThrow(env.arm)
+            operator.reset(seed)
+            for _ in range(settings.throw.steps):
+                env.advance(operator({}))
 
-        slow = [succeeds(lambda m=margin: lay_slowly(Mover(env, samples=1), margin=m)) for margin in settings.margins]  # type: ignore[misc]
-        thrown = [succeeds(lambda t=trial: send(t.commands)) for trial in throws]  # type: ignore[misc]
+        def lays(margin: float) -> None:
+            lay_slowly(Mover(env, samples=1), margin=margin)
+
+        slow = [succeeds(partial(lays, margin)) for margin in settings.margins]
+        thrown = [succeeds(partial(throws, settings.first_seed + k)) for k in range(settings.border_throws)]
     return Border(foam, near, np.array(slow, bool), np.array(thrown, bool))
 
 
@@ -372,6 +379,11 @@ def _kept_run(folder: Path, settings: Settings, method: str, model: int, seed: i
 
 
 def _kept_border(folder: Path, settings: Settings, foam: str, near: float) -> Border:
-    made_with = {"margins": settings.margins, "first_seed": settings.first_seed}
+    made_with = {
+        "margins": settings.margins,
+        "throws": settings.border_throws,
+        "steps": settings.throw.steps,
+        "first_seed": settings.first_seed,
+    }
     about = ("border", foam, round(100 * near))
     return piece(about, made_with, lambda: run_border(settings, foam, near), Border, folder)
