@@ -193,13 +193,18 @@ class ThrowSettings(Checked):
     release: tuple[float, float] = setting((2.0, 12.0), "period", at_least=0)  # earliest and latest
     attempts: int = setting(3, at_least=1)  # from the last of them the cloth is let go in any case
     tests: int = setting(1, at_least=0)  # first swings in which it never is: p is not known yet
-    near: float = setting(0.5, "s.d. of z", above=0)  # where the cloth must be expected to be let go before the last
+    # Where the cloth must be expected to be let go before the last attempt: so near were all recorded throws that
+    # spread hard-1, judged when the hand opened, and few of the others.
+    near: float = setting(1.1, "s.d. of z", above=0)
     rest: int = setting(10, "step", at_least=1)  # for which the cloth hangs between attempts until it is still
     starts: int = setting(4, at_least=1)  # best-looking recorded throws from which the descent begins
-    iterations: int = setting(3, at_least=0)  # of the descent
+    # Of the descent. In development it found plans that promise more and then miss by more: the model is good enough to
+    # choose among recorded throws, not to leave them.
+    iterations: int = setting(0, at_least=0)
     candidates: int = setting(12, at_least=2)  # step sizes tried at once
     largest_step: float = setting(1.0, above=0)  # in standard deviations of u
     caution: float = setting(1.0, at_least=0)  # weight of the variance of what a promise misses
+    bias_scale: float = setting(0.5, "spread of trained p", above=0)  # how far from a foam's p its throws still teach
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,18 +374,22 @@ class ThrowPolicy(Policy):
         release = u[:, :steps, -1].sum(1)
         plans = torch.cat([u[:, :steps, :-1], release[:, None, None].expand(-1, steps, 1)], dim=-1)
         self.starts = plans.clamp(self.lower, self.upper)
+        known = torch.as_tensor(np.array([np.asarray(p, np.float32) for p in biases.values()]))
+        self._bias_unit = self.settings.bias_scale * float((known - known.mean(0)).square().sum(1).mean().sqrt() or 1)
+        own = [torch.as_tensor(np.asarray(choose("material", run.material, biases), np.float32)) for run in runs]
         promised = []
         with torch.no_grad():
-            for k, run in enumerate(runs):
-                p = torch.as_tensor(np.asarray(choose("material", run.material, biases), np.float32))
+            for k, p in enumerate(own):
                 states = FrozenDPMPB(self.model, p)(s[k, 0], u[k : k + 1, :steps], self.model.initial_memory())
                 promised.append(states[:, -1, self.layout.z])
-        features = torch.cat([self._features(s[k, 0], u[k : k + 1, :steps]) for k in range(len(runs))])
+        features = torch.cat([self._features(s[k, 0], u[k : k + 1, :steps], p) for k, p in enumerate(own)])
         self._recorded = features, s[:, steps, self.layout.z] - torch.cat(promised)
 
-    def _features(self, s: Tensor, u: Tensor) -> Tensor:
+    def _features(self, s: Tensor, u: Tensor, p: Tensor | None = None) -> Tensor:
+        """Plan, start and foam: a throw teaches little about another foam, for a stiff one lands where a soft folds."""
         plan = (u / self.model.u_std).flatten(1) / self.practice.plan_scale
-        return torch.cat([plan, (s / self.model.s_std / self.practice.state_scale).expand(len(u), -1)], dim=1)
+        start, bias = s / self.model.s_std / self.practice.state_scale, (self._p if p is None else p) / self._bias_unit
+        return torch.cat([plan, torch.cat([start, bias]).expand(len(u), -1)], dim=1)
 
     def _begin(self, s: Tensor) -> None:
         """Choose a plan for the next attempt."""
@@ -410,12 +419,10 @@ class ThrowPolicy(Policy):
             u, z = self.commands(self._plan[None]), self.layout.z
             promise = self._frozen(self._began, u, self.model.initial_memory())[0, -1, z]
             now = self._frozen(s, u[:, self._step :], self._memory)[0, -1, z]
-            features, correction = self._features(self._began, u), self.correction()
-            known = correction(features)[0][0, 0]
-        away = float(torch.linalg.vector_norm(now + known - self.z_ref))
+        away = float(torch.linalg.vector_norm(now - self.z_ref))  # what a promise from the start missed is seen by now
         number = len(self.swings) + 1
         last = number >= self.settings.attempts
         release = last or (number > self.settings.tests and away <= self.settings.near)
         swing = Swing(self._began, self._plan, promise, float(self.trace[-1][-1]), away, release, self._t)
         self.swings.append(swing)
-        self._held.append((features, (now + known - promise)[None]))
+        self._held.append((self._features(self._began, u), (now - promise)[None]))

@@ -124,10 +124,11 @@ def test_the_best_recorded_throw_is_one_of_this_foam_that_was_seen_to_succeed(le
         table_setting.best_recorded(Settings(models=(0, 1), episodes=4, throw=TINY, foam="hard-3"), learned)
 
 
-def test_the_dynamic_method_swings_estimates_and_lets_go(learned, monkeypatch):
+@pytest.mark.parametrize("method", ["dynamic", "descent"])
+def test_the_dynamic_methods_swing_estimate_and_let_go(learned, monkeypatch, method):
     monkeypatch.setattr(table_setting, "target", lambda foam, ahead: recorded("hard-1", 3).images[0])
     env = TableEnv("muscle-hand", start_in="hand")
-    notes = table_setting.METHODS["dynamic"](SETTINGS, learned, Mover(env, samples=1))
+    notes = table_setting.METHODS[method](SETTINGS, learned, Mover(env, samples=1))
     assert env.held == ()
     assert notes.foam in learned.biases
     assert len(notes.expected) == len(notes.before_release) == 2
@@ -155,7 +156,7 @@ def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
     monkeypatch.setattr(table_setting, "run_border", lambda settings, foam, near: empty)
     monkeypatch.setattr(table_setting, "run_jobs", lambda function, jobs, **how: [function(*job) for job in jobs])
     first, again = (table_setting.run(SETTINGS, folder=tmp_path) for _ in range(2))
-    assert len(done) == len(set(done)) == 12  # once
+    assert len(done) == len(set(done)) == 16  # once
     assert {model for _, model, _ in done} == {0, 1}
     assert [each.seed for each in first.select("slow")] == [500_000, 500_001, 500_002, 500_003]
     assert first.rate("success") == again.rate("success") == 1
@@ -163,7 +164,7 @@ def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
 
 
 def test_settings_that_run_nothing_are_refused():
-    with pytest.raises(KeyError, match="unknown method 'magic'; choose from dynamic, slow, best recorded"):
+    with pytest.raises(KeyError, match="unknown method 'magic'; choose from dynamic, descent, slow, best recorded"):
         Settings(methods=("magic",))
     with pytest.raises(ValueError, match="episodes must be a multiple of the 5 models, got 7"):
         Settings(episodes=7)

@@ -1,7 +1,7 @@
 """Setting the table: is the whole run reliable, and does throwing the cloth beat laying it down slowly?
 
-Three methods spread the cloth: the model's throw, a slow hand, and the best recorded throw with this very cloth. All of
-them meet the same episodes, with the same rack, grasp and basket. And a study of the border: how far away the table may
+The cloth is spread by the throw that the model chooses, that throw improved by the gradient, a slow hand, and the best
+recorded throw with this very cloth. All of them meet the same episodes, with the same rack, grasp and basket. And a study of the border: how far away the table may
 be until slow laying stops to work, and where throws still do.
 """
 
@@ -33,7 +33,7 @@ from clothlab.trials import ReplayPolicy
 
 ARM, THROWS = "muscle-hand", "table-throws"
 FOLDER = Path("build") / "table_setting"  # where runs are kept, from the folder in which the experiment is run
-DYNAMIC, SLOW_HAND, RECORDED = "dynamic", "slow", "best recorded"
+DYNAMIC, DESCENT, SLOW_HAND, RECORDED = "dynamic", "descent", "slow", "best recorded"
 REACH = ReachSettings()
 THROW = ThrowSettings()
 
@@ -44,12 +44,13 @@ class Settings(Checked):
 
     weights: str = setting("table")
     models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings, episode by episode in turn
-    methods: tuple[str, ...] = setting((DYNAMIC, SLOW_HAND, RECORDED))
+    methods: tuple[str, ...] = setting((DYNAMIC, DESCENT, SLOW_HAND, RECORDED))
     episodes: int = setting(50, at_least=1)
     first_seed: int = setting(500_000, at_least=0)
     foam: str = setting("hard-1")  # in the hand
     ahead: float = setting(0.66, "m", above=0)  # of the target, so near that the basket can be put on its middle
     noise: float = setting(0.002, "m", at_least=0)  # of the depth image at 1 m
+    descent: int = setting(3, at_least=1)  # iterations, of the method that has one
     reach: ReachSettings = REACH
     throw: ThrowSettings = THROW
     # The border, in the hand from the start: how far the table's edge is ahead of the shoulder.
@@ -245,6 +246,10 @@ def _dynamic(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
     )
 
 
+def _descent(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
+    return _dynamic(replace(settings, throw=replace(settings.throw, iterations=settings.descent)), learned, mover)
+
+
 def _slow(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
     lay_slowly(mover)
     return _Notes()
@@ -271,7 +276,7 @@ def _recorded(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
     return _Notes()
 
 
-METHODS: dict[str, Method] = {DYNAMIC: _dynamic, SLOW_HAND: _slow, RECORDED: _recorded}
+METHODS: dict[str, Method] = {DYNAMIC: _dynamic, DESCENT: _descent, SLOW_HAND: _slow, RECORDED: _recorded}
 
 
 def run_one(settings: Settings, method: str, model: int, seed: int) -> Run:
@@ -374,6 +379,7 @@ def _kept_run(folder: Path, settings: Settings, method: str, model: int, seed: i
         "noise": settings.noise,
         "reach": asdict(settings.reach),
         "throw": asdict(settings.throw),
+        "descent": settings.descent,
     }
     return piece((method, model, seed), made_with, lambda: run_one(settings, method, model, seed), Run, folder)
 
