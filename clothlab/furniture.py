@@ -79,6 +79,8 @@ class Furniture(Checked):
     rack_turn: tuple[float, float] = setting((4.0, 3.0), "degree", at_least=0)  # about up; slant from level
     basket_shift: tuple[float, float] = setting((0.04, 0.015), "m", at_least=0)  # ahead, aside
     basket_turn: float = setting(15.0, "degree", at_least=0)
+    off_middle: float = setting(0.006, "m", at_least=0)  # of a cloth that begins in the hand; so is one from the rack
+    wait: tuple[float, float] = setting((1.0, 5.0), "s", at_least=0)  # before it begins there, longer than otherwise
     reach: float = setting(0.03, "m", above=0)  # the hand takes what is no farther from the bar
     start_posture: tuple[float, float] = setting(
         (-0.45, -0.35), "rad"

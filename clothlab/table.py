@@ -36,7 +36,8 @@ class TableEnv(ClothEnv):
       without it the base stays. What knows nothing of a base can so command the arm all the same.
     * the cloth hangs from the rack, or from the hand, at the start; `grasp` and `release` take and let go. So does a
       command of an arm whose hand opens on command, such as `muscle-hand`.
-    * `reset` and `start` draw the places of rack and basket, within the ranges of the furniture.
+    * `reset` and `start` draw the places of rack and basket, and how a cloth is held that begins in the hand, within
+      the ranges of the furniture.
 
     Args:
         arm: an arm or its name; its home becomes the furniture's start posture.
@@ -200,6 +201,18 @@ class TableEnv(ClothEnv):
                     self.data.joint(f"{name}_{axis}").qvel[0] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
+    def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
+        """Begin an episode, as `ClothEnv.start` does.
+
+        What begins in the hand waits for some time, drawn at random: a soft arm sags for long, and when the cloth comes
+        from the rack, has sagged for longer than that takes.
+        """
+        super().start(seed=seed, random_start=random_start)
+        if self.start_in == "hand":
+            self._simulate(round(self.np_random.uniform(*self.furniture.wait) / self.scene.time_step))
+            self.data.time = 0.0
+            mujoco.mj_forward(self.model, self.data)
+
     def _spec(self) -> mujoco.MjSpec:
         return build_spec(self.arm, self.cloth, self.scene, self.furniture)
 
@@ -211,17 +224,18 @@ class TableEnv(ClothEnv):
         furniture, data = self.furniture, self.data
         place_rack(data, furniture, self.np_random)
         place_basket(data, furniture, self.np_random)
-        in_hand = self.start_in == "hand"
+        in_hand, u = self.start_in == "hand", u.copy()
         base = 0.0 if in_hand else max(furniture.base_range[0], furniture.rack_place - furniture.look_ahead)
         data.joint("base").qpos[0] = data.actuator("base").ctrl[0] = base
         if not in_hand:
-            u = u.copy()
             u[self.arm.angle_command] = furniture.look_posture
-        self.arm.reset(data, u)
         self.command = u.copy()
+        self.arm.reset(data, u)
         mujoco.mj_kinematics(self.model, data)
         frame = np.eye(3) if in_hand else data.body("rack").xmat.reshape(3, 3)
-        middle = data.body("hand").xpos if in_hand else data.body("rack").xpos
+        middle = data.body("hand" if in_hand else "rack").xpos.copy()
+        if in_hand:
+            middle[1] += furniture.off_middle * self.np_random.uniform(-1, 1)
         self.place_cloth(middle + hanging_points(self.cloth) @ frame.T)
         if in_hand:
             self.hold_fast(point_names(self.cloth)[0])

@@ -244,8 +244,8 @@ class ThrowPolicy(Policy):
         arm: gives home and range of the commands.
         target: mask `[H, W]` of the cloth as it should lie.
         p: parametric bias of the cloth in the hand `[D_p]`.
-        runs: recorded throws after which the cloth lay spread, as the model sees them, each from a cloth that hung
-            still. They are starts, and what the model misses in them is known.
+        runs: recorded throws to choose from, as the model sees them, each from a cloth that hung still. What the model
+            misses in them is known; a throw that was tried several times is known so well as its outcomes agree.
         biases: trained p of each material that they were recorded with.
         settings: attempts, release, descent.
         practice: how far what an attempt missed teaches.
@@ -373,7 +373,9 @@ class ThrowPolicy(Policy):
         s, u = (torch.as_tensor(np.stack([getattr(run, name)[: steps + 1] for run in runs])) for name in ("s", "u"))
         release = u[:, :steps, -1].sum(1)
         plans = torch.cat([u[:, :steps, :-1], release[:, None, None].expand(-1, steps, 1)], dim=-1)
-        self.starts = plans.clamp(self.lower, self.upper)
+        plans = plans.clamp(self.lower, self.upper)
+        first = {plan.numpy().tobytes(): k for k, plan in reversed([*enumerate(plans)])}
+        self.starts = plans[sorted(first.values())]  # each once
         known = torch.as_tensor(np.array([np.asarray(p, np.float32) for p in biases.values()]))
         self._bias_unit = self.settings.bias_scale * float((known - known.mean(0)).square().sum(1).mean().sqrt() or 1)
         own = [torch.as_tensor(np.asarray(choose("material", run.material, biases), np.float32)) for run in runs]

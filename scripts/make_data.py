@@ -22,8 +22,8 @@ from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
 from clothlab.table import TableEnv
-from clothlab.throwing import OperatorThrow, RandomThrow, judged, look_at_spread
-from clothlab.trials import OperatorPolicy, RandomPolicy, rollout, save_trial
+from clothlab.throwing import OperatorThrow, RandomThrow, judged, look_at_spread, was_spread
+from clothlab.trials import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Trial, rollout, save_trial
 from clothlab.vision import HEIGHT, WIDTH
 
 POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "random-throw": RandomThrow, "throw": OperatorThrow}
@@ -40,6 +40,7 @@ class Recording:
     repeats: int = 1  # with each cloth and policy
     policies: tuple[str, ...] = ("random", "operator")
     over_table: bool = False  # the cloth is thrown on a table, and somebody writes down whether it lies as it should
+    again: int = 0  # so often is a throw repeated that spread the cloth: was it luck?
 
 
 TRAINED_FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")  # hard-2 is kept for the estimation of the unknown
@@ -51,9 +52,10 @@ RECORDINGS = {
     "muscle-train-more": Recording("muscle", TRAINED_FOAMS, 400, 200_000, repeats=19),
     "muscle-evaluation": Recording("muscle", TRAINED_FOAMS, 200, 12000),
     # Short: a cloth that was let go does not come back.
-    "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 50, ("throw",), over_table=True),
+    "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 50, ("throw",), over_table=True, again=4),
     "table-random": Recording("muscle-hand", TRAINED_FOAMS, 20, 310_000, 15, ("random-throw",), over_table=True),
 }
+AGAIN = 1_000_000  # added to the seed of a throw that is repeated
 TARGET_STEPS = 250
 HAND_AHEAD = 0.3  # [m]
 
@@ -123,14 +125,23 @@ def record(path: Path, recording: Recording, cloth: str, policy: str, seed: int)
 
 
 def record_throw(path: Path, recording: Recording, cloth: str, policy: str, seed: int) -> None:
-    """Record one throw, look what came of it, write that down and save it."""
+    """Record one throw, look what came of it, write that down and save it; what went well is tried again."""
     env = TableEnv(recording.arm, cloth, start_in="hand")
     try:
-        trial = rollout(env, POLICIES[policy](env.arm), recording.steps, seed=seed)
-        seen = None if env.held else look_at_spread(env)
+        first = thrown(env, POLICIES[policy](env.arm), recording.steps, seed)
+        save_trial(first, path)
+        for k in range(1, recording.again + 1) if was_spread(first) else ():
+            again = thrown(env, ReplayPolicy(first.commands), recording.steps, AGAIN * k + seed)
+            save_trial(again, path.with_stem(f"{path.stem}_again{k}"))
     finally:
         env.close()
-    save_trial(judged(trial, seen is not None and seen.success), path)
+
+
+def thrown(env: TableEnv, policy: Policy, steps: int, seed: int) -> Trial:
+    """A throw, and what came of it."""
+    trial = rollout(env, policy, steps, seed=seed)
+    seen = None if env.held else look_at_spread(env)
+    return judged(trial, seen is not None and seen.success)
 
 
 def record_all(todo: list[Job], folder: Path, workers: int, progress: bool = True) -> None:

@@ -48,9 +48,9 @@ def learned(monkeypatch):
     throws = [recorded("hard-1", 0), recorded("soft-1", 1), recorded("hard-1", 2, spread=False), recorded("hard-1", 3)]
     monkeypatch.setattr(table_setting, "trained", lambda name: found)
     monkeypatch.setattr(artifacts, "load_trials", lambda name: throws)
-    table_setting.spread_runs.cache_clear()
+    table_setting.good_throws.cache_clear()
     yield found
-    table_setting.spread_runs.cache_clear()
+    table_setting.good_throws.cache_clear()
 
 
 def outcome(spread=GOOD, stands=STANDS, dragged=0.001, failed="", cause=""):

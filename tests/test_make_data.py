@@ -1,5 +1,6 @@
 """Recordings and targets: seeds of their own, written as they are made, targets chosen by area and place alone."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,7 +53,9 @@ def test_every_trial_has_a_file_of_its_own_whose_hash_is_known():
     assert len(set(files)) == len(files)
     assert jobs(["train"]) == [job for job in jobs() if job[0].parts[0] == "train"]
     recorded = {line[66:] for line in (DATA / "SHA256SUMS").read_text().splitlines()}
-    assert {name for name in recorded if name.startswith("trials/")} == set(files)
+    trials = {name for name in recorded if name.startswith("trials/")}
+    assert {name for name in trials if "_again" not in name} == set(files)
+    assert {re.sub(r"_again[1-4]", "", name) for name in trials} == set(files)
 
 
 def test_only_long_repeats_are_left_out_of_the_repository():
@@ -70,10 +73,15 @@ def test_a_throw_is_recorded_with_what_came_of_it(tmp_path, monkeypatch):
     held = load_trial(tmp_path / "held.npz")
     assert (held.arm, held.policy, held.commands.shape) == ("muscle-hand", "operator", (2, 4))
     assert verdicts == []  # a cloth in the hand does not lie
-    monkeypatch.setattr("make_data.rollout", lambda env, *how, **options: env.release() or held)
+    thrown = lambda env, policy, steps, seed: env.release() or replace(held, policy=policy.name, seed=seed)  # noqa: E731
+    monkeypatch.setattr("make_data.rollout", thrown)
     record_all([(Path("thrown.npz"), throws, "hard-1", "throw", 7)], tmp_path, workers=1, progress=False)
     assert load_trial(tmp_path / "thrown.npz").policy == "operator, spread"
-    assert verdicts == [()]
+    again = [load_trial(tmp_path / f"thrown_again{k}.npz") for k in range(1, throws.again + 1)]  # was it luck?
+    assert [(each.policy, each.seed) for each in again] == [
+        ("replay, spread", 1_000_007 + 1_000_000 * k) for k in range(4)
+    ]
+    assert verdicts == 5 * [()]
 
 
 def test_trials_are_recorded_anew_whatever_is_there(tmp_path, env):

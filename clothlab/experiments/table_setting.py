@@ -215,10 +215,15 @@ Method = Callable[[Settings, Trained, Mover], _Notes]
 
 
 @cache
-def spread_runs(weights: str) -> tuple[Sequences, ...]:
-    """Recorded throws of all foams after which the cloth was seen to lie spread, as the models of these weights see."""
-    autoencoder = trained(weights).autoencoder
-    return tuple(to_sequences(autoencoder, trial) for trial in artifacts.load_trials(THROWS) if was_spread(trial))
+def good_throws(weights: str) -> tuple[Sequences, ...]:
+    """Recorded throws that spread a foam as far as was seen, and their repetitions, as the models of these weights see.
+
+    Those of one throw have the same commands.
+    """
+    autoencoder, trials = trained(weights).autoencoder, artifacts.load_trials(THROWS)
+    good = {(trial.cloth.name, trial.commands.tobytes()) for trial in trials if was_spread(trial)}
+    chosen = [trial for trial in trials if (trial.cloth.name, trial.commands.tobytes()) in good]
+    return tuple(to_sequences(autoencoder, trial) for trial in chosen)
 
 
 @cache
@@ -230,7 +235,7 @@ def target(foam: str, ahead: float) -> np.ndarray:
 
 def _dynamic(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
     """Swing once to find p, then throw as the model says."""
-    arm, runs = mover.env.arm, spread_runs(learned.name)
+    arm, runs = mover.env.arm, good_throws(learned.name)
     mask, start = target(settings.foam, settings.ahead), np.zeros(learned.model.bias_size)
     thrower = ThrowPolicy(learned.model, learned.autoencoder, arm, mask, start, runs, learned.biases, settings.throw)
     policy = EstimatingPolicy(thrower, NewtonEstimator(learned.model, start), learned.autoencoder)
@@ -256,18 +261,20 @@ def _slow(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
 
 
 def best_recorded(settings: Settings, learned: Trained) -> np.ndarray:
-    """Commands `[T, D_u]` of the recorded throw with this foam after which it lay nearest to the target.
+    """Commands `[T, D_u]` of the recorded throw after which this foam lay nearest to the target, mean of its trials.
 
     Raises:
         ValueError: none of them spread this foam.
     """
-    steps = settings.throw.steps
-    runs = [run for run in spread_runs(learned.name) if run.material == settings.foam]
+    steps, away = settings.throw.steps, dict[bytes, list[float]]()
+    runs = {run.u.tobytes(): run for run in good_throws(learned.name) if run.material == settings.foam}
     if not runs:
         raise ValueError(f"no recorded throw spread {settings.foam}")
     z_ref = encode(learned.autoencoder, target(settings.foam, settings.ahead))
-    away = [np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref) for run in runs]
-    return runs[int(np.argmin(away))].u[:steps].astype(np.float64)
+    for run in good_throws(learned.name):
+        if run.material == settings.foam:
+            away.setdefault(run.u.tobytes(), []).append(np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref))
+    return runs[min(away, key=lambda u: np.mean(away[u]))].u[:steps].astype(np.float64)
 
 
 def _recorded(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
