@@ -52,7 +52,9 @@ RECIPES = {
     "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
     # The same camera, cloths and commands: torques follow from what the torque arm recorded.
     "torque-feeling": Recipe("torque-feeling", ("train", "train-more"), "torque", MORE),
-    "table": Recipe("muscle-hand", ("table-throws", "table-random"), AutoencoderTraining(epochs=20), THROWS),
+    "table": Recipe(
+        "muscle-hand", ("table-throws", "table-random", "table-swings"), AutoencoderTraining(epochs=20), THROWS
+    ),
 }
 
 

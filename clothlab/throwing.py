@@ -92,7 +92,27 @@ def _hand(arm: Arm | str) -> Arm:
     return arm
 
 
-class RandomThrow(Wrapper):
+class Swing(Wrapper):
+    """Random commands with the hand closed: what tells most of the cloth in it.
+
+    Args:
+        arm: gives the range of the commands; its hand opens on command.
+
+    Raises:
+        ValueError: a hand that does not open on command.
+    """
+
+    def __init__(self, arm: Arm | str):
+        self.arm = _hand(arm)
+        super().__init__(RandomPolicy(self.arm))
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        u = super().__call__(observation)
+        u[self.arm.closed_command] = 1.0
+        return u
+
+
+class RandomThrow(Swing):
     """Uniform random commands, and a hand that opens at a random time: perhaps after the end of the trial.
 
     Args:
@@ -104,8 +124,8 @@ class RandomThrow(Wrapper):
     """
 
     def __init__(self, arm: Arm | str, *, latest: int = 24):
-        self.arm, self.latest = _hand(arm), check_number("latest", latest, int, at_least=1)
-        super().__init__(RandomPolicy(self.arm))
+        self.latest = check_number("latest", latest, int, at_least=1)
+        super().__init__(arm)
 
     def reset(self, seed: int = 0) -> None:
         super().reset(seed)
@@ -191,12 +211,13 @@ class ThrowSettings(Checked):
 
     steps: int = setting(16, "step", at_least=2)  # of a plan: swing, release, and until the cloth lies
     release: tuple[float, float] = setting((2.0, 12.0), "period", at_least=0)  # earliest and latest
+    # Random commands before the first attempt: what a throw shows on its way up is too little to tell foams apart.
+    shaken: int = setting(20, "step", at_least=1)
     attempts: int = setting(3, at_least=1)  # from the last of them the cloth is let go in any case
-    tests: int = setting(1, at_least=0)  # first swings in which it never is: p is not known yet
     # Where the cloth must be expected to be let go before the last attempt: so near were all recorded throws that
     # spread hard-1, judged when the hand opened, and few of the others.
     near: float = setting(1.1, "s.d. of z", above=0)
-    rest: int = setting(10, "step", at_least=1)  # for which the cloth hangs between attempts until it is still
+    rest: int = setting(15, "step", at_least=1)  # for which the cloth hangs before an attempt until it is still
     starts: int = setting(4, at_least=1)  # best-looking recorded throws from which the descent begins
     # Of the descent. In development it found plans that promise more and then miss by more: the model is good enough to
     # choose among recorded throws, not to leave them.
@@ -208,7 +229,7 @@ class ThrowSettings(Checked):
 
 
 @dataclass(frozen=True, eq=False)
-class Swing:
+class Attempt:
     """One attempt.
 
     Attributes:
@@ -233,10 +254,11 @@ class Swing:
 class ThrowPolicy(Policy):
     """Throws a cloth so that a target image is realised when it has come to lie; the end alone counts.
 
-    Each attempt chooses a plan, commands and a release time: the best of recorded throws by the model's promise
-    corrected as in `clothlab.practice`, improved by the gradient. Just before the hand opens, what is to be expected is
-    computed anew from what has been seen of the swing. If that is too far from the target, the cloth is held, the arm
-    goes back, and the difference teaches the next attempt.
+    First it shakes the cloth, so that whoever estimates p gets to know it. Each attempt chooses a plan, commands and a
+    release time: the best of recorded throws by the model's promise corrected as in `clothlab.practice`, improved by
+    the gradient. Just before the hand opens, what is to be expected is computed anew from what has been seen of the
+    swing. If that is too far from the target, the cloth is held, the arm goes back, and the difference teaches the next
+    attempt.
 
     Args:
         model: trained network of an arm whose hand opens on command.
@@ -256,7 +278,7 @@ class ThrowPolicy(Policy):
             longer than a plan.
 
     Attributes:
-        swings: the attempts since the reset.
+        attempts: since the reset.
         trace: lowest expected distance of each plan at the start of its descent and after each iteration, a list of
             `[iterations + 1]` [s.d. of z].
     """
@@ -277,6 +299,7 @@ class ThrowPolicy(Policy):
     ):
         self.arm, self.model, self.autoencoder = _hand(arm), model, autoencoder
         self.settings, self.practice = settings or ThrowSettings(), practice or PracticeSettings()
+        self._shake = Swing(self.arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
         if (model.state_size, model.command_size) != (self.layout.size, len(self.arm.command_names)):
             raise ValueError(f"the model is not one of the {self.arm.name} arm: load the weights of this arm")
@@ -291,17 +314,19 @@ class ThrowPolicy(Policy):
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last attempts; the cloth hangs still at the arm's home."""
-        self.swings: list[Swing] = []
+        self.attempts: list[Attempt] = []
         self.trace: list[np.ndarray] = []
         self._held: list[tuple[Tensor, Tensor]] = []  # features of plans that were swung, and what they missed
-        self._t, self._step, self._resting, self.done = 0, 0, 0, False
+        self._t, self._step, self.done = 0, 0, False
+        self._shake.reset(seed)
+        self._resting = self.settings.rest
         self._plan: Tensor | None = None
         self._memory = self.model.initial_memory()
 
     @property
     def released(self) -> bool:
         """Whether the cloth was let go."""
-        return bool(self.swings) and self.swings[-1].released
+        return bool(self.attempts) and self.attempts[-1].released
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` with the next attempt.
@@ -341,6 +366,8 @@ class ThrowPolicy(Policy):
     def __call__(self, observation: Observation) -> np.ndarray:
         s = torch.as_tensor(observe(self.autoencoder, observation))
         self._t += 1
+        if self._t <= self.settings.shaken:
+            return self._shake(observation)
         if self._resting:
             self._resting -= 1
             return self._home(closed=True)
@@ -422,9 +449,9 @@ class ThrowPolicy(Policy):
             promise = self._frozen(self._began, u, self.model.initial_memory())[0, -1, z]
             now = self._frozen(s, u[:, self._step :], self._memory)[0, -1, z]
         away = float(torch.linalg.vector_norm(now - self.z_ref))  # what a promise from the start missed is seen by now
-        number = len(self.swings) + 1
+        number = len(self.attempts) + 1
         last = number >= self.settings.attempts
-        release = last or (number > self.settings.tests and away <= self.settings.near)
-        swing = Swing(self._began, self._plan, promise, float(self.trace[-1][-1]), away, release, self._t)
-        self.swings.append(swing)
+        release = last or away <= self.settings.near
+        attempt = Attempt(self._began, self._plan, promise, float(self.trace[-1][-1]), away, release, self._t)
+        self.attempts.append(attempt)
         self._held.append((self._features(self._began, u), (now - promise)[None]))

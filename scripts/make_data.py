@@ -22,11 +22,17 @@ from clothlab.arm import get_arm
 from clothlab.cloth import CLOTHS, cloth_name
 from clothlab.env import ClothEnv
 from clothlab.table import TableEnv
-from clothlab.throwing import OperatorThrow, RandomThrow, judged, look_at_spread, was_spread
+from clothlab.throwing import OperatorThrow, RandomThrow, Swing, judged, look_at_spread, was_spread
 from clothlab.trials import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Trial, rollout, save_trial
 from clothlab.vision import HEIGHT, WIDTH
 
-POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "random-throw": RandomThrow, "throw": OperatorThrow}
+POLICIES = {
+    "random": RandomPolicy,
+    "operator": OperatorPolicy,
+    "random-throw": RandomThrow,
+    "throw": OperatorThrow,
+    "swing": Swing,
+}
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ RECORDINGS = {
     # Short: a cloth that was let go does not come back.
     "table-throws": Recording("muscle-hand", TRAINED_FOAMS, 20, 300_000, 50, ("throw",), over_table=True, again=4),
     "table-random": Recording("muscle-hand", TRAINED_FOAMS, 20, 310_000, 15, ("random-throw",), over_table=True),
+    "table-swings": Recording("muscle-hand", TRAINED_FOAMS, 40, 320_000, 14, ("swing",), over_table=True),
 }
 AGAIN = 1_000_000  # added to the seed of a throw that is repeated
 TARGET_STEPS = 250

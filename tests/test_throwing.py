@@ -17,6 +17,7 @@ from clothlab.throwing import (
     OperatorSettings,
     OperatorThrow,
     RandomThrow,
+    Swing,
     ThrowPolicy,
     ThrowSettings,
     closed_until,
@@ -29,7 +30,7 @@ from clothlab.throwing import (
 ARM = get_arm("muscle-hand")
 STEPS = 4
 SETTINGS = ThrowSettings(
-    steps=STEPS, release=(1.0, 3.0), attempts=3, tests=1, near=1e6, rest=2, starts=2, iterations=1, candidates=3
+    steps=STEPS, release=(1.0, 3.0), shaken=2, attempts=3, near=1e6, rest=2, starts=2, iterations=1, candidates=3
 )
 BIASES = {"hard-1": np.array([0.3, -0.2]), "soft-1": np.array([-0.5, 0.1])}
 
@@ -98,7 +99,7 @@ def test_whoever_throws_opens_the_hand_once_and_never_closes_it(kind):
     assert 0.5 < np.mean(released) < 1  # sometimes it only swings
 
 
-@pytest.mark.parametrize("kind", [OperatorThrow, RandomThrow])
+@pytest.mark.parametrize("kind", [OperatorThrow, RandomThrow, Swing])
 def test_the_same_seed_throws_the_same(kind):
     throws = []
     for seed in (3, 3, 4):
@@ -122,7 +123,7 @@ def test_an_operator_swings_low_then_high_then_down_and_ends_at_home():
         assert len(set(u[:, 2])) == 1  # of one stiffness
 
 
-@pytest.mark.parametrize("kind", [OperatorThrow, RandomThrow])
+@pytest.mark.parametrize("kind", [OperatorThrow, RandomThrow, Swing])
 def test_an_arm_that_cannot_let_go_is_refused(kind):
     with pytest.raises(
         ValueError, match="the hand of the muscle arm does not open on command; use the arm muscle-hand"
@@ -166,46 +167,50 @@ def test_what_a_recorded_throw_led_to_is_expected_of_it_again(learned, square):
         assert float(expected) == pytest.approx(np.linalg.norm(RUNS[k].s[STEPS, :3] - z_ref), abs=0.02)
 
 
-def test_the_first_swing_is_never_let_go_and_then_it_is_if_it_looks_good(learned, square):
+def test_the_cloth_is_shaken_then_hangs_and_then_it_is_thrown_if_that_looks_good(learned, square):
     thrower = policy(learned, square)
     u = sent(thrower, square, 30)
-    assert [swing.released for swing in thrower.swings] == [False, True]
+    assert [attempt.released for attempt in thrower.attempts] == [True]
     assert thrower.released
     assert thrower.done
+    hangs = slice(SETTINGS.shaken, SETTINGS.shaken + SETTINGS.rest)
+    assert not np.allclose(u[: SETTINGS.shaken, :3], ARM.home_command[:3])
+    assert u[hangs] == pytest.approx(np.tile(ARM.home_command, (SETTINGS.rest, 1)))
     opens = np.flatnonzero(u[:, 3] < 1)[0]
+    assert opens >= hangs.stop
     assert (u[:opens, 3] == 1).all()
     assert (u[opens + 1 :, 3] == 0).all()
-    assert thrower.swings[1].ended == opens + 1
+    assert thrower.attempts[0].ended == opens + 1
     assert u[-1, :3] == pytest.approx(ARM.home_command[:3])
 
 
 def test_what_looks_bad_is_held_until_the_last_attempt(learned, square):
     thrower = policy(learned, square, replace(SETTINGS, near=1e-9))
     sent(thrower, square, 40)
-    assert [swing.released for swing in thrower.swings] == [False, False, True]
-    assert (np.diff([swing.ended for swing in thrower.swings]) > SETTINGS.rest).all()
+    assert [attempt.released for attempt in thrower.attempts] == [False, False, True]
+    assert (np.diff([attempt.ended for attempt in thrower.attempts]) > SETTINGS.rest).all()
 
 
 def test_a_held_swing_teaches_and_a_reset_forgets(learned, square):
-    thrower = policy(learned, square)
+    thrower = policy(learned, square, replace(SETTINGS, near=1e-9))
     s, plan = torch.zeros(15), thrower.starts[:1]
     before = thrower.expected(s, plan, thrower.correction())
     sent(thrower, square, 30)
     assert not torch.allclose(before, thrower.expected(s, plan, thrower.correction()))
     thrower.reset()
-    assert thrower.swings == []
+    assert thrower.attempts == []
     assert torch.allclose(before, thrower.expected(s, plan, thrower.correction()))
 
 
 def test_the_descent_never_makes_a_plan_worse(learned, square):
-    thrower = policy(learned, square, replace(SETTINGS, iterations=3))
+    thrower = policy(learned, square, replace(SETTINGS, iterations=3, near=1e-9, attempts=2))
     sent(thrower, square, 30)
     assert len(thrower.trace) == 2
     for trace in thrower.trace:
         assert (np.diff(trace) <= 1e-6).all()
-    for swing in thrower.swings:
-        assert (swing.plan >= thrower.lower).all()
-        assert (swing.plan <= thrower.upper).all()
+    for attempt in thrower.attempts:
+        assert (attempt.plan >= thrower.lower).all()
+        assert (attempt.plan <= thrower.upper).all()
 
 
 def test_p_is_estimated_while_it_swings(learned, square):

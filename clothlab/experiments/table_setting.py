@@ -92,9 +92,9 @@ class Run:
         tilt: of the basket from upright [degree]; None where it was not fetched.
         off_centre: from the basket's middle to the cloth's [m]; likewise.
         dragged: way of the cloth meanwhile [m]; likewise.
-        foam: whose p is nearest to that estimated during the first swing; empty where none was.
+        foam: whose p is nearest to that estimated while the cloth was shaken; empty where it was not.
         bias: that p; empty likewise.
-        expected: distance to the target that was expected when each swing began [s.d. of z]; empty likewise.
+        expected: distance to the target that was expected when each attempt began [s.d. of z]; empty likewise.
         before_release: the same before the hand would have opened; empty likewise.
         steps: control steps.
     """
@@ -173,7 +173,7 @@ class Record:
         return float(np.mean([getattr(run, what) for run in runs])) if runs else float("nan")
 
     def p_rate(self) -> float:
-        """Part of the dynamic episodes with a first swing in which the p nearest to the estimate was the right one."""
+        """Part of the dynamic episodes in which the p nearest to the estimate was the right one."""
         runs = [run for run in self.select(DYNAMIC) if run.foam]
         return float(np.mean([run.foam == self.settings.foam for run in runs])) if runs else float("nan")
 
@@ -234,20 +234,18 @@ def target(foam: str, ahead: float) -> np.ndarray:
 
 
 def _dynamic(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
-    """Swing once to find p, then throw as the model says."""
+    """Shake the cloth to find p, then throw as the model says."""
     arm, runs = mover.env.arm, good_throws(learned.name)
     mask, start = target(settings.foam, settings.ahead), np.zeros(learned.model.bias_size)
     thrower = ThrowPolicy(learned.model, learned.autoencoder, arm, mask, start, runs, learned.biases, settings.throw)
     policy = EstimatingPolicy(thrower, NewtonEstimator(learned.model, start), learned.autoencoder)
     throw(mover, policy, done=lambda: thrower.done)
-    if not thrower.swings:
-        return _Notes()
-    bias = policy.trace[thrower.swings[0].ended - 1]
+    bias = policy.trace[settings.throw.shaken - 1]
     return _Notes(
         nearest_material(bias, learned.biases),
         tuple(map(float, bias.round(4))),
-        tuple(round(swing.expected, 4) for swing in thrower.swings),
-        tuple(round(swing.before_release, 4) for swing in thrower.swings),
+        tuple(round(each.expected, 4) for each in thrower.attempts),
+        tuple(round(each.before_release, 4) for each in thrower.attempts),
     )
 
 
