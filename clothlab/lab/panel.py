@@ -1,6 +1,5 @@
 """The live panel: one widget, whose JavaScript draws what `views` says and sends back what a person does."""
 
-import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -11,17 +10,17 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
-from clothlab.env import CONTROL_PERIOD, SimulationError
+from clothlab.env import CONTROL_PERIOD
 from clothlab.lab import views
 from clothlab.lab.clock import Clock, Turns
 from clothlab.lab.drivers import stick_command
+from clothlab.lab.messages import Messages
 from clothlab.lab.session import LiveSession, Moment
 from clothlab.lab.targets import mask_from_file
 from clothlab.vision import HEIGHT, WIDTH
 
 ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
 PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
-KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person can do wrong; the rest is our fault
 
 
 class LivePanel(anywidget.AnyWidget):
@@ -58,14 +57,14 @@ class LivePanel(anywidget.AnyWidget):
         if LivePanel._active is not None:
             LivePanel._active.close()
         LivePanel._active = self
-        self.errors: list[str] = []
+        self._messages = Messages()
+        self.errors = self._messages.errors
         self.history: deque[Moment] = deque(maxlen=views.HISTORY)
         self.steps = self._unseen = self._drawn = 0  # _unseen: steps since the last frame was sent
         self._answered = ""  # the last message that was acted on
-        self._message = {"text": "", "kind": "info"}
         self.session.recorder.find()  # what the panel before was recording, for one
         if self.session.recorder.waiting:
-            self._say("an unfinished recording was found: save it under a name, or discard it")
+            self._messages.say("an unfinished recording was found: save it under a name, or discard it")
         super().__init__()
         self.on_msg(self._hear)
         self._meet_arm()
@@ -116,14 +115,14 @@ class LivePanel(anywidget.AnyWidget):
         Raises:
             RuntimeError: with the traceback of the first fault.
         """
-        if self.errors:
-            raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")
+        self._messages.check()
 
     def _tick(self, behind: float) -> bool:
         """A step in time; False pauses, after an error or when nobody looks."""
-        going = self._guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and self._guarded(self._show)
+        guarded = self._messages.guarded
+        going = guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and guarded(self._show)
         if going and self._unseen > PATIENCE:
-            self._say("paused: the page does not answer")
+            self._messages.say("paused: the page does not answer")
             going = False
         if not going:
             self._clock.pause()
@@ -149,11 +148,8 @@ class LivePanel(anywidget.AnyWidget):
         self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
 
     def _refresh(self) -> None:
-        more = {"running": self.running, "message": self._message, "answered": self._answered}
+        more = {"running": self.running, "message": self._messages.shown, "answered": self._answered}
         self.state = views.state(self.session) | more
-
-    def _say(self, text: str, kind: str = "info") -> None:
-        self._message = {"text": text, "kind": kind}
 
     def _meet_arm(self) -> None:
         self.history.clear()
@@ -175,23 +171,10 @@ class LivePanel(anywidget.AnyWidget):
         arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
         if buffers:
             arguments["content"] = bytes(buffers[0])
-        self._say("")
-        self._guarded(lambda: choose("action", content.get("do", ""), self._actions())(**arguments))
+        self._messages.say("")
+        self._messages.guarded(lambda: choose("action", content.get("do", ""), self._actions())(**arguments))
         self._answered = content.get("id", "")
-        self._guarded(lambda: self._refresh() if self.running else self._show(force=True))
-
-    def _guarded(self, act: Callable[[], object]) -> bool:
-        """Show a person's mistake as a message; keep a fault of ours for `check`. The panel lives on after both."""
-        try:
-            act()
-        except KNOWN_ERRORS as error:
-            self._say(f"⚠ {error.args[0] if isinstance(error, KeyError) else error}", "mistake")
-        except Exception:
-            self.errors.append(traceback.format_exc())
-            self._say(f"✗ a fault in the panel: {self.errors[-1].splitlines()[-1]}", "fault")
-        else:
-            return True
-        return False
+        self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))
 
     def _actions(self) -> dict[str, Callable[..., object]]:
         """What the browser may ask for, by name."""
@@ -213,7 +196,7 @@ class LivePanel(anywidget.AnyWidget):
             "greet gamepad": self._greet_gamepad,
             "move sticks": self._move_sticks,
             "draw": lambda content: self._aim(np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH), show=False),
-            "clear": lambda: self._say("draw a target; until then the robot keeps the one that it has"),
+            "clear": lambda: self._messages.say("draw a target; until then the robot keeps the one that it has"),
             "pick": lambda name: self._aim(choose("image", name, session.gallery)),
             "take": lambda: self._aim(session.observation["image"]),
             "upload": self._upload,
@@ -249,7 +232,7 @@ class LivePanel(anywidget.AnyWidget):
     def _greet_gamepad(self, enough: bool) -> None:
         if not enough:
             raise ValueError("a gamepad needs two sticks and a trigger")
-        self._say(views.gamepad(self.session))
+        self._messages.say(views.gamepad(self.session))
 
     def _move_sticks(self, places: Sequence[float]) -> None:
         """Command where sticks and trigger stand in their range, 0 to 1."""
@@ -258,16 +241,16 @@ class LivePanel(anywidget.AnyWidget):
     def _record(self) -> None:
         self.session.record()
         self.history.clear()
-        self._say("recording, from the hanging cloth")
+        self._messages.say("recording, from the hanging cloth")
 
     def _stop(self) -> None:
         self.session.recorder.stop()
-        self._say("stopped: give it a name and save it, or discard it")
+        self._messages.say("stopped: give it a name and save it, or discard it")
 
     def _save(self, name: str) -> None:
         path, recorder = self.session.recorder.save(name), self.session.recorder
-        self._say(f"saved as {path.name}" + (f": {recorder.remark}" if recorder.remark else ""))
+        self._messages.say(f"saved as {path.name}" + (f": {recorder.remark}" if recorder.remark else ""))
 
     def _discard(self) -> None:
         self.session.recorder.discard()
-        self._say("discarded")
+        self._messages.say("discarded")
