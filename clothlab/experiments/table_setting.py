@@ -21,7 +21,7 @@ from clothlab.analysis import difference_interval, nearest_material
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.dpmpb import Sequences, to_sequences
-from clothlab.episode import Episode, Outcome, throw
+from clothlab.episode import Episode, Outcome, Spreader, throw
 from clothlab.estimation import EstimatingPolicy, NewtonEstimator
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import run_jobs, trained
@@ -284,6 +284,35 @@ def _recorded(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
 METHODS: dict[str, Method] = {DYNAMIC: _dynamic, DESCENT: _descent, SLOW_HAND: _slow, RECORDED: _recorded}
 
 
+def play(
+    settings: Settings,
+    spreader: Spreader,
+    seed: int,
+    *,
+    watch: Callable[[TableEnv], None] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Outcome:
+    """One episode with whoever spreads the cloth.
+
+    Args:
+        settings: foam, noise, how the hand reaches.
+        spreader: spreads the cloth.
+        seed: where rack and basket stand, and the camera's noise.
+        watch: told the scene after each control period. What it raises ends the episode: so can a person.
+        progress: told the name of each phase as it begins.
+    """
+    with closing(TableEnv(ARM, settings.foam)) as env:
+        env.start(seed=seed)
+        mover = Mover(
+            env,
+            replace(settings.reach, noise=settings.noise),
+            watch=None if watch is None else partial(watch, env),
+            samples=1,
+            rng=np.random.default_rng(seed),
+        )
+        return Episode(mover, spreader, progress).run()
+
+
 def run_one(settings: Settings, method: str, model: int, seed: int) -> Run:
     """One episode with one method."""
     spread_it = choose("method", method, METHODS)
@@ -293,11 +322,7 @@ def run_one(settings: Settings, method: str, model: int, seed: int) -> Run:
         nonlocal notes
         notes = spread_it(settings, learned, mover)
 
-    with closing(TableEnv(ARM, settings.foam)) as env:
-        env.start(seed=seed)
-        reach = replace(settings.reach, noise=settings.noise)
-        outcome = Episode(Mover(env, reach, samples=1, rng=np.random.default_rng(seed)), spreader).run()
-    return as_run(method, model, seed, outcome, notes)
+    return as_run(method, model, seed, play(settings, spreader, seed), notes)
 
 
 def as_run(method: str, model: int, seed: int, outcome: Outcome, notes: _Notes) -> Run:
