@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from threading import enumerate as threads
 from threading import get_ident
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 
 from clothlab.lab import LivePanel, LiveSession, views
 from clothlab.lab import panel as panel_module
+from clothlab.lab import table
 from clothlab.trials import load_trial
 
 
@@ -364,3 +366,35 @@ def test_missing_weights_are_a_message(panel, monkeypatch):
     assert "make data train" in says(panel)
     send(panel, "step")
     assert panel.session.arm.name == panel.state["arm"] == "torque"
+
+
+def test_the_table_is_set_beside_the_session_until_the_panel_closes(panel, new_session, monkeypatch):
+    def play(how, seed, watch, progress):
+        progress("fetch cloth")
+        while True:
+            watch(lambda: np.zeros((6, 8, 3), np.uint8))
+
+    def robots():
+        return [thread for thread in threads() if thread.name == "setting the table"]
+
+    async def main():
+        panel.observe(lambda change: send(panel, "table drawn", frame=change["new"]["number"]), "table")
+        send(panel, "table drawn", frame=panel.table["number"])
+        send(panel, "set the table", how="lay it slowly")
+        while panel.table["phases"][0][1] != "running":
+            await asyncio.sleep(0.01)
+        send(panel, "set the table", how="lay it slowly")
+        assert "already: stop it first" in says(panel)
+        assert not panel.running  # the live session has a time of its own
+        send(panel, "stop the episode")
+        while panel.table["running"]:
+            await asyncio.sleep(0.01)
+        assert panel.table["phases"][0][1] == "stopped"
+        send(panel, "set the table", how="lay it slowly")
+        assert len(robots()) == 1
+        other = LivePanel(new_session())  # as running the cell again
+        assert not robots()
+        other.close()
+
+    monkeypatch.setattr(table, "play", play)
+    asyncio.run(main())

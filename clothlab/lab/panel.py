@@ -16,6 +16,7 @@ from clothlab.lab.clock import Clock, Turns
 from clothlab.lab.drivers import stick_command
 from clothlab.lab.messages import Messages
 from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.table import TableSection
 from clothlab.lab.targets import mask_from_file
 from clothlab.vision import HEIGHT, WIDTH
 
@@ -40,14 +41,16 @@ class LivePanel(anywidget.AnyWidget):
         frame: pictures, traces and p. None is sent until the browser has drawn the last one, so that a slow
             browser skips frames and never queues them.
         ellipse: PNG.
+        table: what there is to see of an episode of setting the table, which is no part of the session.
     """
 
-    _esm = views.javascript("traces", "target", "map", "gamepad", "panel")
+    _esm = views.javascript("traces", "target", "map", "gamepad", "table", "panel")
     about = traitlets.Dict().tag(sync=True)
     state = traitlets.Dict().tag(sync=True)
     target = traitlets.Dict().tag(sync=True)
     frame = traitlets.Dict().tag(sync=True)
     ellipse = traitlets.Bytes().tag(sync=True)
+    table = traitlets.Dict().tag(sync=True)
 
     _active: ClassVar["LivePanel | None"] = None
 
@@ -66,6 +69,7 @@ class LivePanel(anywidget.AnyWidget):
         if self.session.recorder.waiting:
             self._messages.say("an unfinished recording was found: save it under a name, or discard it")
         super().__init__()
+        self._setting = TableSection(lambda news: setattr(self, "table", news), self.errors)
         self.on_msg(self._hear)
         self._meet_arm()
         self._show(force=True)
@@ -102,8 +106,9 @@ class LivePanel(anywidget.AnyWidget):
         self._show(force=True)
 
     def close(self) -> None:
-        """Leave nothing behind: no task, no widget, no OpenGL context."""
+        """Leave nothing behind: no task, no thread, no widget, no OpenGL context."""
         self._clock.pause()
+        self._setting.close()
         if LivePanel._active is self:
             LivePanel._active = None
         self.session.close()
@@ -163,6 +168,8 @@ class LivePanel(anywidget.AnyWidget):
         """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
         if content.get("do") == "drawn":
             self._drawn = content["frame"]
+        elif content.get("do") == "table drawn":
+            self._setting.drawn = content["frame"]
         else:
             self._turns.take(self._act, content, buffers)
 
@@ -204,6 +211,8 @@ class LivePanel(anywidget.AnyWidget):
             "stop": self._stop,
             "save": self._save,
             "discard": self._discard,
+            "set the table": self._setting.start,
+            "stop the episode": self._setting.stop,
         }
 
     def _set_arm(self, name: str) -> None:

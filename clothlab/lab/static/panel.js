@@ -30,6 +30,13 @@ const STYLE = `
 .clothlab .beside { display: flex; gap: 8px; }
 .clothlab .beside > div { flex: 1 1 0; min-width: 0; }
 .clothlab .no { color: #b00020; font-weight: 600; }
+.clothlab details { margin-top: 12px; border-top: 2px solid #0072B2; padding-top: 4px; }
+.clothlab summary { font-size: 16px; font-weight: bold; cursor: pointer; }
+.clothlab ol.phases { list-style: none; margin: 8px 0; padding: 0; }
+.clothlab ol.phases li { padding: 1px 10px; border: 1px solid #888; border-radius: 12px; }
+.clothlab ol.phases .waiting { color: #595959; border-color: #ccc; }
+.clothlab ol.phases .running { background: #009E73; border-color: #009E73; color: #fff; font-weight: 600; }
+.clothlab ol.phases .failed { border-color: #b00020; color: #b00020; font-weight: 600; }
 `;
 
 function make(tag, properties = {}, ...children) {
@@ -144,6 +151,8 @@ function render({ model, el }) {
   const own = make("section", { style: "--least:280px" }, stiffness, make("h3", { textContent: "Your own hand" }), handNote, hand,
     make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard), again);
 
+  const table = tableSection(act);
+
   function meetArm() {
     const about = get("about");
     arm.fill(about.arms.map((each) => [each, each]));
@@ -231,10 +240,14 @@ function render({ model, el }) {
     model.send({ do: "drawn", frame: frame.number });
   }
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
+  function showTable() {
+    table.draw(get("table"));
+    model.send({ do: "table drawn", frame: get("table").number });
+  }
 
   const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise);
-  el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, own)));
-  for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
+  el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, own), table.details));
+  for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse], ["table", showTable]]) {
     const showSafely = trait === "about" ? () => (meetArm(), showState()) : show;
     model.on(`change:${trait}`, showSafely);
     cleanUp.push(() => model.off(`change:${trait}`, showSafely));
