@@ -2,17 +2,16 @@
 
 import asyncio
 import json
+import threading
 import time
-from threading import enumerate as threads
 from threading import get_ident
 
 import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel, LiveSession, views
+from clothlab.lab import LivePanel, LiveSession, table, views
 from clothlab.lab import panel as panel_module
-from clothlab.lab import table
 from clothlab.trials import load_trial
 
 
@@ -375,7 +374,7 @@ def test_the_table_is_set_beside_the_session_until_the_panel_closes(panel, new_s
             watch(lambda: np.zeros((6, 8, 3), np.uint8))
 
     def robots():
-        return [thread for thread in threads() if thread.name == "setting the table"]
+        return [thread for thread in threading.enumerate() if thread.name == "setting the table"]
 
     async def main():
         panel.observe(lambda change: send(panel, "table drawn", frame=change["new"]["number"]), "table")

@@ -267,6 +267,32 @@ def test_mistakes_are_messages_and_the_panel_lives_on(notebook, page, screenshot
     notebook.evaluate("panel.check()")
 
 
+def test_the_table_is_set_until_somebody_stops_it(notebook, page, screenshot):
+    section, phase = page.locator("details.table"), page.locator("details.table li")
+    expect(section).not_to_have_attribute("open", "")
+    section.locator("summary").click()
+    expect(phase.first).to_have_text("○ fetch cloth")
+    choose(page, "spread the cloth", "lay it slowly")
+    stop = button(page, "stop the episode")
+    expect(stop).to_be_disabled()
+    button(page, "start the episode").click()
+    expect(phase.first).to_have_text("▶ fetch cloth", timeout=60_000)
+    expect(button(page, "start the episode")).to_be_disabled()
+    section.scroll_into_view_if_needed()
+    frame_before, steps = notebook.evaluate("panel.table['number']"), notebook.evaluate("panel.steps")
+    notebook.until(f"panel.table['number'] > {frame_before} + 3", 60)
+    notebook.until(f"panel.steps > {steps} + 3")  # the live session goes on meanwhile
+    screenshot("14-table")
+    expect(phase.nth(1)).to_have_text("▶ go to table", timeout=120_000)
+    expect(phase.first).to_have_text("✓ fetch cloth")
+    stop.click()
+    expect(phase.nth(1)).to_have_text("■ go to table")
+    expect(stop).to_be_disabled()
+    notebook.until("not any(t.name == 'setting the table' for t in __import__('threading').enumerate())")
+    screenshot("15-table-stopped")
+    notebook.evaluate("panel.check()")
+
+
 def test_nothing_is_left_behind(notebook, page):
     notebook.evaluate("None", "first, panel = panel, None")
     notebook.run_all()
