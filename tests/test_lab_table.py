@@ -226,7 +226,8 @@ def test_phases_go_by_and_the_verdict_comes_last(visit):
     async def act(page):
         assert (page.last("running"), page.last("choices")) == (False, list(SPREADERS))
         page.section.start(SLOW_HAND, seed=7)
-        assert (page.last("running"), page.last("message")["text"]) == (True, "episode 7")
+        assert page.last("running")
+        assert page.last("message")["text"].startswith("episode 7;")
         await page.until(lambda: not page.last("running"))
 
     page = visit(act, Fake())

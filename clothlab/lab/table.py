@@ -28,6 +28,7 @@ from clothlab.table import TableEnv
 SIZE = (288, 384)  # [pixel] height and width of the picture; the robot's looks have another, and other renderers
 PERIOD = 0.05  # [s] after which the panel asks for a picture again
 PATIENCE = 100  # such periods without a sign from the browser, after which the page is taken to be closed
+SEEDS = 1_000_000  # as many episodes are drawn from
 PARTING = 10.0  # [s] to wait at most for the end of a thread that was told to stop
 
 Draw = Callable[[], np.ndarray]  # a picture [h, w, 3], uint8
@@ -41,7 +42,7 @@ class Stopped(Exception):
 def aside(env: TableEnv) -> np.ndarray:
     """The scene as somebody sees it who stands aside, `SIZE`, without shadows, which take two thirds of the time."""
     eye = mujoco.MjvCamera()
-    eye.lookat[:], eye.distance, eye.azimuth, eye.elevation = (-0.45, 0.0, 0.6), 3.2, 125.0, -22.0
+    eye.lookat[:], eye.distance, eye.azimuth, eye.elevation = (-0.45, 0.0, 0.55), 3.5, 125.0, -22.0
     renderer = env.renderer(*SIZE)
     renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
     renderer.update_scene(env.data, eye)
@@ -245,9 +246,9 @@ class TableSection:
         choose("way to spread the cloth", how, SPREADERS)
         if self.running:
             raise ValueError("the robot is setting the table already: stop it first")
-        seed = int(np.random.default_rng().integers(2**32)) if seed is None else seed
+        seed = int(np.random.default_rng().integers(SEEDS)) if seed is None else seed
         self._clock.start()
-        self._messages.say(f"episode {seed}")
+        self._messages.say(f"episode {seed}; the number says where rack and basket stand")
         self._picture, self._unseen = b"", 0
         self._run = TableRun(partial(play, how, seed), self._messages)
         self._show()
