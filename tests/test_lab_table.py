@@ -304,8 +304,9 @@ def test_a_fault_of_ours_is_kept_and_ends_the_episode(visit, monkeypatch):
     async def act(page):
         page.section.start(SLOW_HAND)
         monkeypatch.setattr(table, "encoded", lambda *_: 1 / 0)
-        await page.until(lambda: not page.section.running)
+        await page.until(lambda: not page.last("running"))
         assert not threads()
+        assert page.last("message")["kind"] == "fault"
 
     assert "ZeroDivisionError" in visit(act, Fake()).errors[0]
 

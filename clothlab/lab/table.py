@@ -274,6 +274,7 @@ class TableSection:
             self.stop("stopped: the page does not answer")
         if (not self._unseen or not going) and not self._messages.guarded(self._take):
             self.close()
+            self._show()
             return False
         return going
 
