@@ -279,16 +279,27 @@ class ClothEnv(gymnasium.Env):
         return self.picture() if self.render_mode else None
 
     def camera_picture(
-        self, height: int = vision.HEIGHT, width: int = vision.WIDTH, *, depth: bool = False
+        self,
+        height: int = vision.HEIGHT,
+        width: int = vision.WIDTH,
+        *,
+        depth: bool = False,
+        view: str | mujoco.MjvCamera = "camera",
     ) -> np.ndarray:
         """What the camera sees, `[height, width, 3]` uint8; or how far away that is, `[height, width]` float32 [m].
+
+        Args:
+            height: of the picture [pixel].
+            width: of the picture [pixel].
+            depth: which of the two.
+            view: the robot's camera, or one that is placed for this picture.
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
             ValueError: a picture larger than `scene.picture_size`.
         """
         renderer = self.renderer(height, width)
-        renderer.update_scene(self.data, "camera")
+        renderer.update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
         try:

@@ -279,6 +279,19 @@ class TableEnv(ClothEnv):
             super()._simulate(1)
 
 
+def room_picture(env: TableEnv, height: int = 270, width: int = 480) -> np.ndarray:
+    """The whole scene as a visitor sees it, who stands to the robot's right `[height, width, 3]` uint8.
+
+    Raises:
+        RuntimeError: no OpenGL on this machine; the message says what to install.
+        ValueError: a picture larger than `scene.picture_size`.
+    """
+    visitor = mujoco.MjvCamera()
+    visitor.azimuth, visitor.elevation, visitor.distance = 122, -20, 2.9
+    visitor.lookat[:] = (env.furniture.rack_place + env.furniture.near + env.furniture.depth / 2) / 2, 0, 0.72
+    return env.camera_picture(height, width, view=visitor)
+
+
 @dataclass(frozen=True)
 class Spread:
     """How well a cloth lies on the table.

@@ -9,7 +9,7 @@ import pytest
 from clothlab.cloth import get_cloth, point_names, springs
 from clothlab.env import CONTROL_PERIOD, ClothEnv
 from clothlab.furniture import Furniture
-from clothlab.table import GraspError, TableEnv, placement, spread
+from clothlab.table import GraspError, TableEnv, placement, room_picture, spread
 from clothlab.trials import RandomPolicy, rollout
 
 CLOTH, FURNITURE = get_cloth("hard-1"), Furniture()
@@ -349,3 +349,19 @@ def test_the_basket_hangs_upright_from_its_handle(table):
         table.advance(table.command)
     assert np.linalg.norm(table.data.site("basket").xpos - table.hand) < 0.002
     assert placement(table).tilt < 5.0
+
+
+def test_a_visitor_sees_more_of_the_scene_than_the_robot(table):
+    def parts(picture):
+        """Share of the pixels that are cloth, and that are basket."""
+        red, green, blue = picture.astype(int).reshape(-1, 3).T
+        return np.mean(red - np.maximum(green, blue) > 60), np.mean(np.minimum(red, green) - blue > 60)
+
+    picture = room_picture(table, 90, 160)
+    assert picture.shape == (90, 160, 3)
+    cloth, basket = parts(picture)
+    assert 0.005 < cloth < 0.1
+    assert 0.0005 < basket < 0.05
+    robots = table.camera_picture(90, 120)
+    assert parts(robots)[1] < 0.0005, "the cloth hides the basket from the robot"
+    assert np.array_equal(robots, table.camera_picture(90, 120)), "the robot's camera is where it was"
