@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
+from scipy.stats import binomtest
 from sklearn.decomposition import PCA
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
@@ -219,6 +220,28 @@ def half_widths_from_zero(differences: ArrayLike) -> float:
     """Mean of paired differences `[K, N]` over half the width of its interval: near or within one, perhaps none."""
     mean, low, high = difference_interval(differences)
     return 2 * mean / (high - low)
+
+
+def rate_interval(held: ArrayLike, *, confidence: float = 0.95) -> tuple[float, float, float]:
+    """Part of some episodes in which something held, and Wilson's interval, which is no point where all or none did.
+
+    Args:
+        held: in which of them `[N]`, bool.
+        confidence: of the interval.
+
+    Returns:
+        The part, lower and upper end, 0 to 1.
+
+    Raises:
+        ValueError: not a single episode.
+    """
+    values = check_array("held", held, ("N",), bool)
+    if not len(values):
+        raise ValueError("held is empty: a rate needs an episode at least")
+    check_number("confidence", confidence, above=0, at_most=1)
+    found = binomtest(int(values.sum()), len(values))
+    low, high = found.proportion_ci(confidence, method="wilson")
+    return float(found.statistic), float(low), float(high)
 
 
 def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:

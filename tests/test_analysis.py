@@ -17,6 +17,7 @@ from clothlab.analysis import (
     loss_landscape,
     nearest_material,
     principal_axes,
+    rate_interval,
     spread,
     success_rate,
     target_distance,
@@ -183,6 +184,24 @@ def test_equal_differences_have_no_interval_to_speak_of():
     assert difference_interval(np.full((5, 4), 0.2)) == pytest.approx((0.2, 0.2, 0.2))
     with pytest.raises(ValueError, match="differences is"):
         difference_interval([0.1, 0.2])
+
+
+def test_a_rate_has_an_interval_that_holds_the_true_one():
+    rng = np.random.default_rng(0)
+    for truth in (0.1, 0.5, 0.9):
+        intervals = [rate_interval(rng.random(50) < truth) for _ in range(400)]
+        inside = np.mean([low <= truth <= high for _, low, high in intervals])
+        assert 0.9 < inside < 0.99
+    assert rate_interval([True, False, False, False])[0] == 0.25
+
+
+def test_a_rate_of_all_or_none_is_not_sure():
+    rate, low, high = rate_interval(np.ones(50, bool))
+    assert (rate, high) == pytest.approx((1.0, 1.0))
+    assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)  # Wilson's, solved for all of fifty
+    assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)
+    with pytest.raises(ValueError, match="held"):
+        rate_interval([])
 
 
 def test_what_learns_is_judged_by_its_last_ten_periods():
