@@ -36,8 +36,8 @@ class PointCloud:
         """Return the number of points N."""
         return len(self.points)
 
-    def __getitem__(self, which: np.ndarray) -> "PointCloud":
-        """Return some of the points, chosen by a mask or by their numbers."""
+    def __getitem__(self, which: np.ndarray | slice) -> "PointCloud":
+        """Return some of the points, chosen by a mask, by their numbers, or a slice of them."""
         return PointCloud(self.points[which], self.colours[which], self.inside[which], self.camera)
 
 

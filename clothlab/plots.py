@@ -7,16 +7,19 @@ import io
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import cv2
 import imageio_ffmpeg
 import mediapy
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import binom
 
 from clothlab.analysis import Landscape, principal_axes
 from clothlab.arm import Arm, MuscleArm
 from clothlab.cloth import DAMPINGS, Cloth
 from clothlab.control import ControlSettings
+from clothlab.depth import PointCloud
 from clothlab.env import CONTROL_PERIOD
 from clothlab.information import check_information, principal_directions
 from clothlab.stiffness import static_posture
@@ -74,6 +77,13 @@ def show_video(pictures: Sequence[np.ndarray], fps: int = 25, width: int = 480) 
     mediapy.show_video(pictures, fps=fps, width=width, codec="h264")
 
 
+def captioned(picture: np.ndarray, text: str) -> np.ndarray:
+    """The picture `[h, w, 3]` uint8 with a line of text in its upper left corner, as high as a sixteenth of it."""
+    size = picture.shape[0] / 16 / 22  # OpenCV's capitals are 22 pixels high
+    place, thick = (round(12 * size) + 2, round(36 * size) + 2), max(1, round(2 * size))
+    return cv2.putText(picture.copy(), text, place, cv2.FONT_HERSHEY_SIMPLEX, size, (20, 20, 20), thick, cv2.LINE_AA)
+
+
 def loss_curves(curves: dict[str, Sequence[float]], ylabel: str) -> Figure:
     """Training losses over epochs, on a logarithmic scale.
 
@@ -90,19 +100,23 @@ def loss_curves(curves: dict[str, Sequence[float]], ylabel: str) -> Figure:
     return figure
 
 
-def image_grid(images: Sequence[np.ndarray], titles: Sequence[str] | None = None, columns: int = 6) -> Figure:
+def image_grid(
+    images: Sequence[np.ndarray], titles: Sequence[str] | None = None, columns: int = 6, width: float = 2.0
+) -> Figure:
     """Pictures or masks in rows.
 
     Args:
         images: each `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8.
         titles: one for each image.
         columns: images in a row.
+        width: of each [inch].
     """
     if not len(images):
         raise ValueError("there is no image to show")
     columns = min(columns, len(images))
     rows = -(-len(images) // columns)
-    figure, axes = new_axes(rows, columns, size=(2.0, 1.75 if titles is not None else 1.55))
+    high = width * max(image.shape[0] / image.shape[1] for image in images)
+    figure, axes = new_axes(rows, columns, size=(width, high + (0.25 if titles is not None else 0.05)))
     for ax in axes.flat:
         ax.axis("off")
     for k, (ax, image) in enumerate(zip(axes.flat, images, strict=False)):
@@ -329,12 +343,19 @@ def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float, enlarged:
     return figure
 
 
-def success_curves(cases: dict[str, dict[str, np.ndarray]], thresholds: np.ndarray) -> Figure:
+def success_curves(
+    cases: dict[str, dict[str, np.ndarray]],
+    thresholds: np.ndarray,
+    xlabel: str = "threshold [s.d. of z]",
+    ylabel: str = "rate of ‖z_ref - z‖ < threshold",
+) -> Figure:
     """Rate of steps below a threshold, mean and standard deviation over repeats, a panel for each case.
 
     Args:
         cases: `{case: {label: rates of each repeat [R, N]}}`.
-        thresholds: `[N]`, in standard deviations of z.
+        thresholds: `[N]`, in standard deviations of z; or whatever else success depends on.
+        xlabel: what they are.
+        ylabel: of what the rates are.
     """
     figure, axes = new_axes(1, len(cases), size=(3.3, 3.0), sharex=True, sharey=True)
     for ax, (case, curves) in zip(axes.flat, cases.items(), strict=True):
@@ -342,8 +363,8 @@ def success_curves(cases: dict[str, dict[str, np.ndarray]], thresholds: np.ndarr
             mean, deviation = np.mean(rates, axis=0), np.std(rates, axis=0)
             ax.plot(thresholds, mean, STYLES[k % 4], color=COLOURS[k % 7], label=label)
             ax.fill_between(thresholds, mean - deviation, mean + deviation, color=COLOURS[k % 7], alpha=0.2, lw=0)
-        ax.set(title=case, xlabel="threshold [s.d. of z]", ylim=(0, 1.02))
-    axes[0, 0].set_ylabel("rate of ‖z_ref - z‖ < threshold")
+        ax.set(title=case, xlabel=xlabel, ylim=(0, 1.02))
+    axes[0, 0].set_ylabel(ylabel)
     axes[0, 0].legend(fontsize=8)
     return figure
 
@@ -591,4 +612,62 @@ def race(
     axes[0, 0].set_ylabel("absolute error of the logarithm")
     shown = {label: line for ax in axes[0] for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=4)
+    return figure
+
+
+def cloud_views(cloud: PointCloud, marks: dict[str, np.ndarray] | None = None, most: int = 20_000) -> Figure:
+    """A cloud of points in its own colours, from the side and from above.
+
+    Args:
+        cloud: what a camera saw.
+        marks: what was found in it, drawn over it as lines `{label: points [N, 3] [m]}`.
+        most: of so many of its points.
+    """
+    some = cloud[:: max(1, -(-len(cloud) // most))]
+    low, high = some.points.min(axis=0) - 0.05, some.points.max(axis=0) + 0.05
+    margin = (np.max((high - low)[1:]) - (high - low)) / 2  # both views are equally high, so that x stands below x
+    figure, axes = new_axes(2, 1, size=(8.0, 0.6 + 7.2 * np.max((high - low)[1:]) / (high - low)[0]))
+    for ax, across in zip(axes[:, 0], (2, 1), strict=True):
+        nearest_last = np.argsort(-some.points[:, 1] if across == 2 else some.points[:, 2])
+        shown = some.points[nearest_last]
+        ax.scatter(shown[:, 0], shown[:, across], s=2, c=some.colours[nearest_last] / 255, edgecolor="none")
+        for k, (label, places) in enumerate((marks or {}).items()):
+            x, y = np.asarray(places)[:, [0, across]].T
+            ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], lw=2.5, marker="os^D"[k % 4], ms=5, label=label)
+        ends = low[across] - margin[across], high[across] + margin[across]
+        ax.set(xlim=(low[0], high[0]), ylim=ends, aspect="equal")
+    axes[0, 0].set(title="from the side", ylabel="height z [m]")
+    axes[1, 0].set(title="from above", ylabel="to the robot's left y [m]", xlabel="forward x [m]")
+    if marks:
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(marks))
+    return figure
+
+
+def repetitions(counts: dict[str, np.ndarray], repeats: int) -> Figure:
+    """How many of some throws worked so often again; dots: what equally good ones would have given, by chance alone.
+
+    Args:
+        counts: of the repetitions of each throw, those that worked `{foam: [throws]}`.
+        repeats: how often each was repeated.
+    """
+    figure, ((ax,),) = new_axes(size=(6.4, 3.2))
+    again, below, total = np.arange(repeats + 1), np.zeros(repeats + 1), np.concatenate(list(counts.values()))
+    for k, (label, values) in enumerate(counts.items()):
+        bar = np.bincount(values, minlength=repeats + 1)
+        ax.bar(
+            again,
+            bar,
+            0.7,
+            below,
+            color=COLOURS[k % 7],
+            edgecolor="white",
+            hatch=("", "//", "..", "xx")[k % 4],
+            label=label,
+        )
+        below += bar
+    expected = len(total) * binom.pmf(again, repeats, total.mean() / repeats)
+    ax.plot(again, expected, "o--", color="black", label="if all were equally good")
+    ax.set(xlabel=f"worked again, of {repeats} repetitions", ylabel="throws", xticks=again)
+    ax.yaxis.get_major_locator().set_params(integer=True)
+    figure.legend(loc="outside right upper", fontsize=9)
     return figure

@@ -9,6 +9,7 @@ from clothlab import plots
 from clothlab.analysis import Landscape, principal_axes
 from clothlab.arm import MuscleArm, TorqueArm
 from clothlab.cloth import CLOTHS, FOAMS
+from clothlab.depth import PointCloud
 
 RNG = np.random.default_rng(0)
 BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
@@ -16,6 +17,7 @@ LANDSCAPE = Landscape(principal_axes(BIASES), np.linspace(-2, 2, 5), np.linspace
 PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
 RACE = {name: {who: RNG.random((4, 2)) for who in ("p", "sysid")} for name in ("C_damp", "C_mass", "C_damp / C_mass")}
+CLOUD = PointCloud(RNG.random((50, 3)), RNG.integers(0, 255, (50, 3)), np.ones(50, bool), np.zeros(3))
 
 
 class Grown:
@@ -66,6 +68,12 @@ FIGURES = {
     ),
     "information": lambda: plots.information_ellipses({"z": np.diag([4.0, 1.0]), "mask": np.diag([9.0, 0.0])}),
     "race": lambda: plots.race(RACE, np.array([5.0, 10.0]), {"bound": {"C_damp": np.array([0.02, 0.01])}}),
+    "cloud": lambda: plots.cloud_views(CLOUD, {"edge": RNG.random((2, 3)), "bar": RNG.random((2, 3))}, most=20),
+    "unmarked cloud": lambda: plots.cloud_views(CLOUD),
+    "repetitions": lambda: plots.repetitions({"soft-1": np.array([4, 4, 0]), "hard-1": np.array([3])}, 4),
+    "successes over places": lambda: plots.success_curves(
+        {"soft-1": {"slow": RNG.random((1, 3)), "thrown": RNG.random((1, 3))}}, np.arange(3.0), "place [m]", "rate"
+    ),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
 }
 
@@ -191,3 +199,40 @@ def test_a_race_shows_the_median_run_and_a_bound_where_there_is_one():
     assert [line.get_label() for line in second.lines] == ["p", "bound"]
     assert first.get_yscale() == "log"
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {"p", "bound"}
+
+
+def test_a_cloud_keeps_its_colours_and_is_seen_from_two_sides():
+    side, above = plots.cloud_views(CLOUD, {"edge": np.array([[0.1, 0.2, 0.3], [0.1, 0.9, 0.3]])}).axes
+    assert len(side.collections[0].get_offsets()) == 50
+    assert side.lines[0].get_xydata() == pytest.approx(np.array([[0.1, 0.3], [0.1, 0.3]]))
+    assert above.lines[0].get_xydata() == pytest.approx(np.array([[0.1, 0.2], [0.1, 0.9]]))
+    lowest = np.argmin(CLOUD.points[:, 2])
+    assert np.asarray(above.collections[0].get_offsets())[0] == pytest.approx(CLOUD.points[lowest, :2]), (
+        "what is higher hides it"
+    )
+    assert above.collections[0].get_facecolor()[0, :3] == pytest.approx(CLOUD.colours[lowest] / 255)
+    assert len(plots.cloud_views(CLOUD, most=20).axes[0].collections[0].get_offsets()) <= 20
+
+
+def test_repetitions_stand_beside_what_chance_alone_would_give():
+    (ax,) = plots.repetitions({"a": np.array([2, 2, 0]), "b": np.array([1])}, 2).axes
+    assert [bar.get_height() for bar in ax.patches] == [1, 0, 2, 0, 1, 0]
+    share = 5 / 8
+    assert ax.lines[0].get_ydata() == pytest.approx(4 * np.array([(1 - share) ** 2, 2 * share * (1 - share), share**2]))
+
+
+def test_a_caption_is_written_into_a_copy():
+    picture = np.full((320, 480, 3), 255, np.uint8)
+    told = plots.captioned(picture, "LOOK")
+    assert picture.min() == 255
+    rows, columns = np.nonzero(told.min(axis=2) < 128)
+    assert rows.max() < 40
+    assert columns.max() < 120
+    assert rows.max() - rows.min() == pytest.approx(320 / 16, abs=2)
+
+
+def test_pictures_have_the_width_that_was_asked_for():
+    assert plots.image_grid([np.zeros((3, 4, 3), np.uint8)] * 2, width=4.0).get_size_inches() == pytest.approx(
+        [8, 3.05]
+    )
+    assert plots.image_grid(MASKS, ["a", "b", "c"]).get_size_inches() == pytest.approx([6, 1.75])
