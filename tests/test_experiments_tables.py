@@ -7,7 +7,7 @@ import pytest
 
 import clothlab
 from clothlab import artifacts, experiments
-from clothlab.experiments import practice, tables
+from clothlab.experiments import practice, table_setting, tables
 from clothlab.experiments.tables import row
 
 README = Path(clothlab.__file__).parents[1] / "README.md"
@@ -69,3 +69,26 @@ def test_methods_that_ran_side_by_side_have_a_row_with_an_interval():
     assert chance.here == "-0.45 (-0.50 to -0.40)"
     assert stiffness.here == "-0.20 (-0.25 to -0.15)"
     assert (speed.here, speed.paper) == ("50.00 % (50 to 50 %)", "+12 %")
+
+
+def test_a_table_that_was_set_has_its_rates_and_the_difference_to_the_rival():
+    def made(method, seed, spread, placed, foam="hard-1"):
+        lies = {"flat": 1.0, "area": 1.0, "angle": 0.0, "tilt": 1.0, "off_centre": 0.01, "dragged": 0.001}
+        noted = {"foam": foam, "bias": np.zeros(2), "expected": np.ones(1), "before_release": np.ones(1), "steps": 200}
+        failed = "" if spread else "look"
+        found = {"failed": failed, "cause": "", "grasped": True, "seen": spread, "spread": spread, "placed": placed}
+        return table_setting.Run(method=method, model=0, seed=seed, **found, **lies, **noted)
+
+    dynamic = [made("dynamic", k, k != 0, k > 1, "hard-1" if k else "soft-1") for k in range(4)]
+    slow = [made("slow", k, k > 1, k > 1) for k in range(4)]
+    settings = table_setting.Settings(models=(0,), episodes=4, methods=("dynamic", "slow"))
+    rows = tables.table("table", {"table_setting": table_setting.Record(settings, (*dynamic, *slow), ())})
+    here = [each.here.split(" (")[0] for each in rows]
+    assert here == ["100.00 %", "75.00 %", "66.67 %", "50.00 %", "50.00 %", "25.00 %", "75.00 %"]
+    assert [each.held for each in rows] == [True, False, False, False, None, None, True]
+    assert rows[2].what.endswith("of 3"), "a basket counts only where the cloth lies spread"
+    assert "to" in rows[5].here.partition("(")[2]
+
+
+def test_a_table_that_nobody_set_has_no_rows():
+    assert tables.table("table", {}) == []

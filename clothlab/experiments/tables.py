@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.analysis import difference_interval, median_best
+from clothlab.analysis import difference_interval, median_best, rate_interval
 from clothlab.env import CONTROL_PERIOD
 from clothlab.experiments import (
     cameras,
@@ -21,6 +21,7 @@ from clothlab.experiments import (
     race,
     self_organisation,
     stiffness,
+    table_setting,
     uncertainty,
 )
 from clothlab.experiments._record import PAPER
@@ -396,7 +397,41 @@ def _cameras(record: cameras.Record) -> list[Row]:
     return rows
 
 
-TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practised, "known": known}
+def table_set(records: dict[str, Any]) -> list[Row]:
+    """Rows of notebook 13, setting the table, if it has a record."""
+    return _table_setting(records["table_setting"]) if "table_setting" in records else []
+
+
+def _table_setting(record: table_setting.Record) -> list[Row]:
+    dynamic, slow = table_setting.DYNAMIC, table_setting.SLOW_HAND
+    phases = {
+        "cloth grasped": ("grasped", "", "in one run", 96),
+        "cloth spread by a throw": ("spread", "", "in one run", 80),
+        "basket placed, given a spread cloth": ("placed", "spread", "in one run", 90),
+        "the whole run": ("success", "", "in one run", 70),
+    }
+    rows = []
+    for what, (held, given, paper, least) in phases.items():
+        runs = [run for run in record.select(dynamic) if not given or getattr(run, given)]
+        rows.append(_rate(f"{what}, of {len(runs)}", paper, [getattr(run, held) for run in runs], least))
+    for method in record.settings.methods:
+        if method != dynamic:
+            runs = record.select(method)
+            rows.append(_rate(f"cloth spread, {method}, of {len(runs)}", "–", [run.spread for run in runs]))
+    mean, low, high = (100 * each for each in record.difference(dynamic, slow))
+    what = "cloth spread: by a throw minus slowly (95 %)"
+    rows.append(row(what, "–", mean, unit=" %", spread=f" ({low:.0f} to {high:.0f} %)"))
+    right = [run.foam == record.settings.foam for run in record.select(dynamic) if run.foam]
+    what = f"p after the first swing, {record.settings.foam}: nearest of four foams is the right one, of {len(right)}"
+    return [*rows, _rate(what, "–", right, 75)]
+
+
+def _rate(what: str, paper: str, held: list[bool], at_least: float | None = None) -> Row:
+    rate, low, high = (100 * each for each in rate_interval(held))
+    return row(what, paper, rate, at_least=at_least, unit=" %", spread=f" ({low:.0f} to {high:.0f} %)")
+
+
+TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practised, "known": known, "table": table_set}
 
 
 def table(name: str, records: dict[str, Any]) -> list[Row]:
