@@ -517,6 +517,62 @@ SLIPS = {
         ),
         ("np.mean(", "np.sum(", "the regions hold"),
     ],
+    "point_of_pixel": [
+        ("column + 0.5", "column", "that is"),
+        (
+            "body",
+            "h, w = size; f = h / 2 / np.tan(np.deg2rad(fovy) / 2)\n"
+            "return depth * np.array([(column - w / 2) / f, (h / 2 - row) / f, -1])",
+            "half a pixel",
+        ),
+        ("(height / 2 - row - 0.5)", "(row + 0.5 - height / 2)", "rows count downwards"),
+        ("-1.0]", "1.0]", "minus z axis"),
+        ("depth * np.array([right, up, -1.0])", "np.array([right, up, -depth])", "grow with the depth"),
+        ("return", "depth * np.array([right, up, -1.0]) / np.linalg.norm([right, up, 1.0])", "not along the ray"),
+        ("focal = height", "focal = width", "not its width"),
+        ("np.deg2rad(fovy) / 2", "np.deg2rad(fovy)", "half of fovy"),
+        ("focal = height / 2 /", "focal = height /", "not all of it"),
+        ("np.deg2rad(fovy) / 2", "fovy / 2", "takes radians"),
+        ("return", "depth", "a point: right, up, backward"),
+        ("up = (height / 2 - row - 0.5) / focal", "up = 0.0", "that is"),
+    ],
+    "plane_of_most": [
+        (
+            "body",
+            "columns = np.column_stack([points[:, :2], np.ones(len(points))])\n"
+            "return np.linalg.lstsq(columns, points[:, 2], rcond=None)[0]",
+            "pulled up by what stands",
+        ),
+        ("return", "np.array([0.0, 0.0, np.median(points[:, 2])])", "a median height is no plane"),
+        ("return", "np.append(fit.estimator_.coef_[::-1], fit.estimator_.intercept_)", "the other way round"),
+        ("return", "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)", "first the slopes"),
+        ("return", "fit.estimator_.coef_", "a, b and c"),
+        ("return", "np.array([0.0, 0.0, points[:, 2].min()])", "something else"),
+    ],
+    "choose_grasp": [
+        ("apart[:, [0, 2]], axis=1", "apart[:, [2]], axis=1", "differ less ahead and up is better"),
+        ("apart[:, [0, 2]], axis=1", "apart[:, [0]], axis=1", "count alike"),
+        (
+            "np.linalg.norm(apart[:, [0, 2]], axis=1)",
+            "np.abs(apart[:, [0, 2]]).sum(axis=1)",
+            "root of the sum of both squares",
+        ),
+        ("np.linalg.norm(apart[:, [0, 2]], axis=1)", "np.abs(apart[:, [0, 2]]).max(axis=1)", "the larger of the two"),
+        ("np.linalg.norm(apart[:, [0, 2]], axis=1)", "np.linalg.norm(apart, axis=1)", "how wide the edge is"),
+        ("axis=1) / 2", "axis=1)", "by half of what"),
+        (" if off.min() <= reach else None", "", "return None"),
+        ("<= reach", "<= 0.03", "use `reach`"),
+        ("return", "off", "the number of an edge, or None"),
+    ],
+    "way_left": [
+        ("max(0.0, near + length - ahead)", "near + length - ahead", "not negative"),
+        ("base + np.sqrt", "np.sqrt", "goes ahead with the base"),
+        ("np.sqrt(reach**2 - (length - shoulder) ** 2)", "reach", "reaches less far"),
+        ("near + length - ahead", "near - ahead", "a cloth's length beyond"),
+        ("(length - shoulder) ** 2", "length**2", "not above the shoulder"),
+        ("return", "ahead", "how far is it from there"),
+        ("base + np.sqrt", "0.5 * base + np.sqrt", "are left"),
+    ],
     "momentum_step": [
         ("momentum * v + gradient", "momentum * v + rate * gradient", "v collects the gradients as they are"),
         (
@@ -1232,7 +1288,7 @@ def test_whenever_a_policy_goes_wrong_it_is_refused_in_a_sentence(name, calls):
             getattr(checks, name)(lambda *args, **kw: turning(solution(*args, **kw), calls, then))  # noqa: B023
 
 
-@pytest.mark.parametrize("name", sorted(set(EXERCISES) - {"half_time", "steps_until_right"}))
+@pytest.mark.parametrize("name", sorted(set(EXERCISES) - {"choose_grasp", "half_time", "steps_until_right"}))
 def test_a_stub_is_told_that_it_returned_none(name):
     with pytest.raises(checks.CheckFailed, match=f"{name} returned None: return"):
         getattr(checks, name)(define(name, EXERCISES[name][1]))

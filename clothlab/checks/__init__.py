@@ -18,6 +18,7 @@ from clothlab.checks.predictive_model import extrapolate, influence, lstm_weight
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
+from clothlab.checks.table_setting import choose_grasp, plane_of_most, point_of_pixel, way_left
 from clothlab.checks.variable_stiffness import (
     compliance,
     length_for_measured_tension,
@@ -33,6 +34,7 @@ __all__ = [
     "best_moment",
     "chamfer_by_hand",
     "chance",
+    "choose_grasp",
     "compliance",
     "count_springs",
     "curvature",
@@ -56,6 +58,8 @@ __all__ = [
     "one_outcome",
     "pair_stiffness",
     "place",
+    "plane_of_most",
+    "point_of_pixel",
     "practise_then_perform",
     "price_of_the_other",
     "random_shooting",
@@ -72,4 +76,5 @@ __all__ = [
     "touching",
     "transitions",
     "wave",
+    "way_left",
 ]
