@@ -288,11 +288,7 @@ class ClothEnv(gymnasium.Env):
     ) -> np.ndarray:
         """What the camera sees, `[height, width, 3]` uint8; or how far away that is, `[height, width]` float32 [m].
 
-        Args:
-            height: of the picture [pixel].
-            width: of the picture [pixel].
-            depth: which of the two.
-            view: the robot's camera, or one that is placed for this picture.
+        A `view` is the name of a camera of the scene, or one that is placed for this picture.
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
