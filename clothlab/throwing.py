@@ -28,6 +28,7 @@ from clothlab.table import TableEnv
 from clothlab.trials import Policy, RandomPolicy, Trial, Wrapper
 from clothlab.vision import check_mask
 
+SWING = 0  # seed of the motion that gets to know a cloth
 SPREAD = ", spread"  # what the operator writes behind a trial's policy when the cloth lies as it should
 
 
@@ -93,7 +94,10 @@ def _hand(arm: Arm | str) -> Arm:
 
 
 class Swing(Wrapper):
-    """Random commands with the hand closed: what tells most of the cloth in it.
+    """A few seconds of lively motion with the hand closed, the same each time, by which a robot gets to know its cloth.
+
+    Of a motion that it has made with all its cloths a model tells them apart; of another one, as random, in half of the
+    cases.
 
     Args:
         arm: gives the range of the commands; its hand opens on command.
@@ -106,13 +110,16 @@ class Swing(Wrapper):
         self.arm = _hand(arm)
         super().__init__(RandomPolicy(self.arm))
 
+    def reset(self, seed: int = 0) -> None:
+        super().reset(SWING)
+
     def __call__(self, observation: Observation) -> np.ndarray:
         u = super().__call__(observation)
         u[self.arm.closed_command] = 1.0
         return u
 
 
-class RandomThrow(Swing):
+class RandomThrow(Wrapper):
     """Uniform random commands, and a hand that opens at a random time: perhaps after the end of the trial.
 
     Args:
@@ -124,8 +131,8 @@ class RandomThrow(Swing):
     """
 
     def __init__(self, arm: Arm | str, *, latest: int = 24):
-        self.latest = check_number("latest", latest, int, at_least=1)
-        super().__init__(arm)
+        self.arm, self.latest = _hand(arm), check_number("latest", latest, int, at_least=1)
+        super().__init__(RandomPolicy(self.arm))
 
     def reset(self, seed: int = 0) -> None:
         super().reset(seed)
@@ -211,7 +218,7 @@ class ThrowSettings(Checked):
 
     steps: int = setting(16, "step", at_least=2)  # of a plan: swing, release, and until the cloth lies
     release: tuple[float, float] = setting((2.0, 12.0), "period", at_least=0)  # earliest and latest
-    # Random commands before the first attempt: what a throw shows on its way up is too little to tell foams apart.
+    # Of the motion before the first attempt: what a throw shows on its way up is too little to tell foams apart.
     shaken: int = setting(20, "step", at_least=1)
     attempts: int = setting(3, at_least=1)  # from the last of them the cloth is let go in any case
     # Where the cloth must be expected to be let go before the last attempt: so near were all recorded throws that

@@ -71,7 +71,7 @@ def record():
     dynamic = [run("dynamic", k % 2, k, right if k else wrong, **(nothing if k == 3 else {})) for k in range(4)]
     slow = [run("slow", k % 2, k, **(nothing if k > 1 else {})) for k in range(4)]
     slow[0] = run("slow", 0, 0, stands=Placement(9.0, 0.01, True))
-    return Record(Settings(models=(0, 1), episodes=4), (*dynamic, *slow), ())
+    return Record(Settings(models=(0, 1), episodes=4), (*dynamic, *slow), (), ())
 
 
 def test_rates_are_of_a_method_s_episodes(record):
@@ -79,7 +79,6 @@ def test_rates_are_of_a_method_s_episodes(record):
     assert record.rate("spread", "slow") == 0.5
     assert record.rate("placed", "slow", given="spread") == 0.5
     assert record.rate("success", "slow") == 0.25
-    assert record.p_rate() == 0.75
     assert np.isnan(record.rate("spread", "best recorded"))
 
 
@@ -101,12 +100,13 @@ def test_what_the_robot_took_for_spread_is_a_failure_too():
     mistaken = run("slow", 0, 0, spread=Spread(1.0, 1.0, 180.0, np.zeros(3)))
     assert mistaken.seen
     assert not mistaken.spread
-    assert Record(SETTINGS, (mistaken,), ()).failures("slow") == {("look", "taken for spread"): 1}
+    assert Record(SETTINGS, (mistaken,), (), ()).failures("slow") == {("look", "taken for spread"): 1}
 
 
 def test_records_survive_being_stored(record):
     border = Border("hard-1", 0.3, np.array([True, False]), np.array([], bool))
-    full = Record(record.settings, record.runs, (border,))
+    guess = table_setting.Guess("hard-1", 0, 7, "soft-1", np.array([0.5, 0.25]))
+    full = Record(record.settings, record.runs, (guess,), (border,))
     again = converter.structure(converter.unstructure(full), Record)
     assert again.settings == full.settings
     assert again.rate("success") == full.rate("success")
@@ -144,6 +144,13 @@ def test_the_border_is_tried_with_every_margin_and_every_throw():
     assert away.thrown.tolist() == [False, False]  # nobody throws so far
 
 
+def test_a_foam_is_guessed_from_one_swing(learned):
+    guess = table_setting.run_guess(SETTINGS, "hard-3", 0, 5)
+    assert (guess.foam, guess.model, guess.seed) == ("hard-3", 0, 5)
+    assert guess.nearest in learned.biases
+    assert np.isfinite(guess.bias).all()
+
+
 def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
     done = []
 
@@ -152,6 +159,8 @@ def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
         return run(method, model, seed)
 
     monkeypatch.setattr(table_setting, "run_one", one)
+    guess = lambda settings, foam, model, seed: table_setting.Guess(foam, model, seed, foam, np.zeros(2))  # noqa: E731
+    monkeypatch.setattr(table_setting, "run_guess", guess)
     empty = Border("hard-1", 0.3, np.zeros(0, bool), np.zeros(0, bool))
     monkeypatch.setattr(table_setting, "run_border", lambda settings, foam, near: empty)
     monkeypatch.setattr(table_setting, "run_jobs", lambda function, jobs, **how: [function(*job) for job in jobs])
@@ -161,6 +170,7 @@ def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
     assert [each.seed for each in first.select("slow")] == [500_000, 500_001, 500_002, 500_003]
     assert first.rate("success") == again.rate("success") == 1
     assert isinstance(again.runs[0], Run)
+    assert len(again.guesses) == len({(each.foam, each.model, each.seed) for each in again.guesses}) == 4 * 2 * 5
 
 
 def test_settings_that_run_nothing_are_refused():

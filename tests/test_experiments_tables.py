@@ -82,7 +82,9 @@ def test_a_table_that_was_set_has_its_rates_and_the_difference_to_the_rival():
     dynamic = [made("dynamic", k, k != 0, k > 1, "hard-1" if k else "soft-1") for k in range(4)]
     slow = [made("slow", k, k > 1, k > 1) for k in range(4)]
     settings = table_setting.Settings(models=(0,), episodes=4, methods=("dynamic", "slow"))
-    rows = tables.table("table", {"table_setting": table_setting.Record(settings, (*dynamic, *slow), ())})
+    guesses = [table_setting.Guess("soft-1", 0, k, "soft-1" if k else "hard-1", np.zeros(2)) for k in range(4)]
+    record = table_setting.Record(settings, (*dynamic, *slow), tuple(guesses), ())
+    rows = tables.table("table", {"table_setting": record})
     here = [each.here.split(" (")[0] for each in rows]
     assert here == ["100.00 %", "75.00 %", "66.67 %", "50.00 %", "50.00 %", "25.00 %", "75.00 %"]
     assert [each.held for each in rows] == [True, False, False, False, None, None, True]

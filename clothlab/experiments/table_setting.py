@@ -22,14 +22,14 @@ from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.dpmpb import Sequences, to_sequences
 from clothlab.episode import Episode, Outcome, Spreader, throw
-from clothlab.estimation import EstimatingPolicy, NewtonEstimator
+from clothlab.estimation import EstimatingPolicy, NewtonEstimator, NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import run_jobs, trained
 from clothlab.furniture import Furniture
 from clothlab.reaching import Mover, ReachSettings, lay_slowly
 from clothlab.table import TableEnv, spread
-from clothlab.throwing import OperatorThrow, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
-from clothlab.trials import ReplayPolicy
+from clothlab.throwing import OperatorThrow, Swing, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
+from clothlab.trials import ReplayPolicy, rollout
 
 ARM, THROWS = "muscle-hand", "table-throws"
 FOLDER = Path("build") / "table_setting"  # where runs are kept, from the folder in which the experiment is run
@@ -53,6 +53,8 @@ class Settings(Checked):
     descent: int = setting(3, at_least=1)  # iterations, of the method that has one
     reach: ReachSettings = REACH
     throw: ThrowSettings = THROW
+    foams: tuple[str, ...] = setting(("soft-1", "soft-2", "hard-1", "hard-3"))  # that are told apart
+    guesses: int = setting(5, at_least=0)  # for each of them and each training
     # The border, in the hand from the start: how far the table's edge is ahead of the shoulder.
     border_foams: tuple[str, ...] = setting(("soft-1", "soft-2", "hard-1", "hard-3"))
     border: tuple[float, ...] = setting((0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50), "m", above=0)
@@ -127,6 +129,25 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
+class Guess:
+    """Which foam it is, after the first swing.
+
+    Attributes:
+        foam: in the hand.
+        model: seed of the training.
+        seed: how long and where it was held before.
+        nearest: the foam whose trained p is nearest to the estimate.
+        bias: the estimate.
+    """
+
+    foam: str
+    model: int
+    seed: int
+    nearest: str
+    bias: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Border:
     """What spreads a cloth on a table so far away.
 
@@ -150,11 +171,13 @@ class Record:
     Attributes:
         settings: of the experiment.
         runs: one for each method and episode.
+        guesses: some for each training and foam.
         border: one for each foam and place of the table.
     """
 
     settings: Settings
     runs: tuple[Run, ...]
+    guesses: tuple[Guess, ...]
     border: tuple[Border, ...]
 
     def select(self, method: str) -> list[Run]:
@@ -171,11 +194,6 @@ class Record:
         """
         runs = [run for run in self.select(method) if not given or getattr(run, given)]
         return float(np.mean([getattr(run, what) for run in runs])) if runs else float("nan")
-
-    def p_rate(self) -> float:
-        """Part of the dynamic episodes in which the p nearest to the estimate was the right one."""
-        runs = [run for run in self.select(DYNAMIC) if run.foam]
-        return float(np.mean([run.foam == self.settings.foam for run in runs])) if runs else float("nan")
 
     def difference(self, first: str, second: str, what: str = "spread") -> tuple[float, float, float]:
         """How much more often something holds with one method than with another: mean, 95 % interval."""
@@ -271,7 +289,7 @@ def best_recorded(settings: Settings, learned: Trained) -> np.ndarray:
     z_ref = encode(learned.autoencoder, target(settings.foam, settings.ahead))
     for run in good_throws(learned.name):
         if run.material == settings.foam:
-            away.setdefault(run.u.tobytes(), []).append(np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref))
+            away.setdefault(run.u.tobytes(), []).append(float(np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref)))
     return runs[min(away, key=lambda u: np.mean(away[u]))].u[:steps].astype(np.float64)
 
 
@@ -352,6 +370,15 @@ def as_run(method: str, model: int, seed: int, outcome: Outcome, notes: _Notes) 
     )
 
 
+def run_guess(settings: Settings, foam: str, model: int, seed: int) -> Guess:
+    """Swing a foam that starts in the hand, and estimate p."""
+    learned = trained(f"{settings.weights}-{model}")
+    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
+        trial = rollout(env, Swing(env.arm), settings.throw.shaken, seed=seed)
+    p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
+    return Guess(foam, model, seed, nearest_material(p, learned.biases), p.round(4))
+
+
 def run_border(settings: Settings, foam: str, near: float) -> Border:
     """Slow laying with each margin, and an operator's throws, with the table so far away: no model, no camera."""
     with closing(TableEnv(ARM, foam, start_in="hand", furniture=replace(Furniture(), near=near))) as env:
@@ -396,9 +423,11 @@ def run(
     episodes = [(models[k % len(models)], settings.first_seed + k) for k in range(settings.episodes)]
     todo = [(folder, settings, method, *each) for each, method in product(episodes, settings.methods)]
     runs = run_jobs(_kept_run, todo, workers=workers, progress=progress, what="episodes")
+    swung = product(settings.foams, models, range(settings.first_seed, settings.first_seed + settings.guesses))
+    guesses = run_jobs(run_guess, [(settings, *each) for each in swung], workers=workers, progress=progress, what="p")
     places = [(folder, settings, *each) for each in product(settings.border_foams, settings.border)]
     border = run_jobs(_kept_border, places, workers=workers, progress=progress, what="border")
-    return Record(settings, tuple(runs), tuple(border))
+    return Record(settings, tuple(runs), tuple(guesses), tuple(border))
 
 
 def _kept_run(folder: Path, settings: Settings, method: str, model: int, seed: int) -> Run:

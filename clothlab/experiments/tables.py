@@ -421,8 +421,8 @@ def _table_setting(record: table_setting.Record) -> list[Row]:
     mean, low, high = (100 * each for each in record.difference(dynamic, slow))
     what = "cloth spread: by a throw minus slowly (95 %)"
     rows.append(row(what, "–", mean, unit=" %", spread=f" ({low:.0f} to {high:.0f} %)"))
-    right = [run.foam == record.settings.foam for run in record.select(dynamic) if run.foam]
-    what = f"p after the first swing, {record.settings.foam}: nearest of four foams is the right one, of {len(right)}"
+    right = [guess.nearest == guess.foam for guess in record.guesses]
+    what = f"p after the first swing: nearest of {len(record.settings.foams)} foams is the right one, of {len(right)}"
     return [*rows, _rate(what, "–", right, 75)]
 
 
