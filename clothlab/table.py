@@ -202,7 +202,7 @@ class TableEnv(ClothEnv):
         mujoco.mj_forward(self.model, self.data)
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
-        """Begin an episode, as `ClothEnv.start` does; what begins in the hand waits longer: a soft arm sags for long."""
+        """Begin an episode, as `ClothEnv.start` does; what begins in the hand waits longer: a soft arm sags."""
         super().start(seed=seed, random_start=random_start)
         if self.start_in == "hand":
             self._simulate(round(self.np_random.uniform(*self.furniture.wait) / self.scene.time_step))

@@ -29,6 +29,7 @@ from clothlab.trials import Policy, RandomPolicy, Trial, Wrapper
 from clothlab.vision import check_mask
 
 SWING = 0  # seed of the motion that gets to know a cloth
+SWUNG = ((-0.8, -1.2), (-0.7, 0.0))  # [rad] lowest and highest angles of it
 SPREAD = ", spread"  # what the operator writes behind a trial's policy when the cloth lies as it should
 
 
@@ -93,29 +94,33 @@ def _hand(arm: Arm | str) -> Arm:
     return arm
 
 
-class Swing(Wrapper):
+class Swing(Policy):
     """A few seconds of lively motion with the hand closed, the same each time, by which a robot gets to know its cloth.
 
     Of a motion that it has made with all its cloths a model tells them apart; of another one, as random, in half of the
-    cases.
+    cases. The arm is held high, so that the cloth does not catch on the table.
 
     Args:
-        arm: gives the range of the commands; its hand opens on command.
+        arm: gives the range of the stiffness; its hand opens on command.
 
     Raises:
         ValueError: a hand that does not open on command.
     """
 
+    name = "swing"
+
     def __init__(self, arm: Arm | str):
         self.arm = _hand(arm)
-        super().__init__(RandomPolicy(self.arm))
+        self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        super().reset(SWING)
+        """Begin the motion anew; it has no other seed than its own."""
+        self._rng = np.random.default_rng(SWING)
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        u = super().__call__(observation)
-        u[self.arm.closed_command] = 1.0
+        u, stiffness = self.arm.home_command, self.arm.stiffness_command
+        u[self.arm.angle_command] = self._rng.uniform(*SWUNG)
+        u[stiffness] = self._rng.uniform(self.arm.command_lower[stiffness], self.arm.command_upper[stiffness])
         return u
 
 
@@ -218,13 +223,11 @@ class ThrowSettings(Checked):
 
     steps: int = setting(16, "step", at_least=2)  # of a plan: swing, release, and until the cloth lies
     release: tuple[float, float] = setting((2.0, 12.0), "period", at_least=0)  # earliest and latest
-    # Of the motion before the first attempt: what a throw shows on its way up is too little to tell foams apart.
-    shaken: int = setting(20, "step", at_least=1)
     attempts: int = setting(3, at_least=1)  # from the last of them the cloth is let go in any case
     # Where the cloth must be expected to be let go before the last attempt: so near were all recorded throws that
     # spread hard-1, judged when the hand opened, and few of the others.
     near: float = setting(1.1, "s.d. of z", above=0)
-    rest: int = setting(15, "step", at_least=1)  # for which the cloth hangs before an attempt until it is still
+    rest: int = setting(20, "step", at_least=1)  # for which the cloth hangs before an attempt until it is still
     starts: int = setting(4, at_least=1)  # best-looking recorded throws from which the descent begins
     # Of the descent. In development it found plans that promise more and then miss by more: the model is good enough to
     # choose among recorded throws, not to leave them.
@@ -261,11 +264,10 @@ class Attempt:
 class ThrowPolicy(Policy):
     """Throws a cloth so that a target image is realised when it has come to lie; the end alone counts.
 
-    First it shakes the cloth, so that whoever estimates p gets to know it. Each attempt chooses a plan, commands and a
-    release time: the best of recorded throws by the model's promise corrected as in `clothlab.practice`, improved by
-    the gradient. Just before the hand opens, what is to be expected is computed anew from what has been seen of the
-    swing. If that is too far from the target, the cloth is held, the arm goes back, and the difference teaches the next
-    attempt.
+    Each attempt waits until the cloth hangs still and chooses a plan, commands and a release time: the best of recorded
+    throws by the model's promise corrected as in `clothlab.practice`, improved by the gradient. Just before the hand
+    opens, what is to be expected is computed anew from what has been seen on the way. If that is too far from the
+    target, the cloth is held, the arm goes back, and the difference teaches the next attempt.
 
     Args:
         model: trained network of an arm whose hand opens on command.
@@ -306,7 +308,6 @@ class ThrowPolicy(Policy):
     ):
         self.arm, self.model, self.autoencoder = _hand(arm), model, autoencoder
         self.settings, self.practice = settings or ThrowSettings(), practice or PracticeSettings()
-        self._shake = Swing(self.arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
         if (model.state_size, model.command_size) != (self.layout.size, len(self.arm.command_names)):
             raise ValueError(f"the model is not one of the {self.arm.name} arm: load the weights of this arm")
@@ -325,7 +326,6 @@ class ThrowPolicy(Policy):
         self.trace: list[np.ndarray] = []
         self._held: list[tuple[Tensor, Tensor]] = []  # features of plans that were swung, and what they missed
         self._t, self._step, self.done = 0, 0, False
-        self._shake.reset(seed)
         self._resting = self.settings.rest
         self._plan: Tensor | None = None
         self._memory = self.model.initial_memory()
@@ -373,8 +373,6 @@ class ThrowPolicy(Policy):
     def __call__(self, observation: Observation) -> np.ndarray:
         s = torch.as_tensor(observe(self.autoencoder, observation))
         self._t += 1
-        if self._t <= self.settings.shaken:
-            return self._shake(observation)
         if self._resting:
             self._resting -= 1
             return self._home(closed=True)

@@ -21,8 +21,8 @@ from clothlab.throwing import ThrowSettings, closed_until, judged
 from clothlab.trials import Trial
 
 ARM = get_arm("muscle-hand")
-TINY = ThrowSettings(shaken=2, steps=4, release=(1.0, 3.0), attempts=2, rest=1, starts=1, iterations=0)
-SETTINGS = Settings(models=(0, 1), episodes=4, throw=TINY)
+TINY = ThrowSettings(steps=4, release=(1.0, 3.0), attempts=2, rest=1, starts=1, iterations=0)
+SETTINGS = Settings(models=(0, 1), episodes=4, throw=TINY, swing=12)
 GOOD = Spread(1.0, 1.0, 0.0, np.zeros(3))
 STANDS = Placement(1.0, 0.01, True)
 
@@ -125,7 +125,7 @@ def test_the_best_recorded_throw_is_one_of_this_foam_that_was_seen_to_succeed(le
 
 
 @pytest.mark.parametrize("method", ["dynamic", "descent"])
-def test_the_dynamic_methods_shake_estimate_and_let_go(learned, monkeypatch, method):
+def test_the_dynamic_methods_swing_estimate_and_let_go(learned, monkeypatch, method):
     monkeypatch.setattr(table_setting, "target", lambda foam, ahead: recorded("hard-1", 3).images[0])
     env = TableEnv("muscle-hand", start_in="hand")
     notes = table_setting.METHODS[method](SETTINGS, learned, Mover(env, samples=1))

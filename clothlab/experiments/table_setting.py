@@ -18,6 +18,7 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import difference_interval, nearest_material
+from clothlab.arm import Arm
 from clothlab.artifacts import Trained
 from clothlab.autoencoder import encode
 from clothlab.dpmpb import Sequences, to_sequences
@@ -50,6 +51,7 @@ class Settings(Checked):
     foam: str = setting("hard-1")  # in the hand
     ahead: float = setting(0.66, "m", above=0)  # of the target, so near that the basket can be put on its middle
     noise: float = setting(0.002, "m", at_least=0)  # of the depth image at 1 m
+    swing: int = setting(20, "step", at_least=12)  # of the motion that gets to know a cloth
     descent: int = setting(3, at_least=1)  # iterations, of the method that has one
     reach: ReachSettings = REACH
     throw: ThrowSettings = THROW
@@ -94,7 +96,7 @@ class Run:
         tilt: of the basket from upright [degree]; None where it was not fetched.
         off_centre: from the basket's middle to the cloth's [m]; likewise.
         dragged: way of the cloth meanwhile [m]; likewise.
-        foam: whose p is nearest to that estimated while the cloth was shaken; empty where it was not.
+        foam: whose p is nearest to that estimated in the first swing; empty where it was not.
         bias: that p; empty likewise.
         expected: distance to the target that was expected when each attempt began [s.d. of z]; empty likewise.
         before_release: the same before the hand would have opened; empty likewise.
@@ -251,19 +253,42 @@ def target(foam: str, ahead: float) -> np.ndarray:
         return laid_by_hand(env, ahead)
 
 
+def get_to_know(learned: Trained, mover: Mover, steps: int) -> np.ndarray:
+    """Swing the cloth in the hand for some control steps, and estimate its p, `[D_p]`."""
+    estimator = NewtonEstimator(learned.model, np.zeros(learned.model.bias_size))
+    policy = EstimatingPolicy(Swing(mover.env.arm), estimator, learned.autoencoder)
+    throw(mover, policy, steps)
+    return policy.trace[-1]
+
+
+def thrower(settings: Settings, learned: Trained, arm: Arm, bias: np.ndarray) -> ThrowPolicy:
+    """Throws the foam whose p is nearest to an estimate `[D_p]`, with an arm whose home is where the scene begins.
+
+    With the trained p, not the estimate: what the model misses in throws is known for that one.
+    """
+    foam, mask = nearest_material(bias, learned.biases), target(settings.foam, settings.ahead)
+    return ThrowPolicy(
+        learned.model,
+        learned.autoencoder,
+        arm,
+        mask,
+        learned.biases[foam],
+        good_throws(learned.name),
+        learned.biases,
+        settings.throw,
+    )
+
+
 def _dynamic(settings: Settings, learned: Trained, mover: Mover) -> _Notes:
-    """Shake the cloth to find p, then throw as the model says."""
-    arm, runs = mover.env.arm, good_throws(learned.name)
-    mask, start = target(settings.foam, settings.ahead), np.zeros(learned.model.bias_size)
-    thrower = ThrowPolicy(learned.model, learned.autoencoder, arm, mask, start, runs, learned.biases, settings.throw)
-    policy = EstimatingPolicy(thrower, NewtonEstimator(learned.model, start), learned.autoencoder)
-    throw(mover, policy, done=lambda: thrower.done)
-    bias = policy.trace[settings.throw.shaken - 1]
+    """Swing the cloth to find p, then throw as the model says."""
+    bias = get_to_know(learned, mover, settings.swing)
+    policy = thrower(settings, learned, mover.env.arm, bias)
+    throw(mover, policy, done=lambda: policy.done)
     return _Notes(
         nearest_material(bias, learned.biases),
         tuple(map(float, bias.round(4))),
-        tuple(round(each.expected, 4) for each in thrower.attempts),
-        tuple(round(each.before_release, 4) for each in thrower.attempts),
+        tuple(round(each.expected, 4) for each in policy.attempts),
+        tuple(round(each.before_release, 4) for each in policy.attempts),
     )
 
 
@@ -374,7 +399,7 @@ def run_guess(settings: Settings, foam: str, model: int, seed: int) -> Guess:
     """Swing a foam that starts in the hand, and estimate p."""
     learned = trained(f"{settings.weights}-{model}")
     with closing(TableEnv(ARM, foam, start_in="hand")) as env:
-        trial = rollout(env, Swing(env.arm), settings.throw.shaken, seed=seed)
+        trial = rollout(env, Swing(env.arm), settings.swing, seed=seed)
     p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
     return Guess(foam, model, seed, nearest_material(p, learned.biases), p.round(4))
 
@@ -438,6 +463,7 @@ def _kept_run(folder: Path, settings: Settings, method: str, model: int, seed: i
         "noise": settings.noise,
         "reach": asdict(settings.reach),
         "throw": asdict(settings.throw),
+        "swing": settings.swing,
         "descent": settings.descent,
     }
     return piece((method, model, seed), made_with, lambda: run_one(settings, method, model, seed), Run, folder)
