@@ -17,7 +17,7 @@ from clothlab.experiments.table_setting import Border, Record, Run, Settings, _N
 from clothlab.reaching import Mover
 from clothlab.recognition import SeenSpread
 from clothlab.table import Placement, Spread, TableEnv
-from clothlab.throwing import ThrowSettings, closed_until, judged
+from clothlab.throwing import OperatorThrow, ThrowSettings, closed_until, judged
 from clothlab.trials import Trial
 
 ARM = get_arm("muscle-hand")
@@ -104,7 +104,7 @@ def test_what_the_robot_took_for_spread_is_a_failure_too():
 
 
 def test_records_survive_being_stored(record):
-    border = Border("hard-1", 0.3, np.array([True, False]), np.array([], bool))
+    border = Border("hard-1", 0.3, np.array([[True], [False]]), *[np.array([True, False])] * 3)
     guess = table_setting.Guess("hard-1", 0, 7, "soft-1", np.array([0.5, 0.25]))
     full = Record(record.settings, record.runs, (guess,), (border,))
     again = converter.structure(converter.unstructure(full), Record)
@@ -112,7 +112,7 @@ def test_records_survive_being_stored(record):
     assert again.rate("success") == full.rate("success")
     assert again.runs[3].tilt is None
     assert again.runs[0].bias == pytest.approx([-0.5, 0.0])
-    assert again.border[0].slow.tolist() == [True, False]
+    assert again.border[0].slow.tolist() == [[True], [False]]
 
 
 def test_the_best_recorded_throw_is_one_of_this_foam_that_was_seen_to_succeed(learned, monkeypatch):
@@ -136,12 +136,42 @@ def test_the_dynamic_methods_swing_estimate_and_let_go(learned, monkeypatch, met
 
 
 def test_the_border_is_tried_with_every_margin_and_every_throw():
-    settings = Settings(models=(0,), episodes=1, margins=(0.17,), border_throws=2)
+    settings = Settings(models=(0,), episodes=1, margins=(0.17, 0.30), border_throws=2, choosing=1, judging=2)
     close, away = (run_border(settings, "hard-1", near) for near in (0.15, 0.8))
-    assert close.slow.tolist() == [True]
-    assert away.slow.tolist() == [False]
+    assert close.slow.tolist() == [[True], [False]]
+    assert close.best_slow.tolist() == [True, True]  # of the better margin
+    assert not away.slow.any()
+    assert not away.best_slow.any()
     assert close.thrown.shape == (2,)
     assert away.thrown.tolist() == [False, False]  # nobody throws so far
+    assert away.best_thrown.tolist() == [False, False]
+
+
+def test_a_throw_that_worked_is_judged_from_other_starts(monkeypatch):
+    tried = []
+
+    class Lucky(OperatorThrow):
+        def reset(self, seed=None):
+            super().reset(seed)
+            tried.extend([] if seed is None else [seed])
+
+    monkeypatch.setattr(table_setting, "OperatorThrow", Lucky)
+    first = 0  # of its throws, some work from the first start on a table so near
+    settings = Settings(
+        models=(0,), episodes=1, margins=(0.02,), border_throws=4, choosing=2, judging=3, first_seed=first
+    )
+    found = run_border(settings, "hard-3", 0.30)
+    worked = np.flatnonzero(found.thrown)
+    assert len(worked) > 0
+    assert found.best_thrown.shape == (3,)
+    assert tried[:4] == [first, first + 1, first + 2, first + 3]
+    assert tried[4 : 4 + 2 * len(worked)] == [first + number for number in worked for _ in range(2)]
+    assert len(set(tried[-3:])) == 1
+
+
+@pytest.mark.parametrize(("worked", "best"), [([0, 2, 1], 1), ([2, 2, 2, 0], 1), ([0, 0], 1), ([1], 0)])
+def test_of_the_best_the_middle_one_is_taken(worked, best):
+    assert table_setting.middle_of_best(np.array([[k > 0, k > 1] for k in worked])) == best
 
 
 def test_a_foam_is_guessed_from_one_swing(learned):
@@ -161,7 +191,7 @@ def test_everything_is_run_and_kept(learned, monkeypatch, tmp_path):
     monkeypatch.setattr(table_setting, "run_one", one)
     guess = lambda settings, foam, model, seed: table_setting.Guess(foam, model, seed, foam, np.zeros(2))  # noqa: E731
     monkeypatch.setattr(table_setting, "run_guess", guess)
-    empty = Border("hard-1", 0.3, np.zeros(0, bool), np.zeros(0, bool))
+    empty = Border("hard-1", 0.3, np.zeros((0, 0), bool), *[np.zeros(0, bool)] * 3)
     monkeypatch.setattr(table_setting, "run_border", lambda settings, foam, near: empty)
     monkeypatch.setattr(table_setting, "run_jobs", lambda function, jobs, **how: [function(*job) for job in jobs])
     first, again = (table_setting.run(SETTINGS, folder=tmp_path) for _ in range(2))

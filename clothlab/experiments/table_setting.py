@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from clothlab import artifacts
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import difference_interval, nearest_material
 from clothlab.arm import Arm
 from clothlab.artifacts import Trained
@@ -60,16 +60,15 @@ class Settings(Checked):
     # The border, in the hand from the start: how far the table's edge is ahead of the shoulder.
     border_foams: tuple[str, ...] = setting(("soft-1", "soft-2", "hard-1", "hard-3"))
     border: tuple[float, ...] = setting((0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50), "m", above=0)
-    margins: tuple[float, ...] = setting(
-        (0.09, 0.13, 0.15, 0.167, 0.187, 0.21, 0.25), "m", at_least=0
-    )  # of slow laying
-    border_throws: int = setting(80, at_least=0)  # of an operator who knows nothing of where the table is
+    margins: tuple[float, ...] = setting(tuple(round(0.09 + 0.005 * k, 3) for k in range(25)), "m", at_least=0)  # slow
+    border_throws: int = setting(200, at_least=1)  # of an operator who knows nothing of where the table is
+    choosing: int = setting(3, at_least=1)  # starts by which the best margin and the best throw are chosen,
+    judging: int = setting(20, at_least=1)  # and others by which they are judged
 
     def __post_init__(self) -> None:
         """Refuse unknown methods and what leaves nothing to run."""
         super().__post_init__()
-        for method in self.methods:
-            choose("method", method, METHODS)
+        choose_all("method", self.methods, METHODS)
         if not self.models or self.episodes % len(self.models):
             raise ValueError(
                 f"Settings.episodes must be a multiple of the {len(self.models)} models, got {self.episodes}"
@@ -156,14 +155,18 @@ class Border:
     Attributes:
         foam: in the hand.
         near: from the shoulder to the table's edge [m].
-        slow: whether slow laying did, with each of the margins `[margins]`, bool.
-        thrown: whether each of an operator's throws did `[border_throws]`, bool.
+        slow: from which of the first starts slow laying did, with each of the margins `[margins, choosing]`, bool.
+        thrown: whether each of an operator's throws did, from the very first start `[border_throws]`, bool.
+        best_slow: from which of the other starts the best of these margins did `[judging]`, bool.
+        best_thrown: the same of the best of these throws; nowhere if none worked.
     """
 
     foam: str
     near: float
     slow: np.ndarray
     thrown: np.ndarray
+    best_slow: np.ndarray
+    best_thrown: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,30 +408,47 @@ def run_guess(settings: Settings, foam: str, model: int, seed: int) -> Guess:
 
 
 def run_border(settings: Settings, foam: str, near: float) -> Border:
-    """Slow laying with each margin, and an operator's throws, with the table so far away: no model, no camera."""
+    """Slow laying and an operator's throws, each the best of many, with the table so far away: no model, no camera."""
     with closing(TableEnv(ARM, foam, start_in="hand", furniture=replace(Furniture(), near=near))) as env:
 
-        def succeeds(spread_it: Callable[[], None]) -> bool:
-            env.start(seed=settings.first_seed)
-            spread_it()
+        def spreads(attempt: Callable[[], None], start: int) -> bool:
+            env.start(seed=settings.first_seed + start)
+            attempt()
             u = env.arm.home_command
             u[env.arm.closed_command] = 0.0
             for _ in range(8):
                 env.advance(u)
             return spread(env.cloth, env.furniture, env.cloth_points()).success
 
-        def throws(seed: int) -> None:
+        def throws(number: int) -> None:
             operator = OperatorThrow(env.arm)
-            operator.reset(seed)
+            operator.reset(settings.first_seed + number)
             for _ in range(settings.throw.steps):
                 env.advance(operator({}))
 
         def lays(margin: float) -> None:
             lay_slowly(Mover(env, samples=1), margin=margin)
 
-        slow = [succeeds(partial(lays, margin)) for margin in settings.margins]
-        thrown = [succeeds(partial(throws, settings.first_seed + k)) for k in range(settings.border_throws)]
-    return Border(foam, near, np.array(slow, bool), np.array(thrown, bool))
+        def from_starts(attempt: Callable[[], None], starts: range) -> np.ndarray:
+            return np.array([spreads(attempt, start) for start in starts])
+
+        choosing = range(settings.choosing)
+        judging = range(settings.choosing, settings.choosing + settings.judging)
+        slow = np.array([from_starts(partial(lays, margin), choosing) for margin in settings.margins])
+        best_slow = from_starts(partial(lays, settings.margins[middle_of_best(slow)]), judging)
+        thrown = np.array([spreads(partial(throws, number), 0) for number in range(settings.border_throws)])
+        best_thrown = np.zeros(settings.judging, bool)
+        if thrown.any():
+            worked = np.flatnonzero(thrown)
+            again = np.array([from_starts(partial(throws, number), choosing) for number in worked])
+            best_thrown = from_starts(partial(throws, worked[middle_of_best(again)]), judging)
+    return Border(foam, near, slow, thrown, best_slow, best_thrown)
+
+
+def middle_of_best(worked: np.ndarray) -> int:
+    """Which one worked most often `[N, starts]`; of several, the middle one: its neighbours are good, too."""
+    (best,) = np.nonzero(worked.sum(axis=1) == worked.sum(axis=1).max())
+    return int(best[len(best) // 2])
 
 
 def run(
@@ -443,7 +463,6 @@ def run(
         folder: where each run is kept as soon as it is done; an interrupted experiment goes on from there.
     """
     settings, folder = settings or Settings(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     models = settings.models
     episodes = [(models[k % len(models)], settings.first_seed + k) for k in range(settings.episodes)]
     todo = [(folder, settings, method, *each) for each, method in product(episodes, settings.methods)]
@@ -473,6 +492,8 @@ def _kept_border(folder: Path, settings: Settings, foam: str, near: float) -> Bo
     made_with = {
         "margins": settings.margins,
         "throws": settings.border_throws,
+        "choosing": settings.choosing,
+        "judging": settings.judging,
         "steps": settings.throw.steps,
         "first_seed": settings.first_seed,
     }
