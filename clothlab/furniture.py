@@ -55,7 +55,7 @@ class Furniture(Checked):
     The arm, 0.6 m long with its shoulder 1 m above the floor, lays an edge on a table of this height 0.43 to 0.45 m
     ahead, and from there a cloth of 0.5 m covers the table's middle. Held up, the cloth touches the table with its far
     edge 0.59 m ahead at most, or 0.74 m with the base drawn up, 0.2 m before the table. The rest of the way it has to
-    be pushed, which a stiff one bears, or thrown. Where the border lies depends on `near`.
+    be pushed, which a cloth bears for some way, or thrown. Where the border lies depends on `near`.
     """
 
     near: float = setting(0.35, "m", above=0)  # the table's edge ahead of the shoulder

@@ -2,7 +2,7 @@
 
 The cloth is spread by the throw that the model chooses, that throw improved by the gradient, a slow hand, and the best
 recorded throw with this very cloth. All of them meet the same episodes, with the same rack and basket. And a study of
-the border: how far away the table may be until slow laying stops to work, and where throws still do.
+the border: how far away the table may be until slow laying stops working, and where throws still do.
 """
 
 from collections import Counter
