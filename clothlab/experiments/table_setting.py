@@ -439,7 +439,7 @@ def run_border(settings: Settings, foam: str, near: float) -> Border:
         thrown = np.array([spreads(partial(throws, number), 0) for number in range(settings.border_throws)])
         best_thrown = np.zeros(settings.judging, bool)
         if thrown.any():
-            worked = np.flatnonzero(thrown)
+            worked = np.flatnonzero(thrown).tolist()
             again = np.array([from_starts(partial(throws, number), choosing) for number in worked])
             best_thrown = from_starts(partial(throws, worked[middle_of_best(again)]), judging)
     return Border(foam, near, slow, thrown, best_slow, best_thrown)
