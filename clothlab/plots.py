@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import binom
 
+from clothlab.alt_text import describe
 from clothlab.analysis import Landscape, principal_axes
 from clothlab.arm import Arm, MuscleArm
 from clothlab.cloth import DAMPINGS, Cloth
@@ -47,10 +48,11 @@ class Curves(Protocol):
 class _Shown(Figure):
     """A figure that a notebook shows although pyplot, whose back end would show it, has never been used."""
 
-    def _repr_png_(self) -> bytes:
-        png = io.BytesIO()
+    def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
+        """The picture, and the figure in words as its metadata: web pages take `alt` from there."""
+        png, words = io.BytesIO(), describe(self)
         self.savefig(png, format="png")
-        return png.getvalue()
+        return png.getvalue(), {"alt": words.summary, "details": list(words.details)}
 
 
 def new_axes(

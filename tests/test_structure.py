@@ -32,6 +32,7 @@ LAYERS += [
     "episode",
     "information",
     "analysis",
+    "alt_text",
     "plots",
     "experiments",
     "lab",
