@@ -1,6 +1,7 @@
 """Controls for notebooks without a browser: they draw when they are moved, and say what goes wrong."""
 
 import asyncio
+import base64
 from threading import get_ident
 
 import matplotlib.pyplot as plt
@@ -141,3 +142,18 @@ def test_the_map_of_p_chooses_a_p(calls):
 
 def test_a_map_without_labels_has_names():
     assert [dot["label"] for dot in PBMap(BIASES).about["dots"]] == list(BIASES)
+
+
+def test_a_page_without_a_kernel_gets_a_picture_and_its_words(draw):
+    control = Control(draw, target=["target-1", "target-2"], period=(1, 12, 1))
+    data, metadata = control._repr_mimebundle_()
+    assert "application/vnd.jupyter.widget-view+json" in data  # JupyterLab shows the widget
+    assert base64.b64decode(data["image/png"]) == bytes(control.picture.value)
+    assert "from 0 at 0 to 8 at 1" in metadata["image/png"]["details"][0]
+    control.controls["period"].value = 3
+    assert "to 3 at 1" in control._repr_mimebundle_()[1]["image/png"]["details"][0]
+
+
+def test_a_picture_drawn_as_an_array_has_words_too():
+    control = Control(lambda x: np.zeros((4, 6, 3), np.uint8), x=(0, 1, 1))
+    assert control.still()[1].details == ("Colour picture of 6 by 4 pixels.",)

@@ -1,6 +1,7 @@
 """The panel without a browser: what its actions do to the session, and what it says when something is wrong."""
 
 import asyncio
+import base64
 import json
 import threading
 import time
@@ -397,3 +398,15 @@ def test_the_table_is_set_beside_the_session_until_the_panel_closes(panel, new_s
 
     monkeypatch.setattr(table, "play", play)
     asyncio.run(main())
+
+
+def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):
+    data, metadata = panel._repr_mimebundle_()
+    assert "application/vnd.jupyter.widget-view+json" in data
+    assert cv2.imdecode(np.frombuffer(base64.b64decode(data["image/png"]), np.uint8), 1) is not None
+    target = panel.session.target
+    words = metadata["image/png"]
+    assert words["alt"].endswith("the scene, 0.0 s, step 0; what the camera sees; the target")
+    assert f"White in {100 * target.mean():.0f} % of it" in words["details"][2]
+    send(panel, "step")
+    assert panel._repr_mimebundle_()[1]["image/png"]["details"][0].startswith("Panel 1, the scene, 0.2 s, step 1.")

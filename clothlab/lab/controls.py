@@ -18,8 +18,11 @@ import traitlets
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from clothlab.alt_text import AltText, describe
 from clothlab.lab.clock import Turns
 from clothlab.lab.views import Plane, encoded, javascript
+from clothlab.lab.widget import Widget
+from clothlab.plots import image_grid
 
 
 class PBMap(anywidget.AnyWidget):
@@ -63,7 +66,7 @@ class PBMap(anywidget.AnyWidget):
         self.chosen = self.plane.at(p)
 
 
-class Control(ipywidgets.VBox):
+class Control(Widget, ipywidgets.VBox):
     """Draws a figure anew whenever a control is moved, and once at the beginning.
 
     Args:
@@ -89,6 +92,7 @@ class Control(ipywidgets.VBox):
         **controls: Any,
     ):
         self._draw, self._turns, self.errors = draw, Turns(), list[str]()
+        self._words = AltText("No picture", ())
         starts = {name: each.default for name, each in inspect.signature(draw).parameters.items()}
         wide = {"style": {"description_width": "150px"}, "layout": {"width": "480px"}}
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
@@ -107,14 +111,9 @@ class Control(ipywidgets.VBox):
         super().__init__([*others, ipywidgets.HBox(self.buttons), ipywidgets.HBox([*maps, drawn])])
         self._redraw()
 
-    def check(self) -> None:
-        """Raise if drawing has failed, so that a notebook that ran through unseen errors does not pass.
-
-        Raises:
-            RuntimeError: with the traceback of the first error.
-        """
-        if self.errors:
-            raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")
+    def still(self) -> tuple[bytes, AltText]:
+        """What it shows now."""
+        return self.picture.value, self._words
 
     def _redraw(self, act: Callable[[], object] | None = None) -> None:
         self.message.value = "computing …"
@@ -125,6 +124,7 @@ class Control(ipywidgets.VBox):
                 **{name: each.p if isinstance(each, PBMap) else each.value for name, each in self.controls.items()}
             )
             self.picture.value = encoded(drawing)
+            self._words = describe(drawing if isinstance(drawing, Figure) else image_grid([drawing]))
             if isinstance(drawing, Figure):
                 plt.close(drawing)  # or the notebook would show it a second time
             self.message.value = ""

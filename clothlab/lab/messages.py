@@ -30,7 +30,7 @@ class Messages:
     def guarded(self, act: Callable[[], object]) -> bool:
         """Call `act`, and answer whether it went well.
 
-        A person's mistake becomes a message; a fault of ours does, too, and is kept for `check`.
+        A person's mistake becomes a message; a fault of ours does, too, and its traceback is kept.
         """
         try:
             act()
@@ -42,12 +42,3 @@ class Messages:
         else:
             return True
         return False
-
-    def check(self) -> None:
-        """Raise if there was a fault, so that a notebook that ran through unseen errors does not pass.
-
-        Raises:
-            RuntimeError: with the traceback of the first fault.
-        """
-        if self.errors:
-            raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")

@@ -10,6 +10,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
+from clothlab.alt_text import AltText
 from clothlab.env import CONTROL_PERIOD
 from clothlab.lab import views
 from clothlab.lab.clock import Clock, Turns
@@ -18,13 +19,14 @@ from clothlab.lab.messages import Messages
 from clothlab.lab.session import LiveSession, Moment
 from clothlab.lab.table import TableSection
 from clothlab.lab.targets import mask_from_file
+from clothlab.lab.widget import Widget
 from clothlab.vision import HEIGHT, WIDTH
 
 ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
 PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
 
 
-class LivePanel(anywidget.AnyWidget):
+class LivePanel(Widget, anywidget.AnyWidget):
     """Everything under one panel, in real time; an earlier panel of this kernel is closed.
 
     Args:
@@ -114,13 +116,9 @@ class LivePanel(anywidget.AnyWidget):
         self.session.close()
         super().close()
 
-    def check(self) -> None:
-        """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass.
-
-        Raises:
-            RuntimeError: with the traceback of the first fault.
-        """
-        self._messages.check()
+    def still(self) -> tuple[bytes, AltText]:
+        """The last frame that was sent, and the target."""
+        return views.still(self.frame, self.target)
 
     def _tick(self, behind: float) -> bool:
         """A step in time; False pauses, after an error or when nobody looks."""

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from clothlab import plots
+from clothlab.alt_text import AltText, describe
 from clothlab.analysis import principal_axes
 from clothlab.arm import JOINTS, MuscleArm
 from clothlab.cloth import CLOTHS, FOAMS, get_cloth
@@ -161,6 +162,16 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
         "trail": [the_plane.at(moment.p) for moment in history],
         "nearest": get_cloth(session.nearest).label,
     } | doubts(session, the_plane)
+
+
+def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, AltText]:
+    """A frame and the target as one picture, with words for it: nothing is drawn anew, so that any thread may ask."""
+    files = (np.frombuffer(frame[name], np.uint8) for name in ("scene", "seen"))
+    scene, seen = (np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR)) for file in files)
+    aim = np.frombuffer(target["image"], np.uint8).reshape(HEIGHT, WIDTH)
+    titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
+    figure = plots.image_grid([scene[..., ::-1], seen[..., 0] > 127, aim > 0], titles)
+    return encoded(figure), describe(figure)
 
 
 def doubts(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
