@@ -3,10 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
+BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results findings picture editions format doctor lock
+.PHONY: help lab check test browser chromium bench data train results findings picture editions book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -31,10 +32,13 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
 
-test: doctor chromium check  ## check, slow tests, every notebook from top to bottom, and the live lab in a browser
+test: doctor chromium check  ## check, slow tests, every notebook from top to bottom, the live lab and the site in a browser
 	$(BIN)/pytest -m slow
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
 	$(BIN)/pytest -m browser -s tests/browser
+	$(MAKE) book SMALL=1
+	$(MAKE) book SMALL=1 STUDENT=1
+	$(BIN)/pytest -m book tests/book
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python scripts/make_findings.py $(if $(RECORD),--record)
@@ -64,13 +68,25 @@ picture: $(STAMP)  ## draw the README's moving picture anew
 editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 	$(BIN)/python scripts/make_editions.py
 
-lock:  ## resolve environment.in anew and pin everything in environment.txt
+$(BOOK): $(STAMP) docs/requirements.txt
+	$(BIN)/pip install --quiet --requirement docs/requirements.txt
+	@touch $@
+
+book: $(BOOK)  ## the executed series as a web site in build/book; STUDENT=1 without solutions, SMALL=1 a quick run
+	$(BIN)/python scripts/make_book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
+
+lock:  ## resolve environment.in and docs/requirements.in anew, and pin everything in environment.txt and docs/requirements.txt
 	$(PYTHON) -m venv build/lock
 	build/lock/bin/pip install --quiet --upgrade pip
 	build/lock/bin/pip install --quiet --requirement environment.in
 	@{ echo "# Every package and its version, made from environment.in by \`make lock\`."; \
 		build/lock/bin/pip freeze --exclude pip --exclude setuptools | sed 's/+cpu$$//' | grep == ; echo "-e ."; } > build/environment.txt
+	build/lock/bin/pip install --quiet --requirement docs/requirements.in $$(sed '/^-e/d; /^#/d' build/environment.txt)
+	@{ echo "# What \`make book\` needs beside environment.txt, made from docs/requirements.in by \`make lock\`."; \
+		build/lock/bin/pip freeze --exclude pip --exclude setuptools | sed 's/+cpu$$//' | grep == | \
+		grep -vxFf build/environment.txt; } > build/requirements.txt
 	mv build/environment.txt environment.txt
+	mv build/requirements.txt docs/requirements.txt
 	rm -r build/lock
 
 format: $(STAMP)  ## format code and notebooks, strip notebook outputs

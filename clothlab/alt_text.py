@@ -165,17 +165,14 @@ def _value(axis: Axis, value: float) -> str:
 
 
 def _series(ax: Axes) -> list[str]:
-    """A phrase for each line and cloud of dots; what has no name is one more of those in its colour, or counted."""
-    named = _labelled(ax)
-    by_look = {_look(each): name for name, each in reversed(named)}
-    labels = _labels_of_dots(ax)
+    """A phrase for each line and cloud of dots; what has no name is one more of those that look like it, or counted."""
+    named, labels = _labelled(ax), _labels_of_dots(ax)
     known = [(name, each) for name, each in named if _points(each).size]
     unknown: list[tuple[str, Drawn]] = []
     for each in _drawn(ax):
         if any(each is one for _, one in named) or not _points(each).size:
             continue
-        label = labels.get(id(each))
-        name = plain(label.get_text()) if label is not None else by_look.get(_look(each), "")
+        name = plain(labels[id(each)].get_text()) if id(each) in labels else _name_by_look(each, named)
         (known if name else unknown).append((name or "without a name", each))
     if len(unknown) > MANY:
         places = np.concatenate([_points(each) for _, each in unknown])
@@ -183,12 +180,23 @@ def _series(ax: Axes) -> list[str]:
     return [f"{name}: {_numbers(ax, each)}" for name, each in (*known, *unknown)]
 
 
-def _look(each: Drawn) -> str:
-    """What tells lines and dots apart besides their shape: the colour."""
+def _name_by_look(each: Drawn, named: list[tuple[str, Drawn]]) -> str:
+    """The name of what a legend shows in the same colour, and in the same style where the colour leaves a choice."""
+    alike = [(name, one) for name, one in named if _colour(one) == _colour(each)]
+    styles = [name for name, one in alike if _style(one) == _style(each)]
+    found = list(dict.fromkeys([name for name, _ in alike] if len({name for name, _ in alike}) == 1 else styles))
+    return found[0] if len(found) == 1 else ""
+
+
+def _colour(each: Drawn) -> str:
     if isinstance(each, Line2D):
         return to_hex(each.get_color())
     colours = np.atleast_2d(np.asarray(each.get_facecolor(), float))
     return to_hex(tuple(colours[0][:3])) if colours.size else ""
+
+
+def _style(each: Drawn) -> str:
+    return f"{each.get_linestyle()} {each.get_marker()}" if isinstance(each, Line2D) else "dots"
 
 
 def _labels_of_dots(ax: Axes) -> dict[int, Annotation]:

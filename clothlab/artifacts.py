@@ -317,8 +317,8 @@ def check_data(data: Folder = None) -> dict[str, str]:
     """Compare every file in `data/` with its recorded hash.
 
     Returns:
-        `{file: "ok" | "missing" | LEFT_TO_MAKE | "altered" | "not recorded" | "damaged" | "left over"}`: damaged is the
-        list of hashes itself, left over is what an interrupted write did not remove.
+        `{file: verdict}`, each "ok", "missing", `LEFT_TO_MAKE`, "altered", "not recorded", "damaged" or "left over".
+        Damaged is the list of hashes itself, left over is what an interrupted write did not remove.
     """
     data = data_folder(data)
     recorded, damaged = _checksums(data)

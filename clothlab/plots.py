@@ -3,12 +3,14 @@
 Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines cross, their style differs too.
 """
 
+import html
 import io
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 import cv2
 import imageio_ffmpeg
+import IPython.display
 import mediapy
 import numpy as np
 from matplotlib.axes import Axes
@@ -67,16 +69,19 @@ def new_axes(
     return figure, axes
 
 
-def show_video(pictures: Sequence[np.ndarray], fps: int = 25, width: int = 480) -> None:
+def show_video(pictures: Sequence[np.ndarray], about: str, fps: int = 25, width: int = 480) -> None:
     """Play pictures `[h, w, 3]` uint8 in the notebook.
 
     Args:
         pictures: one for each frame.
+        about: what moves in them, for who cannot see it.
         fps: frames a second.
         width: on the page [pixel].
     """
     mediapy.set_ffmpeg(imageio_ffmpeg.get_ffmpeg_exe())
-    mediapy.show_video(pictures, fps=fps, width=width, codec="h264")
+    page = mediapy.show_video(pictures, fps=fps, width=width, codec="h264", return_html=True)
+    label = html.escape(f"{about}; a video of {len(pictures) / fps:.1f} s without sound")
+    IPython.display.display(IPython.display.HTML(str(page).replace("<video ", f'<video aria-label="{label}" ', 1)))
 
 
 def captioned(picture: np.ndarray, text: str) -> np.ndarray:

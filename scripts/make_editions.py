@@ -6,6 +6,7 @@ each notebook as a web page, too. About eight minutes for the whole series on tw
 
 import argparse
 import copy
+import hashlib
 from pathlib import Path
 
 import nbformat
@@ -60,9 +61,24 @@ def write_editions(path: Path, build: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     write_bytes(build / "student" / path.name, nbformat.writes(student_edition(notebook)).encode())
     executed = instructor_edition(notebook, path.parent)
+    executed.metadata["made_from"] = made_from(path)
     page, _ = HTMLExporter().from_notebook_node(executed, {"metadata": {"name": path.stem}})
     write_bytes(build / "instructor" / path.name, nbformat.writes(executed).encode())
     write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
+
+
+def made_from(path: Path) -> str:
+    """What a run of the notebook at `path` depends on, as a hash: its cells, the package, and the data."""
+    package = sorted(each for each in (ROOT / "clothlab").rglob("*") if each.suffix in (".py", ".js"))
+    read = hashlib.sha256()
+    for each in (path, *package, ROOT / "data" / "SHA256SUMS"):
+        read.update(each.name.encode() + b"\0" + each.read_bytes())
+    return read.hexdigest()
+
+
+def is_fresh(executed: Path, path: Path) -> bool:
+    """Whether the run at `executed` is one of the notebook at `path`, with the package and the data as they are now."""
+    return executed.exists() and nbformat.read(executed, as_version=4).metadata.get("made_from") == made_from(path)
 
 
 def _moved(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:

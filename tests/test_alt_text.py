@@ -98,6 +98,15 @@ def test_what_has_no_name_is_of_its_colour_or_is_counted():
     assert "21 more, 0 to 1 across and 0 to 20 up" in only(figure)
 
 
+def test_lines_of_one_colour_are_told_apart_by_their_style():
+    figure, ((ax,),) = plots.new_axes()
+    for level, style, label in ((1, "--", "still"), (2, ":", "empty"), (3, "--", None), (4, ":", None), (5, "-", None)):
+        ax.plot([0, 1], [level, level], style, color="0.25", label=label)
+    paragraph = only(figure)
+    assert "still: level at 1. empty: level at 2. still: level at 3. empty: level at 4" in paragraph
+    assert "without a name: level at 5" in paragraph, "a third style may be neither"
+
+
 def test_many_panels_are_said_by_the_first_and_the_last():
     words = describe(plots.image_grid(np.ones((30, 3, 3)), [f"step {k}" for k in range(30)]))
     assert words.summary == "Pictures in 30 panels; step 0 to step 29"

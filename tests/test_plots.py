@@ -179,8 +179,8 @@ def test_an_ellipse_has_one_standard_deviation_along_each_axis_and_an_end():
 def test_a_video_is_played_in_the_page(capsys, monkeypatch):
     shown = []
     monkeypatch.setattr("IPython.display.display", shown.append)
-    plots.show_video([np.full((32, 32, 3), k, np.uint8) for k in (0, 128)], fps=2)
-    assert "video" in shown[0].data
+    plots.show_video([np.full((32, 32, 3), k, np.uint8) for k in (0, 128)], 'a "cloth"', fps=2)
+    assert 'aria-label="a &quot;cloth&quot;; a video of 1.0 s without sound"' in shown[0].data
 
 
 def test_nothing_to_show_is_refused():

@@ -1,0 +1,10 @@
+// Code and tables that are wider than the page scroll, and whoever has no pointer scrolls them with arrow keys.
+function reachable() {
+  for (const box of document.querySelectorAll("pre, .table-wrapper, mjx-container")) {
+    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
+    else box.removeAttribute("tabindex");
+  }
+}
+addEventListener("load", reachable);
+addEventListener("resize", reachable);
+addEventListener("toggle", reachable, true);  // code that was folded

@@ -1,0 +1,66 @@
+"""The sites that `make book` made, and a Chromium that has no network."""
+
+from pathlib import Path
+
+import axe_playwright_python
+import pytest
+from browser_lab import ROOT, launch_options
+
+SITES = {"instructor": ROOT / "build" / "book" / "html", "student": ROOT / "build" / "book-student" / "html"}
+
+
+def pytest_generate_tests(metafunc):
+    """A test of a `page_file` runs for every page of every site that was built."""
+    if "page_file" in metafunc.fixturenames:
+        found = [(name, file) for name, site in SITES.items() for file in sorted(site.rglob("*.html"))]
+        ids = [f"{name}-{file.relative_to(SITES[name])}" for name, file in found]
+        metafunc.parametrize("page_file", [file for _, file in found] or [None], ids=ids or ["not built"])
+
+
+@pytest.fixture(autouse=True)
+def built(request):
+    """Nothing is said about a site that is not there, and that loudly."""
+    if "page_file" in request.fixturenames and request.getfixturevalue("page_file") is None:
+        pytest.skip("NO SITE IN build/book: run `make book` (or `make book SMALL=1`, which is sooner)")
+
+
+@pytest.fixture(params=SITES)
+def site(request):
+    """The folder of a site."""
+    if not (SITES[request.param] / "index.html").exists():
+        pytest.skip(f"NO {request.param} SITE: run `make book{' STUDENT=1' * (request.param == 'student')}`")
+    return SITES[request.param]
+
+
+@pytest.fixture(scope="session")
+def browser_type_launch_args(browser_type_launch_args):
+    return browser_type_launch_args | launch_options()
+
+
+@pytest.fixture(scope="session")
+def browser_context_args(browser_context_args):
+    return browser_context_args | {"viewport": {"width": 1280, "height": 900}, "offline": True}
+
+
+@pytest.fixture(scope="session")
+def axe():
+    """The source of axe-core, which its package brings along."""
+    return (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
+
+
+@pytest.fixture
+def visit(page):
+    """Open a file in the browser; what it asked for beside files, and what it complained of, ends the test."""
+    complaints = []
+    page.on("request", lambda asked: asked.url.startswith(("file:", "data:")) or complaints.append(asked.url))
+    page.on("requestfailed", lambda asked: complaints.append(f"{asked.url[:200]}: {asked.failure}"))
+    page.on("console", lambda said: said.type in ("error", "warning") and complaints.append(said.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+
+    def visit(file):
+        page.goto(file.as_uri())
+        page.wait_for_function("!window.MathJax?.startup || MathJax.startup.promise.then(() => true)")
+        return page
+
+    yield visit
+    assert complaints == []
