@@ -1,0 +1,27 @@
+# The notebooks in JupyterLab, for who can't install them: by `docker build` and `docker run` (README), or on Binder, which
+# passes NB_USER and NB_UID. It holds what environment.txt pins, and runs as a user without rights.
+FROM python:3.11-slim-bookworm
+
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends libegl1 libgl1-mesa-dri make \
+    && rm -rf /var/lib/apt/lists/*
+
+ARG NB_USER=student
+ARG NB_UID=1000
+RUN useradd --create-home --uid ${NB_UID} ${NB_USER}
+ENV HOME=/home/${NB_USER} PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore
+WORKDIR ${HOME}/clothlab
+
+# Packages first: they are installed anew only when the lock changes. pip's default PyTorch brings several gigabytes of
+# CUDA; TORCH_OPTIONS takes what PyTorch's installation page has for "CPU".
+COPY environment.txt ./
+ARG TORCH_OPTIONS=""
+RUN pip install ${TORCH_OPTIONS} "$(grep '^torch==' environment.txt)" \
+    && grep '==' environment.txt > pins.txt && pip install --requirement pins.txt && rm pins.txt
+
+COPY --chown=${NB_UID} . ./
+RUN pip install --no-deps --no-build-isolation --editable . && chown ${NB_UID} .
+
+USER ${NB_USER}
+EXPOSE 8888
+CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", "notebooks/00_start_here.ipynb"]
