@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import nbformat
+from make_course import write_syllabus
 from make_editions import ROOT, execute, is_fresh, made_from, student_edition, write_editions
 from tqdm.auto import tqdm
 
@@ -164,6 +165,9 @@ def lay_out(paths: list[Path], folder: Path, pages: dict[str, nbformat.NotebookN
     for name in BESIDE:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / name)
+    write_bytes(
+        folder / "course" / "syllabus.md", write_syllabus(ROOT / "docs" / "course" / "weeks.toml", paths).encode()
+    )
     table = (folder / "downloads.md").read_text()
     for edition in ["student"] if student else EDITIONS:
         archive = io.BytesIO()

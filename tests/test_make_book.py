@@ -36,8 +36,8 @@ def lesson():
         new_code_cell("draw()", metadata={"tags": ["plot"], "jupyter": FOLDED}, outputs=[shown(PICTURE, WORDS)]),
         new_code_cell("holds()", metadata={"tags": ["claim"], "jupyter": FOLDED}, outputs=[printed("✓ it holds")]),
         new_code_cell("def f():\n    return None", metadata={"tags": ["stub"]}, outputs=[printed("of the stub")]),
-        new_code_cell("def f():\n    return 42", metadata={"tags": ["solution"], "jupyter": FOLDED}),
-        new_code_cell("check(f)", outputs=[printed("correct, 42")]),
+        new_code_cell("def f():\n    return sesame", metadata={"tags": ["solution"], "jupyter": FOLDED}),
+        new_code_cell("check(f)", outputs=[printed("correct, sesame")]),
         new_markdown_cell("## Summary"),
         new_code_cell("last()", outputs=[printed("the end")]),
     ]
@@ -51,11 +51,11 @@ def code(page):
 def test_code_of_figures_claims_and_solutions_is_folded_and_says_what_it_is(lesson):
     before = nbformat.writes(lesson)
     cells = code(make_book.web_page(lesson, "08_lesson.ipynb", student=False))
-    prompts = {name: cells[name].metadata["mystnb"]["code_prompt_show"] for name in ("draw()", "holds()", "return 42")}
+    prompts = {name: cells[name].metadata["mystnb"]["code_prompt_show"] for name in ("draw()", "holds()", "return sesame")}
     assert prompts == {
         "draw()": "Show the code of this figure",
         "holds()": "Show the condition that was checked",
-        "return 42": "Show a solution",
+        "return sesame": "Show a solution",
     }
     assert all("hide-input" in cells[name].metadata["tags"] for name in prompts)
     assert not any("hide-input" in cells[name].metadata["tags"] for name in ("return None", "check(f)", "last()"))
@@ -79,7 +79,7 @@ def test_a_picture_without_words_takes_those_of_its_cell():
 
 def test_students_see_neither_a_solution_nor_what_came_of_it(lesson):
     page = make_book.web_page(lesson, "08_lesson.ipynb", student=True)
-    assert "42" not in json.dumps(page)
+    assert "sesame" not in json.dumps(page)
     cells = code(page)
     assert cells["return None"].outputs == cells["check(f)"].outputs == []
     assert cells["last()"].outputs[0].text == "the end"
