@@ -21,7 +21,7 @@ from pathlib import Path
 
 import nbformat
 from make_course import write_syllabus
-from make_editions import ROOT, execute, is_fresh, made_from, student_edition, write_editions
+from make_editions import ROOT, execute, is_fresh, made_from, student_edition, without_solutions, write_editions
 from tqdm.auto import tqdm
 
 from clothlab._files import write_bytes
@@ -115,7 +115,7 @@ def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
             answered = False
         elif answered := answered or bool({"stub", "solution"} & set(cell.metadata.get("tags", []))):
             cell.outputs = []
-    return student_edition(edition)
+    return without_solutions(edition)
 
 
 def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]:

@@ -22,9 +22,13 @@ CELL_SECONDS = 600  # [s] a cell that takes longer has hung
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     """The notebook without its solutions: each check then finds the stub, and says what to do."""
-    edition = _moved(notebook)
-    edition.cells = [cell for cell in edition.cells if "solution" not in cell.metadata.get("tags", [])]
-    return edition
+    return without_solutions(_moved(notebook))
+
+
+def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """The notebook itself, whose solutions are gone."""
+    notebook.cells = [cell for cell in notebook.cells if "solution" not in cell.metadata.get("tags", [])]
+    return notebook
 
 
 def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:

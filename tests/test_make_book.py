@@ -51,7 +51,9 @@ def code(page):
 def test_code_of_figures_claims_and_solutions_is_folded_and_says_what_it_is(lesson):
     before = nbformat.writes(lesson)
     cells = code(make_book.web_page(lesson, "08_lesson.ipynb", student=False))
-    prompts = {name: cells[name].metadata["mystnb"]["code_prompt_show"] for name in ("draw()", "holds()", "return sesame")}
+    prompts = {
+        name: cells[name].metadata["mystnb"]["code_prompt_show"] for name in ("draw()", "holds()", "return sesame")
+    }
     assert prompts == {
         "draw()": "Show the code of this figure",
         "holds()": "Show the condition that was checked",
@@ -78,7 +80,9 @@ def test_a_picture_without_words_takes_those_of_its_cell():
 
 
 def test_students_see_neither_a_solution_nor_what_came_of_it(lesson):
+    lesson.cells[-2].source += ", [map](../README.md)"
     page = make_book.web_page(lesson, "08_lesson.ipynb", student=True)
+    assert page.cells[-2].source == lesson.cells[-2].source, "links lead to other pages of the site"
     assert "sesame" not in json.dumps(page)
     cells = code(page)
     assert cells["return None"].outputs == cells["check(f)"].outputs == []

@@ -50,6 +50,7 @@ html_copy_source = False  # the student edition would give away its solutions th
 html_show_sourcelink = False
 html_show_search_summary = False  # it fetches pages, which a browser refuses for files in a folder
 html_show_sphinx = False
+html_domain_indices = False  # the reference lists the modules already, by what they are for
 
 # Formulas: one file with every extension, whose SVG output needs no fonts. The menu would fetch more.
 mathjax_path = "mathjax/tex-svg-full.js"
