@@ -269,15 +269,16 @@ def _numbers(ax: Axes, each: Drawn) -> str:
 
 
 def _picture(image: np.ndarray) -> str:
-    """A picture's size; of a black-and-white one also how much is white, and where the middle of that is."""
+    """A picture's size; of a mask, or of grey values from 0 to 1, also how much is white, and the middle of that."""
     rows, columns = image.shape[:2]
     if image.ndim == 3:
         return f"Colour picture of {columns} by {rows} pixels"
-    if not np.isin(image, (0, 1)).all():
+    if image.min() < 0 or image.max() > 1:
         return f"Grey picture of {columns} by {rows} pixels"
-    if not image.any():
-        return "All black"
-    down, right = (100 * (np.mean(at) + 0.5) / size for at, size in zip(np.nonzero(image), image.shape, strict=True))
+    white, word = image > 0.5, "White" if np.isin(image, (0, 1)).all() else "Nearer to white than to black"
+    if not white.any():
+        return "All black" if word == "White" else "Dark everywhere"
+    down, right = (100 * (np.mean(at) + 0.5) / size for at, size in zip(np.nonzero(white), image.shape, strict=True))
     return (
-        f"White in {100 * image.mean():.0f} % of it, around {right:.0f} % from the left and {down:.0f} % from the top"
+        f"{word} in {100 * white.mean():.0f} % of it, around {right:.0f} % from the left and {down:.0f} % from the top"
     )

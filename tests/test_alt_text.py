@@ -52,6 +52,18 @@ def test_a_mask_is_said_by_how_much_is_white_and_where():
     assert words.details[2] == "Panel 3, c. All black."
 
 
+def test_grey_values_are_said_by_what_is_nearer_to_white():
+    grey = np.full((4, 4), 0.2)
+    grey[:, 3] = 0.7
+    images = [grey, np.full((4, 4), 0.2), np.full((4, 4), 200)]
+    first, second, third = describe(plots.image_grid(images, ["a", "b", "c"], columns=3)).details
+    assert first.endswith(
+        "Nearer to white than to black in 25 % of it, around 88 % from the left and 50 % from the top."
+    )
+    assert second.endswith("Dark everywhere.")
+    assert third.endswith("Grey picture of 4 by 4 pixels.")
+
+
 def test_a_picture_of_a_strip_is_named_by_its_row_and_its_column():
     words = describe(plots.film_strips({"up": np.ones((2, 4, 4)), "down": np.ones((2, 4, 4))}, ["0 s", "1 s"]))
     assert [paragraph.split(". ")[0] for paragraph in words.details] == [

@@ -7,6 +7,8 @@ import shutil
 from importlib.resources import files
 from pathlib import Path
 
+from numpy.typing import ArrayLike
+
 import clothlab
 
 logging.getLogger("OpenGL").setLevel(logging.WARNING)  # Sphinx would print its news
@@ -66,6 +68,14 @@ def read_docstring(app, what: str, name: str, obj: object, options, lines: list[
         lines[:0] = ["..", ""]  # an empty comment, or Napoleon takes the words before a colon for a type
 
 
+def shorten_signature(app, what: str, name: str, obj, options, signature: str | None, returns: str | None):
+    """Write `ArrayLike` where NumPy's alias would be spelled out over four lines."""
+    from sphinx.util.typing import stringify_annotation  # the tests read this file without Sphinx
+
+    long = stringify_annotation(ArrayLike, "smart")
+    return tuple(text and text.replace(long, "~numpy.typing.ArrayLike") for text in (signature, returns))
+
+
 def list_table(table: str) -> str:
     """A Markdown table as Sphinx reads it."""
     rows = [[cell.strip() for cell in row.strip().strip("|").split("|")] for row in table.strip().splitlines()]
@@ -90,4 +100,5 @@ def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("html-page-context", level_captions, priority=900)
     app.connect("autodoc-process-docstring", read_docstring, priority=400)  # before Napoleon
+    app.connect("autodoc-process-signature", shorten_signature)
     app.connect("build-finished", bundle_mathjax)
