@@ -1,7 +1,7 @@
 // Code and tables that are wider than the page scroll, and whoever has no pointer scrolls them with arrow keys.
 function reachable() {
   for (const box of document.querySelectorAll("pre, .table-wrapper, .math-wrapper")) {
-    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
+    if (box.scrollWidth > box.clientWidth || box.scrollHeight > box.clientHeight) box.tabIndex = 0;
     else box.removeAttribute("tabindex");
   }
 }
