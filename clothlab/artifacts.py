@@ -57,6 +57,19 @@ def data_folder(data: Folder = None) -> Path:
     return folder
 
 
+def own_trials(data: Folder = None) -> Path:
+    """Where a user's recordings are: the folder that `CLOTHLAB_RECORDINGS` names, or `trials/mine` of the data.
+
+    Args:
+        data: folder to look in, whatever the environment says.
+
+    Raises:
+        FileNotFoundError: as `data_folder`.
+    """
+    named = os.environ.get("CLOTHLAB_RECORDINGS")
+    return Path(named).expanduser() if named and data is None else data_folder(data) / OWN_TRIALS
+
+
 @dataclass(frozen=True, eq=False)
 class Trained:
     """What belongs together: an arm, the autoencoder of what its camera sees, a model, and p of each material.
@@ -199,8 +212,8 @@ def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> 
     """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     Args:
-        name: which set; `"mine"` is what you recorded in the live lab, perhaps nothing yet. Those that end in `-more`
-            are not part of the repository: `make data` records them.
+        name: which set; `"mine"` is what you recorded in the live lab (`own_trials`), perhaps nothing yet. Those that
+            end in `-more` are not part of the repository: `make data` records them.
         first: only so many of them, or all that there are where there are fewer.
         data: folder to look in.
 
@@ -208,10 +221,11 @@ def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> 
         KeyError: unknown set; the message lists the choices.
         ValueError: a damaged, altered or missing file.
     """
-    data = data_folder(data)
-    choices = _sets("trials", data) | {OWN_TRIALS.name: data / OWN_TRIALS}
-    chosen = choose("trials", name, choices)
+    own, data = own_trials(data), data_folder(data)
+    chosen = choose("trials", name, _sets("trials", data) | {OWN_TRIALS.name: own})
     first = None if first is None else check_number("first", first, int, at_least=0)
+    if chosen == own:
+        return [load_trial(path) for path in sorted(own.glob("*.npz"))[:first]]
     return [load_trial(_checked(path, data)) for path in _listed(chosen, ".npz", data)[:first]]
 
 

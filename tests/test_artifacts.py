@@ -646,3 +646,17 @@ def test_a_trial_in_the_folder_is_the_trial_that_was_saved(data, trial):
     read = load_trial(data / "trials" / "train" / "one.npz")
     assert isinstance(read, Trial)
     assert np.array_equal(read.images, trial.images)
+
+
+def test_recordings_go_where_the_environment_says_and_are_read_from_there(data, trial, tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    monkeypatch.setenv("CLOTHLAB_DATA", str(data))
+    assert artifacts.own_trials() == data / artifacts.OWN_TRIALS
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("CLOTHLAB_RECORDINGS", "~/recordings")
+    assert artifacts.own_trials() == home / "recordings"
+    assert artifacts.own_trials(data) == data / artifacts.OWN_TRIALS, "who names a folder gets it"
+    assert artifacts.load_trials("mine") == []
+    save_trial(trial[:3], home / "recordings" / "first.npz")
+    assert [len(each) for each in artifacts.load_trials("mine")] == [3]
+    assert artifacts.load_trials("mine", data=data) == []

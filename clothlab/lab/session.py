@@ -64,7 +64,7 @@ class LiveSession:
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
-        recordings: folder for recorded trials; by default `data/trials/mine`, which `load_trials("mine")` reads.
+        recordings: folder for recorded trials; by default `artifacts.own_trials()`, which `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
 
     Raises:
@@ -89,7 +89,7 @@ class LiveSession:
     ):
         self._scene = Scene(picture_size=picture_size)
         self.driver, self.practising, self.estimating, self.seed = "control", True, False, 0
-        self.recorder = Recorder(recordings or artifacts.data_folder() / artifacts.OWN_TRIALS)
+        self.recorder = Recorder(recordings or artifacts.own_trials())
         self.set_arm(arm)
 
     def set_arm(self, name: str) -> None:
