@@ -21,8 +21,17 @@ CELL_SECONDS = 600  # [s] a cell that takes longer has hung
 
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The notebook without its solutions: each check then finds the stub, and says what to do."""
-    return without_solutions(_moved(notebook))
+    """The notebook without its solutions: each check then finds the stub, and says what to do.
+
+    From the first stub on, an error stops no "Run all": what follows an exercise that is not solved is seen, too.
+    """
+    edition = without_solutions(_moved(notebook))
+    unsolved = False
+    for cell in edition.cells:
+        if unsolved and cell.cell_type == "code":
+            cell.metadata["tags"] = [*cell.metadata.get("tags", []), "raises-exception"]
+        unsolved = unsolved or "stub" in cell.metadata.get("tags", [])
+    return edition
 
 
 def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:

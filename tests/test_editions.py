@@ -7,7 +7,6 @@ from pathlib import Path
 import make_editions
 import nbformat
 import pytest
-from nbclient.exceptions import CellExecutionError
 
 import clothlab
 
@@ -47,6 +46,7 @@ def lesson(tmp_path):
             metadata={"tags": ["solution"], "jupyter": {"source_hidden": True}},
         ),
         cell("checks.my_mask(my_mask)"),
+        cell("print('and so on')"),
     ]
     metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
     path = tmp_path / "notebooks" / "08_control.ipynb"
@@ -61,7 +61,7 @@ def test_the_instructor_gets_solutions_with_outputs_and_a_page(lesson, tmp_path)
     make_editions.write_editions(lesson, tmp_path / "build")
     assert lesson.read_text() == before
     executed = nbformat.read(tmp_path / "build" / "instructor" / lesson.name, as_version=4)
-    assert executed.cells[-1].outputs[0].text == "correct\n"
+    assert executed.cells[-2].outputs[0].text == "correct\n"
     assert "source_hidden" not in executed.cells[3].metadata.jupyter
     assert executed.cells[0].source == "[map](../../README.md)"
     page = re.sub("<[^>]*>", "", (tmp_path / "build" / "instructor" / "08_control.html").read_text())
@@ -72,5 +72,8 @@ def test_the_instructor_gets_solutions_with_outputs_and_a_page(lesson, tmp_path)
 @pytest.mark.slow
 def test_a_student_who_runs_the_check_is_told_what_to_do_and_not_how(lesson, tmp_path):
     student = make_editions.student_edition(nbformat.read(lesson, as_version=4))
-    with pytest.raises(CellExecutionError, match="my_mask returned None"):
-        make_editions.instructor_edition(student, tmp_path)
+    ran = make_editions.instructor_edition(student, tmp_path)
+    (failed,) = ran.cells[-2].outputs
+    assert failed.ename == "CheckFailed"
+    assert "my_mask returned None" in failed.evalue
+    assert ran.cells[-1].outputs[0].text == "and so on\n", "an exercise that is not solved stops nothing"
