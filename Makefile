@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results findings picture editions book container format doctor lock
+.PHONY: help lab check test browser chromium bench data train results findings picture editions grades book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -68,6 +68,9 @@ picture: $(STAMP)  ## draw the README's moving picture anew
 
 editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 	$(BIN)/python scripts/make_editions.py
+
+grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses, GRADEBOOK=... for nbgrader
+	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY)) $(if $(GRADEBOOK),--gradebook "$(GRADEBOOK)")
 
 $(BOOK): $(STAMP) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt

@@ -1,5 +1,6 @@
 """The syllabus, for `make book`: weeks from `docs/course/weeks.toml`, all else from the notebooks' own cells."""
 
+import ast
 import re
 import tomllib
 from collections.abc import Mapping
@@ -22,6 +23,8 @@ class Lesson:
         goals: what a student can do afterwards.
         minutes: of work.
         exercises: their titles, in order.
+        functions: that they ask for, by name.
+        points: that they count.
     """
 
     name: str
@@ -29,10 +32,16 @@ class Lesson:
     goals: tuple[str, ...]
     minutes: int
     exercises: tuple[str, ...]
+    functions: tuple[str, ...]
+    points: tuple[int, ...]
 
 
-def read_lesson(path: Path) -> Lesson:
+def read_lesson(path: Path, weights: Mapping[str, int] | None = None) -> Lesson:
     """The lesson in the notebook at `path`.
+
+    Args:
+        path: of the notebook.
+        weights: points of exercises, by their functions' names; one for each that is not there.
 
     Raises:
         ValueError: its first cell lacks goals or a working time.
@@ -46,7 +55,16 @@ def read_lesson(path: Path) -> Lesson:
             f"{path.name}: the first cell has **Goals** with a list, and **Working time**: about … minutes"
         )
     lines = tuple(line.removeprefix("- ").rstrip(".") for line in goals[1].strip().splitlines())
-    return Lesson(path.stem, first.splitlines()[0].removeprefix("# "), lines, int(minutes[1]), exercises(cells))
+    names = functions(cells)
+    points = tuple((weights or {}).get(name, 1) for name in names)
+    title = first.splitlines()[0].removeprefix("# ")
+    return Lesson(path.stem, title, lines, int(minutes[1]), exercises(cells), names, points)
+
+
+def functions(cells: list[nbformat.NotebookNode]) -> tuple[str, ...]:
+    """Names of the functions that the stubs ask for, in order."""
+    stubs = [ast.parse(cell.source).body for cell in cells if "stub" in cell.metadata.get("tags", [])]
+    return tuple(node.name for body in stubs for node in body if isinstance(node, ast.FunctionDef))
 
 
 def exercises(cells: list[nbformat.NotebookNode]) -> tuple[str, ...]:
@@ -76,7 +94,7 @@ def syllabus(plans: Mapping[str, list[dict]], lessons: Mapping[str, Lesson]) -> 
         raise ValueError(f"weeks.toml: no notebook {', '.join(sorted(unknown))}; there are {', '.join(lessons)}")
     parts = [
         "# Syllabus\n\nWorking times are those that the notebooks give: reading, running, predicting and exercises. An "
-        "exercise counts one point, for a check that says *correct*."
+        "exercise counts its points, in brackets, for a check that says *correct*, and none otherwise."
     ]
     for plan, weeks in plans.items():
         held = [lessons[number] for week in weeks for number in week["notebooks"]]
@@ -93,7 +111,7 @@ def syllabus(plans: Mapping[str, list[dict]], lessons: Mapping[str, Lesson]) -> 
 
 
 def _amount(lessons: list[Lesson]) -> str:
-    hours, points = sum(lesson.minutes for lesson in lessons) / 60, sum(len(lesson.exercises) for lesson in lessons)
+    hours, points = sum(lesson.minutes for lesson in lessons) / 60, sum(sum(lesson.points) for lesson in lessons)
     return f"About {hours:.1f} hours of work, {points} point{'s' * (points != 1)}"
 
 
@@ -103,10 +121,21 @@ def _link(lesson: Lesson) -> str:
 
 def _entry(lesson: Lesson) -> str:
     goals = "\n".join(f"- {goal}." for goal in lesson.goals)
-    tasks = " · ".join(f"*{title}*" for title in lesson.exercises) or "nothing"
+    tasks = (
+        " · ".join(f"*{title}* ({n})" for title, n in zip(lesson.exercises, lesson.points, strict=True)) or "nothing"
+    )
     return f"**{_link(lesson)}**, {lesson.minutes} minutes. Afterwards a student can:\n\n{goals}\n\nTo hand in: {tasks}"
 
 
 def write_syllabus(weeks: Path, notebooks: list[Path]) -> str:
-    """The page from `weeks.toml` and the notebooks."""
-    return syllabus(tomllib.loads(weeks.read_text("utf-8")), {path.stem[:2]: read_lesson(path) for path in notebooks})
+    """The page from `weeks.toml` and the notebooks.
+
+    Raises:
+        ValueError: it has points for an exercise that does not exist.
+    """
+    plan = tomllib.loads(weeks.read_text("utf-8"))
+    lessons = {path.stem[:2]: read_lesson(path, plan["points"]) for path in notebooks}
+    unknown = set(plan["points"]) - {name for lesson in lessons.values() for name in lesson.functions}
+    if unknown:
+        raise ValueError(f"weeks.toml: no exercise {', '.join(sorted(unknown))}")
+    return syllabus({name: plan[name] for name in PLANS}, lessons)

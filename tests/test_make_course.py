@@ -18,19 +18,20 @@ FIRST = (
 )
 
 
-def stub():
-    return new_code_cell("def f(): ...", metadata={"tags": ["stub"]})
+def stub(name="f"):
+    return new_code_cell(f"def {name}(): ...\n\n{name}()", metadata={"tags": ["stub"]})
 
 
 def lesson(number, minutes, exercises=()):
-    return make_course.Lesson(f"{number}_a", f"{number} A", ("swing",), minutes, exercises)
+    points = tuple(range(1, len(exercises) + 1))
+    return make_course.Lesson(f"{number}_a", f"{number} A", ("swing",), minutes, exercises, exercises, points)
 
 
 def test_a_lesson_is_read_off_the_first_cell_and_the_stubs(tmp_path):
     cells = [
         new_markdown_cell(FIRST),
         new_markdown_cell("### Exercise 1: fall\n\nLet it fall."),
-        stub(),
+        stub("g"),
         new_markdown_cell("**2. Who wins?** Say it."),
         stub(),
         new_markdown_cell("**3. Count.** One by one."),
@@ -38,10 +39,9 @@ def test_a_lesson_is_read_off_the_first_cell_and_the_stubs(tmp_path):
         stub(),
     ]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), tmp_path / "01_cloth.ipynb")
-    read = make_course.read_lesson(tmp_path / "01_cloth.ipynb")
-    assert read == make_course.Lesson(
-        "01_cloth", "01 Cloth", ("Swing it", "Catch it"), 90, ("fall", "Who wins?", "Count")
-    )
+    read = make_course.read_lesson(tmp_path / "01_cloth.ipynb", {"g": 3})
+    titles, names, points = ("fall", "Who wins?", "Count"), ("g", "f", "f"), (3, 1, 1)
+    assert read == make_course.Lesson("01_cloth", "01 Cloth", ("Swing it", "Catch it"), 90, titles, names, points)
 
 
 @pytest.mark.parametrize("part", ["**Goals**", "about 90 minutes"])
@@ -66,9 +66,9 @@ def test_times_and_points_add_up_and_what_is_left_out_is_said():
     lessons = {"00": lesson("00", 30, ("a",)), "01": lesson("01", 60, ("b", "c")), "02": lesson("02", 45)}
     weeks = {"six": [{"title": t, "notebooks": [n], "question": "Why?"} for t, n in (("One", "00"), ("Two", "01"))]}
     page = make_course.syllabus(weeks, lessons)
-    assert "## Six weeks\n\nAbout 1.5 hours of work, 3 points in all." in page
+    assert "## Six weeks\n\nAbout 1.5 hours of work, 4 points in all." in page
     assert "### Week 1 of 2: One\n\nAbout 0.5 hours of work, 1 point." in page
-    assert "To hand in: *b* · *c*" in page
+    assert "To hand in: *b* (1) · *c* (2)" in page
     assert f"{make_course.LEFT_OUT}: [02 A](../notebooks/02_a.ipynb)." in page
 
 
@@ -88,3 +88,9 @@ def test_six_weeks_take_every_notebook_once_and_none_is_far_too_long():
             assert sum(lessons[number].minutes for number in week["notebooks"]) <= 60 * most, week["title"]
     assert {len(plans["six"]), len(plans["three"])} == {6, 3}
     assert make_course.write_syllabus(WEEKS, NOTEBOOKS).count("To discuss: ") == 9
+
+
+def test_points_of_an_unknown_exercise_are_told(tmp_path):
+    (tmp_path / "weeks.toml").write_text("six = []\nthree = []\n[points]\nsewing = 2\n")
+    with pytest.raises(ValueError, match="no exercise sewing"):
+        make_course.write_syllabus(tmp_path / "weeks.toml", NOTEBOOKS[:1])

@@ -1,0 +1,308 @@
+"""Where a submission's functions run for `make grades`: in processes that can harm nothing, and are believed nothing.
+
+A server imports the packages once, then forks a process for each exercise. That process defines the submission's
+functions, and answers the grader over a pipe: the check itself, what it knows and its verdict never come here. Limits
+hold on its time, its memory and what it may write; its files are a folder of its own, which is its home as well.
+"""
+
+import ast
+import builtins
+import ctypes
+import importlib
+import importlib.util
+import io
+import itertools
+import json
+import linecache
+import numbers
+import os
+import pickle
+import resource
+import signal
+import socket
+import sys
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import torch
+
+CHECKS = "clothlab.checks"
+SETTABLE = ("z_ref", "practising")  # what exercises ask to set on what a check lends to an answer
+FILE_BYTES = 10_000_000  # a file that an answer may write
+KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef)
+REFUSED = ("ctypes.", "socket.", "subprocess.", "shutil.", "signal.", "pty.", "syslog.", "webbrowser.", "urllib.")
+REFUSED += ("os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.kill", "os.setxattr", "os.putenv")
+CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod")
+CHANGES += ("os.chown", "os.utime", "os.chflags", "os.lockf", "os.mkfifo", "os.mknod")
+
+
+def load_alone(name: str) -> Any:
+    """The module `clothlab.checks.NAME`, without those that know the answers."""
+    path = Path(importlib.import_module("clothlab").__file__ or "").parent / "checks" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"answering{name}", path)
+    module = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
+    spec.loader.exec_module(module)  # type: ignore[union-attr]
+    return module
+
+
+class Worker:
+    """Defines a submission's functions, and calls them when it is asked to.
+
+    Args:
+        connection: to the grader. What comes from there is pickled; what goes there is JSON, which can do nothing.
+        common: `clothlab.checks._check`.
+    """
+
+    def __init__(self, connection: Connection, common: Any):
+        self.connection, self.common = connection, common
+        self.handed: list[Any] = []  # functions that the grader may call, by their places here
+
+    def run(self, sources: list[str], name: str) -> None:
+        """Define what the sources define, then answer until the grader hangs up."""
+        found, problem = defined(sources, name)
+        self.send("ready" if found is not None else "missing", problem)
+        self.handed.append(found)
+        while True:
+            place, args, kwargs = self.receive()
+            try:
+                self.send("result", self.encode(self.call(self.handed[place], args, kwargs)))
+            except InPlace as argument:
+                self.send("changed", str(argument))
+            except Exception as error:
+                trace = error.__traceback__ and error.__traceback__.tb_next  # from `call` on
+                self.send("error", self.common._described(error.with_traceback(trace)))
+
+    def call(self, function: Any, args: tuple, kwargs: dict) -> Any:
+        """What the function returns.
+
+        Raises:
+            InPlace: it has changed an argument.
+        """
+        given = self.common._data(function, args, kwargs)
+        before = {name: pickle.dumps(value) for name, value in given.items()}
+        found = function(*args, **kwargs)
+        for name, value in given.items():
+            if not self.common._same(value, pickle.loads(before[name])):
+                raise InPlace(name)
+        return found
+
+    def encode(self, value: Any) -> Any:
+        """A value as JSON can hold it: numbers, arrays, lists and tuples of them, functions; words for all else."""
+        if isinstance(value, torch.Tensor):
+            value = value.detach().cpu().numpy()
+        if isinstance(value, np.generic):
+            value = value.item()
+        if value is None or isinstance(value, bool | int | float | str):
+            return value
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            return {"array": value.ravel().tolist(), "shape": value.shape, "dtype": value.dtype.name}
+        if isinstance(value, numbers.Real):
+            return float(value)
+        if isinstance(value, list | tuple):
+            return {type(value).__name__: [self.encode(part) for part in value]}
+        if isinstance(value, Lent):
+            return {"lent": value.__dict__["_place"]}
+        if callable(value):
+            self.handed.append(value)
+            return {"function": len(self.handed) - 1}
+        return {"odd": self.common._shown(value)}
+
+    def send(self, *message: Any) -> None:
+        """Say something to the grader."""
+        self.connection.send_bytes(json.dumps(message).encode())
+
+    def receive(self) -> Any:
+        """What the grader says."""
+        reader = pickle.Unpickler(io.BytesIO(self.connection.recv_bytes()))
+        reader.persistent_load = lambda place: Lent(self, place)  # type: ignore[method-assign]
+        return reader.load()
+
+    def ask(self, *message: Any) -> Any:
+        """Ask the grader for something that only it has; meanwhile it may ask for nothing itself."""
+        self.send(*message)
+        kind, value = self.receive()
+        if kind == "raised":
+            name, words = value
+            error = getattr(builtins, name, RuntimeError)
+            raise (error if issubclass(error, Exception) else RuntimeError)(words)
+        return value
+
+
+class InPlace(Exception):
+    """An argument was changed by a function that it was given to."""
+
+
+class Lent:
+    """Stands for a function of the check's, which is called where the check is."""
+
+    def __init__(self, worker: Worker, place: int):
+        self.__dict__.update(_worker=worker, _place=place)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        worker = self.__dict__["_worker"]
+        values = {name: worker.encode(value) for name, value in kwargs.items()}
+        return worker.ask("call", self.__dict__["_place"], [worker.encode(value) for value in args], values)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in SETTABLE:
+            raise AttributeError(f"{name} can't be set here")
+        self.__dict__[name] = value
+        worker = self.__dict__["_worker"]
+        worker.ask("set", self.__dict__["_place"], name, worker.encode(value))
+
+
+def defined(sources: list[str], name: str) -> tuple[Any, str]:
+    """The function of this name after the sources' imports, functions, classes and values; or why there is none.
+
+    Nothing else of them is run: a submission's own calls, checks and outputs count for nothing.
+    """
+    space: dict[str, Any] = {"__name__": "submission"}
+    problem = f"there is no function {name}"
+    for number, source in enumerate(sources):
+        file = f"cell-{number}"
+        linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+        try:
+            nodes = ast.parse(source, file).body
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            if f"def {name}" in source:
+                problem = f"the cell of {name} is not Python: {type(error).__name__}: {str(error).splitlines()[0]}"
+            continue
+        for node in itertools.chain.from_iterable(map(_pieces, nodes)):
+            try:
+                exec(compile(ast.Module([node], []), file, "exec"), space)
+            except Exception as error:
+                if getattr(node, "name", None) == name:
+                    problem = f"{name} could not be defined: {type(error).__name__}: {error}"
+    found = space.get(name)
+    return (found, "") if callable(found) else (None, problem)
+
+
+def _pieces(node: ast.stmt) -> list[ast.stmt]:
+    """What of a statement is run: imports one by one, since one of them may be missing here."""
+    if isinstance(node, ast.Import):
+        return [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        return [ast.copy_location(ast.ImportFrom(node.module, [each], node.level), node) for each in node.names]
+    if isinstance(node, ast.Assign):
+        calls = [each.func for each in ast.walk(node.value) if isinstance(each, ast.Call)]
+        plain = all(
+            isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name) and f.value.id == "np" for f in calls
+        )
+        return [node] if plain else []
+    return [node] if isinstance(node, KEPT) else []
+
+
+def confine(folder: Path, seconds: int, memory: int) -> None:
+    """Let this process read packages and write into its folder, for so long [s], with so much more memory [bytes]."""
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ |= {"HOME": str(folder), "TMPDIR": str(folder), "PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"}
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        os.dup2(nothing, stream)
+    space = psutil.Process().memory_info().vms + memory
+    limits = {"AS": space, "CPU": seconds, "FSIZE": FILE_BYTES, "CORE": 0, "NOFILE": 64}
+    for name, most in limits.items():
+        resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
+    package = Path(importlib.import_module("clothlab").__file__ or "").parent
+    open_to = [Path(each) for each in {sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/etc/localtime"}]
+    open_to += [each for each in package.iterdir() if each.name != "checks"]
+    fence(folder, [each for each in open_to if each.exists()])
+    for name in [each for each in sys.modules if each == CHECKS or each.startswith(f"{CHECKS}.")]:
+        del sys.modules[name]
+    sys.modules[CHECKS] = None  # type: ignore[assignment]
+    sys.addaudithook(_guard(folder, open_to))
+
+
+def _guard(folder: Path, readable: list[Path]):
+    """An audit hook, which can't be taken away: refuses processes, sockets, and files elsewhere."""
+    inside, near = str(folder.resolve()), tuple(str(each.resolve()) for each in readable)
+    places = os.path.realpath
+
+    def guard(event: str, args: tuple) -> None:
+        if event.startswith(REFUSED):
+            raise PermissionError(f"{event} is not allowed here")
+        if event == "open" and isinstance(args[0], str | bytes | os.PathLike):
+            path, mode, flags = os.fsdecode(args[0]), args[1] or "", args[2] or 0
+            writes = set(mode) & set("wax+") if mode else flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+            path = places(path)
+            within = path == inside or path.startswith(inside + os.sep)
+            if not within and (writes or not path.startswith(near)):
+                raise PermissionError(f"{path}: only its own folder is open to an answer")
+        elif event.startswith(CHANGES):
+            for each in args:
+                if isinstance(each, int) and event.startswith(("os.remove", "os.rmdir", "os.rename")) and each != -1:
+                    raise PermissionError(f"{event} by a descriptor is not allowed here")
+                if isinstance(each, str | bytes | os.PathLike):
+                    path = places(os.path.dirname(os.path.abspath(os.fsdecode(each))))
+                    if path != inside and not path.startswith(inside + os.sep):
+                        raise PermissionError(f"{os.fsdecode(each)}: only its own folder is open to an answer")
+
+    return guard
+
+
+def fence(folder: Path, readable: list[Path]) -> bool:
+    """Let the kernel, too, refuse files elsewhere and signals to others, where it can (Linux 5.13, Landlock)."""
+    if sys.platform != "linux":
+        return False
+    libc = ctypes.CDLL(None, use_errno=True)
+    version = libc.syscall(444, None, ctypes.c_size_t(0), ctypes.c_uint32(1))
+    if version < 1:
+        return False
+    every = (1 << {1: 13, 2: 14}.get(version, 15)) - 1
+    rules = (ctypes.c_uint64 * 3)(every, 0, 3 if version >= 6 else 0)  # files; ports; signals and sockets of others
+    ruleset = libc.syscall(444, rules, ctypes.c_size_t(8 if version < 6 else 24), ctypes.c_uint32(0))
+
+    class Beneath(ctypes.Structure):
+        _pack_ = 1
+        _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
+
+    read, of_files = 0b1101, 0b100000000000111
+    for path in [folder, *readable]:
+        allowed = every & ~1 if path == folder else read
+        parent = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        rule = Beneath(allowed if path.is_dir() else allowed & of_files & every, parent)
+        libc.syscall(445, ctypes.c_int(ruleset), ctypes.c_int(1), ctypes.byref(rule), ctypes.c_uint32(0))
+        os.close(parent)
+    libc.prctl(38, 1, 0, 0, 0)  # no new privileges, without which only root may go on
+    refused = libc.syscall(446, ctypes.c_int(ruleset), ctypes.c_uint32(0))
+    os.close(ruleset)
+    return refused == 0
+
+
+def main() -> None:
+    """Serve: for each request over the socket of this number, fork a process that answers over the pipe sent along."""
+    server = socket.socket(fileno=int(sys.argv[1]))
+    for name in json.loads(sys.argv[2]):
+        importlib.import_module(name)
+    torch.set_num_threads(1)
+    common = load_alone("_check")
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    server.sendall(b"ready")
+    while True:
+        request, handles, _, _ = socket.recv_fds(server, 4096, 1)
+        if not request:
+            return
+        if pid := os.fork():
+            os.close(handles[0])
+            server.sendall(str(pid).encode())
+            continue
+        try:
+            server.close()
+            os.closerange(3, handles[0])
+            os.closerange(handles[0] + 1, 256)
+            how = json.loads(request)
+            worker = Worker(Connection(handles[0]), common)
+            folder = Path(how["folder"])
+            sources, name = worker.receive()
+            confine(folder, how["seconds"], how["memory"])
+            worker.run(sources, name)
+        finally:
+            os._exit(1)
+
+
+if __name__ == "__main__":
+    main()
