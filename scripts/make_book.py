@@ -165,6 +165,7 @@ def lay_out(paths: list[Path], folder: Path, pages: dict[str, nbformat.NotebookN
     for name in BESIDE:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / name)
+    shutil.copytree(ROOT / "docs" / "course", folder / "course")
     write_bytes(
         folder / "course" / "syllabus.md", write_syllabus(ROOT / "docs" / "course" / "weeks.toml", paths).encode()
     )

@@ -20,7 +20,7 @@ copyright = "The clothlab developers; MIT licence"
 language = "en"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
-exclude_patterns = ["downloads", "templates"]
+exclude_patterns = ["downloads", "templates", "course/measured.md"]
 templates_path = ["templates"]
 nitpicky = False  # types of other packages are named in signatures, and nothing offline could be linked to
 
