@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results findings picture editions grades book container format doctor lock
+.PHONY: help lab check test browser chromium bench data train results findings picture editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -38,6 +38,7 @@ test: doctor chromium check  ## check, slow tests, every notebook from top to bo
 	$(BIN)/pytest -m browser -s tests/browser
 	$(MAKE) book SMALL=1
 	$(MAKE) book SMALL=1 STUDENT=1
+	$(MAKE) slides SMALL=1
 	$(BIN)/pytest -m book -rs tests/book
 	$(MAKE) container
 
@@ -78,6 +79,9 @@ $(BOOK): $(STAMP) docs/requirements.txt
 
 book: $(BOOK)  ## the executed series as a web site in build/book; STUDENT=1 without solutions, SMALL=1 a quick run
 	$(BIN)/python scripts/make_book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
+
+slides: $(BOOK)  ## decks of 06, 08, 10 and 11 for a projector in build/slides; SMALL=1 a quick run
+	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
 
 container: $(STAMP)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none
 	$(BIN)/pytest -m container -rs tests/test_container.py

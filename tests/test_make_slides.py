@@ -1,0 +1,64 @@
+"""Slides: a heading begins one, text in pieces, a figure without its code, and nothing of the solutions."""
+
+import re
+
+import make_slides
+import nbformat
+import pytest
+from make_editions import ROOT
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
+
+PICTURE = new_output("display_data", {"image/png": "iVBORw0KGgo="}, metadata={"image/png": {"alt": "a line chart"}})
+WORDS = new_output("stream", name="stdout", text="0.3")
+
+
+def kinds(deck):
+    return [cell.metadata["slideshow"]["slide_type"] for cell in deck.cells]
+
+
+def test_a_rule_says_what_is_on_a_slide():
+    cells = [
+        new_markdown_cell("# 06 Bias\n\nTwo numbers."),
+        new_code_cell("draw()", outputs=[PICTURE, WORDS], metadata={"tags": ["plot"]}),
+        new_code_cell("print(0.3)", outputs=[WORDS]),
+        new_markdown_cell("**Finding**: one.\n\n## 2. More\n\nText."),
+        new_markdown_cell("## Exercises\n\n### Exercise 1: fall\n\nWrite it."),
+        new_code_cell("def f(): return 42", metadata={"tags": ["solution"]}, outputs=[PICTURE]),
+        new_code_cell("checks.f(f)", outputs=[PICTURE]),
+        new_markdown_cell("## Summary\n\n- All.\n\n## References\n\n- K."),
+    ]
+    deck = make_slides.deck_of(nbformat.v4.new_notebook(cells=cells))
+    nbformat.validate(deck)
+    assert kinds(deck) == ["slide", "subslide", "subslide", "slide", "slide"]
+    assert [cell.source for cell in deck.cells][-2:] == ["## 2. More\n\nText.", "## Summary\n\n- All."]
+    assert deck.cells[1].outputs == [PICTURE]
+    assert "42" not in nbformat.writes(deck)
+
+
+def test_long_text_goes_on_on_the_next_slide_and_nothing_is_lost():
+    text = "# Title\n\n" + "\n\n".join(f"{k} " + "word " * 60 for k in range(9))
+    found = make_slides.pieces(text)
+    assert len(found) > 2
+    assert all(len(piece) <= make_slides.LETTERS * 1.1 for piece in found)
+    assert re.findall(r"^\d", "\n".join(found), re.MULTILINE) == list("012345678")
+
+
+def test_a_long_table_keeps_its_head():
+    table = "\n".join(["| a | b |", "| --- | --- |", *(f"| {k} | x |" for k in range(20))])
+    parts = make_slides.tables(table)
+    assert all(part.startswith("| a | b |\n| --- |") for part in parts)
+    assert [part.count("x") for part in parts] == [9, 9, 2]
+
+
+@pytest.mark.parametrize("number", make_slides.DECKS)
+def test_a_deck_begins_with_its_title_and_solves_nothing(number):
+    (path,) = (ROOT / "notebooks").glob(f"{number}_*.ipynb")
+    notebook = nbformat.read(path, as_version=4)
+    deck = make_slides.deck_of(notebook)
+    assert deck.cells[0].source.startswith(f"# {number} ")
+    assert kinds(deck)[0] == "slide"
+    solutions = [cell.source for cell in notebook.cells if "solution" in cell.metadata.get("tags", [])]
+    assert solutions
+    assert not any(source in nbformat.writes(deck) for source in solutions)
+    page = make_slides.export(deck, path.stem)
+    assert not re.search(r"<(?:script|link|img)\\b[^>]*(?:src|href)=\"(?:https?:)?//", page)
