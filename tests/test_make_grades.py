@@ -235,7 +235,7 @@ def submissions(school, victim):
 
 @pytest.fixture(scope="module")
 def sandbox():
-    with make_grades.Sandbox(make_grades.modules_of([NOTEBOOKS[number] for number in CLASSES])) as sandbox:
+    with make_grades.Sandbox(make_grades.modules_of(list(NOTEBOOKS.values()))) as sandbox:
         yield sandbox
 
 
@@ -295,15 +295,14 @@ def test_missing_doubled_broken_and_linked_notebooks_count_nothing(sandbox, tmp_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", NOTEBOOKS)
-def test_every_stub_counts_nothing_and_every_solution_its_points(number):
+def test_every_stub_counts_nothing_and_every_solution_its_points(sandbox, number):
     path = NOTEBOOKS[number]
     lesson, cells = read_lesson(path), nbformat.read(path, as_version=4).cells
     solved = [cell.source for cell in cells if cell.cell_type == "code"]
     stubs = [cell.source for cell in cells if cell.cell_type == "code" and "solution" not in School.tags(cell)]
-    with make_grades.Sandbox(make_grades.modules_of([path])) as sandbox:
-        for name in lesson.functions:
-            assert sandbox.judge(name, stubs, 60, 1000) != "correct"
-            assert sandbox.judge(name, solved, 60, 1000) == "correct"
+    for name in lesson.functions:
+        assert sandbox.judge(name, stubs, 60, 1000) != "correct"
+        assert sandbox.judge(name, solved, 60, 1000) == "correct"
 
 
 def test_nbgraders_gradebook_takes_the_points(tmp_path, monkeypatch):
