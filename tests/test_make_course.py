@@ -86,6 +86,7 @@ def test_six_weeks_take_every_notebook_once_and_none_is_far_too_long():
         assert held == sorted(held)
         for week in plans[plan]:
             assert sum(lessons[number].minutes for number in week["notebooks"]) <= 60 * most, week["title"]
+    assert {number for week in plans["six"] for number in week["notebooks"]} == set(lessons)
     assert {len(plans["six"]), len(plans["three"])} == {6, 3}
     assert make_course.write_syllabus(WEEKS, NOTEBOOKS).count("To discuss: ") == 9
 
