@@ -1,12 +1,14 @@
 """Who finds p in a live run starts where it is told, and doubts now and then."""
 
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clothlab import artifacts
-from clothlab.lab.finder import DOUBT_EVERY, Finder, calibration
+from clothlab.lab.finder import DOUBT_EVERY, Finder, Later, calibration, calibration_later
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,8 @@ def run(learned):
 
 @pytest.fixture(scope="module")
 def known():
-    return calibration("torque-0", "evaluation")
+    found = calibration("torque-0", "evaluation")
+    return lambda: found
 
 
 def follow(finder, run, steps, *, at_rest=True):
@@ -56,6 +59,39 @@ def test_only_a_run_that_begins_at_rest_has_no_warm_up(learned, known, run):
     assert moving.doubt is None
 
 
+def test_what_is_computed_later_is_computed_once_and_nobody_waits_for_it():
+    gate, calls = threading.Event(), []
+    later = Later(lambda: (calls.append(threading.current_thread()), gate.wait(5)))
+    assert calls == []
+    assert later() is later() is None
+    gate.set()
+    while later() is None:
+        time.sleep(0.001)
+    assert len(calls) == 1
+    assert calls[0] is not threading.current_thread()
+
+
+def test_what_goes_wrong_later_is_raised_where_it_is_asked_for():
+    def wait():
+        while later() is None:
+            time.sleep(0.001)
+
+    later = Later(lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        wait()
+
+
+def test_without_a_calibration_p_is_found_without_doubts(learned, known, run):
+    missing, there = Finder(learned, lambda: None, np.zeros(2)), Finder(learned, known, np.zeros(2))
+    for k in range(20):
+        p, same = (finder.update(run.s[k], run.u[k], at_rest=k == 0) for finder in (missing, there))
+        assert np.array_equal(p, same)
+    assert missing.doubt is None
+    assert there.doubt is not None
+
+
 def test_trials_that_are_not_there_are_named():
+    with pytest.raises(KeyError, match="unknown"):
+        calibration_later("torque-0", "nothing")
     with pytest.raises(KeyError, match="unknown"):
         calibration("torque-0", "nothing")

@@ -18,7 +18,7 @@ from clothlab.control import recorded_plans
 from clothlab.dpmpb import observe
 from clothlab.env import ClothEnv, Scene, SimulationError
 from clothlab.lab.drivers import DRIVERS, Drivers
-from clothlab.lab.finder import Finder, calibration
+from clothlab.lab.finder import Finder, calibration_later
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
 from clothlab.vision import check_mask
@@ -106,7 +106,7 @@ class LiveSession:
 
     def _equip(self, setup: Setup) -> None:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
-        self._calibration = calibration(setup.weights, setup.known)
+        self._calibration = calibration_later(setup.weights, setup.known)
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.sequences(trial) for trial in trials]
         images, targets = yardsticks(trials), artifacts.load_targets()
