@@ -8,7 +8,7 @@ from clothlab.artifacts import Trained
 from clothlab.autoencoder import Autoencoder
 from clothlab.control import recorded_plans
 from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.lab.drivers import DRIVERS, Drivers, stick_command
+from clothlab.lab.drivers import DRIVERS, Account, Choice, Drivers, stick_command
 
 
 @pytest.fixture
@@ -62,3 +62,28 @@ def test_sticks_and_trigger_span_the_range():
         assert stick_command(arm, [1, 2, 1]) == pytest.approx(arm.command_upper)
         assert stick_command(arm, [0.5] * 3) == pytest.approx((arm.command_lower + arm.command_upper) / 2)
         assert len(stick_command(arm, [0.5] * 3)) == count
+
+
+def account_for(account, driver, promises, distances, length=3):
+    choices = (Choice(np.zeros(2), True, promise, k % length == length - 1) for k, promise in enumerate(promises))
+    pairs = zip(choices, distances, strict=True)
+    return [account.add(driver, choice, distance) for choice, distance in pairs]
+
+
+def test_an_outcome_stands_beside_what_its_period_had_promised_at_its_beginning():
+    promises, distances = [0.5, 0.6, 0.7, 0.1, 0.2, 0.3], [2.0, 1.0, 3.0, 4.0, 6.0, 5.0]
+    assert account_for(Account(), "control", promises, distances) == [None, None, (0.5, 3.0), None, None, (0.1, 5.0)]
+    assert account_for(Account(), "practise", promises, distances) == [None, None, (0.5, 1.0), None, None, (0.1, 4.0)]
+
+
+def test_a_promise_about_another_target_is_not_held_against_anybody():
+    account = Account()
+    account.add("control", Choice(np.zeros(2), True, 0.5, False), 1.0)
+    account.interrupt()
+    assert account_for(account, "control", [0.4, 0.3], [1.0, 1.0], length=2) == [None, None]
+    assert account_for(account, "control", [0.4, 0.3], [1.0, 2.0], length=2) == [None, (0.4, 2.0)]
+
+
+def test_who_promises_nothing_has_no_account():
+    assert account_for(Account(), "random", [None] * 3, [1.0] * 3) == [None] * 3
+    assert account_for(Account(), "practise", [None] * 3, [1.0] * 3) == [None] * 3

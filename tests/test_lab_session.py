@@ -80,7 +80,29 @@ def test_control_promises_what_its_model_predicts(session):
     assert all(0 < promise < 10 for promise in promises)
     assert len(set(promises)) == 8
     session.set_driver("random")
+    assert session.step().period is None
     assert session.step().promise is None
+
+
+def test_a_period_keeps_what_it_promised_at_its_beginning_beside_what_came_of_it(session):
+    moments = drive(session, 2)
+    assert [moment.step for moment in moments if moment.period] == [8, 16]
+    assert moments[15].period == (moments[8].promise, moments[15].distance)  # control aims at the last step
+    session.set_driver("practise")
+    moments = drive(session, 1)
+    assert moments[7].period == (moments[0].promise, min(moment.distance for moment in moments))
+    session.step()
+    session.set_target(session.gallery["target-1"])
+    assert [moment.period for moment in drive(session, 1)] == [None] * 8  # the promise was about another target
+    session.reset()
+    assert drive(session, 1)[7].period
+
+
+def test_a_session_knows_what_was_sent_last(session):
+    assert np.array_equal(session.command, session.arm.home_command)
+    assert np.array_equal(session.step().command, session.command)
+    session.reset()
+    assert np.array_equal(session.command, session.arm.home_command)
 
 
 def test_without_new_plans_the_best_known_one_is_repeated(session):

@@ -1,6 +1,6 @@
-"""Who can choose the commands of a live run: two controllers, a person's hand, and the policies of the recordings."""
+"""Who can choose the commands of a live run, and what came of what the controllers among them promised."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,41 @@ class Choice(NamedTuple):
     solved: bool  # whether a controller solved for it, or went on with its last plan
     promise: float | None  # distance that the controller promises for the end of its period [s.d. of z]
     period_ended: bool  # whether a period of the controller ends with it
+
+
+class Period(NamedTuple):
+    """A controller's period that is over."""
+
+    promise: float  # expected distance, as it was when the period began [s.d. of z]
+    outcome: float  # what came of it [s.d. of z]: control aims at the last step of a period, practice at the best
+
+
+OUTCOMES: dict[str, Callable[[Sequence[float]], float]] = {"control": lambda away: away[-1], "practise": min}
+
+
+class Account:
+    """Keeps what the controller that drives promised, until its period is over and shows what came of it."""
+
+    def __init__(self) -> None:
+        self._promise: float | None = None
+        self._distances: list[float] = []
+
+    def interrupt(self) -> None:
+        """Forget the promise of a period under way: it was about another target."""
+        self._promise = None
+
+    def add(self, driver: str, choice: Choice, distance: float) -> Period | None:
+        """Take in a step and the distance seen after it [s.d. of z]; answers at the end of a period."""
+        if driver not in OUTCOMES:
+            return None
+        if not self._distances:
+            self._promise = choice.promise
+        self._distances.append(distance)
+        if not choice.period_ended:
+            return None
+        promise, distances = self._promise, self._distances
+        self._promise, self._distances = None, []
+        return None if promise is None else Period(promise, OUTCOMES[driver](distances))
 
 
 class Hand(Policy):

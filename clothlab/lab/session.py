@@ -17,7 +17,7 @@ from clothlab.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.control import recorded_plans
 from clothlab.dpmpb import observe
 from clothlab.env import ClothEnv, Scene, SimulationError
-from clothlab.lab.drivers import DRIVERS, Drivers
+from clothlab.lab.drivers import DRIVERS, Account, Drivers, Period
 from clothlab.lab.finder import Finder, calibration_later
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
@@ -57,6 +57,7 @@ class Moment:
     seconds: float  # what the step took to compute [s]
     solved: bool  # whether the controller solved for this command, or went on with its last plan
     period_ended: bool  # whether it was the last command of the controller's period
+    period: Period | None  # then, what the period had promised at its beginning and what came of it
 
 
 class LiveSession:
@@ -75,6 +76,7 @@ class LiveSession:
         practising: whether the driver "practise" tries new plans; else it repeats the best known one.
         estimating: whether p follows what is observed.
         hand: the command `[D_u]` that the driver "hand" sends.
+        command: the last one that was sent `[D_u]`, by whoever drives; before the first, where the arm is at home.
         tension: f_const [N] that everyone has to send, or None.
         believed: what the autoencoder makes of `target` `[H, W]`, 0 to 1.
         misunderstanding: chamfer distance [pixel] between the two; infinite where no cloth is left.
@@ -153,6 +155,7 @@ class LiveSession:
         """Go on from a cloth that was just made to hang still."""
         self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
+        self.command, self._account = self.arm.home_command, Account()
         self.step_number, self.seed = 0, int(np.random.default_rng().integers(2**32))
         self._drivers.reset(self.seed)
         self.finder = Finder(self.trained, self._calibration, self._p)
@@ -189,6 +192,7 @@ class LiveSession:
         z = encode(self.trained.autoencoder, mask)
         believed = decode(self.trained.autoencoder, z)
         self._drivers.set_target(mask)
+        self._account.interrupt()
         self.target, self._z_ref, self.believed = mask.copy(), z, believed
         self.misunderstanding = misunderstanding(mask, believed)
 
@@ -201,6 +205,7 @@ class LiveSession:
         driver = choose("driver", driver, {name: name for name in DRIVERS})
         if driver != self.driver:
             self._drivers.resume()
+            self._account = Account()
         self.driver = driver
 
     def set_hand(self, u: ArrayLike) -> None:
@@ -224,7 +229,7 @@ class LiveSession:
         about = (self.trained, arm, self.target, self._p, self.hand)
         self._drivers = Drivers(*about, plans=self._plans, runs=self._runs)
         self._drivers.reset(self.seed)
-        self.tension = f_const
+        self.tension, self._account = f_const, Account()
 
     def step(self, *, solve: bool = True) -> Moment:
         """Choose a command, send it, and look. A step that fails has not happened.
@@ -246,7 +251,7 @@ class LiveSession:
         except BaseException:  # an interrupt, too: half a step could not be replayed
             self.env.data = before
             raise
-        self.observation, self.step_number = observation, self.step_number + 1
+        self.observation, self.step_number, self.command = observation, self.step_number + 1, u
         if self.recording:
             about = {"cloth": self.env.cloth, "arm": self.arm.name, "policy": self.driver, "seed": self.seed}
             self.recorder.add(seen, u, about)
@@ -254,11 +259,12 @@ class LiveSession:
             s = observe(self.trained.autoencoder, seen)
             self._use(self.finder.update(s, u, at_rest=self.step_number == 1))
         z = encode(self.trained.autoencoder, observation["image"])
+        distance = float(np.linalg.norm(self._z_ref - z))
         return Moment(
             step=self.step_number,
             image=observation["image"].astype(bool),
             reconstruction=decode(self.trained.autoencoder, z),
-            distance=float(np.linalg.norm(self._z_ref - z)),
+            distance=distance,
             promise=chosen.promise,
             command=u,
             theta=self.arm.angles(self.env.data),
@@ -266,6 +272,7 @@ class LiveSession:
             seconds=time.perf_counter() - start,
             solved=chosen.solved,
             period_ended=chosen.period_ended,
+            period=self._account.add(self.driver, chosen, distance),
         )
 
     @property
