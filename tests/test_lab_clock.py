@@ -1,11 +1,12 @@
 """Time in the kernel's event loop."""
 
 import asyncio
+import time
 from threading import get_ident
 
 import pytest
 
-from clothlab.lab.clock import Clock, Turns
+from clothlab.lab.clock import RECENT, Clock, Turns
 
 
 def test_ticks_keep_the_period_and_lost_time_is_not_made_up_for():
@@ -25,6 +26,27 @@ def test_ticks_keep_the_period_and_lost_time_is_not_made_up_for():
     number, late = asyncio.run(main())
     assert 6 <= number <= 11
     assert late <= 2
+
+
+def test_who_was_late_is_so_for_a_few_ticks():
+    async def main():
+        said = []
+
+        def tick(behind):
+            said.append(clock.lately)
+            if len(said) == 2:
+                time.sleep(0.09)  # the next one comes late
+            return len(said) < 3 + RECENT
+
+        clock = Clock(tick, 0.05)
+        clock.start()
+        await asyncio.sleep(0.05 * (5 + RECENT))
+        return said
+
+    said = asyncio.run(main())
+    assert said[:2] == [False, False]
+    assert all(said[2 : 2 + RECENT])
+    assert not said[-1]
 
 
 def test_a_tick_that_says_no_is_the_last():

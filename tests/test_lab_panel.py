@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from clothlab.env import SimulationError
 from clothlab.lab import LivePanel, LiveSession, table, views
 from clothlab.lab import panel as panel_module
 from clothlab.trials import load_trial
@@ -256,7 +257,7 @@ def test_practice_is_switched_on_and_told_to_repeat(panel):
     send(panel, "set driver", driver="practise")
     assert (panel.state["driver"], panel.state["practising"]) == ("practise", True)
     send(panel, "step")
-    assert [line["name"] for line in panel.frame["traces"][0]["lines"]] == ["distance", "promise"]
+    assert [line["name"] for line in panel.frame["traces"][0]["lines"]] == ["distance", "promise at each step"]
     send(panel, "practise", on=False)
     assert panel.session.practising is panel.state["practising"] is False
     send(panel, "step")
@@ -355,6 +356,51 @@ def test_a_fault_in_a_step_pauses_and_the_panel_lives_on(panel, monkeypatch):
     panel.errors.clear()
     monkeypatch.undo()
     send(panel, "step")
+
+
+def test_a_sign_says_how_it_goes(panel, monkeypatch):
+    def broken(**_):
+        raise SimulationError("the physics diverged")
+
+    assert panel.state["sign"] == "paused"
+    signs = []
+    panel.observe(lambda change: signs.append(change["new"]["sign"]), "state")
+    run(panel, 0.5)
+    assert "running" in signs
+    send(panel, "pause")
+    assert panel.state["sign"] == "paused"
+    monkeypatch.setattr(panel.session, "step", broken)
+    run(panel, 0.3)
+    assert (panel.state["sign"], panel.state["running"], panel.errors) == ("fault", False, [])
+    assert "diverged" in says(panel)
+    monkeypatch.undo()
+    send(panel, "set driver", driver="random")
+    assert panel.state["sign"] == "fault"  # time still stands
+    send(panel, "reset")
+    assert panel.state["sign"] == "paused"
+
+
+@pytest.mark.slow
+def test_who_is_too_slow_is_late(panel, monkeypatch):
+    step, signs = panel.session.step, []
+
+    def slow(**how):
+        time.sleep(0.35)
+        return step(**how)
+
+    monkeypatch.setattr(panel.session, "step", slow)
+    panel.observe(lambda change: signs.append(change["new"]["sign"]), "state")
+    run(panel, 1.2)
+    assert "late" in signs
+    assert "fault" not in signs
+
+
+def test_a_fault_stays_on_the_sign_until_the_next_action(panel):
+    panel._messages.say("✗ a fault", "fault")
+    panel._refresh()
+    assert panel.state["sign"] == "fault"
+    send(panel, "step")
+    assert panel.state["sign"] == "paused"
 
 
 def test_missing_weights_are_a_message(panel, monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 
 from clothlab.arm import get_arm
 from clothlab.lab import views
+from clothlab.lab.drivers import Period
 from clothlab.lab.session import LiveSession
 from clothlab.uncertainty import Doubt, inside
 
@@ -98,7 +99,7 @@ def test_traces_are_as_long_as_the_history(session, history):
 
 def test_a_promise_is_a_second_line_beside_the_distance(session, history):
     def promised(history):
-        return [line for line in views.traces(session, history)[0]["lines"] if line["name"] == "promise"]
+        return [line for line in views.traces(session, history)[0]["lines"] if line["name"] == "promise at each step"]
 
     assert not promised(history)
     promises = [replace(moment, promise=0.25 + k) for k, moment in enumerate(history)]
@@ -107,7 +108,17 @@ def test_a_promise_is_a_second_line_beside_the_distance(session, history):
     distance = views.traces(session, promises)[0]["lines"][0]
     assert (line["colour"], line["dash"]) != (distance["colour"], distance["dash"])
     assert line["dash"] == 1
+    assert [each["fine"] for each in views.traces(session, promises)[0]["lines"]] == [False, True]
     plain(line)
+
+
+def test_promise_and_outcome_of_a_period_stand_where_it_ended(session, history):
+    ended = [replace(moment, period=Period(0.5, 0.75) if k == 2 else None) for k, moment in enumerate(history)]
+    shown = views.traces(session, ended)
+    plain(shown)
+    assert shown[0]["pairs"] == [(2, 0.5, 0.75)]
+    assert all(each["pairs"] == [] for each in shown[1:])
+    assert views.traces(session, history)[0]["pairs"] == []
 
 
 def test_a_mark_is_where_a_period_of_the_controller_ended(session, history):
@@ -127,7 +138,30 @@ def test_controls_stand_where_the_session_is(session):
     shown = views.state(session)
     plain(shown)
     assert (shown["arm"], shown["driver"]) == (session.arm.name, session.driver)
-    assert shown["hand"] == pytest.approx(session.hand)
+    assert shown["hand"] == pytest.approx(session.command)  # the hand does not drive
+
+
+def test_the_sliders_of_the_hand_show_what_is_sent(session):
+    session.set_driver("random")
+    sent = session.step().command
+    assert views.state(session)["hand"] == pytest.approx(sent)
+    session.set_driver("hand")
+    assert views.state(session)["hand"] == pytest.approx(session.hand)
+    session.set_driver("random")
+    for each in (session.arm.command_lower, session.arm.command_upper):
+        session.command = each.astype(np.float32) * np.float32(1 + 1e-6)  # as a controller may round it
+        session.set_hand(views.state(session)["hand"])
+
+
+def test_there_is_one_f_const(session):
+    if session.arm.has_stiffness:
+        assert views.state(session)["tension"] == [views.state(session)["hand"][2]]
+        session.set_tension(45.0)
+        shown = views.state(session)
+        assert (shown["fixed"], shown["tension"], shown["hand"][2]) == (True, [45.0], 45.0)
+        session.set_tension(None)
+    else:
+        assert views.state(session)["tension"] == []
 
 
 def test_the_verdict_says_whether_the_network_knows_the_target(session):

@@ -3,7 +3,10 @@
 import asyncio
 import contextlib
 import threading
+from collections import deque
 from collections.abc import Callable
+
+RECENT = 5  # ticks
 
 
 class Turns:
@@ -40,7 +43,12 @@ class Clock:
     def __init__(self, tick: Callable[[float], bool], period: float):
         self._tick, self._period = tick, period
         self._task: asyncio.Task | None = None
-        self.late = 0
+        self.late, self._recent = 0, deque[bool](maxlen=RECENT)
+
+    @property
+    def lately(self) -> bool:
+        """Whether one of the last few ticks came more than half a period late."""
+        return any(self._recent)
 
     @property
     def running(self) -> bool:
@@ -54,6 +62,7 @@ class Clock:
             RuntimeError: no event loop runs, as in a plain script.
         """
         if not self.running:
+            self._recent.clear()
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     def pause(self) -> None:
@@ -67,7 +76,8 @@ class Clock:
         due = loop.time()
         while True:
             behind = loop.time() - due
-            self.late += behind > self._period / 2
+            self._recent.append(behind > self._period / 2)
+            self.late += self._recent[-1]
             if not self._tick(behind):
                 self._task = None
                 return

@@ -39,7 +39,7 @@ class PBMap(anywidget.AnyWidget):
         plane: the axes.
     """
 
-    _esm = javascript("map", "map_widget")
+    _esm = javascript("text", "map", "map_widget")
     about = traitlets.Dict().tag(sync=True)
     chosen = traitlets.List(traitlets.Float()).tag(sync=True)
 

@@ -46,7 +46,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         table: what there is to see of an episode of setting the table, which is no part of the session.
     """
 
-    _esm = views.javascript("traces", "target", "map", "gamepad", "table", "panel")
+    _esm = views.javascript("text", "traces", "target", "map", "gamepad", "table", "style", "panel")
     about = traitlets.Dict().tag(sync=True)
     state = traitlets.Dict().tag(sync=True)
     target = traitlets.Dict().tag(sync=True)
@@ -66,6 +66,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.errors = self._messages.errors
         self.history: deque[Moment] = deque(maxlen=views.HISTORY)
         self.steps = self._unseen = self._drawn = 0  # _unseen: steps since the last frame was sent
+        self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
         self.session.recorder.find()  # what the panel before was recording, for one
         if self.session.recorder.waiting:
@@ -86,8 +87,16 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """How many steps began more than half a period late."""
         return self._clock.late
 
+    @property
+    def sign(self) -> str:
+        """How it goes, in a word: `running`, `paused`, `late`, or `fault` after a fault or a step that failed."""
+        if self._broken or self._messages.shown["kind"] == "fault":
+            return "fault"
+        return "paused" if not self.running else "late" if self._clock.lately else "running"
+
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
+        self._broken = False
         self._clock.start()
         self._show(force=True)  # a page that was reloaded has not drawn the last one
 
@@ -98,12 +107,14 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     def step(self) -> None:
         """Make a single step."""
+        self._broken = False
         self._advance(solve=True)
         self._show(force=True)
 
     def reset(self) -> None:
         """Let the cloth hang still again."""
         self.session.reset()
+        self._broken = False
         self.history.clear()
         self._show(force=True)
 
@@ -124,6 +135,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """A step in time; False pauses, after an error or when nobody looks."""
         guarded = self._messages.guarded
         going = guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and guarded(self._show)
+        self._broken = not going
         if going and self._unseen > PATIENCE:
             self._messages.say("paused: the page does not answer")
             going = False
@@ -151,7 +163,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
 
     def _refresh(self) -> None:
-        more = {"running": self.running, "message": self._messages.shown, "answered": self._answered}
+        more = {"running": self.running, "sign": self.sign, "message": self._messages.shown, "answered": self._answered}
         self.state = views.state(self.session) | more
 
     def _meet_arm(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike
 
 from clothlab import plots
@@ -28,6 +29,7 @@ DAMPING, MASS = (0.01, 0.10, 0.005), (0.045, 0.20, 0.005)
 TENSION_STEP = 5.0  # [N]
 BRUSH = {"range": (1, 12, 1), "start": 4}  # radius [pixel]
 GAMEPAD = {"axes": (1, 3), "trigger": 7, "moves": 0.05}  # vertical axes, right trigger; a stick at rest trembles
+ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
 LARGEST_FILE = 5_000_000  # [byte] of an uploaded picture: the server takes messages of up to 10 MB
 
 
@@ -113,6 +115,9 @@ def fixtures(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
 def state(session: LiveSession) -> dict[str, Any]:
     """Where every control stands."""
     cloth, tension, arm = session.env.cloth, session.tension, session.arm
+    hand = np.clip(session.hand if session.driver == "hand" else session.command, arm.command_lower, arm.command_upper)
+    if tension is not None:
+        hand[arm.stiffness_command] = tension  # whatever else is said of f_const
     return {
         "arm": arm.name,
         "driver": session.driver,
@@ -120,8 +125,8 @@ def state(session: LiveSession) -> dict[str, Any]:
         "cloth": {"name": cloth.name, "label": cloth.label, "material": (cloth.damping, cloth.mass)},
         "estimating": session.estimating,
         "fixed": tension is not None,
-        "tension": [tension] if tension is not None else arm.home_command[arm.stiffness_command].tolist(),
-        "hand": session.hand.tolist(),
+        "tension": hand[arm.stiffness_command].tolist(),
+        "hand": hand.tolist(),  # what is sent, whoever drives
         "recording": session.recording,
         "waiting": session.recorder.waiting,
     }
@@ -190,29 +195,34 @@ def doubts(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
 
 
 def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, Any]]:
-    """The curves of a history: `{title, unit, lines: [{name, values, colour, dash}], limit: (name, value)}`.
+    """The curves of a history, `{title, unit, lines: [{name, values, colour, dash, fine}], limit, pairs}` each.
 
-    Where a curve has a gap, its value is None.
+    Where a curve has a gap, its value is None. A fine line is left out on a projector. A limit is `(name, value)`, and
+    pairs are `(index, promise, outcome)` of the periods that are over.
     """
 
-    def line(name: str, values: Iterable[float | None], colour: int = 0, dash: int = 0) -> dict[str, Any]:
+    def line(
+        name: str, values: Iterable[float | None], colour: int = 0, dash: int = 0, fine: bool = False
+    ) -> dict[str, Any]:
         rounded = [None if v is None else round(float(v), 4) for v in values]
-        return {"name": name, "values": rounded, "colour": colour, "dash": dash}
+        return {"name": name, "values": rounded, "colour": colour, "dash": dash, "fine": fine}
 
     def plot(title: str, unit: str, *lines: dict, limit: tuple[str, float] | None = None) -> dict[str, Any]:
-        return {"title": title, "unit": unit, "lines": lines, "limit": limit}
+        return {"title": title, "unit": unit, "lines": lines, "limit": limit, "pairs": []}
 
     angles = [line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
     angles += [line(f"{joint} ref", (m.command[j] for m in history), j, 1) for j, joint in enumerate(JOINTS)]
     distances = [line("distance", (m.distance for m in history))]
     if any(m.promise is not None for m in history):
-        distances.append(line("promise", (m.promise for m in history), 1, 1))
+        distances.append(line("promise at each step", (m.promise for m in history), 1, 1, fine=True))
     seconds = line("step", (1e3 * m.seconds for m in history))
     shown = [
         plot("distance to the target", "s.d. of z", *distances, limit=("hanging still", session.still_distance)),
         plot("joint angles", "rad", *angles),
         plot("time a step took", "ms", seconds, limit=("control period", 1e3 * CONTROL_PERIOD)),
     ]
+    kept = [(k, *np.round(moment.period, 4).tolist()) for k, moment in enumerate(history) if moment.period]
+    shown[0]["pairs"] = kept
     if session.arm.has_stiffness:
         f_const = line("f_const", (m.command[session.arm.stiffness_command][0] for m in history))
         shown.insert(2, plot("stiffness command", "N", f_const))
@@ -220,9 +230,19 @@ def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, An
 
 
 def ellipse(session: LiveSession, u: np.ndarray) -> bytes:
-    """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; nothing for an arm without muscles."""
+    """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; nothing for an arm without muscles.
+
+    Its words stand in the page, where a projector's style enlarges them.
+    """
     arm = session.arm
     if not arm.has_stiffness:
         return b""
     f_const = u[arm.stiffness_command][0] if session.tension is None else session.tension
-    return encoded(plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const))
+    figure = plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const)
+    (ax,) = figure.axes
+    ax.set_title("")
+    ax.tick_params(labelsize=ELLIPSE_TEXT)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set_fontsize(ELLIPSE_TEXT)
+        axis.set_major_locator(MultipleLocator(0.5))
+    return encoded(figure)

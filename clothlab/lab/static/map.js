@@ -1,81 +1,74 @@
 // The plane of p: trained materials as dots, the p in use as a cross with its trail and the region
 // that holds it in nine cases of ten. A click or the arrow keys choose.
-function placeLabel(width, [x, y], taken, size) {
+function placeLabel(width, [x, y], taken, side, size) {
   // Beside, above or below its dot, as near as it is inside and covers nothing yet.
-  const around = (r) => [[r, 5], [-r - width, 5], [-width / 2, -r - 1], [-width / 2, r + 11], [r, -r], [r, r + 10], [-r - width, -r], [-r - width, r + 10]];
-  const places = [10, 16, 22, 30].flatMap(around);
-  const boxes = places.map(([dx, dy]) => [x + dx, y + dy - 12, x + dx + width, y + dy + 3]);
-  const inside = (box) => box[0] > 2 && box[1] > 2 && box[2] < size - 2 && box[3] < size - 2;
+  const around = (r) => [[r, 0.35], [-r - width, 0.35], [-width / 2, -r / size], [-width / 2, r / size + 0.7], [r, -r / size], [r, r / size + 0.7], [-r - width, -r / size], [-r - width, r / size + 0.7]];
+  const places = [0.75, 1.2, 1.7, 2.3, 3, 4, 5].flatMap((far) => around(far * size));
+  const boxes = places.map(([dx, dy]) => [x + dx, y + (dy - 0.9) * size, x + dx + width, y + (dy + 0.25) * size]);
+  const inside = (box) => box[0] > 2 && box[1] > 2 && box[2] < side - 2 && box[3] < side - 2;
   const free = (box) => !taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]);
   const box = boxes.find((each) => inside(each) && free(each)) ?? boxes.find(inside) ?? boxes[0];
   taken.push(box);
-  return [box[0], box[3] - 3];
+  return [box[0], box[3] - 0.25 * size];
 }
 
-function pbMap(choose, SIZE = 310) {
-  const PAD = 26, SHARP = 2; // [CSS pixel], and canvas pixels to each
+function pbMap(choose, SIDE = 310) {
+  const SHARP = 2; // canvas pixels to each CSS pixel
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
-  canvas.width = canvas.height = SIZE * SHARP;
-  canvas.style.cssText = `width:${SIZE}px;height:${SIZE}px;cursor:crosshair;touch-action:none`;
+  canvas.className = "map";
+  canvas.style.cssText = "aspect-ratio:1;cursor:crosshair;touch-action:none";
+  canvas.style.setProperty("width", `var(--map, ${SIDE}px)`);
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "application");
   canvas.setAttribute("aria-label", "map of the parametric bias p: click, or use the arrow keys, to set p");
-  ctx.scale(SHARP, SHARP);
   let shown = { dots: [], reach: 1, axes: ["", ""], at: [0, 0], trail: [], region: [], held: "" };
-  const half = SIZE / 2 - PAD;
-  const toScreen = ([x, y]) => [SIZE / 2 + (x / shown.reach) * half, SIZE / 2 - (y / shown.reach) * half];
+  let side = SIDE, pad = 26; // [CSS pixel]
+  const half = () => side / 2 - pad;
+  const toScreen = ([x, y]) => [side / 2 + (x / shown.reach) * half(), side / 2 - (y / shown.reach) * half()];
 
   function draw(news) {
     shown = { ...shown, ...news };
+    side = canvas.clientWidth || SIDE;
+    if (canvas.width !== side * SHARP) canvas.width = canvas.height = side * SHARP;
+    ctx.setTransform(SHARP, 0, 0, SHARP, 0, 0);
     ctx.fillStyle = "#fff";
-    ctx.fillRect(0, 0, SIZE, SIZE);
+    ctx.fillRect(0, 0, side, side);
+    const { size, thick, width, write, upwards } = writer(canvas, ctx), edge = 1.4 * size, dot = 0.4 * size, arm = 0.65 * size;
+    pad = 1.9 * size;
     ctx.strokeStyle = "#ccc";
-    ctx.strokeRect(PAD, PAD / 4, SIZE - 1.25 * PAD, SIZE - 1.25 * PAD);
-    ctx.font = "14px sans-serif";
-    ctx.fillStyle = "#222";
-    ctx.textAlign = "center";
-    ctx.fillText(shown.axes[0], SIZE / 2, SIZE - 6);
-    ctx.save();
-    ctx.translate(17, SIZE / 2);
-    ctx.rotate(-Math.PI / 2);
-    ctx.fillText(shown.axes[1], 0, 0);
-    ctx.restore();
-    ctx.textAlign = "left";
-    const places = shown.dots.map(({ at }) => toScreen(at)), taken = places.map(([x, y]) => [x - 6, y - 6, x + 6, y + 6]);
-    taken.push([0, 0, 24, SIZE], [0, SIZE - 22, SIZE, SIZE]); // the names of the axes
-    ctx.font = "13px sans-serif";
+    ctx.strokeRect(pad, pad / 4, side - 1.25 * pad, side - 1.25 * pad);
+    write(shown.axes[0], side / 2, side - 0.4 * size, { align: 0.5 });
+    upwards(shown.axes[1], 1.1 * size, side / 2);
+    const places = shown.dots.map(({ at }) => toScreen(at)), taken = places.map(([x, y]) => [x - dot, y - dot, x + dot, y + dot]);
+    taken.push([0, 0, edge + 2, side], [0, side - edge, side, side]); // the names of the axes
     ctx.strokeStyle = "#0072B2";
-    ctx.lineWidth = 2;
+    ctx.lineWidth = thick;
     ctx.beginPath();
     for (const point of [...shown.trail, shown.at]) ctx.lineTo(...toScreen(point));
     ctx.stroke();
     ctx.lineWidth = 1;
-    shown.dots.forEach(({ name, label }, i) => {
+    const labels = shown.dots.map(({ name, label }, i) => {
       ctx.fillStyle = name === shown.held ? "#000" : "#ccc";
       ctx.strokeStyle = "#333";
       ctx.beginPath();
-      ctx.arc(...places[i], 5.5, 0, 7);
+      ctx.arc(...places[i], dot, 0, 7);
       ctx.fill();
       ctx.stroke();
-      ctx.fillStyle = "#222";
-      const width = ctx.measureText(label).width, at = placeLabel(width, places[i], taken, SIZE), [x, y] = places[i];
-      const near = [Math.min(Math.max(x, at[0]), at[0] + width), Math.min(Math.max(y, at[1] - 10), at[1])];
-      if (Math.hypot(near[0] - x, near[1] - y) > 13) {
+      const wide = width(label), at = placeLabel(wide, places[i], taken, side, size), [x, y] = places[i];
+      const near = [Math.min(Math.max(x, at[0]), at[0] + wide), Math.min(Math.max(y, at[1] - 0.75 * size), at[1])];
+      if (Math.hypot(near[0] - x, near[1] - y) > size) {
         ctx.strokeStyle = "#555"; // so far away that a line has to say whose label it is
         ctx.beginPath();
         ctx.moveTo(x, y);
         ctx.lineTo(...near);
         ctx.stroke();
       }
-      ctx.strokeStyle = "#fff"; // a rim, because the trail may run below
-      ctx.lineWidth = 3;
-      ctx.strokeText(label, ...at);
-      ctx.lineWidth = 1;
-      ctx.fillText(label, ...at);
+      return () => write(label, ...at, { rimmed: true });
     });
+    labels.forEach((put) => put()); // over all lines
     if (shown.region.length) {
       ctx.strokeStyle = "#D55E00";
-      ctx.lineWidth = 1.5;
+      ctx.lineWidth = 0.75 * thick;
       ctx.setLineDash([5, 3]);
       ctx.beginPath();
       for (const point of shown.region) ctx.lineTo(...toScreen(point));
@@ -84,19 +77,20 @@ function pbMap(choose, SIZE = 310) {
     }
     const [x, y] = toScreen(shown.at);
     ctx.strokeStyle = "#D55E00";
-    ctx.lineWidth = 3.5;
+    ctx.lineWidth = 1.75 * thick;
     ctx.beginPath();
     for (const [dx, dy] of [[1, 0], [0, 1]]) {
-      ctx.moveTo(x - 9 * dx, y - 9 * dy);
-      ctx.lineTo(x + 9 * dx, y + 9 * dy);
+      ctx.moveTo(x - arm * dx, y - arm * dy);
+      ctx.lineTo(x + arm * dx, y + arm * dy);
     }
     ctx.stroke();
     ctx.lineWidth = 1;
   }
+  new ResizeObserver(() => draw({})).observe(canvas); // lets go of it with the canvas
   canvas.addEventListener("click", (event) => {
-    const box = canvas.getBoundingClientRect(), scale = SIZE / box.width;
-    const x = (event.clientX - box.left) * scale - SIZE / 2, y = SIZE / 2 - (event.clientY - box.top) * scale;
-    choose([(x / half) * shown.reach, (y / half) * shown.reach]);
+    const box = canvas.getBoundingClientRect(), scale = side / box.width;
+    const x = (event.clientX - box.left) * scale - side / 2, y = side / 2 - (event.clientY - box.top) * scale;
+    choose([(x / half()) * shown.reach, (y / half()) * shown.reach]);
   });
   canvas.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];

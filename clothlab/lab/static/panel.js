@@ -1,43 +1,10 @@
 // The panel. Python says how things stand (state down), and is told what a person does (actions up).
-const STYLE = `
-.clothlab { font: 15px/1.4 system-ui, sans-serif; color: #1a1a1a; background: #fff; padding: 8px; }
-.clothlab * { box-sizing: border-box; }
-.clothlab figure { margin: 0; }
-.clothlab .row { display: flex; flex-wrap: wrap; gap: 8px; align-items: center; }
-.clothlab .columns { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-start; margin-top: 8px; }
-.clothlab section { flex: 1 1 var(--least); min-width: min(100%, var(--least)); max-width: 600px; border-top: 2px solid #0072B2; padding-top: 4px; }
-.clothlab .traces { flex: 1 1 470px; }
-.clothlab section > .row, .clothlab .lone { margin-top: 6px; }
-.clothlab h3 { font-size: 16px; margin: 2px 0 6px; }
-.clothlab button, .clothlab select, .clothlab input[type=text] { font: inherit; padding: 3px 10px; border: 1px solid #888; border-radius: 4px; background: #f6f6f6; color: inherit; }
-.clothlab button:hover:not(:disabled, [aria-pressed=true]) { background: #e8f1f8; }
-.clothlab button[aria-pressed=true] { background: #0072B2; border-color: #0072B2; color: #fff; }
-.clothlab button.picture { padding: 0; border: 2px solid #ccc; line-height: 0; }
-.clothlab :disabled { opacity: 0.45; }
-.clothlab :focus-visible { outline: 3px solid #E69F00; outline-offset: 1px; }
-.clothlab label.slider { display: grid; grid-template-columns: 150px minmax(50px, 1fr) 48px; gap: 5px; align-items: center; white-space: nowrap; }
-.clothlab label.slider input { width: 100%; min-width: 0; }
-.clothlab .key { display: inline-block; white-space: nowrap; }
-.clothlab label.slider output { text-align: right; font-variant-numeric: tabular-nums; }
-.clothlab .status { font-weight: 600; padding: 2px 12px; border-radius: 12px; background: #e4e4e4; }
-.clothlab .status.running { background: #009E73; color: #fff; }
-.clothlab .message { min-height: 1.5em; overflow-wrap: anywhere; margin: 6px 0; padding: 1px 8px; border-left: 4px solid transparent; }
-.clothlab .message.info:not(:empty) { border-color: #0072B2; }
-.clothlab .message.mistake { border-color: #E69F00; background: #fdf3dd; }
-.clothlab .message.fault { border-color: #b00020; color: #b00020; background: #fdecee; font-weight: 600; }
-.clothlab .note { color: #444; font-size: 14px; margin: 4px 0; }
-.clothlab .inactive { opacity: 0.5; }
-.clothlab .beside { display: flex; gap: 8px; }
-.clothlab .beside > div { flex: 1 1 0; min-width: 0; }
-.clothlab .no { color: #b00020; font-weight: 600; }
-.clothlab details { margin-top: 12px; border-top: 2px solid #0072B2; padding-top: 4px; }
-.clothlab summary { font-size: 16px; font-weight: bold; cursor: pointer; }
-.clothlab ol.phases { list-style: none; margin: 8px 0; padding: 0; }
-.clothlab ol.phases li { padding: 1px 10px; border: 1px solid #888; border-radius: 12px; }
-.clothlab ol.phases .waiting { color: #595959; border-color: #ccc; }
-.clothlab ol.phases .running { background: #009E73; border-color: #009E73; color: #fff; font-weight: 600; }
-.clothlab ol.phases .failed { border-color: #b00020; color: #b00020; font-weight: 600; }
-`;
+const SIGNS = {
+  running: ["▶ running", "five steps a second"],
+  paused: ["❚❚ paused", "time stands still: press start"],
+  late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
+  fault: ["✗ fault", "something went wrong: the message says what"],
+};
 
 function make(tag, properties = {}, ...children) {
   const { style, ...rest } = properties, element = document.createElement(tag);
@@ -47,6 +14,18 @@ function make(tag, properties = {}, ...children) {
   if (style) element.style.cssText = style;
   element.append(...children);
   return element;
+}
+
+// A control that does not act at present looks off, and its title says why; where `why` is empty it is on.
+function off(element, why) {
+  element.disabled = Boolean(why);
+  element.title = why;
+}
+
+// The same of the button that was just pressed: it keeps the focus.
+function idle(element, why) {
+  element.setAttribute("aria-disabled", Boolean(why));
+  element.title = why;
 }
 
 function makeSlider(name, [low, high, step], change, event = "change") {
@@ -94,14 +73,15 @@ function render({ model, el }) {
   const button = (name, press) => make("button", { type: "button", textContent: name, onclick: press });
 
   // -- what is always there
-  const commands = ["start", "pause", "step", "reset"].map((name) => button(name, () => act(name)));
+  const commands = ["start", "pause", "step", "reset"].map((name) => button(name, () => act(name))), [start, pause] = commands;
   const status = make("span", { className: "status", role: "status" });
   const message = make("div", { role: "alert" }), again = make("div", { "aria-hidden": true }); // at the top and, for small screens, below
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
   const practise = button("try new plans", () => act("practise", { on: !get("state").practising })); // else the best known one again
   const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
-  const plots = make("div", { className: "traces" }), pair = make("div", { className: "row" }, seen.figure, decoded.figure);
-  const shown = make("div", { className: "columns" }, make("div", {}, scene.figure, pair), plots);
+  const plots = make("div", { className: "traces distance" }), others = make("div", { className: "traces" }); // the distance; the rest
+  const pair = make("div", { className: "row" }), pictures = make("div", {}, scene.figure, pair), curves = make("div", { className: "traces" });
+  const shown = make("div", { className: "columns" });
 
   // -- target
   const tool = { brush: get("about").brush.start, erase: false };
@@ -124,22 +104,24 @@ function render({ model, el }) {
   });
   const tools = make("div", { className: "row" }, erase, clear, button("take this image", () => act("take")), button("from a file", () => file.click()), file);
   const believed = makePicture("what it believes", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
-  const target = make("section", { style: "--least:430px" }, make("h3", { textContent: "Target" }),
-    make("div", { className: "beside" }, make("div", { style: "flex:none" }, canvas.canvas), make("div", {}, verdict, believed.figure)), reason, tools, brush.row, gallery);
+  const aim = make("figure", { className: "aim" }, canvas.canvas), aimed = make("figcaption", {}, make("span", { textContent: "the target" }));
+  const beside = make("div", { className: "beside" }), belief = make("div", {}, believed.figure);
+  const target = make("section", { style: "--least:430px" }, make("h3", { textContent: "Target" }), beside, tools, brush.row, gallery);
 
   // -- material
   const cloth = makeMenu("cloth", (name) => act("set cloth", { cloth: name }));
   const material = make("div"), estimate = button("estimate p online", () => act("estimate", { on: !get("state").estimating }));
-  const map = pbMap((at) => act("set p", { at })), legend = make("div", { className: "note" });
+  const map = pbMap((at) => act("set p", { at })), legend = make("div", { className: "note lines" });
   const strange = make("div", { role: "status", className: "no" });
-  const materials = make("section", { style: "--least:310px" }, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, map.canvas, strange);
+  const materials = make("section", { className: "split", style: "--least:310px" }, make("div", {}, make("h3", { textContent: "Material" }), cloth.row, material, estimate, legend, strange), map.canvas);
 
   // -- stiffness
   const fixed = make("input", { type: "checkbox" });
   fixed.addEventListener("change", () => act("set tension", { f_const: fixed.checked ? +tension.input.value : null }));
   let tension = null;
-  const tensions = make("div"), ellipse = makePicture("stiffness ellipse of the hand", 270);
-  const stiffness = make("div", {}, make("h3", { textContent: "Stiffness" }), make("label", {}, fixed, " fix the stiffness"), tensions, ellipse.figure);
+  const tensions = make("div"), ellipse = makePicture("where a push of 1 N moves the hand, ×10", 270);
+  ellipse.image.className = "ellipse";
+  const stiffness = make("div", {}, make("h3", { textContent: "Stiffness" }), make("label", {}, fixed, " fix the stiffness"), tensions, ellipse.caption, ellipse.figure);
 
   // -- hand and recording
   const hand = make("div"), handNote = make("div", { className: "note" });
@@ -148,10 +130,70 @@ function render({ model, el }) {
   name.addEventListener("keydown", (event) => event.stopPropagation());
   const record = button("record", () => act(get("state").recording ? "stop" : "record"));
   const save = button("save", () => act("save", { name: name.value })), discard = button("discard", () => act("discard"));
-  const own = make("section", { style: "--least:280px" }, stiffness, make("h3", { textContent: "Your own hand" }), handNote, hand,
-    make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard), again);
+  const recording = make("div", {}, make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
+  const own = make("section", { className: "split halves", style: "--least:280px" }, stiffness, make("div", {}, make("h3", { textContent: "Your own hand" }), handNote, hand, recording), again);
 
-  const table = tableSection(act);
+  const table = tableSection(act), rest = make("div", { className: "columns" });
+
+  // -- a projector: three views and the distance; the rest is folded away behind buttons
+  const more = make("section"), drawer = make("div", { className: "drawer" });
+  const folds = Object.entries({ target, material: materials, hand: own, "more plots": more, table: table.details }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
+  const project = button("projector", () => arrange(!projecting()));
+  project.className = "away";
+  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, project);
+  const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
+  const traces = [];
+  const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest, table.details);
+  const projecting = () => root.classList.contains("projector");
+  function unfold(part) {
+    const open = part && part.parentNode !== drawer ? part : null;
+    drawer.replaceChildren(...(open ? [open] : []));
+    drawer.classList.toggle("left", open === target); // beside what it is about
+    table.details.open = open === table.details;
+    for (const each of folds) each.opener.setAttribute("aria-pressed", each.part === open);
+  }
+  function arrange(on) {
+    root.classList.toggle("projector", on);
+    shown.classList.toggle("stage", on);
+    shown.classList.toggle("columns", !on);
+    project.setAttribute("aria-pressed", on);
+    project.title = on ? "back to the notebook (key: P or Escape)" : "large text for a projector (key: P)";
+    aimed.append(verdict);
+    pair.replaceChildren(seen.figure, ...(on ? [] : [decoded.figure]));
+    curves.replaceChildren(plots, ...(on ? [] : [others]));
+    more.replaceChildren(...(on ? [others, decoded.figure] : []));
+    aim.replaceChildren(canvas.canvas, ...(on ? [aimed] : []));
+    belief.replaceChildren(...(on ? [] : [verdict]), believed.figure);
+    beside.replaceChildren(...(on ? [belief, reason] : [aim, belief]));
+    if (!on) beside.after(reason);
+    shown.replaceChildren(...(on ? [scene.figure, seen.figure, aim, plots, drawer] : [pictures, curves]));
+    pictures.replaceChildren(...(on ? [] : [scene.figure, pair]));
+    if (on) unfold(get("table").running ? table.details : null);
+    rest.replaceChildren(...(on ? [] : [target, materials, own]));
+    if (!on) root.append(table.details);
+    if (on) bar.append(message);
+    else root.insertBefore(message, shown);
+    if (get("frame").traces && traces.length) drawTraces(get("frame"));
+    if (!root.isConnected || !root.showPopover) return;
+    if (on) root.popover = "manual"; // above all else of the page, wherever in it the panel is
+    if (on) root.showPopover();
+    else root.popover = null;
+    root.focus({ preventScroll: on });
+  }
+  function press(event) {
+    const typing = event.target.matches?.("input[type=text], select");
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key.toLowerCase() === "p" && !typing) arrange(!projecting());
+    else if (event.key === "Escape" && drawer.childElementCount) unfold(null);
+    else if (event.key === "Escape" && projecting()) arrange(false);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+  const pressAnywhere = (event) => projecting() && !root.contains(event.target) && press(event); // nothing else is seen then
+  root.addEventListener("keydown", press, true); // before a slider keeps the key to itself
+  document.addEventListener("keydown", pressAnywhere, true);
+  cleanUp.push(() => document.removeEventListener("keydown", pressAnywhere, true));
 
   function meetArm() {
     const about = get("about");
@@ -174,8 +216,12 @@ function render({ model, el }) {
   }
   function showState() {
     const state = get("state"), about = get("about");
-    status.textContent = `${state.running ? "▶ running" : "paused"}${state.recording ? " ● recording" : ""}`;
-    status.classList.toggle("running", state.running);
+    const [sign, meaning] = SIGNS[state.sign];
+    status.textContent = `${sign}${state.recording ? " ● recording" : ""}`;
+    status.className = `status ${state.sign}`;
+    status.title = meaning;
+    idle(start, state.running ? "time goes by already" : "");
+    idle(pause, state.running ? "" : "time stands still already");
     for (const each of [message, again]) {
       each.textContent = state.message.text;
       each.className = `message ${state.message.kind}`;
@@ -184,7 +230,7 @@ function render({ model, el }) {
     pending = wanted = null;
     arm.select.value = state.arm;
     driver.select.value = state.driver;
-    practise.hidden = state.driver !== "practise";
+    off(practise, state.driver === "practise" ? "" : `practice learns only where it drives; now ${state.driver} does`);
     practise.setAttribute("aria-pressed", state.practising);
     const known = about.cloths.some((each) => each.name === state.cloth.name);
     cloth.fill([...(known ? [] : [["", `own: ${state.cloth.label}`]]), ...about.cloths.map((each) => [each.name, each.label])]);
@@ -194,23 +240,25 @@ function render({ model, el }) {
     fixed.checked = state.fixed;
     if (tension) {
       tension.put(state.tension[0]);
-      tension.input.disabled = !state.fixed;
+      off(tension.input, state.fixed ? "" : "the stiffness is free: tick the box to fix it");
     }
+    const drives = state.driver === "hand";
     hands.forEach((each, k) => {
       each.put(state.hand[k]);
-      each.input.disabled = state.fixed && k === about.stiffness_at;
+      off(each.input, state.fixed && k === about.stiffness_at ? "fixed under Stiffness" : "");
+      each.row.title = drives ? "" : `${state.driver} drives, and this shows what it sends: move it to take over`;
     });
-    hand.classList.toggle("inactive", state.driver !== "hand");
-    handNote.textContent = state.driver === "hand" ? "Your sliders drive." : `Inactive: ${state.driver} drives. Move a slider, or a gamepad's stick, to take over.`;
+    hand.classList.toggle("inactive", !drives);
+    handNote.textContent = drives ? "Your sliders drive." : `Inactive: ${state.driver} drives; the sliders show what it sends. Move one, or a gamepad's stick, to take over.`;
     record.textContent = state.recording ? "stop" : "record";
     record.setAttribute("aria-pressed", state.recording);
-    save.disabled = discard.disabled = !(state.recording || state.waiting);
+    for (const each of [save, discard]) off(each, state.recording || state.waiting ? "" : "nothing was recorded");
     map.draw({ held: state.cloth.name });
     showLegend();
   }
   function showLegend() {
-    const { label } = get("state").cloth;
-    legend.textContent = `● in the hand: ${label}   + p in use, nearest to ${get("frame").nearest}${get("frame").region.length ? "   ⋯ 90 % region" : ""}`;
+    const { label, name: held } = get("state").cloth, dot = get("about").map.dots.some((each) => each.name === held);
+    legend.textContent = `${dot ? "● in the hand:" : "in the hand, none of the dots:"} ${label}\n+ p in use, nearest to ${get("frame").nearest}${get("frame").region.length ? "\n⋯ 90 % region" : ""}`;
   }
   let version = -1;
   function showTarget() {
@@ -222,7 +270,6 @@ function render({ model, el }) {
     verdict.className = news.known ? "" : "no";
     reason.textContent = news.reason;
   }
-  const traces = [];
   function showFrame() {
     const frame = get("frame");
     scene.show(frame.scene, "image/jpeg");
@@ -231,13 +278,19 @@ function render({ model, el }) {
     scene.caption.textContent = `the robot, ${frame.clock}`;
     while (traces.length < frame.traces.length) traces.push(tracePlot());
     traces.length = frame.traces.length;
-    if (plots.children.length !== traces.length) plots.replaceChildren(...traces.map(({ figure }) => figure));
-    frame.traces.forEach((trace, i) => traces[i].draw(trace, frame.marks, get("about")));
+    if (plots.children.length + others.children.length !== traces.length) {
+      plots.replaceChildren(traces[0].figure);
+      others.replaceChildren(...traces.slice(1).map(({ figure }) => figure));
+    }
+    drawTraces(frame);
     map.draw({ at: frame.at, trail: frame.trail, region: frame.region });
     strange.textContent = frame.warning && `⚠ ${frame.warning}`;
     showLegend();
     shown.dataset.frame = frame.number;
     model.send({ do: "drawn", frame: frame.number });
+  }
+  function drawTraces(frame) {
+    frame.traces.forEach((trace, i) => traces[i]?.draw(trace, frame.marks, get("about"), projecting()));
   }
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
   function showTable() {
@@ -245,8 +298,8 @@ function render({ model, el }) {
     model.send({ do: "table drawn", frame: get("table").number });
   }
 
-  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise);
-  el.append(make("style", { textContent: STYLE }), make("div", { className: "clothlab" }, head, message, shown, make("div", { className: "columns" }, target, materials, own), table.details));
+  arrange(false);
+  el.append(make("style", { textContent: STYLE }), root);
   for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse], ["table", showTable]]) {
     const showSafely = trait === "about" ? () => (meetArm(), showState()) : show;
     model.on(`change:${trait}`, showSafely);
@@ -254,7 +307,10 @@ function render({ model, el }) {
     show();
   }
   cleanUp.push(watchGamepad(model, act));
-  return () => cleanUp.forEach((each) => each());
+  return () => {
+    cleanUp.forEach((each) => each());
+    root.remove(); // or its place above the page would outlast it
+  };
 }
 
 export default { render };

@@ -17,8 +17,8 @@ function tableSection(act) {
       choices = news.choices.join();
       how.fill(news.choices.map((each) => [each, each]));
     }
-    start.disabled = how.select.disabled = news.running;
-    stop.disabled = !news.running;
+    for (const each of [start, how.select]) off(each, news.running ? "an episode runs: stop it first" : "");
+    off(stop, news.running ? "" : "no episode runs");
     message.textContent = news.message.text;
     message.className = `message ${news.message.kind}`;
     if (reached !== JSON.stringify(news.phases)) {

@@ -16,7 +16,7 @@ function targetCanvas(size, tool, drawn) {
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "application");
   canvas.setAttribute("aria-label", "target: draw with the pointer, or move with the arrow keys and paint with space");
-  canvas.style.cssText = `width:${width * SCALE}px;height:${height * SCALE}px;image-rendering:pixelated;touch-action:none;cursor:crosshair`;
+  canvas.style.cssText = `display:block;width:var(--target, ${width * SCALE}px);aspect-ratio:${width}/${height};image-rendering:pixelated;touch-action:none;cursor:crosshair`;
   let pixels = new Uint8Array(width * height), cursor = [width / 2, height / 2], last = null;
 
   function show() {
@@ -82,7 +82,6 @@ function galleryButtons(size, gallery, pick) {
     button.className = "picture";
     button.setAttribute("aria-label", `target: ${name}`);
     [picture.width, picture.height] = size;
-    picture.style.width = "58px";
     paint(picture.getContext("2d"), size, bytesOf(image));
     button.append(picture);
     button.addEventListener("click", () => pick(name));
