@@ -25,7 +25,7 @@ def drive(drivers, env, driver, steps, **how):
     choices = []
     for _ in range(steps):
         choices.append(drivers.choose(driver, env.observe(), **({"solve": True, "practising": True} | how)))
-        env.advance(choices[-1].u)
+        env.advance(choices[-1].command)
     return choices
 
 
@@ -52,7 +52,9 @@ def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(dri
 def test_who_does_not_practise_repeats(drivers, env):
     drive(drivers, env, "practise", 8)
     again = drive(drivers, env, "practise", 8, practising=False)
-    assert np.array([each.u for each in again]) == pytest.approx(drivers._practice.attempts[0].u.numpy(), abs=1e-6)
+    assert np.array([each.command for each in again]) == pytest.approx(
+        drivers._practice.attempts[0].u.numpy(), abs=1e-6
+    )
 
 
 def test_sticks_and_trigger_span_the_range():

@@ -18,7 +18,7 @@ DRIVERS = ("control", "practise", "hand", "random", "operator")
 class Choice(NamedTuple):
     """A command, and what its driver says about it."""
 
-    u: np.ndarray  # command [D_u], in the arm's units
+    command: np.ndarray  # [D_u], in the arm's units
     solved: bool  # whether a controller solved for it, or went on with its last plan
     promise: float | None  # distance that the controller promises for the end of its period [s.d. of z]
     period_ended: bool  # whether a period of the controller ends with it
@@ -91,6 +91,9 @@ class Drivers:
 
     Raises:
         ValueError: as `ControlPolicy` and `PracticePolicy`.
+
+    Attributes:
+        account: of what the controller that drives promised.
     """
 
     def __init__(
@@ -109,16 +112,19 @@ class Drivers:
         self._hand = Hand(arm, hand)
         others = {"hand": self._hand, "random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
         self._policies: dict[str, Policy] = self._controllers | others
+        self.account = Account()
 
     def reset(self, seed: int) -> None:
         """Everybody forgets the last run, and what was learned in it."""
         for policy in self._policies.values():
             policy.reset(seed)
+        self.account = Account()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Everybody aims at another image `[H, W]`."""
         for policy in self._policies.values():
             policy.set_target(mask)
+        self.account.interrupt()
 
     def set_bias(self, p: ArrayLike) -> None:
         """Everybody uses another parametric bias `[D_p]`."""
@@ -133,6 +139,7 @@ class Drivers:
         """Let the controllers begin a period: phase, memory and plan are of when they last drove. Practice stays."""
         self._controllers["control"].reset()
         self._practice.resume()
+        self.account = Account()
 
     def choose(self, driver: str, observation: Observation, *, solve: bool, practising: bool) -> Choice:
         """Ask one of `DRIVERS` for a command.

@@ -1,6 +1,7 @@
 """A live run that a person steers: robot, cloth, target, who moves it, and what is remembered. No widgets here."""
 
 import copy
+import secrets
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from clothlab.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.control import recorded_plans
 from clothlab.dpmpb import observe
 from clothlab.env import ClothEnv, Scene, SimulationError
-from clothlab.lab.drivers import DRIVERS, Account, Drivers, Period
+from clothlab.lab.drivers import DRIVERS, Drivers, Period
 from clothlab.lab.finder import Finder, calibration_later
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
@@ -155,8 +156,7 @@ class LiveSession:
         """Go on from a cloth that was just made to hang still."""
         self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
-        self.command, self._account = self.arm.home_command, Account()
-        self.step_number, self.seed = 0, int(np.random.default_rng().integers(2**32))
+        self.command, self.step_number, self.seed = self.arm.home_command, 0, secrets.randbits(32)
         self._drivers.reset(self.seed)
         self.finder = Finder(self.trained, self._calibration, self._p)
 
@@ -192,7 +192,6 @@ class LiveSession:
         z = encode(self.trained.autoencoder, mask)
         believed = decode(self.trained.autoencoder, z)
         self._drivers.set_target(mask)
-        self._account.interrupt()
         self.target, self._z_ref, self.believed = mask.copy(), z, believed
         self.misunderstanding = misunderstanding(mask, believed)
 
@@ -205,7 +204,6 @@ class LiveSession:
         driver = choose("driver", driver, {name: name for name in DRIVERS})
         if driver != self.driver:
             self._drivers.resume()
-            self._account = Account()
         self.driver = driver
 
     def set_hand(self, u: ArrayLike) -> None:
@@ -229,7 +227,7 @@ class LiveSession:
         about = (self.trained, arm, self.target, self._p, self.hand)
         self._drivers = Drivers(*about, plans=self._plans, runs=self._runs)
         self._drivers.reset(self.seed)
-        self.tension, self._account = f_const, Account()
+        self.tension = f_const
 
     def step(self, *, solve: bool = True) -> Moment:
         """Choose a command, send it, and look. A step that fails has not happened.
@@ -243,7 +241,7 @@ class LiveSession:
         """
         start, seen = time.perf_counter(), self.observation
         chosen = self._drivers.choose(self.driver, seen, solve=solve, practising=self.practising)
-        u = chosen.u
+        u = chosen.command
         before = copy.copy(self.env.data)
         try:
             self.env.advance(u)
@@ -265,14 +263,11 @@ class LiveSession:
             image=observation["image"].astype(bool),
             reconstruction=decode(self.trained.autoencoder, z),
             distance=distance,
-            promise=chosen.promise,
-            command=u,
             theta=self.arm.angles(self.env.data),
             p=self.p,
             seconds=time.perf_counter() - start,
-            solved=chosen.solved,
-            period_ended=chosen.period_ended,
-            period=self._account.add(self.driver, chosen, distance),
+            period=self._drivers.account.add(self.driver, chosen, distance),
+            **chosen._asdict(),
         )
 
     @property
