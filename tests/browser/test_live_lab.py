@@ -95,7 +95,7 @@ def test_a_session_in_the_live_lab(notebook, page, screenshot, recording, says):
     page.wait_for_function(f"+document.querySelector('[data-frame]').dataset.frame > {before + 3}")
     assert clock.text_content() != seen
     status = page.locator(".clothlab .status")
-    expect(status).to_have_text("▶ running")
+    expect(status).to_have_text(re.compile("▶ (running|late)"))  # late where the machine has much to do
     screenshot("1-running")
 
     verdict = page.get_by_text("It knows no such cloth.")
