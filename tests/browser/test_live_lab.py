@@ -175,11 +175,14 @@ def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot, says):
     slider(page, "shoulder").press("ArrowRight")
     notebook.until("panel.session.driver == 'hand'")
     expect(page.get_by_text("Your sliders drive.")).to_be_visible()
-    start = notebook.evaluate("panel.session.hand.tolist()")  # where control had the arm
+    start = json.loads(notebook.evaluate("panel.session.hand.tolist()"))  # where control had the arm
+    ranges = json.loads(notebook.evaluate("[[*map(float, limits)] for _, limits in panel.about['hands']]"))
+    inwards = [1 if place < (low + high) / 2 else -1 for place, (low, high, _) in zip(start, ranges, strict=True)]
     for _ in range(10):  # faster than the answers come back
-        slider(page, "shoulder").press("ArrowRight")
-        slider(page, "elbow").press("ArrowLeft")
-    notebook.until(f"abs(panel.session.hand - {start} - [10 * 0.018, -10 * 0.016]).max() < 0.02")
+        for name, way in zip(("shoulder", "elbow"), inwards, strict=True):
+            slider(page, name).press("ArrowRight" if way > 0 else "ArrowLeft")
+    moved = [place + 10 * way * each[2] for place, way, each in zip(start, inwards, ranges, strict=True)]
+    notebook.until(f"abs(panel.session.hand - {moved}).max() < 0.02")
     choose(page, "driven by", "control")
     expect(page.get_by_text("Inactive: control drives; the sliders show what it sends.")).to_be_visible()
     page.evaluate("movePad([0, 0, 0, 0], 0)")
