@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results findings picture editions grades slides book container format doctor lock
+.PHONY: help lab check test browser chromium bench data train results findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -66,6 +66,9 @@ results: $(STAMP)  ## compute every figure of the results table, with fresh simu
 
 picture: $(STAMP)  ## draw the README's moving picture anew
 	$(BIN)/python scripts/make_picture.py
+
+demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes
+	$(BIN)/python scripts/make_demonstration.py
 
 editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 	$(BIN)/python scripts/make_editions.py

@@ -14,6 +14,7 @@ import pytest
 from clothlab.env import SimulationError
 from clothlab.lab import LivePanel, LiveSession, table, views
 from clothlab.lab import panel as panel_module
+from clothlab.lab.targets import LARGEST_FILE
 from clothlab.trials import load_trial
 
 
@@ -231,7 +232,7 @@ def test_a_file_becomes_the_target_or_says_why_not(panel, square):
     _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
     send(panel, "upload", memoryview(small.tobytes()), size=80)
     assert "128×96 pixels, this picture 10×10" in says(panel)
-    send(panel, "upload", size=views.LARGEST_FILE + 1)
+    send(panel, "upload", size=LARGEST_FILE + 1)
     assert "larger than 5 MB" in says(panel)
 
 

@@ -45,8 +45,8 @@ def test_recorded_targets_are_a_few_from_large_to_small():
 
 def test_targets_come_from_picture_files(square):
     _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
-    assert np.array_equal(targets.mask_from_file(png.tobytes()), square)
+    assert np.array_equal(targets.mask_from_file(png.tobytes(), png.nbytes), square)
     _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
     for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
         with pytest.raises(ValueError, match=message):
-            targets.mask_from_file(content)
+            targets.mask_from_file(content, len(content))

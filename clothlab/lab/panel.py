@@ -16,6 +16,7 @@ from clothlab.lab import views
 from clothlab.lab.clock import Clock, Turns
 from clothlab.lab.drivers import stick_command
 from clothlab.lab.messages import Messages
+from clothlab.lab.playback import Playback
 from clothlab.lab.session import LiveSession, Moment
 from clothlab.lab.table import TableSection
 from clothlab.lab.targets import mask_from_file
@@ -36,6 +37,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         session: what is steered.
         errors: tracebacks of faults in callbacks, which a notebook's last cell raises with `check`.
         steps: how many steps were made since the panel was built.
+        drawn: number of the last frame that the browser drew.
         history: the last steps.
         about: names, ranges and sizes, for the browser, as are those below.
         state: where every control stands, and the message.
@@ -65,17 +67,17 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._messages = Messages()
         self.errors = self._messages.errors
         self.history: deque[Moment] = deque(maxlen=views.HISTORY)
-        self.steps = self._unseen = self._drawn = 0  # _unseen: steps since the last frame was sent
+        self.steps = self._unseen = self.drawn = 0  # _unseen: steps since the last frame was sent
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
         self.session.recorder.find()  # what the panel before was recording, for one
         if self.session.recorder.waiting:
             self._messages.say("an unfinished recording was found: save it under a name, or discard it")
         super().__init__()
+        self._playback = Playback(self)
         self._setting = TableSection(lambda news: setattr(self, "table", news), self.errors)
         self.on_msg(self._hear)
         self._meet_arm()
-        self._show(force=True)
 
     @property
     def running(self) -> bool:
@@ -121,6 +123,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def close(self) -> None:
         """Leave nothing behind: no task, no thread, no widget, no OpenGL context."""
         self._clock.pause()
+        self._playback.close()
         self._setting.close()
         if LivePanel._active is self:
             LivePanel._active = None
@@ -153,7 +156,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """Send how things stand, and a frame unless the browser has not drawn the last one yet."""
         self._refresh()
         number = self.frame.get("number", 0)
-        if self._drawn == number or force:
+        if self.drawn == number or force:
             self._unseen = 0
             self.frame = views.frame(self.session, self._plane, list(self.history)) | {"number": number + 1}
             if self.steps % ELLIPSE_EVERY == 0 or force:
@@ -166,18 +169,22 @@ class LivePanel(Widget, anywidget.AnyWidget):
         more = {"running": self.running, "sign": self.sign, "message": self._messages.shown, "answered": self._answered}
         self.state = views.state(self.session) | more
 
-    def _meet_arm(self) -> None:
-        self.history.clear()
-        self._plane = views.plane(self.session)
+    def show_all(self) -> None:
+        """Send everything anew, and a frame."""
         with self.hold_sync():  # the browser gets names and values together
             self.about = views.fixtures(self.session, self._plane)
             self._aim(self.session.target)
-            self._refresh()
+            self._show(force=True)
+
+    def _meet_arm(self) -> None:
+        self.history.clear()
+        self._plane = views.plane(self.session)
+        self.show_all()
 
     def _hear(self, _: object, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
         """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
         if content.get("do") == "drawn":
-            self._drawn = content["frame"]
+            self.drawn = content["frame"]
         elif content.get("do") == "table drawn":
             self._setting.drawn = content["frame"]
         else:
@@ -189,6 +196,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         if buffers:
             arguments["content"] = bytes(buffers[0])
         self._messages.say("")
+        self._playback.stop()  # whatever a person does is meant for the robot that is here
         self._messages.guarded(lambda: choose("action", content.get("do", ""), self._actions())(**arguments))
         self._answered = content.get("id", "")
         self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))
@@ -210,17 +218,19 @@ class LivePanel(Widget, anywidget.AnyWidget):
             "set p": lambda at: session.set_p(self._plane.p(at)),
             "estimate": lambda on: setattr(session, "estimating", bool(on)),
             "set hand": self._take_over,
-            "greet gamepad": self._greet_gamepad,
+            "greet gamepad": lambda enough: self._messages.say(views.gamepad(session, enough)),
             "move sticks": self._move_sticks,
             "draw": lambda content: self._aim(np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH), show=False),
             "clear": lambda: self._messages.say("draw a target; until then the robot keeps the one that it has"),
             "pick": lambda name: self._aim(choose("image", name, session.gallery)),
             "take": lambda: self._aim(session.observation["image"]),
-            "upload": self._upload,
+            "upload": lambda size, content=b"": self._aim(mask_from_file(content, size)),
             "record": self._record,
             "stop": self._stop,
             "save": self._save,
             "discard": self._discard,
+            "play": self._playback.start,
+            "live": lambda: None,
             "set the table": self._setting.start,
             "stop the episode": self._setting.stop,
         }
@@ -238,20 +248,10 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.session.set_target(mask)
         self.target = views.target(self.session) | {"version": self.target.get("version", 0) + show}
 
-    def _upload(self, size: int, content: bytes = b"") -> None:
-        if size > views.LARGEST_FILE:
-            raise ValueError(f"this file is larger than {views.LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
-        self._aim(mask_from_file(content))
-
     def _take_over(self, u: ArrayLike) -> None:
         """Drive by hand: whoever moves a slider takes over."""
         self.session.set_hand(u)
         self.session.set_driver("hand")
-
-    def _greet_gamepad(self, enough: bool) -> None:
-        if not enough:
-            raise ValueError("a gamepad needs two sticks and a trigger")
-        self._messages.say(views.gamepad(self.session))
 
     def _move_sticks(self, places: Sequence[float]) -> None:
         """Command where sticks and trigger stand in their range, 0 to 1."""

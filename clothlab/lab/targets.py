@@ -10,6 +10,7 @@ from clothlab.trials import Trial
 from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
+LARGEST_FILE = 5_000_000  # [byte] of an uploaded picture: the server takes messages of up to 10 MB
 RECORDED_TARGETS = 7  # how many recorded images the gallery has
 
 
@@ -37,12 +38,18 @@ def recorded_targets(images: np.ndarray) -> dict[str, np.ndarray]:
     return {f"recorded {k + 1}": image for k, image in enumerate(chosen)}
 
 
-def mask_from_file(content: bytes) -> np.ndarray:
+def mask_from_file(content: bytes, size: int) -> np.ndarray:
     """Read a target `[H, W]` from a picture file: bright is cloth.
 
+    Args:
+        content: of the file; a browser leaves it out where the file is too large.
+        size: of the file [byte].
+
     Raises:
-        ValueError: not a picture, another size, or no cloth in it.
+        ValueError: too large, not a picture, another size in pixels, or no cloth in it.
     """
+    if size > LARGEST_FILE:
+        raise ValueError(f"this file is larger than {LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
     if picture is None:
         raise ValueError("this file is not a picture: use PNG or JPEG")

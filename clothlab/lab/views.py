@@ -19,6 +19,7 @@ from clothlab.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession, Moment
+from clothlab.lab.targets import LARGEST_FILE
 from clothlab.uncertainty import outline
 from clothlab.vision import HEIGHT, WIDTH
 
@@ -30,7 +31,6 @@ TENSION_STEP = 5.0  # [N]
 BRUSH = {"range": (1, 12, 1), "start": 4}  # radius [pixel]
 GAMEPAD = {"axes": (1, 3), "trigger": 7, "moves": 0.05}  # vertical axes, right trigger; a stick at rest trembles
 ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
-LARGEST_FILE = 5_000_000  # [byte] of an uploaded picture: the server takes messages of up to 10 MB
 
 
 def javascript(*parts: str) -> str:
@@ -132,8 +132,14 @@ def state(session: LiveSession) -> dict[str, Any]:
     }
 
 
-def gamepad(session: LiveSession) -> str:
-    """What a gamepad's sticks and trigger do with this arm."""
+def gamepad(session: LiveSession, enough: bool) -> str:
+    """What a gamepad's sticks and trigger do with this arm.
+
+    Raises:
+        ValueError: there are not `enough` of them.
+    """
+    if not enough:
+        raise ValueError("a gamepad needs two sticks and a trigger")
     trigger = ", right trigger: stiffness" if session.arm.has_stiffness else ""
     return f"gamepad: left stick: shoulder, right stick: elbow{trigger}"
 

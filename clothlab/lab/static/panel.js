@@ -3,6 +3,7 @@ const SIGNS = {
   running: ["▶ running", "five steps a second"],
   paused: ["❚❚ paused", "time stands still: press start"],
   late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
+  recorded: ["▶ recorded run", "nothing is computed; whatever you do next ends it"],
   fault: ["✗ fault", "something went wrong: the message says what"],
 };
 
@@ -140,7 +141,8 @@ function render({ model, el }) {
   const folds = Object.entries({ target, material: materials, hand: own, "more plots": more, table: table.details }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
   const project = button("projector", () => arrange(!projecting()));
   project.className = "away";
-  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, project);
+  const replay = button("recorded run", () => act(get("state").sign === "recorded" ? "live" : "play"));
+  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, replay, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
   const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest, table.details);
@@ -220,6 +222,8 @@ function render({ model, el }) {
     status.textContent = `${sign}${state.recording ? " ● recording" : ""}`;
     status.className = `status ${state.sign}`;
     status.title = meaning;
+    replay.setAttribute("aria-pressed", state.sign === "recorded");
+    replay.title = state.sign === "recorded" ? "back to the live robot" : "shows a run that was recorded, for when the machine can't keep up";
     idle(start, state.running ? "time goes by already" : "");
     idle(pause, state.running ? "" : "time stands still already");
     for (const each of [message, again]) {

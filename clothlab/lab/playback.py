@@ -1,0 +1,161 @@
+"""A recorded run of the panel: what it showed, step by step, in a file, shown again without computing anything."""
+
+import base64
+import json
+import lzma
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from clothlab import artifacts
+from clothlab._files import reading, write_bytes
+from clothlab.env import CONTROL_PERIOD
+from clothlab.lab.clock import Clock
+
+REEL = Path("demonstration") / "torque.json.xz"  # in the folder of data
+SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
+FORMAT = 1
+QUALITY = 60  # of JPEG, of 100
+LARGEST = 200_000_000  # [byte] when unpacked: ten minutes are a fifth of it
+Shot = Mapping[str, Any]  # those of `SHOWN` that are new at a step, and `caption`, what to say meanwhile
+
+
+class Reel:
+    """Keeps what a panel shows.
+
+    Args:
+        panel: whatever has the attributes `SHOWN`.
+    """
+
+    def __init__(self, panel: Any):
+        self._panel, self._last = panel, dict[str, str]()
+        self.shots: list[str] = []
+
+    def take(self, caption: str) -> None:
+        """Keep how things stand now."""
+        shown = {name: getattr(self._panel, name) for name in SHOWN}
+        shown["frame"] = shown["frame"] | {"scene": _smaller(shown["frame"]["scene"])}
+        now = {name: json.dumps(value, default=_packed) for name, value in shown.items()}
+        news = [f'"{name}":{text}' for name, text in now.items() if self._last.get(name) != text]
+        self._last = now
+        self.shots.append("{" + ",".join([*news, f'"caption":{json.dumps(caption)}']) + "}")
+
+    def save(self, path: Path) -> None:
+        """Write all that was kept, whole or not at all."""
+        text = f'{{"format":{FORMAT},"shots":[\n' + ",\n".join(self.shots) + "\n]}\n"
+        write_bytes(path, lzma.compress(text.encode(), preset=9))
+
+
+def load_reel(path: Path | None = None) -> list[Shot]:
+    """Read the recorded run.
+
+    Args:
+        path: by default, the one that belongs to the data.
+
+    Raises:
+        FileNotFoundError: there is none.
+        ValueError: a damaged file, or one of another version.
+    """
+    path = artifacts.data_folder() / REEL if path is None else path
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
+    with reading(path, "recorded run"):
+        content = lzma.LZMADecompressor(memlimit=2**28).decompress(path.read_bytes(), LARGEST)
+        about = json.loads(content, object_hook=_unpacked)
+        if about["format"] != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}, this version's")
+        shots = about["shots"]
+        if not shots or not set(SHOWN) <= shots[0].keys():
+            raise ValueError(f"its first step has not all of {', '.join(SHOWN)}")
+        return shots
+
+
+class Playback:
+    """Shows a recorded run in a panel, a step in each control period, until it ends or somebody stops it.
+
+    Args:
+        panel: has the attributes `SHOWN`; `drawn`, the number of the last frame that the browser drew; `pause()`; and
+            `show_all()`, which shows what is so without a recording.
+        load: reads the shots.
+    """
+
+    def __init__(self, panel: Any, load: Callable[[], list[Shot]] = load_reel):
+        self._panel, self._load = panel, load
+        self._clock = Clock(self._tick, CONTROL_PERIOD)
+        self._shots: Iterator[tuple[int, Shot]] = iter(())
+        self._state: dict[str, Any] = {}
+        self._count = 0
+
+    @property
+    def running(self) -> bool:
+        """Whether something is shown."""
+        return self._clock.running
+
+    def start(self) -> None:
+        """Show it from the beginning, while time stands still for the robot that is here.
+
+        Raises:
+            FileNotFoundError, ValueError: as `load_reel`.
+        """
+        shots = self._load()
+        self._panel.pause()
+        self._shots, self._count = enumerate(shots), len(shots)
+        self._clock.start()
+
+    def stop(self) -> None:
+        """Show no more of it, and again what is so."""
+        if self.running:
+            self.close()
+            self._panel.show_all()
+
+    def close(self) -> None:
+        """Show no more of it, nor anything else."""
+        self._clock.pause()
+
+    def _tick(self, _: float) -> bool:
+        number, shot = next(self._shots, (self._count, None))
+        if shot is None:
+            self._panel.show_all()
+            return False
+        with self._panel.hold_sync():
+            for name, value in self._as_if_now(shot, number).items():
+                setattr(self._panel, name, value)
+        return True
+
+    def _as_if_now(self, shot: Shot, number: int) -> dict[str, Any]:
+        """What is new, with the panel's own numbers; no frame for a browser that has not drawn the last one."""
+        panel, news = self._panel, {name: value for name, value in shot.items() if name in SHOWN}
+        self._state = news.get("state", self._state)
+        text = f"recorded run, {_minutes(number)} of {_minutes(self._count)}: {shot['caption']}"
+        own = {"sign": "recorded", "running": False, "message": {"text": text, "kind": "info"}}
+        news["state"] = self._state | own | {"answered": panel.state["answered"]}
+        if "target" in news:
+            news["target"] |= {"version": panel.target["version"] + 1}
+        frame = news.pop("frame", None)
+        if frame and panel.drawn == panel.frame["number"]:
+            news["frame"] = frame | {"number": panel.frame["number"] + 1}
+        return news
+
+
+def _minutes(steps: int) -> str:
+    minutes, seconds = divmod(int(steps * CONTROL_PERIOD), 60)
+    return f"{minutes}:{seconds:02}"
+
+
+def _smaller(jpeg: bytes) -> bytes:
+    """The same picture in fewer bytes: a reel has hundreds of them."""
+    picture = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+def _packed(value: object) -> dict[str, str]:
+    if isinstance(value, bytes):
+        return {"bytes": base64.b64encode(value).decode()}
+    raise TypeError(f"a panel shows no {type(value).__name__}")
+
+
+def _unpacked(value: dict[str, Any]) -> Any:
+    return base64.b64decode(value["bytes"]) if value.keys() == {"bytes"} else value

@@ -1,0 +1,77 @@
+"""Record the run that the live lab plays back where a machine can't keep up: the demonstration of docs/course/demo.md.
+
+A panel does what its buttons do, without a browser and without waiting for the time to pass.
+"""
+
+import numpy as np
+from tqdm import trange
+
+from clothlab import artifacts
+from clothlab.env import CONTROL_PERIOD
+from clothlab.lab import LivePanel
+from clothlab.lab.playback import REEL, Reel
+from clothlab.lab.views import MASS
+from clothlab.vision import HEIGHT, WIDTH
+
+Press = tuple[str, dict]  # an action, by the name that the browser has for it, and its arguments
+
+
+def letter() -> np.ndarray:
+    """The letter L, which no cloth looks like, `[H, W]`, bool."""
+    image = np.zeros((HEIGHT, WIDTH), bool)
+    image[20:80, 30:42] = image[68:80, 30:80] = True
+    return image
+
+
+def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
+    """How long [s], what to say meanwhile, and what is pressed before."""
+    cloth = panel.state["cloth"]
+    far = max(
+        (dot["at"] for dot in panel.about["map"]["dots"]),
+        key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])),
+    )
+    heavy = {"damping": cloth["material"][0], "mass": MASS[1]}
+    return [
+        (4, "a robot holds a cloth; how should it move?", [("set driver", {"driver": "hand"})]),
+        (12, "random commands", [("set driver", {"driver": "random"})]),
+        (18, "control predicts, and changes its commands downhill", [("set driver", {"driver": "control"})]),
+        (12, "it believes in another material", [("set p", {"at": far})]),
+        (16, "p is estimated online", [("estimate", {"on": True})]),
+        (16, "another cloth in the hand", [("set material", heavy)]),
+        (
+            5,
+            "a target that no cloth looks like",
+            [("set cloth", {"cloth": cloth["name"]}), ("draw", {"content": letter()})],
+        ),
+        (27, "practice chooses by outcomes", [("pick", {"name": "target-2"}), ("set driver", {"driver": "practise"})]),
+    ]
+
+
+def press(panel: LivePanel, do: str, arguments: dict) -> None:
+    """As a browser does, which sends pixels beside the message."""
+    content = [arguments.pop("content").astype(np.uint8).tobytes()] if "content" in arguments else []
+    panel._handle_custom_msg({"do": do, "id": do, **arguments}, content)
+    if panel.state["message"]["kind"] != "info":
+        raise RuntimeError(f"{do}: {panel.state['message']['text']}")
+
+
+def main() -> None:
+    """Play the scenes one after the other."""
+    panel = LivePanel()
+    reel = Reel(panel)
+    for seconds, caption, presses in scenes(panel):
+        for do, arguments in presses:
+            press(panel, do, arguments)
+        for _ in trange(round(seconds / CONTROL_PERIOD), desc=caption, unit="step"):
+            panel.step()
+            reel.take(caption)
+    panel.check()
+    panel.close()
+    path = artifacts.data_folder() / REEL
+    reel.save(path)
+    artifacts.write_checksums()
+    print(f"{path}: {len(reel.shots) * CONTROL_PERIOD:.0f} s in {path.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
