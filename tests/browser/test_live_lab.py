@@ -347,6 +347,14 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, screenshot,
     screenshot(f"notebook-{size}")
     page.keyboard.press("p")
     expect(button(page, "projector")).to_have_attribute("aria-pressed", "true")
+    button(page, "recorded run").click()
+    expect(page.locator(".clothlab .status")).to_have_text("▶ recorded run")
+    expect(page.get_by_text("recorded run, 0:02 of")).to_be_visible(timeout=15_000)
+    expect(page.get_by_role("combobox", name="arm")).to_have_value("torque")  # as it was when it was recorded
+    look("recorded")
+    button(page, "step").click()
+    expect(page.locator(".clothlab .status")).to_have_text("❚❚ paused")
+    expect(page.get_by_role("combobox", name="arm")).to_have_value("muscle")
     notebook.evaluate("panel.check()")
     assert not problems, "\n".join(problems)
 

@@ -142,7 +142,7 @@ function render({ model, el }) {
   const project = button("projector", () => arrange(!projecting()));
   project.className = "away";
   const replay = button("recorded run", () => act(get("state").sign === "recorded" ? "live" : "play"));
-  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, replay, project);
+  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
   const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest, table.details);
@@ -173,6 +173,8 @@ function render({ model, el }) {
     if (on) unfold(get("table").running ? table.details : null);
     rest.replaceChildren(...(on ? [] : [target, materials, own]));
     if (!on) root.append(table.details);
+    if (on) bar.firstChild.append(replay); // the first row is full
+    else project.before(replay);
     if (on) bar.append(message);
     else root.insertBefore(message, shown);
     if (get("frame").traces && traces.length) drawTraces(get("frame"));
@@ -197,8 +199,9 @@ function render({ model, el }) {
   document.addEventListener("keydown", pressAnywhere, true);
   cleanUp.push(() => document.removeEventListener("keydown", pressAnywhere, true));
 
+  let met = null; // what the controls were made from
   function meetArm() {
-    const about = get("about");
+    const about = (met = get("about"));
     arm.fill(about.arms.map((each) => [each, each]));
     driver.fill(about.drivers.map((each) => [each, each]));
     gallery.replaceChildren(...galleryButtons(about.size, about.gallery, (picked) => act("pick", { name: picked })));
@@ -218,6 +221,7 @@ function render({ model, el }) {
   }
   function showState() {
     const state = get("state"), about = get("about");
+    if (met !== about) meetArm(); // both are new, and nothing says which of them is told first
     const [sign, meaning] = SIGNS[state.sign];
     status.textContent = `${sign}${state.recording ? " ● recording" : ""}`;
     status.className = `status ${state.sign}`;
@@ -304,10 +308,9 @@ function render({ model, el }) {
 
   arrange(false);
   el.append(make("style", { textContent: STYLE }), root);
-  for (const [trait, show] of [["about", meetArm], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse], ["table", showTable]]) {
-    const showSafely = trait === "about" ? () => (meetArm(), showState()) : show;
-    model.on(`change:${trait}`, showSafely);
-    cleanUp.push(() => model.off(`change:${trait}`, showSafely));
+  for (const [trait, show] of [["about", showState], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse], ["table", showTable]]) {
+    model.on(`change:${trait}`, show);
+    cleanUp.push(() => model.off(`change:${trait}`, show));
     show();
   }
   cleanUp.push(watchGamepad(model, act));
