@@ -11,7 +11,6 @@ import ctypes
 import importlib
 import importlib.util
 import io
-import itertools
 import json
 import linecache
 import numbers
@@ -32,7 +31,7 @@ import torch
 CHECKS = "clothlab.checks"
 SETTABLE = ("z_ref", "practising")  # what exercises ask to set on what a check lends to an answer
 FILE_BYTES = 10_000_000  # a file that an answer may write
-KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef)
+KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.Assign)
 REFUSED = ("ctypes.", "socket.", "subprocess.", "shutil.", "signal.", "pty.", "syslog.", "webbrowser.", "urllib.")
 REFUSED += ("os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.kill", "os.setxattr", "os.putenv")
 CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod")
@@ -157,20 +156,25 @@ class Lent:
 def defined(sources: list[str], name: str) -> tuple[Any, str]:
     """The function of this name after the sources' imports, functions, classes and values; or why there is none.
 
-    Nothing else of them is run: a submission's own calls, checks and outputs count for nothing.
+    Of values, those that it needs are computed, by name and through other functions. Nothing else is run: a
+    submission's own calls, checks and outputs count for nothing.
     """
     space: dict[str, Any] = {"__name__": "submission"}
     problem = f"there is no function {name}"
+    cells: list[tuple[str, list[ast.stmt]]] = []
     for number, source in enumerate(sources):
         file = f"cell-{number}"
         linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
         try:
-            nodes = ast.parse(source, file).body
+            cells.append((file, [piece for node in ast.parse(source, file).body for piece in _pieces(node)]))
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             if f"def {name}" in source:
                 problem = f"the cell of {name} is not Python: {type(error).__name__}: {str(error).splitlines()[0]}"
-            continue
-        for node in itertools.chain.from_iterable(map(_pieces, nodes)):
+    needed = _needed(name, [node for _, nodes in cells for node in nodes])
+    for file, nodes in cells:
+        for node in nodes:
+            if isinstance(node, ast.Assign) and not needed & _defines(node):
+                continue
             try:
                 exec(compile(ast.Module([node], []), file, "exec"), space)
             except Exception as error:
@@ -186,13 +190,25 @@ def _pieces(node: ast.stmt) -> list[ast.stmt]:
         return [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
     if isinstance(node, ast.ImportFrom):
         return [ast.copy_location(ast.ImportFrom(node.module, [each], node.level), node) for each in node.names]
-    if isinstance(node, ast.Assign):
-        calls = [each.func for each in ast.walk(node.value) if isinstance(each, ast.Call)]
-        plain = all(
-            isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name) and f.value.id == "np" for f in calls
-        )
-        return [node] if plain else []
     return [node] if isinstance(node, KEPT) else []
+
+
+def _defines(node: ast.stmt) -> set[str]:
+    """The names that a statement gives a meaning."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return {node.name}
+    targets = node.targets if isinstance(node, ast.Assign) else []
+    return {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
+
+
+def _needed(name: str, nodes: list[ast.stmt]) -> set[str]:
+    """The names that a function needs, and what these need."""
+    needed, new = set[str](), {name}
+    while new:
+        needed |= new
+        parts = [each for node in nodes if new & _defines(node) for each in ast.walk(node)]
+        new = {each.id for each in parts if isinstance(each, ast.Name)} - needed
+    return needed
 
 
 def confine(folder: Path, seconds: int, memory: int) -> None:

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import sqlite3
+import sys
 import time
 import tomllib
 from pathlib import Path
@@ -65,6 +66,17 @@ def test_only_definitions_of_a_submission_run():
     sources = ["import math, no_such_module\nf = 1\nfail_1()\n", "A = 2 * math.pi\n\ndef f():\n    return A\n\n1 / 0\n"]
     found, problem = answering.defined(sources, "f")
     assert (found(), problem) == (pytest.approx(6.283185), "")
+
+
+def test_values_that_a_function_needs_are_computed_and_no_others():
+    sources = [
+        "import sys\nnames = list('ab')\nplaces = {name: k for k, name in enumerate(names)}\n",
+        "unused = sys.modules.__setitem__('unused', 1)\n\ndef place(name):\n    return places[name]\n",
+        "def f(name):\n    names = 3\n    return place(name) + names\n",
+    ]
+    found, _ = answering.defined(sources, "f")
+    assert found("b") == 4
+    assert "unused" not in sys.modules
 
 
 @pytest.mark.parametrize(
