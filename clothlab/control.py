@@ -157,7 +157,58 @@ def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8,
     return np.stack([u for _, u in sorted(found, key=lambda pair: pair[0])[:count]]).astype(np.float64)
 
 
-class ControlPolicy(Policy):
+class AimingPolicy(Policy):
+    """What foresees with a model and aims at an image: the base of policies that plan.
+
+    Attributes:
+        model: trained network.
+        autoencoder: the one that the model was trained with.
+        arm: whose commands are sent.
+        layout: of the robot state.
+        lower: lowest commands `[D_u]`.
+        upper: highest commands `[D_u]`.
+        scale: standard deviation of each command in training `[D_u]`, in which a descent steps.
+        z_ref: the target, compressed `[D_z]`.
+    """
+
+    def _know(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm) -> None:
+        """Keep what the planning stands on, and refuse what does not belong together."""
+        self.model, self.autoencoder, self.arm = model, autoencoder, arm
+        self.layout = arm.layout(autoencoder.latent_size)
+        if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
+            raise ValueError(
+                f"the model has {model.state_size} states and {model.command_size} commands, the {arm.name} arm has "
+                f"{self.layout.size} and {len(arm.command_names)}; load the weights of this arm"
+            )
+        # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
+        self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
+        self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
+        self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parametric bias in use `[D_p]`."""
+        return self._p.numpy().copy()
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next solve on.
+
+        Raises:
+            ValueError: p of another size or not finite.
+        """
+        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
+        self._frozen = FrozenDPMPB(self.model, self._p)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next solve on.
+
+        Raises:
+            ValueError: another shape, or no cloth in it.
+        """
+        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
+
+
+class ControlPolicy(AimingPolicy):
     """Realises a target image again and again, once a period.
 
     Args:
@@ -192,17 +243,7 @@ class ControlPolicy(Policy):
         plans: ArrayLike | None = None,
     ):
         self.settings = settings or ControlSettings()
-        self.model, self.autoencoder, self.arm = model, autoencoder, (arm := get_arm(arm))
-        self.layout = arm.layout(autoencoder.latent_size)
-        if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
-            raise ValueError(
-                f"the model has {model.state_size} states and {model.command_size} commands, the {arm.name} arm has "
-                f"{self.layout.size} and {len(arm.command_names)}; load the weights of this arm"
-            )
-        # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
-        self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
-        self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
-        self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
+        self._know(model, autoencoder, get_arm(arm))
         shape = (self.settings.horizon, len(self.lower))
         plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
@@ -218,28 +259,6 @@ class ControlPolicy(Policy):
         self._last: tuple[Tensor, Tensor] | None = None
         home = torch.as_tensor(self.arm.home_command, dtype=torch.float32)
         self._u = home.expand(self.settings.horizon, -1)
-
-    @property
-    def p(self) -> np.ndarray:
-        """Parametric bias in use `[D_p]`."""
-        return self._p.numpy().copy()
-
-    def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from the next solve on.
-
-        Raises:
-            ValueError: p of another size or not finite.
-        """
-        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
-        self._frozen = FrozenDPMPB(self.model, self._p)
-
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next solve on.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
-        """
-        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = self._follow(observation)

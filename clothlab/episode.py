@@ -45,15 +45,13 @@ def go_to_table(mover: Mover) -> None:
     mover.glide(env.arm.hand(np.array(env.furniture.start_posture)))
     mover.drive(0.0)
     for _ in range(STILL):
-        env.advance(env.arm.home_command, mover.watch, mover.samples)
-        mover.steps += 1
+        mover.send(env.arm.home_command)
 
 
 def throw(mover: Mover, policy: Policy, steps: int = LONGEST, done: Callable[[], bool] = lambda: False) -> None:
     """Let a policy swing and throw the cloth, for so many control steps or until it is `done`."""
     for _ in range(steps):
-        mover.env.advance(policy(mover.env.observe()), mover.watch, mover.samples)
-        mover.steps += 1
+        mover.send(policy(mover.env.observe()))
         if done():
             break
 

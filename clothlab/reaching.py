@@ -149,6 +149,10 @@ class Mover:
     def step(self, *, base: float | None = None, release_after: float | None = None) -> None:
         """Hold the command for one control period, with the base at `base` [m] at its end."""
         u = self.u if base is None else np.append(self.u, base)
+        self.send(u, release_after=release_after)
+
+    def send(self, u: ArrayLike, *, release_after: float | None = None) -> None:
+        """One control period with a command `[D_u]`, as `TableEnv.advance` has it."""
         self.env.advance(u, self.watch, self.samples, release_after=release_after)
         self.steps += 1
 

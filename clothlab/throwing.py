@@ -13,10 +13,10 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, check_number, choose, setting
+from clothlab._validation import Checked, check_number, choose, setting
 from clothlab.arm import Arm, get_arm
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.control import ControlSettings, optimise_commands
+from clothlab.autoencoder import Autoencoder
+from clothlab.control import AimingPolicy, ControlSettings, optimise_commands
 from clothlab.depth import look
 from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
@@ -261,7 +261,7 @@ class Attempt:
     ended: int
 
 
-class ThrowPolicy(Policy):
+class ThrowPolicy(AimingPolicy):
     """Throws a cloth so that a target image is realised when it has come to lie; the end alone counts.
 
     Each attempt waits until the cloth hangs still and chooses a plan, commands and a release time: the best of recorded
@@ -306,15 +306,10 @@ class ThrowPolicy(Policy):
         settings: ThrowSettings | None = None,
         practice: PracticeSettings | None = None,
     ):
-        self.arm, self.model, self.autoencoder = _hand(arm), model, autoencoder
         self.settings, self.practice = settings or ThrowSettings(), practice or PracticeSettings()
-        self.layout = self.arm.layout(autoencoder.latent_size)
-        if (model.state_size, model.command_size) != (self.layout.size, len(self.arm.command_names)):
-            raise ValueError(f"the model is not one of the {self.arm.name} arm: load the weights of this arm")
-        self.lower = torch.as_tensor(self.arm.command_lower, dtype=torch.float32)
-        self.upper = torch.as_tensor(self.arm.command_upper, dtype=torch.float32)
-        self.lower[-1], self.upper[-1] = self.settings.release
-        self.scale = torch.cat([model.u_std[:-1] * (self.upper > self.lower)[:-1], torch.ones(1)])
+        self._know(model, autoencoder, _hand(arm))
+        self.lower[-1], self.upper[-1] = self.settings.release  # in the last column of a plan is the release time
+        self.scale[-1] = 1.0
         self.set_target(target)
         self.set_bias(p)
         self._learn_from(runs, biases)
@@ -334,23 +329,6 @@ class ThrowPolicy(Policy):
     def released(self) -> bool:
         """Whether the cloth was let go."""
         return bool(self.attempts) and self.attempts[-1].released
-
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` with the next attempt.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
-        """
-        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
-
-    def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from now on.
-
-        Raises:
-            ValueError: p of another size or not finite.
-        """
-        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
-        self._frozen = FrozenDPMPB(self.model, self._p)
 
     def commands(self, plans: Tensor) -> Tensor:
         """What plans send, `[B, T, D_u]`: in the last column of a plan is the release time [period], in each row."""
