@@ -29,6 +29,7 @@ from clothlab.experiments import (
     tables,
     uncertainty,
 )
+from clothlab.experiments._recompute import PARTS, Recomputed, recompute
 from clothlab.experiments._record import EXPERIMENTS, PAPER, SLOW, load, load_all, save
 from clothlab.experiments.claims import ClaimError, Findings
 
@@ -57,9 +58,11 @@ SLOW.update(EXPERIMENTS.keys() - QUICK)
 __all__ = [
     "EXPERIMENTS",
     "PAPER",
+    "PARTS",
     "SLOW",
     "ClaimError",
     "Findings",
+    "Recomputed",
     "any_target",
     "cameras",
     "control",
@@ -75,6 +78,7 @@ __all__ = [
     "perception",
     "practice",
     "race",
+    "recompute",
     "save",
     "self_organisation",
     "stiffness",

@@ -79,6 +79,11 @@ class Record:
         return [run for run in self.runs if run.target.startswith(f"{name}/")]
 
 
+def targets(settings: Settings) -> list[str]:
+    """Names of the targets of every set, in the order of their numbers."""
+    return [name for each in settings.sets for name in list(artifacts.load_targets(each))[: settings.first]]
+
+
 def run_one(settings: Settings, target: str, number: int) -> Run:
     """Practise one target, and move at random."""
     learned, mask = trained(f"{settings.weights}-{number % settings.models}"), artifacts.load_target(target)
@@ -108,6 +113,5 @@ def _best_overlap(trial: Trial, mask: np.ndarray) -> np.ndarray:
 def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
     """Every target of every set."""
     settings = settings or Settings()
-    targets = [name for each in settings.sets for name in list(artifacts.load_targets(each))[: settings.first]]
-    todo = [(settings, target, number) for number, target in enumerate(targets)]
+    todo = [(settings, target, number) for number, target in enumerate(targets(settings))]
     return Record(settings, tuple(run_jobs(run_one, todo, workers=workers, progress=progress, what="any target")))

@@ -89,10 +89,15 @@ def get_cloth(name: str) -> Cloth:
     return choose("cloth", name, CLOTHS | BETWEEN)
 
 
+def seed_of(settings: Settings, name: str, model: int, repeat: int = 0) -> int:
+    """Seed of the commands of a run."""
+    return settings.first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(name)
+
+
 def run_one(settings: Settings, name: str, model: int, repeat: int = 0) -> Run:
     """Estimate p of one cloth."""
     learned, cloth = trained(f"{settings.weights}-{model}"), get_cloth(name)
-    seed = settings.first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(name)
+    seed = seed_of(settings, name, model, repeat)
     p, trace = estimate_at_random(learned, cloth, settings.steps, seed)
     distance = bias_error(p, name, learned.biases) if name in learned.biases else None
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))

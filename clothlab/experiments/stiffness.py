@@ -188,15 +188,12 @@ def run_ellipse(settings: Settings, spring: str, f_const: float) -> Ellipse:
     return Ellipse(spring, f_const, ellipse_area(displacements), axes)
 
 
-def run_held_out(settings: Settings, model: int) -> list[HeldOut]:
-    """Estimate p from each recorded trial that the training has not seen."""
-    learned, rows = trained(f"{settings.weights}-{model}"), []
-    for trial in artifacts.load_trials(settings.trials):
-        p, _ = estimate_bias(learned.model, learned.sequences(trial))
-        name, nearest = trial.cloth.name, nearest_material(p, learned.biases)
-        distance = bias_error(p, name, learned.biases)
-        rows.append(HeldOut(model, name, trial.policy, nearest, distance))
-    return rows
+def run_held_out(settings: Settings, model: int, number: int) -> HeldOut:
+    """Estimate p from one of the recorded trials that the training has not seen, by its number."""
+    learned, trial = trained(f"{settings.weights}-{model}"), artifacts.load_trials(settings.trials)[number]
+    p, _ = estimate_bias(learned.model, learned.sequences(trial))
+    name, nearest = trial.cloth.name, nearest_material(p, learned.biases)
+    return HeldOut(model, name, trial.policy, nearest, bias_error(p, name, learned.biases))
 
 
 def run_estimation(settings: Settings, cloth: str, model: int) -> Estimation:
@@ -253,13 +250,15 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     cases = [(settings, *each) for each in product(settings.conditions, settings.cloths, settings.models)]
     foams = [(settings, *each) for each in product(settings.estimated, settings.models)]
     pushes = [(settings, *each) for each in product(SPRINGS, settings.tensions)]
-    held_out = run_jobs(run_held_out, [(settings, k) for k in settings.models], what="held-out foams", **options)
+    recorded = [
+        (settings, *each) for each in product(settings.models, range(len(artifacts.load_trials(settings.trials))))
+    ]
     biases = [trained(f"{settings.weights}-{k}").biases for k in settings.models]
     return Record(
         settings=settings,
         ellipses=tuple(run_jobs(run_ellipse, pushes, what="ellipses", **options)),
         pca_share=np.array([principal_axes(each).explained_variance_ratio_ for each in biases]),
-        held_out=tuple(each for rows in held_out for each in rows),
+        held_out=tuple(run_jobs(run_held_out, recorded, what="held-out foams", **options)),
         estimation=tuple(run_jobs(run_estimation, foams, what="foams", **options)),
         control=tuple(run_jobs(run_control, cases, what="control of foams", **options)),
     )
