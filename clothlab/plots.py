@@ -47,6 +47,14 @@ class Curves(Protocol):
         """Amounts to point out, by label."""
 
 
+class Motion(Protocol):
+    """A run whose arm was watched, such as those of `experiments.stiffness`."""
+
+    commands: np.ndarray
+    theta: np.ndarray
+    distance: np.ndarray
+
+
 class _Shown(Figure):
     """A figure that a notebook shows although pyplot, whose back end would show it, has never been used."""
 
@@ -326,27 +334,33 @@ def distance_transition(
     return figure
 
 
-def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float, enlarged: float = 10.0) -> Figure:
+def ellipse_at_hand(
+    arm: MuscleArm, theta: np.ndarray, f_const: float | Sequence[float], enlarged: float = 10.0
+) -> Figure:
     """The arm from the side, and where a push of 1 N from any direction would move its hand.
 
     Args:
         arm: a muscle arm.
         theta: posture `[2]` [rad].
-        f_const: co-contraction [N].
+        f_const: co-contraction, one or several [N].
         enlarged: how much larger than the arm the displacements are drawn.
     """
-    angles = np.linspace(0, 2 * np.pi, 25)
+    angles, tensions = np.linspace(0, 2 * np.pi, 25), np.atleast_1d(f_const)
     theta = np.clip(theta, arm.lower, arm.upper)
-    pushed = [static_posture(arm, [*theta, f_const], np.array([np.cos(a), np.sin(a)])) for a in angles]
     hand = arm.hand(theta)
-    ellipse = hand + enlarged * (np.array([arm.hand(each) for each in pushed]) - hand)
     elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
     figure, axes = new_axes(size=(4.0, 3.6))
     ax = axes[0, 0]
     ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
-    ax.plot(*ellipse.T, color=COLOURS[0], lw=2)
+    for k, tension in enumerate(tensions):
+        pushed = [static_posture(arm, [*theta, tension], np.array([np.cos(a), np.sin(a)])) for a in angles]
+        ellipse = hand + enlarged * (np.array([arm.hand(each) for each in pushed]) - hand)
+        ax.plot(*ellipse.T, STYLES[k % 4], color=COLOURS[k % 7], lw=2, label=f"{tension:.0f} N")
     ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75), xlabel="forward [m]", ylabel="up [m]")
-    ax.set_title(f"{f_const:.0f} N; displacement by 1 N, enlarged {enlarged:g} times", fontsize=9)
+    told = f"{tensions[0]:.0f} N; d" if len(tensions) == 1 else "D"
+    ax.set_title(f"{told}isplacement by 1 N, enlarged {enlarged:g} times", fontsize=9)
+    if len(tensions) > 1:
+        figure.legend(loc="outside right center", title="f_const")
     return figure
 
 
@@ -373,6 +387,61 @@ def success_curves(
         ax.set(title=case, xlabel=xlabel, ylim=(0, 1.02))
     axes[0, 0].set_ylabel(ylabel)
     axes[0, 0].legend(fontsize=8)
+    return figure
+
+
+def arm_motion(runs: dict[str, Motion], until: int = 40, period: int = ControlSettings.period) -> Figure:
+    """Commands, joint angles and distance to the target, a column a run (the paper's figure on the robot).
+
+    Shaded: while the arm comes down, from the moment at which the shoulder's target is highest to the period's end.
+    Dashed, below: the distance with which a run begins, of a cloth that hangs still.
+
+    Args:
+        runs: `{title: run}` of an arm whose first commands are angles, positive downwards, and whose last is f_const.
+        until: control steps that are shown.
+        period: control steps of one period.
+    """
+    names = ("θ shoulder [rad]", "θ elbow [rad]", "f_const [N]", "distance [s.d. of z]")
+    figure, axes = new_axes(len(names), len(runs), size=(6.0, 1.75), sharex=True, sharey="row")
+    t, fine = np.arange(until) * CONTROL_PERIOD, np.arange(1, 10 * until + 1) * CONTROL_PERIOD / 10
+    for column, (title, run) in zip(axes.T, runs.items(), strict=True):
+        for n, ax in enumerate(column[:3]):
+            ax.step(t, run.commands[:until, n], "--", where="post", color=COLOURS[1], label="commanded")
+        for ax, angle in zip(column, run.theta[: 10 * until].T, strict=False):
+            ax.plot(fine, angle, color=COLOURS[0], label="measured")
+        column[3].plot(t, run.distance[:until], "o-", ms=3, color=COLOURS[3])
+        column[3].axhline(run.distance[0], color="0.35", ls="--", lw=1)
+        for start in range(0, until - period + 1, period):
+            highest = start + run.commands[start : start + period, 0].argmin()
+            for ax in column:
+                ax.axvspan(highest * CONTROL_PERIOD, (start + period) * CONTROL_PERIOD, color="0.92", zorder=0)
+        column[0].set_title(title)
+        column[3].set(xlabel="time [s]", ylim=(0, None))
+    for ax, name in zip(axes[:, 0], names, strict=True):
+        ax.set_ylabel(name)
+    axes[2, 0].set_ylim(0, 75)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+    return figure
+
+
+def bars(panels: dict[str, dict[str, dict[str, np.ndarray]]]) -> Figure:
+    """Mean and standard deviation as bars, a row for each quantity, a column for each case; a dot for each repeat.
+
+    Args:
+        panels: `{quantity, with its unit: {case: {label: values of the repeats [R]}}}`.
+    """
+    cases = list(next(iter(panels.values())))
+    figure, axes = new_axes(len(panels), len(cases), size=(4.8, 2.0), sharex=True, sharey="row")
+    for row, (quantity, columns) in zip(axes, panels.items(), strict=True):
+        row[0].set_ylabel(quantity)
+        for ax, case in zip(row, cases, strict=True):
+            for k, (label, values) in enumerate(columns[case].items()):
+                look: dict[str, Any] = {"color": COLOURS[k % 7], "hatch": ("", "//", "..", "xx")[k % 4]}
+                ax.bar(label, np.mean(values), 0.6, yerr=np.std(values), capsize=4, alpha=0.6, **look)
+                ax.plot(k + np.linspace(-0.15, 0.15, len(values)), values, "o", ms=3, color="black", zorder=3)
+            ax.set_ylim(0, None)
+    for ax, case in zip(axes[0], cases, strict=True):
+        ax.set_title(case)
     return figure
 
 

@@ -227,3 +227,47 @@ def test_jobs_give_the_callers_number_of_threads_back():
     torch.set_num_threads(1)
     assert _record.run_jobs(len, [("abc",), ("",)], workers=1, progress=False) == [3, 0]
     assert torch.get_num_threads() == 1
+
+
+def test_rates_count_the_steps_below_each_threshold(tiny):
+    (run,) = tiny("control").runs
+    (rates,) = tiny("control").rates([0.0, run.control[0] + 1e-3, 99.0]).values()
+    assert rates["Control"].shape == (1, 3)
+    assert rates["Control"][0, [0, 2]].tolist() == [0, 1]
+    assert rates["Control"][0, 1] == pytest.approx(np.mean(run.control < run.control[0] + 1e-3))
+    assert rates["still"][0].tolist() == [0, 1, 1]
+    foams = tiny("stiffness").rates([0.0, 99.0], ["Random"])
+    assert {label: rates["Random"].tolist() for label, rates in foams.items()} == {
+        "hard-1": [[0, 1]],
+        "soft-1": [[0, 1]],
+    }
+
+
+def test_a_gap_is_correct_minus_another_condition():
+    def run(condition, model, best):
+        distance = np.array([2.0, best])
+        peaks = {"as assumed": 4.0 if condition == "Correct" else 3.2}
+        return experiments.stiffness.Control(
+            condition, "hard-1", model, 3.0, distance, 0.1, peaks, np.empty((0, 3)), np.empty((0, 2))
+        )
+
+    settings = experiments.stiffness.Settings(models=(0, 1), cloths=("hard-1",))
+    runs = tuple(
+        run(name, k, best + k) for name, best in (("Correct", 0.1), ("Correct w/o stiffness", 0.4)) for k in (0, 1)
+    )
+    record = experiments.stiffness.Record(settings, (), np.empty((2, 2)), (), (), runs)
+    smallest, _ = experiments.stiffness.QUANTITIES["minimum distance"]
+    assert record.gap(smallest, "hard-1", "Correct w/o stiffness") == pytest.approx([-0.3, -0.3])
+    assert record.speed_gains() == pytest.approx(np.full((1, 2, 1), 0.25))
+
+
+def test_estimates_begin_at_zero(tiny):
+    paths = tiny("stiffness").estimates(0)
+    assert set(paths) == {"estimate of hard-1", "estimate of hard-3"}
+    assert all(path.shape == (13, 2) and not path[0].any() and path[1:].any() for path in paths.values())
+
+
+def test_thirds_are_the_ends_of_a_run():
+    run = experiments.integrated.Run(0, np.zeros((64, 2)), np.repeat(np.arange(8.0), 8), 0.5)
+    record = experiments.integrated.Record(experiments.integrated.Settings(models=(0,)), (run,))
+    assert [part.tolist() for part in record.thirds()] == [[1.5], [6.5]]

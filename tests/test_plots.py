@@ -1,5 +1,7 @@
 """Every figure is drawn from records, shows what they say, and is shown once."""
 
+from types import SimpleNamespace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
 RACE = {name: {who: RNG.random((4, 2)) for who in ("p", "sysid")} for name in ("C_damp", "C_mass", "C_damp / C_mass")}
 CLOUD = PointCloud(RNG.random((50, 3)), RNG.integers(0, 255, (50, 3)), np.ones(50, bool), np.zeros(3))
+MOTION = SimpleNamespace(commands=RNG.random((20, 3)), theta=RNG.random((200, 2)), distance=RNG.random(20))
 
 
 class Grown:
@@ -53,6 +56,9 @@ FIGURES = {
     "predictions": lambda: plots.predicted_states(RNG.random((5, 2)), {"p": RNG.random((5, 2))}, ["a [m]", "b [N]"]),
     "distances": lambda: plots.distance_transition({"control": RNG.random(19)}),
     "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
+    "ellipses": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), [10.0, 70.0]),
+    "motion": lambda: plots.arm_motion({"hard-1": MOTION}, until=16),
+    "bars": lambda: plots.bars({"rate [%]": {"hard-1": {"Correct": RNG.random(5), "Random": RNG.random(5)}}}),
     "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
     "experience": lambda: plots.experience(Grown(), columns=2),
     "promises": lambda: plots.promise_scatter({"one": tuple(RNG.random((2, 12)))}, picked=3),
@@ -140,6 +146,30 @@ def test_the_ellipse_is_drawn_around_the_hand():
     hand = [line[-1] for line in links.get_data()]
     assert hand == pytest.approx(arm.hand(theta))
     assert np.mean(ellipse.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
+
+
+def test_the_stiffer_the_arm_the_smaller_its_ellipse():
+    _, soft, stiff = plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), [10.0, 70.0]).axes[0].lines
+    assert np.ptp(soft.get_xydata(), axis=0) == pytest.approx(3.3 * np.ptp(stiff.get_xydata(), axis=0), rel=0.1)
+    assert (soft.get_label(), stiff.get_label()) == ("10 N", "70 N")
+
+
+def test_an_arm_is_shaded_while_it_comes_down():
+    commands = np.zeros((16, 3))
+    commands[3, 0] = commands[13, 0] = -1  # where the shoulder's target is highest
+    run = SimpleNamespace(commands=commands, theta=np.zeros((160, 2)), distance=np.full(16, 2.0))
+    (column,) = np.reshape(plots.arm_motion({"run": run}, until=16).axes, (1, 4))
+    spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in column[3].patches]
+    assert np.array(spans) == pytest.approx(np.array([(0.6, 1.6), (2.6, 3.2)]))
+    assert len(column[2].lines) == 1, "f_const has no measured value"
+
+
+def test_bars_have_the_mean_and_a_dot_for_each_repeat():
+    panels = {"rate [%]": {"hard-1": {"Correct": np.array([1.0, 3.0])}, "soft-1": {"Correct": np.array([5.0])}}}
+    hard, soft = plots.bars(panels).axes
+    assert hard.patches[0].get_height() == 2
+    assert hard.lines[-1].get_ydata().tolist() == [1, 3]
+    assert (hard.get_ylabel(), soft.get_title()) == ("rate [%]", "soft-1")
 
 
 def test_a_bound_is_drawn_beside_the_root_of_time():

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
-from clothlab.analysis import best_per_period, empty_distance, target_distance
+from clothlab.analysis import best_per_period, empty_distance, success_rate, target_distance
 from clothlab.cloth import cloth_name
 from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
 
@@ -71,6 +72,22 @@ class Record:
     def cases(self) -> dict[tuple[str, str], list[Run]]:
         """The same by `(target, cloth)`."""
         return {pair: self.case(*pair) for pair in product(self.settings.targets, self.settings.cloths)}
+
+    def rates(self, thresholds: ArrayLike) -> dict[tuple[str, str], dict[str, np.ndarray]]:
+        """Share of steps nearer than each threshold `[N]` [s.d. of z], by `(target, cloth)` and who, `[models, N]`.
+
+        Who is Control, Random, still and empty.
+        """
+        away = {
+            "Control": lambda run: run.control,
+            "Random": lambda run: run.random,
+            "still": lambda run: [run.still],
+            "empty": lambda run: [run.empty],
+        }
+        return {
+            pair: {who: np.array([success_rate(of(run), thresholds) for run in runs]) for who, of in away.items()}
+            for pair, runs in self.cases().items()
+        }
 
 
 def run_one(settings: Settings, target: str, cloth: str, model: int) -> Run:

@@ -58,6 +58,12 @@ class Record:
     settings: Settings
     runs: tuple[Run, ...]
 
+    def thirds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Median of the periods' best in the first and in the last third of each run, `[models]` each [s.d. of z]."""
+        bests = np.array([run.best for run in self.runs])
+        third = bests.shape[1] // 3
+        return np.median(bests[:, :third], axis=1), np.median(bests[:, -third:], axis=1)
+
 
 def run_one(settings: Settings, model: int) -> Run:
     """Estimate and control at once, from a wrong p."""

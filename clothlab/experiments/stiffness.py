@@ -1,10 +1,12 @@
 """Stiff when it helps: the paper's section "Actual Robot Experiment", on the simulated muscle arm with foams."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
@@ -18,6 +20,7 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.arm import MuscleArm
+from clothlab.cloth import get_cloth
 from clothlab.control import recorded_plans
 from clothlab.estimation import estimate_bias
 from clothlab.experiments._record import RECORDINGS, estimate_at_random, new_trial, random_trial, run_jobs, trained
@@ -37,6 +40,14 @@ CORRECT, WRONG, FIXED, WARM, RANDOM = (
     "Random",
 )
 CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
+PAPERS = (CORRECT, WRONG, FIXED, RANDOM)  # those of them that the paper has
+QUANTITIES: dict[
+    str, tuple[Callable, int]
+] = {  # the paper's three, and the sign that it reports for Correct minus others
+    "rate below 0.5": (lambda run: run.rate, 1),
+    "minimum distance": (lambda run: run.distance.min(), -1),
+    "maximum distance": (lambda run: run.distance.max(), 1),
+}
 VARIANTS: dict[str, dict[str, Any]] = {  # what the hand's speed may depend on, and the paper does not publish
     "as assumed": {},
     "motor speed 0.05 m/s": {"motor_speed": 0.05},
@@ -175,6 +186,34 @@ class Record:
     def case(self, condition: str, cloth: str) -> list[Control]:
         """The runs of a condition with a foam, one for each training."""
         return [run for run in self.control if (run.condition, run.cloth) == (condition, cloth)]
+
+    def estimates(self, model: int) -> dict[str, np.ndarray]:
+        """p over time of each foam that was estimated by one training, from p = 0 on `[T + 1, D_p]`, by a label."""
+        paths = {f"estimate of {get_cloth(each.cloth).label}": each.trace for each in self.estimation if each.model == model}
+        return {label: np.vstack([np.zeros(path.shape[1]), path]) for label, path in paths.items()}
+
+    def rates(self, thresholds: ArrayLike, conditions: Iterable[str] = PAPERS) -> dict[str, dict[str, np.ndarray]]:
+        """Share of steps nearer than each threshold `[N]` [s.d. of z], by foam's label and condition, `[models, N]`."""
+        return {
+            get_cloth(cloth).label: {
+                name: np.array([success_rate(run.distance, thresholds) for run in self.case(name, cloth)])
+                for name in conditions
+            }
+            for cloth in self.settings.cloths
+        }
+
+    def gap(self, measure: Callable[[Control], float], cloth: str, other: str) -> np.ndarray:
+        """A figure of a run under Correct minus that under another condition, for each training `[models]`."""
+        pairs = zip(self.case(CORRECT, cloth), self.case(other, cloth), strict=True)
+        return np.array([measure(a) - measure(b) for a, b in pairs])
+
+    def speed_gains(self) -> np.ndarray:
+        """Peak hand speed with optimised stiffness over that without, minus one, `[foams, models, variants]`."""
+        peaks = [
+            [[[*run.peak_hand_speed.values()] for run in self.case(name, cloth)] for cloth in self.settings.cloths]
+            for name in (CORRECT, FIXED)
+        ]
+        return np.divide(*np.array(peaks)) - 1
 
     def area(self, spring: str, f_const: float) -> float:
         """Area of a stiffness ellipse [m²]."""
