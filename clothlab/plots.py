@@ -349,14 +349,16 @@ def ellipse_at_hand(
     theta = np.clip(theta, arm.lower, arm.upper)
     hand = arm.hand(theta)
     elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
-    figure, axes = new_axes(size=(4.0, 3.6))
+    figure, axes = new_axes(size=(4.0, 3.6) if len(tensions) == 1 else (6.4, 4.4))
     ax = axes[0, 0]
-    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
+    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6" if len(tensions) == 1 else "0.85", lw=6, zorder=1)
     for k, tension in enumerate(tensions):
         pushed = [static_posture(arm, [*theta, tension], np.array([np.cos(a), np.sin(a)])) for a in angles]
         ellipse = hand + enlarged * (np.array([arm.hand(each) for each in pushed]) - hand)
         ax.plot(*ellipse.T, STYLES[k % 4], color=COLOURS[k % 7], lw=2, label=f"{tension:.0f} N")
-    ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75), xlabel="forward [m]", ylabel="up [m]")
+    ax.set(aspect="equal", xlabel="forward [m]", ylabel="up [m]")
+    if len(tensions) == 1:  # which goes with others of other postures
+        ax.set(xlim=(-0.35, 1.0), ylim=(-0.75, 0.75))
     told = f"{tensions[0]:.0f} N; d" if len(tensions) == 1 else "D"
     ax.set_title(f"{told}isplacement by 1 N, enlarged {enlarged:g} times", fontsize=9)
     if len(tensions) > 1:
@@ -438,8 +440,9 @@ def bars(panels: dict[str, dict[str, dict[str, np.ndarray]]]) -> Figure:
             for k, (label, values) in enumerate(columns[case].items()):
                 look: dict[str, Any] = {"color": COLOURS[k % 7], "hatch": ("", "//", "..", "xx")[k % 4]}
                 ax.bar(label, np.mean(values), 0.6, yerr=np.std(values), capsize=4, alpha=0.6, **look)
-                ax.plot(k + np.linspace(-0.15, 0.15, len(values)), values, "o", ms=3, color="black", zorder=3)
-            ax.set_ylim(0, None)
+                places = k + np.linspace(-0.15, 0.15, len(values))
+                ax.plot(places, values, "o", ms=3, color="black", zorder=3, clip_on=False)
+        row[0].set_ylim(0, None)
     for ax, case in zip(axes[0], cases, strict=True):
         ax.set_title(case)
     return figure

@@ -564,6 +564,39 @@ SLIPS = {
         ("<= reach", "<= 0.03", "use `reach`"),
         ("return", "off", "the number of an edge, or None"),
     ],
+    "verdict": [
+        ("sign * mean", "mean", "where its sign is -1"),
+        ("return", "int(abs(mean) > half)", "return -1"),
+        ("return", "sign * int(np.sign(mean))", "return 0"),
+        ("/ np.sqrt(len(differences))", "", "root of their number"),
+        ("stats.t.ppf(0.975, len(differences) - 1)", "1.96", "Student's t"),
+        ("stats.t.ppf(0.975, len(differences) - 1)", "stats.t.ppf(0.95, len(differences) - 1)", "Student's t"),
+        ("ddof=1", "ddof=0", "n - 1, not by n"),
+        ("stats.t.ppf(0.975, len(differences) - 1)", "2.776", "one less than the values"),
+        ("return", "mean > half", "return 1"),
+        ("return", "sign * mean", "far above zero"),
+    ],
+    "best_of": [
+        ("combinations(values, count)", "product(values, repeat=count)", "without putting back"),
+        ("max(each)", "np.mean(each)", "single repeats"),
+        ("return", "np.max(values)", "best of all"),
+        ("max(each)", "min(each)", "smallest of each"),
+        ("return", "max(values[:count])", "one choice among all"),
+        ("np.mean([", "np.sum([", "take their mean"),
+        ("return", "np.sort(values)[-count]", "have the mean"),
+        ("return", "np.sort(values)[-count:].mean()", "have the mean"),
+    ],
+    "when_apart": [
+        ("np.abs(a - b)", "(b - a)", "absolute difference"),
+        ("return", "int(np.argmax(np.abs(a - b)))", "differ counts"),
+        ("return", "int(far[-1]) if len(far) else None", "differ counts"),
+        ("int(far[0])", "int(far[0]) + 1", "from 0 on"),
+        ("> tolerance", "> 0.1", "use `tolerance`"),
+        ("> tolerance", ">= tolerance", "still within it"),
+        ("if len(far)", "if len(far) and far[0]", "0, not None"),
+        (" if len(far) else None", "", "raised IndexError"),
+        ("return", "np.abs(a - b)", "the number of a step, or None"),
+    ],
     "way_left": [
         ("max(0.0, near + length - ahead)", "near + length - ahead", "not negative"),
         ("base + np.sqrt", "np.sqrt", "goes ahead with the base"),
@@ -1288,7 +1321,9 @@ def test_whenever_a_policy_goes_wrong_it_is_refused_in_a_sentence(name, calls):
             getattr(checks, name)(lambda *args, **kw: turning(solution(*args, **kw), calls, then))  # noqa: B023
 
 
-@pytest.mark.parametrize("name", sorted(set(EXERCISES) - {"choose_grasp", "half_time", "steps_until_right"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(EXERCISES) - {"choose_grasp", "half_time", "steps_until_right", "when_apart"})
+)
 def test_a_stub_is_told_that_it_returned_none(name):
     with pytest.raises(checks.CheckFailed, match=f"{name} returned None: return"):
         getattr(checks, name)(define(name, EXERCISES[name][1]))

@@ -15,6 +15,7 @@ from clothlab.checks.online_estimation import curvature, momentum_step, steps_un
 from clothlab.checks.parametric_bias import chance, gain_of_dimension, matching_drag, shares_by_hand
 from clothlab.checks.practice import honest, one_outcome, practise_then_perform
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
+from clothlab.checks.results import best_of, verdict, when_apart
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
@@ -32,6 +33,7 @@ __all__ = [
     "alternate",
     "averaged",
     "best_moment",
+    "best_of",
     "chamfer_by_hand",
     "chance",
     "choose_grasp",
@@ -75,6 +77,8 @@ __all__ = [
     "time_to_reach",
     "touching",
     "transitions",
+    "verdict",
     "wave",
     "way_left",
+    "when_apart",
 ]

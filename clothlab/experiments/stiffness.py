@@ -189,7 +189,9 @@ class Record:
 
     def estimates(self, model: int) -> dict[str, np.ndarray]:
         """p over time of each foam that was estimated by one training, from p = 0 on `[T + 1, D_p]`, by a label."""
-        paths = {f"estimate of {get_cloth(each.cloth).label}": each.trace for each in self.estimation if each.model == model}
+        paths = {
+            f"estimate of {get_cloth(each.cloth).label}": each.trace for each in self.estimation if each.model == model
+        }
         return {label: np.vstack([np.zeros(path.shape[1]), path]) for label, path in paths.items()}
 
     def rates(self, thresholds: ArrayLike, conditions: Iterable[str] = PAPERS) -> dict[str, dict[str, np.ndarray]]:
