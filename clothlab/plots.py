@@ -433,7 +433,7 @@ def bars(panels: dict[str, dict[str, dict[str, np.ndarray]]]) -> Figure:
         panels: `{quantity, with its unit: {case: {label: values of the repeats [R]}}}`.
     """
     cases = list(next(iter(panels.values())))
-    figure, axes = new_axes(len(panels), len(cases), size=(4.8, 2.0), sharex=True, sharey="row")
+    figure, axes = new_axes(len(panels), len(cases), size=(3.6, 1.9), sharex=True, sharey="row")
     for row, (quantity, columns) in zip(axes, panels.items(), strict=True):
         row[0].set_ylabel(quantity)
         for ax, case in zip(row, cases, strict=True):
