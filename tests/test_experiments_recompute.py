@@ -131,13 +131,21 @@ def test_an_altered_record_shows(data, tmp_path):
     assert recompute("integrated", data=tmp_path, model=0).difference() == np.inf
 
 
+def test_another_count_of_numbers_is_as_different_as_can_be(data):
+    found = recompute("perception", data=data)
+    assert found.difference() == 0
+    for run in ("stored", "fresh"):
+        fewer = dataclasses.replace(getattr(found, run), chamfer=())
+        assert dataclasses.replace(found, **{run: fewer}).difference() == np.inf
+
+
 @pytest.mark.parametrize(
     ("arguments", "which", "error", "message"),
     [
         (("alchemy",), {}, KeyError, "unknown experiment 'alchemy'; choose from perception"),
         ((7,), {}, KeyError, "unknown experiment 7; choose from perception"),
         (("race",), {}, ValueError, "make all of it anew, in hours, with `python scripts/make_results.py --only race`"),
-        (("stiffness",), {}, KeyError, "unknown part of 'stiffness' ''; choose from ellipses, held_out, estimation"),
+        (("stiffness",), {}, KeyError, "unknown part of 'stiffness' ''; choose from ellipses, pca_share, held_out"),
         (("control", "ellipses"), {}, KeyError, "unknown part of 'control' 'ellipses'; choose from runs"),
         (("control",), {"seed": 1}, TypeError, "named by target, cloth, model, not by 'seed'"),
         (("perception",), {"model": 1}, TypeError, "named by nothing, not by 'model'"),

@@ -7,6 +7,7 @@ and run when asked for by name.
     from clothlab import experiments
     record = experiments.load("control")                         # the stored, full-size one
     small = experiments.control.run(experiments.control.Settings(models=(0,), steps=24))
+    print(experiments.recompute("integrated", model=0))           # one stored run, and the same made anew
 """
 
 from clothlab.experiments import (

@@ -62,6 +62,19 @@ def _any_target(settings: any_target.Settings, run: any_target.Run) -> any_targe
     return any_target.run_one(settings, run.target, any_target.targets(settings).index(run.target))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Share:
+    """A row of `pca_share` of the record on stiffness.
+
+    Attributes:
+        model: seed of the training.
+        pca_share: share of the variance of p along PC1 and PC2, `[2]`.
+    """
+
+    model: int
+    pca_share: np.ndarray
+
+
 PARTS: dict[str, dict[str, Part]] = {
     "perception": {"all": Part(lambda record: (record,), (), lambda settings, _: perception.run(settings), 13)},
     "self_organisation": {
@@ -87,6 +100,12 @@ PARTS: dict[str, dict[str, Part]] = {
             ("spring", "f_const"),
             lambda s, run: stiffness.run_ellipse(s, run.spring, run.f_const),
             2,
+        ),
+        "pca_share": Part(
+            lambda record: [Share(*row) for row in zip(record.settings.models, record.pca_share, strict=True)],
+            ("model",),
+            lambda s, run: Share(run.model, stiffness.run_share(s, run.model)),
+            1,
         ),
         "held_out": Part(lambda record: record.held_out, ("cloth", "policy", "model"), _held_out, 7),
         "estimation": Part(
@@ -141,6 +160,8 @@ class Recomputed:
     def difference(self) -> float:
         """The largest difference of any number to the stored one; infinite where another count of numbers came out."""
         pairs = self.numbers().values()
+        if any(len(list(_numbers(converter.unstructure(run)))) != len(pairs) for run in (self.stored, self.fresh)):
+            return np.inf
         return max(
             (float(np.abs(a - b).max()) if a.shape == b.shape else np.inf for a, b in pairs if a.size), default=0
         )

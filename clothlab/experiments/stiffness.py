@@ -229,6 +229,11 @@ def run_ellipse(settings: Settings, spring: str, f_const: float) -> Ellipse:
     return Ellipse(spring, f_const, ellipse_area(displacements), axes)
 
 
+def run_share(settings: Settings, model: int) -> np.ndarray:
+    """Share of the variance of p along PC1 and PC2 in one training, `[2]`."""
+    return principal_axes(trained(f"{settings.weights}-{model}").biases).explained_variance_ratio_
+
+
 def run_held_out(settings: Settings, model: int, number: int) -> HeldOut:
     """Estimate p from one of the recorded trials that the training has not seen, by its number."""
     learned, trial = trained(f"{settings.weights}-{model}"), artifacts.load_trials(settings.trials)[number]
@@ -294,11 +299,10 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     recorded = [
         (settings, *each) for each in product(settings.models, range(len(artifacts.load_trials(settings.trials))))
     ]
-    biases = [trained(f"{settings.weights}-{k}").biases for k in settings.models]
     return Record(
         settings=settings,
         ellipses=tuple(run_jobs(run_ellipse, pushes, what="ellipses", **options)),
-        pca_share=np.array([principal_axes(each).explained_variance_ratio_ for each in biases]),
+        pca_share=np.array([run_share(settings, k) for k in settings.models]),
         held_out=tuple(run_jobs(run_held_out, recorded, what="held-out foams", **options)),
         estimation=tuple(run_jobs(run_estimation, foams, what="foams", **options)),
         control=tuple(run_jobs(run_control, cases, what="control of foams", **options)),
