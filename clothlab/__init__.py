@@ -49,6 +49,7 @@ __all__ = [
     "practice",
     "reaching",
     "recognition",
+    "recordings",
     "registration",
     "search",
     "stiffness",

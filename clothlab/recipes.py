@@ -1,12 +1,17 @@
-"""What each set of stored weights is trained on, and how."""
+"""What each set of stored weights is trained on, and how; and the trainings themselves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
 
 from clothlab import artifacts
 from clothlab._validation import choose
+from clothlab.arm import get_arm
 from clothlab.artifacts import Trained
-from clothlab.autoencoder import AutoencoderTraining
-from clothlab.dpmpb import ModelTraining
+from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
+from clothlab.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
 from clothlab.trials import Trial, sensed_by
 
 
@@ -76,3 +81,55 @@ def recipe_of(learned: Trained) -> Recipe:
     """
     pairs = {f"{recipe.arm} with {sees_with(name)}": recipe for name, recipe in RECIPES.items()}
     return choose("recipe", f"{learned.arm.name} with {learned.sees_with}", pairs)
+
+
+def train_eyes(name: str, recipe: Recipe | None = None, *, progress: bool = False) -> None:
+    """Train the autoencoder of a recipe on all its images, and save it in `data/weights`.
+
+    Args:
+        name: of the weights.
+        recipe: how; by default the one of that name.
+        progress: show a progress bar.
+
+    Raises:
+        ValueError: a recipe without an autoencoder of its own.
+    """
+    torch.set_num_threads(1)
+    recipe = recipe or choose("recipe", name, RECIPES)
+    if isinstance(recipe.autoencoder, str):
+        raise ValueError(f"{name!r} sees with the autoencoder {recipe.autoencoder!r} and has none of its own")
+    images = np.concatenate([trial.images for trial in recipe.load_trials()])
+    model, losses = train_autoencoder(images, recipe.autoencoder, seed=0, progress=progress)
+    artifacts.save_autoencoder(model, losses, name)
+
+
+def seen_by(name: str, recipe: Recipe | None = None) -> list[Sequences]:
+    """All that a recipe's model learns from, as its stored autoencoder sees it.
+
+    Args:
+        name: of the weights.
+        recipe: how; by default the one of that name.
+    """
+    autoencoder, _ = artifacts.load_autoencoder(sees_with(name))
+    recipe = recipe or choose("recipe", name, RECIPES)
+    return [to_sequences(autoencoder, trial) for trial in recipe.load_trials()]
+
+
+def train_model(
+    name: str, runs: Sequence[Sequences], seed: int, recipe: Recipe | None = None, *, progress: bool = False
+) -> None:
+    """Train the DPMPB of a recipe, and save it as `NAME-SEED` in `data/weights`.
+
+    Args:
+        name: of the weights.
+        runs: as `seen_by` gives them, so that several trainings share them.
+        seed: of the training.
+        recipe: how; by default the one of that name.
+        progress: show a progress bar.
+    """
+    torch.set_num_threads(1)
+    recipe, eyes = recipe or choose("recipe", name, RECIPES), sees_with(name)
+    autoencoder, _ = artifacts.load_autoencoder(eyes)
+    model, biases, trace = train_dpmpb(runs, recipe.model, seed=seed, progress=progress)
+    learned = Trained(f"{name}-{seed}", get_arm(recipe.arm), autoencoder, model, biases, trace.losses, sees_with=eyes)
+    artifacts.save(learned)

@@ -20,7 +20,6 @@ import numpy as np
 import psutil
 import torch
 from browser_lab import Lab, Notebook, frame, launch_options, slider
-from make_data import jobs, record_all
 from playwright.sync_api import sync_playwright
 from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm, trange
@@ -34,6 +33,7 @@ from clothlab.dpmpb import DPMPB, Memory, predict
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
 from clothlab.recipes import RECIPES
+from clothlab.recordings import jobs, record_all
 from clothlab.table import TableEnv
 from clothlab.trials import Timed
 

@@ -271,3 +271,20 @@ def test_thirds_are_the_ends_of_a_run():
     run = experiments.integrated.Run(0, np.zeros((64, 2)), np.repeat(np.arange(8.0), 8), 0.5)
     record = experiments.integrated.Record(experiments.integrated.Settings(models=(0,)), (run,))
     assert [part.tolist() for part in record.thirds()] == [[1.5], [6.5]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["self_organisation", "estimation", "control", "integrated", "stiffness"])
+def test_trainings_one_by_one_give_the_record_of_them_all(name):
+    module = experiments.EXPERIMENTS[name]
+    few = {"repeats": 2} if name == "estimation" else {"conditions": ("Random",)} if name == "stiffness" else {}
+    settings = module.Settings(**TINY[name] | few | {"models": (0, 1)})
+    each = [module.run(dataclasses.replace(settings, models=(k,))) for k in settings.models]
+    assert same(module.merged(settings, each), module.run(settings))
+
+
+def test_runs_of_single_trainings_take_turns():
+    parts = [["a1", "a2", "a3", "a4"], ["b1", "b2", "b3", "b4"]]
+    assert _record.interleaved(parts) == ("a1", "b1", "a2", "b2", "a3", "b3", "a4", "b4")
+    assert _record.interleaved(parts, 2) == ("a1", "a2", "b1", "b2", "a3", "a4", "b3", "b4")
+    assert _record.interleaved([]) == ()

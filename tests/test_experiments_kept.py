@@ -2,7 +2,7 @@
 
 import pytest
 
-from clothlab.experiments._kept import once
+from clothlab.experiments._kept import once, version
 
 
 @pytest.fixture
@@ -54,3 +54,34 @@ def test_work_that_fails_leaves_nothing_that_looks_done(tmp_path):
     assert once("work", {}, lambda: "done", folder=tmp_path) == "done"
     with pytest.raises(TypeError, match="not JSON serializable"):
         once("work", {"what": object()}, lambda: "done", folder=tmp_path)
+
+
+def test_files_are_known_by_a_pattern_too(tmp_path):
+    (tmp_path / "part").mkdir()
+    counts = []
+
+    def make():
+        counts.append(len(counts))
+        for name in "ab":
+            (tmp_path / "part" / f"{name}.txt").write_text(name)
+
+    def do():
+        once("parts", {}, make, folder=tmp_path, files=["part/*.txt"])
+        return len(counts)
+
+    assert [do(), do()] == [1, 1]
+    (tmp_path / "part" / "b.txt").unlink()
+    assert [do(), do()] == [2, 2]
+    (tmp_path / "part" / "c.txt").write_text("of somebody else")
+    assert do() == 3
+
+
+def test_the_version_is_of_the_code_where_data_has_no_hashes(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
+    version.cache_clear()
+    without = version()
+    (tmp_path / "SHA256SUMS").write_text("something")
+    version.cache_clear()
+    assert len(without) == len(version()) == 64
+    assert version() != without
+    version.cache_clear()

@@ -1,5 +1,6 @@
 """Recipes of the stored weights: for the arm that they say, from recordings that there are."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.arm import get_arm
-from clothlab.recipes import RECIPES, recipe_of, sees_with
+from clothlab.autoencoder import AutoencoderTraining
+from clothlab.recipes import RECIPES, recipe_of, seen_by, sees_with, train_eyes, train_model
 
 
 def stored(name):
@@ -70,3 +72,39 @@ def test_recordings_that_are_not_here_are_asked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     with pytest.raises(KeyError, match="trials"):
         RECIPES["torque"].load_trials()
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    """A folder with the eyes alone."""
+    eye = "weights/autoencoder-torque.safetensors"
+    (tmp_path / "weights").mkdir()
+    shutil.copy(artifacts.data_folder() / eye, tmp_path / eye)
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
+    return tmp_path
+
+
+def test_a_robot_that_feels_learns_with_the_eyes_of_one_that_does_not(monkeypatch, data, trial):
+    recipe = RECIPES["torque-feeling"]
+    brief = replace(recipe, model=replace(recipe.model, epochs=1, sequence_length=4))
+    monkeypatch.setitem(RECIPES, "torque-feeling", brief)
+    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial])
+    runs = seen_by("torque-feeling")
+    train_model("torque-feeling", runs, 0)
+    learned = artifacts.load("torque-feeling-0")
+    assert (learned.arm.name, learned.sees_with, learned.model.state_size) == ("torque-feeling", "torque", 9)
+    assert recipe_of(learned) is brief
+    assert np.array_equal(learned.sequences(trial).s, runs[0].s)  # whichever of the two arms recorded it
+    assert (data / "weights/dpmpb-torque-feeling-0.safetensors").is_file()
+    with pytest.raises(ValueError, match="'torque-feeling' sees with the autoencoder 'torque' and has none of its own"):
+        train_eyes("torque-feeling")
+
+
+def test_a_recipe_of_another_size_makes_weights_of_the_same_name(monkeypatch, data, trial):
+    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial])
+    small = replace(RECIPES["torque"], autoencoder=AutoencoderTraining(epochs=1, batch_size=12))
+    before, _ = artifacts.load_autoencoder("torque")
+    train_eyes("torque", small)
+    after, losses = artifacts.load_autoencoder("torque")
+    assert len(losses) == 1
+    assert after.fingerprint() != before.fingerprint()

@@ -26,6 +26,7 @@ LAYERS += [
     "control",
     "practice",
     "throwing",
+    "recordings",
     "search",
     "artifacts",
     "recipes",

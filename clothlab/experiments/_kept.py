@@ -26,7 +26,8 @@ def once(
         made_with: whatever the answer depends on, as JSON has it; code is not known.
         make: does the work and returns what JSON has a word for.
         folder: where to keep; made where there is none.
-        files: what `make` writes there beside its answer. If one of them is gone or altered, the work is done again.
+        files: what `make` writes there beside its answer, by name or by pattern (`trials/train/*.npz`). If one of them
+            is gone or altered, or another fits the pattern, the work is done again.
 
     Raises:
         TypeError: an answer, or something that it depends on, that JSON has no word for.
@@ -34,11 +35,12 @@ def once(
     folder.mkdir(parents=True, exist_ok=True)
     made_with = json.loads(json.dumps(made_with))
     kept = _read(name, folder)
-    if kept.get("made_with") == made_with and kept.get("files") == _hashes(folder, files):
+    files = list(files)
+    if kept.get("made_with") == made_with and kept.get("files") == hashes(folder, files):
         return kept["answer"]
     answer = json.loads(json.dumps(make()))  # the same now as when it is read again
     artifacts.save_results(
-        {"made_with": made_with, "files": _hashes(folder, files), "answer": answer}, name, data=folder
+        {"made_with": made_with, "files": hashes(folder, files), "answer": answer}, name, data=folder
     )
     return answer
 
@@ -65,14 +67,27 @@ def _read(name: str, folder: Path) -> dict[str, Any]:
         return {}
 
 
-def _hashes(folder: Path, files: Iterable[str]) -> dict[str, str | None]:
-    return {name: sha256(folder / name) if (folder / name).is_file() else None for name in files}
+def hashes(folder: Path, files: Iterable[str]) -> dict[str, str | None]:
+    """Hash of each file of a folder, by name or by pattern; None for what is not there, or for what nothing fits."""
+    found: dict[str, str | None] = {}
+    for name in files:
+        paths = sorted(path for path in folder.glob(name) if path.is_file())
+        found |= {path.relative_to(folder).as_posix(): sha256(path) for path in paths} or {name: None}
+    return found
+
+
+@cache
+def code() -> str:
+    """Hash of the package, as it is when somebody first asks."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(clothlab.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 @cache
 def version() -> str:
     """Hash of the package and of the data's hashes, for work that must be done again when either changes."""
-    digest = hashlib.sha256()
-    for path in [*sorted(Path(clothlab.__file__).parent.rglob("*.py")), artifacts.data_folder() / artifacts.CHECKSUMS]:
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    recorded = artifacts.data_folder() / artifacts.CHECKSUMS
+    hashed = recorded.read_bytes() if recorded.exists() else b""
+    return hashlib.sha256(code().encode() + hashed).hexdigest()

@@ -97,7 +97,7 @@ def run_jobs(
 ) -> list[T]:
     """Call `function(*job)` for each job, several at once; the answers in the order of the jobs."""
     answers = joblib.Parallel(n_jobs=workers, return_as="generator")(
-        joblib.delayed(_alone)(function, job) for job in jobs
+        joblib.delayed(alone)(function, job) for job in jobs
     )
     return list(tqdm(answers, total=len(jobs), desc=what, unit="run", disable=not progress))
 
@@ -107,9 +107,21 @@ def sort_out(found: Iterable[Any], kinds: Iterable[type]) -> list[Any]:
     return [tuple(each for each in found if isinstance(each, kind)) for kind in kinds]
 
 
-def _alone(function: Callable[..., T], job: tuple) -> T:
+def interleaved(parts: Sequence[Sequence[T]], together: int = 1) -> tuple[T, ...]:
+    """Runs of several trainings in the order in which one experiment with all of them finds them.
+
+    Args:
+        parts: runs of each training, as many of each.
+        together: so many of a training follow one another before the next training's turn.
+    """
+    count = max(map(len, parts), default=0)
+    return tuple(run for k in range(0, count, together) for part in parts for run in part[k : k + together])
+
+
+def alone(function: Callable[..., T], job: tuple) -> T:
+    """Call `function(*job)` on one core: jobs run side by side, and matrices this small gain nothing from a second."""
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # jobs run side by side, and matrices this small gain nothing from a second core
+    torch.set_num_threads(1)
     try:
         return function(*job)
     finally:

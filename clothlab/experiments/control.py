@@ -1,6 +1,7 @@
 """Which commands realise this picture? Control with the right p against random commands, hanging still, and an empty
 image (paper, "Simulation Experiment": the figure on control)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -11,7 +12,7 @@ from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, empty_distance, success_rate, target_distance
 from clothlab.cloth import cloth_name
-from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
+from clothlab.experiments._record import interleaved, new_trial, random_trial, run_jobs, trained
 
 
 @dataclass(frozen=True)
@@ -105,3 +106,8 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     settings = settings or Settings()
     jobs = [(settings, *case) for case in product(settings.targets, settings.cloths, settings.models)]
     return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="control")))
+
+
+def merged(settings: Settings, records: Sequence[Record]) -> Record:
+    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
+    return Record(settings, interleaved([each.runs for each in records]))

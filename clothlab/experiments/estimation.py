@@ -1,6 +1,7 @@
 """Which cloth is in the hand? p is estimated online from 0 while the cloth is moved at random (paper, "Simulation
 Experiment": the figure on parametric biases)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -9,7 +10,7 @@ import numpy as np
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import MaterialReadout, bias_error, nearest_material
 from clothlab.cloth import CLOTHS, Cloth
-from clothlab.experiments._record import estimate_at_random, run_jobs, trained
+from clothlab.experiments._record import estimate_at_random, interleaved, run_jobs, trained
 
 BETWEEN = {  # never trained on: geometric means of neighbouring trained values, and one nearer to a corner of them
     name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5)
@@ -110,3 +111,8 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     settings = settings or Settings()
     jobs = [(settings, *job) for job in product(settings.cloths, settings.models, range(settings.repeats))]
     return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="estimation")))
+
+
+def merged(settings: Settings, records: Sequence[Record]) -> Record:
+    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
+    return Record(settings, interleaved([each.runs for each in records], settings.repeats))

@@ -1,5 +1,6 @@
 """Both at once: estimation from a wrong p while controlling (paper, "Simulation Experiment": the last two figures)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.cloth import cloth_name
 from clothlab.estimation import BiasEstimator, EstimatingPolicy
-from clothlab.experiments._record import new_trial, run_jobs, trained
+from clothlab.experiments._record import interleaved, new_trial, run_jobs, trained
 
 
 @dataclass(frozen=True)
@@ -82,3 +83,8 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     settings = settings or Settings()
     jobs = [(settings, model) for model in settings.models]
     return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="integrated")))
+
+
+def merged(settings: Settings, records: Sequence[Record]) -> Record:
+    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
+    return Record(settings, interleaved([each.runs for each in records]))

@@ -1,5 +1,6 @@
 """Does p sort the cloths by itself? (paper, "Simulation Experiment": the figure on parametric biases)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from clothlab._validation import Checked, setting
 from clothlab.analysis import MaterialReadout, principal_axes
 from clothlab.cloth import CLOTHS
-from clothlab.experiments._record import run_jobs, trained
+from clothlab.experiments._record import interleaved, run_jobs, trained
 
 
 @dataclass(frozen=True)
@@ -63,3 +64,8 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
     settings = settings or Settings()
     jobs = [(settings.weights, model) for model in settings.models]
     return Record(settings, tuple(run_jobs(run_one, jobs, workers=1, progress=progress, what="self-organisation")))
+
+
+def merged(settings: Settings, records: Sequence[Record]) -> Record:
+    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
+    return Record(settings, interleaved([each.runs for each in records]))

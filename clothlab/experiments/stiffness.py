@@ -1,6 +1,6 @@
 """Stiff when it helps: the paper's section "Actual Robot Experiment", on the simulated muscle arm with foams."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -23,7 +23,15 @@ from clothlab.arm import MuscleArm
 from clothlab.cloth import get_cloth
 from clothlab.control import recorded_plans
 from clothlab.estimation import estimate_bias
-from clothlab.experiments._record import RECORDINGS, estimate_at_random, new_trial, random_trial, run_jobs, trained
+from clothlab.experiments._record import (
+    RECORDINGS,
+    estimate_at_random,
+    interleaved,
+    new_trial,
+    random_trial,
+    run_jobs,
+    trained,
+)
 from clothlab.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, replay
 
@@ -306,4 +314,16 @@ def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = 
         held_out=tuple(run_jobs(run_held_out, recorded, what="held-out foams", **options)),
         estimation=tuple(run_jobs(run_estimation, foams, what="foams", **options)),
         control=tuple(run_jobs(run_control, cases, what="control of foams", **options)),
+    )
+
+
+def merged(settings: Settings, records: Sequence[Record]) -> Record:
+    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
+    return Record(
+        settings=settings,
+        ellipses=records[0].ellipses,
+        pca_share=np.concatenate([each.pca_share for each in records]),
+        held_out=tuple(found for each in records for found in each.held_out),
+        estimation=interleaved([each.estimation for each in records]),
+        control=interleaved([each.control for each in records]),
     )

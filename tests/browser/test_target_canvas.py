@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from make_data import DRAWN
 
 from clothlab.artifacts import load_target
 from clothlab.lab.views import javascript
+from clothlab.recordings import DRAWN
 from clothlab.vision import HEIGHT, WIDTH
 
 pytestmark = pytest.mark.browser

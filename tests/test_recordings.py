@@ -7,7 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from make_data import (
+from make_data import say_what_repeats
+
+from clothlab import artifacts
+from clothlab.lab.views import BRUSH
+from clothlab.recordings import (
     DRAWN,
     RECORDINGS,
     RUNS,
@@ -20,11 +24,7 @@ from make_data import (
     jobs,
     median,
     record_all,
-    say_what_repeats,
 )
-
-from clothlab import artifacts
-from clothlab.lab.views import BRUSH
 from clothlab.trials import OperatorPolicy, load_trial, rollout, save_trial
 
 DATA = Path(artifacts.__file__).parents[1] / "data"
@@ -67,14 +67,14 @@ def test_a_throw_is_recorded_with_what_came_of_it(tmp_path, monkeypatch):
     throws = replace(RECORDINGS["table-throws"], steps=2)
     verdicts = []
     monkeypatch.setattr(
-        "make_data.look_at_spread", lambda env: verdicts.append(env.held) or SimpleNamespace(success=True)
+        "clothlab.recordings.look_at_spread", lambda env: verdicts.append(env.held) or SimpleNamespace(success=True)
     )
     record_all([(Path("held.npz"), throws, "hard-1", "throw", 7)], tmp_path, workers=1, progress=False)
     held = load_trial(tmp_path / "held.npz")
     assert (held.arm, held.policy, held.commands.shape) == ("muscle-hand", "operator", (2, 4))
     assert verdicts == []  # a cloth in the hand does not lie
     thrown = lambda env, policy, steps, seed: env.release() or replace(held, policy=policy.name, seed=seed)  # noqa: E731
-    monkeypatch.setattr("make_data.rollout", thrown)
+    monkeypatch.setattr("clothlab.recordings.rollout", thrown)
     record_all([(Path("thrown.npz"), throws, "hard-1", "throw", 7)], tmp_path, workers=1, progress=False)
     assert load_trial(tmp_path / "thrown.npz").policy == "operator, spread"
     again = [load_trial(tmp_path / f"thrown_again{k}.npz") for k in range(1, throws.again + 1)]  # was it luck?
@@ -101,8 +101,8 @@ def test_an_interruption_keeps_what_was_recorded_and_spoils_nothing(tmp_path, mo
             raise KeyboardInterrupt
         return trial[:steps]
 
-    monkeypatch.setattr("make_data.rollout", interrupted)
-    monkeypatch.setattr("make_data.ClothEnv", lambda *_: SimpleNamespace(arm="torque", close=lambda: None))
+    monkeypatch.setattr("clothlab.recordings.rollout", interrupted)
+    monkeypatch.setattr("clothlab.recordings.ClothEnv", lambda *_: SimpleNamespace(arm="torque", close=lambda: None))
     save_trial(trial, tmp_path / "short" / "operator.npz")
     before = (tmp_path / "short" / "operator.npz").read_bytes()
     with pytest.raises(KeyboardInterrupt):
