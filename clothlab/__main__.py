@@ -1,4 +1,5 @@
-"""`python -m clothlab doctor` checks the machine; `python -m clothlab checksums` records the hashes of `data/`."""
+"""`python -m clothlab doctor` checks the machine, `python -m clothlab checksums` records the hashes of `data/`, and
+`python -m clothlab reproduce` makes everything from nothing."""
 
 import argparse
 import os
@@ -86,8 +87,16 @@ def doctor() -> int:
 def main() -> int:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(prog="python -m clothlab", description=__doc__)
-    parser.add_argument("command", choices=["doctor", "checksums"])
-    if parser.parse_args().command == "doctor":
+    parser.add_argument("command", choices=["doctor", "checksums", "reproduce"])
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="of reproduce; --help says which")
+    arguments = parser.parse_args()
+    if arguments.command == "reproduce":
+        from clothlab import reproduce  # only here: a doctor must work where not everything can be imported
+
+        return reproduce.main(arguments.options)
+    if arguments.options:
+        parser.error(f"{arguments.command} takes no options")
+    if arguments.command == "doctor":
         return doctor()
     write_checksums()
     print(f"wrote {data_folder() / 'SHA256SUMS'}")

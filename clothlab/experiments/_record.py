@@ -1,5 +1,6 @@
 """What all experiments share: records on disk, runs side by side, and the trials that nobody controls."""
 
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from types import ModuleType
@@ -158,3 +159,11 @@ def estimate_at_random(
     """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
     trial = random_trial(learned.arm.name, cloth, steps, seed)
     return estimate_bias(learned.model, learned.sequences(trial), settings=settings)
+
+
+def forget() -> None:
+    """Drop what this process remembers of the data folder, so that it may turn to another one."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("clothlab.experiments.")]
+    for item in [item for module in modules for item in vars(module).values()]:
+        if hasattr(item, "cache_clear") and item.__name__ != "code":  # the code stays the one that was loaded
+            item.cache_clear()
