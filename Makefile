@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check test browser chromium bench data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -63,6 +63,9 @@ train: $(STAMP)  ## train autoencoder and DPMPB anew, at the paper's settings
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
 	$(BIN)/python scripts/make_results.py
+
+reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS")
+	$(BIN)/python -m clothlab reproduce $(OPTIONS)
 
 picture: $(STAMP)  ## draw the README's moving picture anew
 	$(BIN)/python scripts/make_picture.py
