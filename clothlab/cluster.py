@@ -87,18 +87,21 @@ class Check(distributed.WorkerPlugin):
             found.append(f"it runs {', '.join(others)}: install the same there, and start it again")
         if threads != 1:
             found.append(f"it has {threads} threads: start it with --nthreads 1, and as many workers as cores")
+        return found + self.stored()
+
+    def stored(self) -> list[str]:
+        """What is wrong with the folder that the process that asks sees."""
         try:
             seen = (self.store / TOKEN).read_text()
         except OSError as error:
-            found.append(
+            return [
                 f"it cannot read the store {self.store} ({error.strerror}): the folder must be shared by all machines"
-            )
-        else:
-            if seen != self.token:
-                found.append(f"it has another folder at {self.store}: the store must be shared by all machines")
-            elif not os.access(self.store, os.W_OK):
-                found.append(f"it may not write into the store {self.store}")
-        return found
+            ]
+        if seen != self.token:
+            return [f"it has another folder at {self.store}: the store must be shared by all machines"]
+        if not os.access(self.store, os.W_OK):
+            return [f"it may not write into the store {self.store}"]
+        return []
 
 
 def open_store(store: str | Path) -> Path:
@@ -220,7 +223,8 @@ def run(
         found: dict[str, Any] = {}
         bar = tqdm(total=len(tasks), disable=not progress, unit="task", smoothing=0, bar_format=_BAR)
         with bar:
-            for future, answer in distributed.as_completed(futures.values(), with_results=True, raise_errors=False):
+            options = {"loop": client.loop, "with_results": True, "raise_errors": False}
+            for future, answer in distributed.as_completed(futures.values(), **options):
                 name = names[future.key]
                 found[name] = answer
                 bar.set_postfix_str(f"{clock.left(name, answer)}; last {name}", refresh=False)
