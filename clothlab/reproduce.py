@@ -70,14 +70,6 @@ class Plan:
     seeds: int = SEEDS
     slow: bool = False
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot be.
-
-        Raises:
-            ValueError: no seed, or so many that commands would repeat those of recordings that were learned from.
-        """
-        check_number("seeds", self.seeds, int, at_least=1, at_most=MOST_SEEDS)
-
     def weights(self) -> list[str]:
         """Names of the recipes that are trained."""
         return [name for name in self.recipes if self.slow or name in MAIN]
@@ -320,10 +312,13 @@ def main(given: Sequence[str] | None = None) -> int:
         parser.error("--small has no slow experiments: they have no small sizes")
     store = arguments.store or (STORE.with_name(f"{STORE.name}-small") if arguments.small else STORE)
     try:
+        if arguments.seeds is not None:
+            check_number("--seeds", arguments.seeds, int, at_least=1, at_most=MOST_SEEDS)
         if arguments.small:
             plan = small_plan(arguments.seeds or 2)
         else:
-            plan = Plan(seeds=SEEDS if arguments.seeds is None else arguments.seeds, slow=arguments.with_slow)
+            plan = Plan(seeds=arguments.seeds or SEEDS, slow=arguments.with_slow)
+        cluster.open_store(store)
         address = arguments.scheduler
         with cluster.connect(address) if address else cluster.local(arguments.workers) as client:
             outcomes = cluster.run(graph(plan), store, client, progress=True)

@@ -204,12 +204,11 @@ def measured(store: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 def expected(tasks: Sequence[Task], seconds: Mapping[str, float]) -> dict[str, float]:
     """Time that each task will take [s]: what it took, or the mean of its kind, or of all."""
-    totals, counts = Counter[str](), Counter[str]()
+    found: dict[str, list[float]] = {}
     for name, value in seconds.items():
         for each in (kind(name), ""):
-            totals[each] += value  # type: ignore[assignment]
-            counts[each] += 1
-    mean = {each: totals[each] / counts[each] for each in counts}
+            found.setdefault(each, []).append(value)
+    mean = {each: sum(values) / len(values) for each, values in found.items()}
     return {task.name: seconds.get(task.name, mean.get(task.kind, mean.get("", 0.0))) for task in tasks}
 
 

@@ -62,7 +62,7 @@ def client():
 
 @contextmanager
 def scheduler_and_workers(folder, *workers):
-    """The real commands: the address of `dask scheduler`, and workers `(folder to work in, path of Python)`."""
+    """The real commands: the address of `dask scheduler`, and what starts one more `dask worker`, `(folder, path)`."""
     file, started = folder / "scheduler.json", []
 
     def start(command, where, path):
@@ -75,9 +75,10 @@ def scheduler_and_workers(folder, *workers):
         start(["scheduler", "--scheduler-file", str(file), "--no-dashboard", "--port", "0"], folder, [])
         until(file.exists)
         options = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--memory-limit", "0"]
-        for where, path in workers:
-            start(["worker", *options, "--local-directory", str(folder)], where, path)
-        yield re.search(r'"address": "(.*?)"', file.read_text())[1]
+        join = lambda where, path: start(["worker", *options, "--local-directory", str(folder)], where, path)  # noqa: E731
+        for worker in workers:
+            join(*worker)
+        yield re.search(r'"address": "(.*?)"', file.read_text())[1], join
     finally:
         for process in started:
             for each in [*psutil.Process(process.pid).children(recursive=True), process]:
@@ -221,17 +222,22 @@ def test_a_run_that_was_interrupted_goes_on_where_it_stopped(client, tmp_path, h
     assert states(found) == [KEPT, KEPT, KEPT, COMPUTED, COMPUTED]
 
 
+def edit(folder):
+    """Another version of the package."""
+    shutil.copytree(ROOT / "clothlab", folder / "clothlab")
+    with (folder / "clothlab" / "cloth.py").open("a") as file:
+        file.write("# edited\n")
+
+
 @pytest.mark.slow
 def test_workers_that_see_another_folder_or_run_other_code_are_refused(tmp_path, monkeypatch):
     for name in ("here", "there", "old"):
         (tmp_path / name).mkdir()
-    shutil.copytree(ROOT / "clothlab", tmp_path / "old" / "clothlab")
-    with (tmp_path / "old" / "clothlab" / "cloth.py").open("a") as file:
-        file.write("# edited\n")
+    edit(tmp_path / "old")
     monkeypatch.chdir(tmp_path / "here")
     store = Path("/proc/self/cwd/store")  # the same path, for each process another folder
     workers = [(tmp_path / "here", []), (tmp_path / "there", []), (tmp_path / "here", [tmp_path / "old"])]
-    with scheduler_and_workers(tmp_path, *workers) as address, cluster.connect(address) as client:
+    with scheduler_and_workers(tmp_path, *workers) as (address, _), cluster.connect(address) as client:
         client.wait_for_workers(3, timeout=PATIENCE)
         with pytest.raises(cluster.Unfit) as refused:
             cluster.run([A], store, client)
@@ -241,3 +247,17 @@ def test_workers_that_see_another_folder_or_run_other_code_are_refused(tmp_path,
             "it runs clothlab  instead of : install the same there, and start it again",
         ]
         assert not (tmp_path / "here" / "store" / "data").exists()
+
+
+@pytest.mark.slow
+def test_a_worker_that_joins_later_and_is_unfit_does_nothing(tmp_path):
+    edit(tmp_path / "old")
+    store = cluster.open_store(tmp_path / "store")
+    with (
+        scheduler_and_workers(tmp_path, (tmp_path, [])) as (address, join),
+        cluster.connect(address) as client,
+        cluster.checked(client, store),
+    ):
+        join(tmp_path, [tmp_path / "old"])
+        until(lambda: "instead of" in (tmp_path / "log-2").read_text())
+        assert len(client.nthreads()) == 1
