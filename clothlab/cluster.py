@@ -54,7 +54,7 @@ class Unfit(RuntimeError):
 
 
 class Check(distributed.WorkerPlugin):
-    """Refuses a worker whose versions, threads or store are not the client's.
+    """Keeps out workers whose versions, threads or store are not the client's.
 
     Args:
         store: the folder.
@@ -68,26 +68,21 @@ class Check(distributed.WorkerPlugin):
         self.store, self.token, self.wanted = store, token, dict(wanted)
 
     def setup(self, worker: distributed.Worker) -> None:
-        """Refuse a worker that joins.
-
-        Raises:
-            Unfit: what is wrong with it.
-        """
-        faults = self.faults(worker.state.nthreads)
-        if faults:
-            raise Unfit(f"{worker.address}: {'; '.join(faults)}")
+        """Send a worker that joins and is unfit away; its log says why."""
+        _is_sent_away(worker, self.faults(worker.state.nthreads))
 
     def faults(self, threads: int) -> list[str]:
         """What is wrong with the process that asks, and what would mend it."""
-        found, here = [], versions()
-        others = [
-            f"{name} {here[name]} instead of {wanted}" for name, wanted in self.wanted.items() if here[name] != wanted
-        ]
-        if others:
-            found.append(f"it runs {', '.join(others)}: install the same there, and start it again")
+        found = self.other_versions()
         if threads != 1:
             found.append(f"it has {threads} threads: start it with --nthreads 1, and as many workers as cores")
         return found + self.stored()
+
+    def other_versions(self) -> list[str]:
+        """In which versions the process that asks differs."""
+        here = versions()
+        others = [f"{name} {here[name]} instead of {each}" for name, each in self.wanted.items() if here[name] != each]
+        return [f"it runs {', '.join(others)}: install the same there, and start it again"] if others else []
 
     def stored(self) -> list[str]:
         """What is wrong with the folder that the process that asks sees."""
@@ -160,8 +155,8 @@ def connect(address: str) -> Iterator[distributed.Client]:
 
 
 @contextmanager
-def checked(client: distributed.Client, store: Path) -> Iterator[None]:
-    """While inside, only workers that are fit do tasks.
+def checked(client: distributed.Client, store: Path) -> Iterator[Check]:
+    """While inside, only workers that are fit do tasks; what judges them is given.
 
     Raises:
         Unfit: those that are there and are not.
@@ -181,7 +176,7 @@ def checked(client: distributed.Client, store: Path) -> Iterator[None]:
         raise Unfit("\n".join(lines))
     client.register_plugin(check)
     try:
-        yield
+        yield check
     finally:
         with suppress(Exception):  # a scheduler that is gone has no plugins
             client.unregister_worker_plugin(Check.name)
@@ -189,6 +184,19 @@ def checked(client: distributed.Client, store: Path) -> Iterator[None]:
 
 def _faults(check: Check, threads: int) -> list[str]:
     return check.faults(threads)
+
+
+def _is_sent_away(worker: distributed.Worker, faults: Sequence[str]) -> bool:
+    if faults:  # Dask keeps a worker whose plugin raises, so it is closed, and its nanny does not start another
+        worker.loop.add_callback(worker.close, nanny=True, reason=f"{worker.address}: {'; '.join(faults)}")
+    return bool(faults)
+
+
+def _do(check: Check, task: Task, store: Path, run: str, *before: Outcome) -> Outcome:
+    worker = distributed.get_worker()
+    if _is_sent_away(worker, check.faults(worker.state.nthreads)):  # one that has just joined, or that lost the store
+        raise distributed.Reschedule
+    return do(task, store, run, *before)
 
 
 def run(
@@ -211,14 +219,16 @@ def run(
     """
     tasks, store = in_order(tasks), open_store(store)
     refuse_strays(tasks, store)
-    with checked(client, store):
+    with checked(client, store) as check:
         known = {name: each["seconds"] for name, each in measured(store, [task.name for task in tasks]).items()}
         run_name, clock = uuid.uuid4().hex, _Clock(tasks, known, len(client.nthreads()))
         futures: dict[str, distributed.Future] = {}
         for task in tasks:
             before = [futures[name] for name in task.after]
             key, first = f"{task.name}-{run_name}", round(1000 * clock.urgent[task.name])
-            futures[task.name] = client.submit(do, task, store, run_name, *before, key=key, pure=False, priority=first)
+            futures[task.name] = client.submit(
+                _do, check, task, store, run_name, *before, key=key, pure=False, priority=first
+            )
         names = {future.key: name for name, future in futures.items()}
         found: dict[str, Any] = {}
         bar = tqdm(total=len(tasks), disable=not progress, unit="task", smoothing=0, bar_format=_BAR)

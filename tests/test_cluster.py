@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -154,6 +155,23 @@ def test_what_is_wrong_with_a_worker_is_said(tmp_path):
     assert nowhere.endswith("(No such file or directory): the folder must be shared by all machines")
 
 
+def test_a_worker_that_lost_the_store_gives_its_task_back_and_leaves(tmp_path, monkeypatch):
+    left = []
+    loop = SimpleNamespace(add_callback=lambda close, nanny, reason: left.append((close, nanny, reason)))
+    worker = SimpleNamespace(address="here", loop=loop, close="close", state=SimpleNamespace(nthreads=1))
+    monkeypatch.setattr(distributed, "get_worker", lambda: worker)
+    store = cluster.open_store(tmp_path / "store")
+    check = cluster.Check(store, (store / cluster.TOKEN).read_text(), cluster.versions())
+    assert cluster._do(check, A, store, "now").state == COMPUTED
+    (store / cluster.TOKEN).unlink()
+    with pytest.raises(distributed.Reschedule):
+        cluster._do(check, B, store, "now")
+    assert not (store / "data" / "b.txt").exists()
+    assert [(close, nanny, reason[:30]) for close, nanny, reason in left] == [
+        ("close", True, "here: it cannot read the store")
+    ]
+
+
 def test_a_scheduler_that_is_not_there_is_missed(monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with pytest.raises(
@@ -256,8 +274,9 @@ def test_a_worker_that_joins_later_and_is_unfit_does_nothing(tmp_path):
     with (
         scheduler_and_workers(tmp_path, (tmp_path, [])) as (address, join),
         cluster.connect(address) as client,
-        cluster.checked(client, store),
+        cluster.checked(client, store) as check,
     ):
+        assert cluster._faults(check, 1) == []
         join(tmp_path, [tmp_path / "old"])
-        until(lambda: "instead of" in (tmp_path / "log-2").read_text())
-        assert len(client.nthreads()) == 1
+        until(lambda: re.search(r"Stopping worker.* it runs clothlab \w+ instead of", (tmp_path / "log-2").read_text()))
+        until(lambda: len(client.nthreads()) == 1)
