@@ -217,8 +217,8 @@ def find_named_targets(
     spread, swinging = ([moment for run in found for moment in run[kind]] for kind in (0, 1))
     reach, target_1 = median(spread)
     _, target_2 = min(swinging, key=lambda moment: abs(moment[0] - reach / 2))
-    foams = [find_moments("muscle", *operate("muscle", foam, 13000, steps)) for foam in foams]
-    whole = [moment for spread, _ in foams for moment in spread if is_whole(moment[1])]  # a near camera cuts some
+    held = [find_moments("muscle", *operate("muscle", foam, 13000, steps)) for foam in foams]
+    whole = [moment for spread, _ in held for moment in spread if is_whole(moment[1])]  # a near camera cuts some
     return {"target-1": target_1, "target-2": target_2, "muscle": median(whole)[1]}
 
 
@@ -246,7 +246,7 @@ def choose_varied(masks: np.ndarray, number: int) -> np.ndarray:
 
 def find_views(name: str, views: Views) -> dict[str, np.ndarray]:
     """Targets `{NAME/ARM_CLOTH_K: mask}`, out of all moments at which the cloth is whole in the picture."""
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for k, cloth in enumerate(views.cloths):
         seeds = range(views.first_seed + RUNS * k, views.first_seed + RUNS * (k + 1))
         runs = [operate(views.arm, cloth, seed) for seed in seeds]
@@ -269,9 +269,9 @@ def draw(brush: float, strokes: tuple[Stroke, ...]) -> np.ndarray:
     mask = np.zeros((HEIGHT, WIDTH), bool)
     for stroke in strokes:
         for start, end in pairwise((stroke[0], *stroke)):
-            start, way = np.array(start, float), np.subtract(end, start)
+            way = np.subtract(end, start)
             steps = math.ceil(math.hypot(*way)) + 1
-            for column, row in start + way * np.arange(steps + 1)[:, None] / steps:
+            for column, row in np.array(start, float) + way * np.arange(steps + 1)[:, None] / steps:
                 mask |= (columns - column) ** 2 + (rows - row) ** 2 <= brush**2
     return mask
 

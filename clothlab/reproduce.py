@@ -97,7 +97,7 @@ def small_plan(seeds: int = 2) -> Plan:
         for name, each in RECIPES.items()
         if name in MAIN
     }
-    settings = {
+    settings: dict[str, dict[str, Any]] = {
         "perception": {"steps": 16},
         "estimation": {"cloths": (cloth_name(0.03, 0.05), "between-light"), "repeats": 1, "steps": 12},
         "control": {"cloths": (cloth_name(0.03, 0.05),), "steps": 16},
@@ -204,8 +204,8 @@ def _part_of(name: str, seed: int) -> str:
 
 def record_part(part: Sequence[Job]) -> None:
     """Record trials."""
-    for path, *how in part:
-        record(artifacts.data_folder() / "trials" / path, *how)
+    for path, recording, cloth, policy, seed in part:
+        record(artifacts.data_folder() / "trials" / path, recording, cloth, policy, seed)
 
 
 def name_targets(steps: int, seeds: Sequence[int], foams: Sequence[str]) -> None:

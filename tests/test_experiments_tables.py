@@ -1,5 +1,6 @@
 """The tables say what the records say, in the README too."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,18 @@ def test_a_table_that_was_set_has_its_rates_and_the_difference_to_the_rival():
 
 def test_a_table_that_nobody_set_has_no_rows():
     assert tables.table("table", {}) == []
+
+
+def test_rows_say_how_many_trainings_they_stand_on():
+    records = {name: experiments.load(name) for name in ("integrated", "stiffness")}
+    few = tuple(range(3))
+    integrated = replace(records["integrated"], runs=records["integrated"].runs[:3])
+    stiffness = records["stiffness"]
+    stiffness = replace(stiffness, settings=replace(stiffness.settings, models=few))
+    stiffness = replace(stiffness, estimation=tuple(each for each in stiffness.estimation if each.model in few))
+    for record, number in ((records["integrated"], "five"), (integrated, "3")):
+        assert tables._integrated(record)[0].what.endswith(f"mean of {number}")
+    for record, number, aim in ((records["stiffness"], "five", "≥ 4"), (stiffness, "3", "≥ 2.4")):
+        (found,) = [each for each in tables.muscle_arm({"stiffness": record}) if each.what.startswith("hard-2")]
+        assert found.what.endswith(f"hard-1 and hard-3: trainings of {number}")
+        assert found.aim == aim

@@ -72,7 +72,9 @@ def hashes(folder: Path, files: Iterable[str]) -> dict[str, str | None]:
     found: dict[str, str | None] = {}
     for name in files:
         paths = sorted(path for path in folder.glob(name) if path.is_file())
-        found |= {path.relative_to(folder).as_posix(): sha256(path) for path in paths} or {name: None}
+        found |= {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
+        if not paths:
+            found[name] = None
     return found
 
 
