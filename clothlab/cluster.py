@@ -7,6 +7,7 @@ that is checked before the first task, and again of each worker that joins later
 
 import os
 import secrets
+import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -281,7 +282,8 @@ class _Clock:
 
     def __init__(self, tasks: Sequence[Task], known: Mapping[str, float], workers: int):
         self.waiting = {task.name: task for task in tasks}
-        self.known, self.workers, self.tasks = dict(known), workers, tasks
+        self.known, self.workers = dict(known), workers
+        self.words, self.said = "", 0.0
         seconds = expected(tasks, self.known)
         self.urgent = urgency(tasks, seconds if any(seconds.values()) else dict.fromkeys(seconds, 1.0))
 
@@ -290,6 +292,9 @@ class _Clock:
         del self.waiting[name]
         if isinstance(answer, Outcome) and answer.seconds:
             self.known[name] = answer.seconds
-        rest = list(self.waiting.values())
-        seconds = makespan(rest, expected(rest, self.known), self.workers, self.urgent)
-        return f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
+        if time.monotonic() - self.said > 1 or not self.waiting:  # of thousands, it takes a while
+            rest = list(self.waiting.values())
+            seconds = makespan(rest, expected(rest, self.known), self.workers, self.urgent)
+            self.words = f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
+            self.said = time.monotonic()
+        return self.words

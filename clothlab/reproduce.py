@@ -310,6 +310,8 @@ def main(given: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     if arguments.small and arguments.with_slow:
         parser.error("--small has no slow experiments: they have no small sizes")
+    if arguments.with_slow and (arguments.seeds or SEEDS) < SEEDS:
+        parser.error(f"--with-slow needs {SEEDS} seeds at least, which those experiments compare")
     store = arguments.store or (STORE.with_name(f"{STORE.name}-small") if arguments.small else STORE)
     try:
         if arguments.seeds is not None:

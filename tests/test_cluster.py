@@ -226,11 +226,17 @@ def test_a_run_that_was_interrupted_goes_on_where_it_stopped(client, tmp_path, h
     (tmp_path / "client.py").write_text(CLIENT)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}
     process = subprocess.Popen(
-        [sys.executable, str(tmp_path / "client.py"), str(store)], env=environment, stderr=subprocess.DEVNULL
+        [sys.executable, str(tmp_path / "client.py"), str(store)],
+        env=environment,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     until(lambda: list(tmp_path.glob("started-*")))
     children = psutil.Process(process.pid).children(recursive=True)
-    process.send_signal(how)
+    if how == signal.SIGINT:
+        os.killpg(process.pid, how)  # Ctrl-C goes to all processes of a terminal
+    else:
+        process.send_signal(how)
     process.wait(PATIENCE)
     gone, alive = psutil.wait_procs(children, PATIENCE)
     assert gone

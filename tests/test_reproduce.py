@@ -109,11 +109,24 @@ def test_what_was_seen_is_read_as_it_was(tmp_path, monkeypatch, trial):
         reproduce.train_seen("torque", 0, recipe)
 
 
+def test_pieces_of_what_takes_hours_are_kept_beside_the_data(tmp_path, monkeypatch):
+    folders = []
+    monkeypatch.setattr(experiments.feeling, "run", lambda settings=None, *, folder="build": folders.append(folder))
+    monkeypatch.setattr(experiments.any_target, "run", lambda settings=None: folders.append(None))
+    monkeypatch.setattr(experiments, "save", lambda name, record: (artifacts.data_folder() / "results").mkdir())
+    for name in ("feeling", "any_target"):
+        task = next(task for task in graph(Plan(slow=True)) if task.name == name)
+        assert task.after[-1].startswith("merge-stiffness")  # everything else
+        assert do(task, tmp_path / name, "now").why.endswith(f"did not write data/results/{name}.json")
+    assert folders == [tmp_path / "feeling" / "pieces" / "feeling", None]
+
+
 @pytest.mark.parametrize(
     ("given", "status", "message"),
     [
         (["--small", "--with-slow"], 2, "--small has no slow experiments"),
         (["--workers", "1", "--scheduler", "tcp://here"], 2, "not allowed with"),
+        (["--with-slow", "--seeds", "3"], 2, "--with-slow needs 5 seeds at least"),
         (["--seeds", "0"], 2, "--seeds must be at least 1"),
         (["--seeds", "901"], 2, "--seeds must be at most 900"),
         (["--store", "."], 2, "is no store of results and not empty"),
