@@ -7,20 +7,29 @@ so that a pair that does not belong together is refused.
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import LEFT_OVER, reading, sha256, write_bytes
+from clothlab._files import (
+    LARGEST_PICTURE,
+    LARGEST_TEXT,
+    LEFT_OVER,
+    read_bytes,
+    read_json,
+    read_tensors,
+    reading,
+    sha256,
+    write_bytes,
+)
 from clothlab._validation import check_array, check_name, check_number, choose
 from clothlab.arm import Arm, StateLayout, get_arm
 from clothlab.autoencoder import Autoencoder
@@ -29,7 +38,7 @@ from clothlab.control import ControlPolicy, ControlSettings
 from clothlab.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.practice import PracticePolicy, PracticeSettings
 from clothlab.trials import Trial, load_trial, sensed_by
-from clothlab.vision import check_mask
+from clothlab.vision import check_mask, mask_from_file
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 MORE = "-more"  # ending of sets of trials beyond the paper's amount
@@ -39,6 +48,7 @@ CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --c
 WEIGHTS_FORMAT = 1
 RESULTS_FORMAT = 1
 
+M = TypeVar("M", bound=torch.nn.Module)
 Folder = str | Path | None  # None: wherever `data_folder` finds it
 
 
@@ -173,9 +183,8 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
     with reading(path, "dpmpb weights"):
         losses = check_array("losses", tensors.pop("losses"), ("epochs",))
         p = check_array("p", tensors.pop("p"), (len(materials), "D_p"), np.float32)
-        model = DPMPB(arm.layout(autoencoder.latent_size).size, len(arm.command_names), p.shape[1])
-        model.load_state_dict(tensors)
-    model.eval().requires_grad_(False)
+        sizes = arm.layout(autoencoder.latent_size).size, len(arm.command_names), p.shape[1]
+        model = filled(lambda: DPMPB(*sizes), tensors)
     return Trained(name, arm, autoencoder, model, dict(zip(materials, p, strict=True)), losses, sees_with)
 
 
@@ -197,15 +206,35 @@ def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Auto
     path, about, tensors = _load_tensors("autoencoder", name, data)
     with reading(path, "autoencoder weights"):
         losses = check_array("losses", tensors.pop("losses"), ("epochs",))
-        model = Autoencoder(check_number("latent_size", about["latent_size"], int, at_least=1))
-        model.load_state_dict(tensors)
-    return model.eval().requires_grad_(False), losses
+        latent_size = check_number("latent_size", about["latent_size"], int, at_least=1)
+        return filled(lambda: Autoencoder(latent_size), tensors), losses
 
 
 def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None) -> None:
     """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`."""
     about = {"kind": "autoencoder", "latent_size": model.latent_size}
     _save_tensors("autoencoder", name, model, about, data, losses=losses)
+
+
+def filled(make: Callable[[], M], tensors: Mapping[str, torch.Tensor]) -> M:
+    """A network with weights from a file, to be used and not trained.
+
+    Args:
+        make: makes the network, of sizes that may come from the same file.
+        tensors: its weights by name; none missing, none left over.
+
+    Raises:
+        ValueError: weights of another network. Memory for a network that a file only claims to hold is not taken.
+    """
+    with torch.device("meta"):  # where tensors have a shape and no content
+        wanted = {name: list(tensor.shape) for name, tensor in make().state_dict().items()}
+    given = {name: list(tensor.shape) for name, tensor in tensors.items()}
+    for name in sorted(wanted.keys() | given.keys()):
+        if wanted.get(name) != given.get(name):
+            raise ValueError(f"{name} has the shape {given.get(name)}, where the network has {wanted.get(name)}")
+    model = make()
+    model.load_state_dict(tensors)
+    return model.eval().requires_grad_(False)
 
 
 def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> list[Trial]:
@@ -260,11 +289,8 @@ def load_target(name: str, *, data: Folder = None) -> np.ndarray:
         within, _, own = name.rpartition("/")
         folder = f"targets/{choose('set of targets', within, _sets('targets', data)).name}"
     path = _find(folder, "", ".png", "target", own, data)
-    content = np.frombuffer(path.read_bytes(), np.uint8)
-    picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
-    if picture is None:
-        raise ValueError(f"{path} is not a picture")
-    return check_mask(picture > 127)
+    with reading(path, "target"):
+        return mask_from_file(read_bytes(path, LARGEST_PICTURE))
 
 
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
@@ -295,11 +321,13 @@ def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) 
     """Write measured results as `data/results/NAME.json`.
 
     Raises:
-        ValueError: numbers that are not finite.
+        ValueError: numbers that are not finite, or more than can be read again.
         TypeError: what JSON has no word for.
     """
     text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
     text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)  # a row of numbers on one line
+    if len(text) >= LARGEST_TEXT:
+        raise ValueError(f"results have less than {LARGEST_TEXT >> 20} MiB, or no one could read them again")
     write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
 
 
@@ -312,7 +340,7 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
     """
     path = _find("results", "", ".json", "results", name, data)
     with reading(path, "results"):
-        results = json.loads(path.read_bytes())
+        results = read_json(read_bytes(path, LARGEST_TEXT))
         if results.pop("format") != RESULTS_FORMAT:
             raise ValueError(f"its format is not {RESULTS_FORMAT}, this version's")
         return results
@@ -367,15 +395,19 @@ def _files(data: Path) -> list[Path]:
 
 
 def _checksums(data: Path) -> tuple[dict[str, str], bool]:
-    """Recorded hashes, `{file: hash}`, and whether there are lines that say none."""
+    """Recorded hashes, `{file: hash}`, and whether there are lines that say none, or one of a file elsewhere."""
     path = data / CHECKSUMS
-    return _parsed(path.read_text(errors="replace")) if path.exists() else ({}, False)
+    if not path.exists():
+        return {}, False
+    with reading(path, "list of hashes"):
+        return _parsed(read_bytes(path, LARGEST_TEXT).decode(errors="replace"))
 
 
 @lru_cache(maxsize=1)  # of hundreds of trials, each is looked up in hundreds of lines
 def _parsed(text: str) -> tuple[dict[str, str], bool]:
     found = [re.fullmatch(r"([0-9a-fA-F]{64}) [ *](\S.*)", line) for line in text.splitlines() if line.strip()]
-    return {match[2]: match[1].lower() for match in found if match}, not all(found)
+    inside = {match[2]: match[1].lower() for match in found if match and ".." not in PurePosixPath(match[2]).parts}
+    return inside, len(inside) < len(found)
 
 
 def _sets(folder: str, data: Path) -> dict[str, Path]:
@@ -435,11 +467,11 @@ def _save_tensors(
 
 def _load_tensors(kind: str, name: str, data: Folder) -> tuple[Path, dict[str, Any], dict[str, torch.Tensor]]:
     path = _find("weights", f"{kind}-", ".safetensors", f"{kind} weights", name, data)
-    with reading(path, f"{kind} weights"), safe_open(path, "pt") as file:
-        about = json.loads(file.metadata()["clothlab"])
+    with reading(path, f"{kind} weights"):
+        words, tensors = read_tensors(path)
+        about = read_json(words["clothlab"])
         if (about["format"], about["kind"]) != (WEIGHTS_FORMAT, kind):
             raise ValueError(f"its format is not {WEIGHTS_FORMAT}, this version's")
-        tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
         _check_finite(tensors)
     return path, about, tensors
 

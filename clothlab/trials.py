@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._files import reading, write_bytes
+from clothlab._files import read_arrays, read_json, reading, write_bytes
 from clothlab._validation import Checked, check_array, check_number
 from clothlab.arm import Arm, check_command, get_arm
 from clothlab.cloth import Cloth
@@ -23,6 +23,7 @@ from clothlab.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.vision import check_masks
 
 FORMAT = 1  # of trial files
+LONGEST = 18_000  # steps of a file: an hour, which fits into what a reader takes
 LARGEST_SAG = 0.12  # [rad] of an arm that hangs still, below its command
 
 
@@ -452,10 +453,13 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was.
 
     Raises:
-        ValueError: a path that does not end in `.npz`, where no loader would look.
+        ValueError: a path that does not end in `.npz`, where no loader would look, or more than `LONGEST` steps, which
+            none would read.
     """
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
+    if len(trial) > LONGEST:
+        raise ValueError(f"a trial's file has {LONGEST} steps at most, got {len(trial)}: save it in stretches")
     about = {"format": FORMAT, "cloth": asdict(trial.cloth)}
     about |= {name: getattr(trial, name) for name in ("arm", "policy", "seed")}
     content = io.BytesIO()
@@ -476,10 +480,11 @@ def load_trial(path: str | Path) -> Trial:
         FileNotFoundError: no such file.
         ValueError: the file is damaged, is no trial, or was written by a newer version.
     """
-    with reading(path, "trial"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-        about = json.loads(str(file["about"]))
+    with reading(path, "trial"):
+        file = read_arrays(path, ("images", "robot", "commands", "about"))
+        about = read_json(str(file["about"]))
         if about.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}, this version's")
         about["cloth"] = Cloth(**about["cloth"])
-        images = np.unpackbits(file["images"], axis=-1).astype(bool)
+        images = np.unpackbits(file["images"], axis=-1).view(bool)
         return Trial(images, file["robot"], file["commands"], **about)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clothlab._files import picture_size
 from clothlab._validation import check_array, check_number
 
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
@@ -70,6 +71,21 @@ def check_mask(mask: ArrayLike) -> np.ndarray:
     if not mask.any():
         raise ValueError("no cloth in the image: the mask is empty")
     return mask
+
+
+def mask_from_file(content: bytes) -> np.ndarray:
+    """Read a target `[H, W]` from a picture file: bright is cloth.
+
+    Raises:
+        ValueError: not a picture, another size, or no cloth in it.
+    """
+    height, width = picture_size(content)
+    if (height, width) != (HEIGHT, WIDTH):  # before anything is unpacked
+        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {width}×{height}")
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    if picture is None:
+        raise ValueError("this file is not a picture: use PNG or JPEG")
+    return check_mask(picture > 127)
 
 
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:

@@ -43,10 +43,10 @@ def test_recorded_targets_are_a_few_from_large_to_small():
     assert sizes[0] == images.sum(axis=(1, 2)).max()
 
 
-def test_targets_come_from_picture_files(square):
+def test_an_upload_is_a_picture_that_is_not_too_large(square):
     _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
-    assert np.array_equal(targets.mask_from_file(png.tobytes(), png.nbytes), square)
-    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
-    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
-        with pytest.raises(ValueError, match=message):
-            targets.mask_from_file(content, len(content))
+    assert np.array_equal(targets.uploaded_mask(png.tobytes(), png.nbytes), square)
+    with pytest.raises(ValueError, match="larger than 1 MB"):
+        targets.uploaded_mask(b"", targets.LARGEST_FILE + 1)
+    with pytest.raises(ValueError, match="not a picture"):
+        targets.uploaded_mask(b"no picture", 10)

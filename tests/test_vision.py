@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from clothlab.autoencoder import iou
-from clothlab.vision import chamfer_distance, check_mask, check_masks, cloth_mask
+from clothlab.vision import chamfer_distance, check_mask, check_masks, cloth_mask, mask_from_file
 
 RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
 
@@ -139,3 +139,12 @@ def test_one_mask_is_one_and_shows_cloth(square):
 def test_a_picture_of_another_kind_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         cloth_mask(wrong)
+
+
+def test_targets_come_from_picture_files(square):
+    _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
+    assert np.array_equal(mask_from_file(png.tobytes()), square)
+    _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
+    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
+        with pytest.raises(ValueError, match=message):
+            mask_from_file(content)

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import write_bytes
+from clothlab._files import read_tensors, reading, write_bytes
 from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import MaterialReadout
-from clothlab.artifacts import Trained
+from clothlab.artifacts import Trained, filled
 from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.dpmpb import Sequences, train_dpmpb
 from clothlab.env import CONTROL_PERIOD
@@ -244,13 +243,16 @@ def network_file(model: int) -> str:
 
 
 def load_network(path: Path) -> Regressor:
-    """Read a network that `train_network` kept."""
-    with safe_open(path, "pt") as file:
-        tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-    hidden, inputs = tensors["head.0.weight"].shape[0], tensors["mean"].shape[0]
-    network = Regressor(inputs, 0, hidden)
-    network.load_state_dict(tensors)
-    return network.eval().requires_grad_(False)
+    """Read a network that `train_network` kept.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is damaged, or holds no such network.
+    """
+    with reading(path, "network"):
+        _, tensors = read_tensors(path)
+        hidden, inputs = tensors["head.0.weight"].shape[0], tensors["mean"].shape[0]
+        return filled(lambda: Regressor(inputs, 0, hidden), tensors)
 
 
 def train_network(settings: Settings, model: int, folder: Path) -> float:

@@ -19,7 +19,7 @@ from clothlab.lab.messages import Messages
 from clothlab.lab.playback import Playback
 from clothlab.lab.session import LiveSession, Moment
 from clothlab.lab.table import TableSection
-from clothlab.lab.targets import mask_from_file
+from clothlab.lab.targets import uploaded_mask
 from clothlab.lab.widget import Widget
 from clothlab.vision import HEIGHT, WIDTH
 
@@ -224,7 +224,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
             "clear": lambda: self._messages.say("draw a target; until then the robot keeps the one that it has"),
             "pick": lambda name: self._aim(choose("image", name, session.gallery)),
             "take": lambda: self._aim(session.observation["image"]),
-            "upload": lambda size, content=b"": self._aim(mask_from_file(content, size)),
+            "upload": lambda size, content=b"": self._aim(uploaded_mask(content, size)),
             "record": self._record,
             "stop": self._stop,
             "save": self._save,

@@ -14,7 +14,7 @@ import psutil
 
 from clothlab._validation import check_name
 from clothlab.env import Observation
-from clothlab.trials import Trial, load_trial, save_trial
+from clothlab.trials import LONGEST, Trial, load_trial, save_trial
 
 PIECE = 5  # control steps, one second
 
@@ -74,13 +74,16 @@ class Recorder:
         """Take in a step that happened; `about` is the trial's cloth, arm, policy and seed.
 
         Raises:
-            OSError: the disk does not take it. The recording is then stopped, and holds all steps up to this one.
+            OSError: the disk does not take it, or no file would take more. The recording is then stopped, and holds all
+                steps up to this one.
         """
         self._rows.append((observation["image"].astype(bool), observation["robot"], u))
         self._about = about | {"policy": _joined([self._about.get("policy", ""), about["policy"]])}
         if len(self._rows) == PIECE:
             self.running = False  # unless the disk takes it
             self._flush()
+            if self._steps >= LONGEST:
+                raise OSError(f"a recording has {LONGEST} steps at most, which are over: save it")
             self.running = True
 
     def stop(self) -> None:
@@ -158,7 +161,8 @@ class Recorder:
         """Take over the oldest recording that a dead kernel or a closed session left, unless another waits here."""
         left: Iterable[Path] = (self.folder / "unfinished").glob("*-*") if self._place is None else ()
         for place in sorted(left):
-            if re.fullmatch(r"\d+-\d+", place.name) and _abandoned(place):
+            # Not through a link, which could lead to files of another kind: what is discarded is deleted.
+            if re.fullmatch(r"\d{1,20}-\d{1,9}", place.name) and not place.is_symlink() and _abandoned(place):
                 mine = place.with_name(f"{time.time_ns()}-{os.getpid()}")
                 try:
                     place.rename(mine)

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
+from clothlab._files import LARGEST_PICTURE
 from clothlab.autoencoder import Autoencoder, decode, encode
 from clothlab.trials import Trial
-from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
+from clothlab.vision import chamfer_distance, mask_from_file
 
 YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
-LARGEST_FILE = 5_000_000  # [byte] of an uploaded picture: the server takes messages of up to 10 MB
+LARGEST_FILE = LARGEST_PICTURE  # [byte] of an upload; the server would take messages of up to 10 MB
 RECORDED_TARGETS = 7  # how many recorded images the gallery has
 
 
@@ -38,21 +38,16 @@ def recorded_targets(images: np.ndarray) -> dict[str, np.ndarray]:
     return {f"recorded {k + 1}": image for k, image in enumerate(chosen)}
 
 
-def mask_from_file(content: bytes, size: int) -> np.ndarray:
-    """Read a target `[H, W]` from a picture file: bright is cloth.
+def uploaded_mask(content: bytes, size: int) -> np.ndarray:
+    """Read a target `[H, W]` from an uploaded picture: bright is cloth.
 
     Args:
         content: of the file; a browser leaves it out where the file is too large.
         size: of the file [byte].
 
     Raises:
-        ValueError: too large, not a picture, another size in pixels, or no cloth in it.
+        ValueError: too large, or as `vision.mask_from_file`.
     """
     if size > LARGEST_FILE:
         raise ValueError(f"this file is larger than {LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
-    if picture is None:
-        raise ValueError("this file is not a picture: use PNG or JPEG")
-    if picture.shape != (HEIGHT, WIDTH):
-        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {picture.shape[1]}×{picture.shape[0]}")
-    return check_mask(picture > 127)
+    return mask_from_file(content)
