@@ -7,6 +7,7 @@ import operator
 import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
+from types import EllipsisType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -52,24 +53,28 @@ def check_name(kind: str, name: str) -> str:
     return name
 
 
-def check_array(what: str, value: ArrayLike, shape: Sequence[int | str], dtype: DTypeLike = np.float64) -> np.ndarray:
+def check_array(
+    what: str, value: ArrayLike, shape: Sequence[int | str | EllipsisType], dtype: DTypeLike = np.float64
+) -> np.ndarray:
     """Return `value` as an array of finite numbers: a copy, so that what its owner does with it later changes nothing.
 
     Args:
         what: its name, for the message.
         value: anything that NumPy reads as an array.
-        shape: a number for a size that is fixed, a letter for one that is free.
+        shape: a number for a size that is fixed, a letter for one that is free, `...` at its beginning for any others.
         dtype: of the result; numbers too large for it are not finite.
 
     Raises:
         ValueError: no numbers, another shape, or numbers that are not finite.
     """
-    wanted = f"{what} is [{', '.join(map(str, shape))}] and finite"
+    wanted = f"{what} is [{', '.join('...' if n is ... else str(n) for n in shape)}] and finite"
     try:
         with np.errstate(over="ignore"):
             array = np.asarray(value, dtype=dtype).copy()  # not np.array, which torch has not learned yet
     except (TypeError, ValueError, OverflowError, RuntimeError):
         raise ValueError(f"{wanted}, got {value!s:.80}") from None
+    if shape[:1] == (...,):
+        shape = ("any",) * (array.ndim - len(shape) + 1) + tuple(shape[1:])
     if array.ndim != len(shape) or any(n != m for n, m in zip(shape, array.shape, strict=True) if isinstance(n, int)):
         raise ValueError(f"{wanted}, got the shape {list(array.shape)}")
     if not np.isfinite(array).all():
@@ -90,12 +95,43 @@ def check_number(what: str, value: Any, kind: type = float, **bounds: float) -> 
         ValueError: no number of that kind, not finite, or out of bounds.
     """
     right = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
-    if not (right and abs(value) < math.inf):
+    whole = isinstance(value, numbers.Integral)
+    if not (right and abs(value) < (2**63 if whole else math.inf)):  # NumPy takes no larger ones
         raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {value!s:.80}")
     for word, bound in bounds.items():
         if not {"at_least": operator.ge, "above": operator.gt, "at_most": operator.le}[word](value, bound):
             raise ValueError(f"{what} must be {word.replace('_', ' ')} {bound:g}, got {value}")
     return kind(value)
+
+
+def dimensions(value: ArrayLike) -> int:
+    """How many dimensions a value has as an array; none where its rows are of several lengths."""
+    try:
+        return np.ndim(value)
+    except (TypeError, ValueError, RuntimeError):
+        return 0
+
+
+def check_finite(what: str, answer: np.ndarray) -> np.ndarray:
+    """Return `answer`, where what went in was finite and too large to reckon with.
+
+    Raises:
+        ValueError: numbers that are not finite.
+    """
+    if not np.isfinite(answer).all():
+        raise ValueError(f"{what} is not finite: what it follows from is too large, or too small")
+    return answer
+
+
+def check_mapping(what: str, value: Any) -> Mapping:
+    """Return what has names for its parts.
+
+    Raises:
+        ValueError: something else.
+    """
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{what} have names: they come in a dict, got {value!r:.80}")
+    return value
 
 
 def setting(default: Any = dataclasses.MISSING, unit: str = "-", **bounds: float) -> Any:

@@ -16,7 +16,7 @@ from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_number, choose
+from clothlab._validation import check_array, check_mapping, check_number, choose
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import Cloth
 from clothlab.control import ControlSettings
@@ -28,15 +28,21 @@ from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
     """Trained p of all materials, `[K, D_p]`."""
-    return check_array("trained p", list(biases.values()), ("K", "D_p"))
+    return check_array("trained p", list(check_mapping("trained p", biases).values()), ("K", "D_p"))
 
 
 def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
     """PCA of the trained p.
 
     `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their shares.
+
+    Raises:
+        ValueError: fewer than two materials, or p of other sizes or not finite.
     """
-    return PCA(n_components=2).fit(_stacked(biases))
+    p = _stacked(biases)
+    if min(p.shape) < 2:
+        raise ValueError(f"two axes need two materials and two numbers for each at the least, got {list(p.shape)}")
+    return PCA(n_components=2).fit(p)
 
 
 def spread(biases: dict[str, np.ndarray]) -> float:
@@ -63,7 +69,8 @@ def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> fl
         KeyError: a material that was not trained; the message lists the choices.
         ValueError: p of another size or not finite.
     """
-    right = choose("material", material, biases)
+    right = choose("material", material, check_mapping("trained p", biases))
+    right = check_array("trained p", right, ("D_p",))
     return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(biases)
 
 
@@ -172,17 +179,38 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
+LARGEST_CONFIDENCE = 1 - 1e-9
 LATE = slice(-10, None)  # the last periods of a run, by which what learns from its outcomes is judged
 
 
 def late_median(best: ArrayLike) -> float:
-    """Median of the last ten periods of `best_per_period` `[P]`."""
-    return float(np.median(check_array("best", best, ("P",))[LATE]))
+    """Median of the last ten periods of `best_per_period` `[P]`.
+
+    Raises:
+        ValueError: no list of finite numbers, or an empty one.
+    """
+    values = check_array("best", best, ("P",))
+    if not len(values):
+        raise ValueError("best is empty: a median needs a period at the least")
+    return float(np.median(values[LATE]))
 
 
 def median_best(runs: Iterable[ArrayLike], period: int = ControlSettings.period) -> float:
-    """Median over periods and runs of the smallest distance in a period."""
-    return float(np.median(np.concatenate([best_per_period(distances, period) for distances in runs])))
+    """Median over periods and runs of the smallest distance in a period.
+
+    Raises:
+        ValueError: no runs, or one that is no list of finite numbers and has a whole period.
+    """
+    try:
+        each = list(runs)
+    except TypeError:
+        each = []
+    if not each:
+        raise ValueError(f"a median needs runs, one at the least, got {runs!s:.80}")
+    best = np.concatenate([best_per_period(distances, period) for distances in each])
+    if not len(best):
+        raise ValueError(f"no run has two whole periods of {period} steps, of which the second is the first to count")
+    return float(np.median(best))
 
 
 def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
@@ -206,8 +234,14 @@ def difference_interval(
 
     Returns:
         Mean, lower and upper end.
+
+    Raises:
+        ValueError: no differences, or numbers out of range.
     """
-    values, rng = check_array("differences", differences, ("K", "N")), np.random.default_rng(seed)
+    values = check_array("differences", differences, ("K", "N"))
+    if not values.size:
+        raise ValueError(f"differences are [K, N], one at the least, got the shape {list(values.shape)}")
+    rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
     check_number("confidence", confidence, above=0, at_most=1)
     (k, n), count = values.shape, check_number("resamples", resamples, int, at_least=1)
     rows = rng.integers(k, size=(count, k, 1))
@@ -217,8 +251,14 @@ def difference_interval(
 
 
 def half_widths_from_zero(differences: ArrayLike) -> float:
-    """Mean of paired differences `[K, N]` over half the width of its interval: near or within one, perhaps none."""
+    """Mean of paired differences `[K, N]` over half the width of its interval: near or within one, perhaps none.
+
+    Raises:
+        ValueError: no differences, or differences that are all alike, whose interval has no width.
+    """
     mean, low, high = difference_interval(differences)
+    if not low < high:
+        raise ValueError(f"these differences are all alike, {mean:g}: their interval has no width")
     return 2 * mean / (high - low)
 
 
@@ -233,12 +273,12 @@ def rate_interval(held: ArrayLike, *, confidence: float = 0.95) -> tuple[float, 
         The part, lower and upper end, 0 to 1.
 
     Raises:
-        ValueError: not a single episode.
+        ValueError: not a single episode, or a confidence of 0 or 1, which no interval has.
     """
     values = check_array("held", held, ("N",), bool)
     if not len(values):
         raise ValueError("held is empty: a rate needs an episode at least")
-    check_number("confidence", confidence, above=0, at_most=1)
+    check_number("confidence", confidence, above=0, at_most=LARGEST_CONFIDENCE)
     found = binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(confidence, method="wilson")
     return float(found.statistic), float(low), float(high)
@@ -255,6 +295,8 @@ def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
         `[N]`, 0 to 1.
     """
     distances, thresholds = check_array("distances", distances, ("T",)), check_array("thresholds", thresholds, ("N",))
+    if not len(distances):
+        raise ValueError("distances are empty: a rate needs one at the least")
     return (distances < thresholds[:, None]).mean(axis=1)
 
 

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_array, choose, setting
+from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.muscle import MUSCLES, Muscles
 
 JOINTS = ("shoulder", "elbow")
@@ -135,6 +135,7 @@ class Arm(Checked, ABC):
 
     def layout(self, latent_size: int) -> StateLayout:
         """Where things lie in `s`, for a z of so many numbers."""
+        check_number("latent_size", latent_size, int, at_least=1)
         names = (*(f"z{n + 1} [s.d.]" for n in range(latent_size)), *self.state_names)
         tensions = slice(self.tensions.start + latent_size, self.tensions.stop + latent_size)
         return StateLayout(names, slice(0, latent_size), slice(latent_size, len(names)), tensions)
@@ -223,7 +224,7 @@ class Arm(Checked, ABC):
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
         """Joint angles θ `[..., 2]` [rad] that follow from what the robot senses of itself, `[..., D_r]`."""
-        return np.asarray(robot)[..., self.sensed_angles]
+        return check_array("robot", robot, (..., len(self.state_names)))[..., self.sensed_angles]
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
         """Joint angles θ, `[2]` [rad]. A muscle arm does not sense them; figures show them all the same."""
@@ -386,7 +387,7 @@ class MuscleArm(Muscles, Arm):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        f, lengths = np.split(np.asarray(robot, dtype=np.float64), 2, axis=-1)
+        f, lengths = np.split(check_array("robot", robot, (..., len(self.state_names))), 2, axis=-1)
         # The body image, read backwards, by least squares over the muscles that pull: a slack one says nothing.
         taut = (f > 0).astype(np.float64)
         squares = np.einsum("mi,...m,mj->...ij", self.moment_arms, taut, self.moment_arms)

@@ -382,7 +382,7 @@ def cure(name: str) -> str:
 
 
 def _left_out(name: str) -> bool:
-    return PurePosixPath(name).match(LEFT_OUT)
+    return PurePosixPath(str(name)).match(LEFT_OUT)
 
 
 def _files(data: Path) -> list[Path]:

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab._validation import Checked, check_array, setting
+from clothlab._validation import Checked, check_array, check_number, dimensions, setting
 from clothlab.vision import HEIGHT, WIDTH, check_masks
 
 CHANNELS = (1, 8, 16, 32, 64, 128)  # five 3×3 convolutions of stride 2; the paper does not give their widths
 HIDDEN = 256
+LARGEST_LATENT = 12_288  # as many as pixels
 
 
 class Autoencoder(nn.Module):
@@ -34,7 +35,9 @@ class Autoencoder(nn.Module):
 
     def __init__(self, latent_size: int = 3):
         super().__init__()
-        self.latent_size = latent_size
+        self.latent_size = latent_size = check_number(
+            "latent_size", latent_size, int, at_least=1, at_most=LARGEST_LATENT
+        )
         height, width = HEIGHT // 32, WIDTH // 32
         flat = CHANNELS[-1] * height * width
         encoder: list[nn.Module] = []
@@ -168,7 +171,7 @@ def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: z of another size, or not finite.
     """
-    shape = (model.latent_size,) if np.ndim(z) == 1 else ("B", model.latent_size)
+    shape = (model.latent_size,) if dimensions(z) == 1 else ("B", model.latent_size)
     z = check_array("z", z, shape, np.float32)
     batch = torch.as_tensor(z.reshape(-1, model.latent_size))
     images = torch.cat([torch.sigmoid(model.decoder(part)) for part in batch.split(256)])

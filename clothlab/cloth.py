@@ -7,7 +7,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, check_number, choose, setting
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
@@ -58,6 +58,7 @@ class Cloth(Checked):
 
 def cloth_name(damping: float, mass: float) -> str:
     """Name of a simulated cloth, such as `damp0.03-mass0.10`, from C_damp [N s/m] and C_mass [kg]."""
+    damping, mass = check_number("damping", damping, at_least=0), check_number("mass", mass, above=0)
     return f"damp{damping:.2f}-mass{mass:.2f}"
 
 

@@ -40,7 +40,7 @@ def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
 
     It shifts left by one each step, as in the paper's example (0,1,0,0) → (1,0,0,0) → (0,0,0,1).
     """
-    steps = t + 1 + np.arange(settings.horizon)
+    steps = check_number("t", t, int) + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
 
@@ -125,7 +125,9 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
     if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
         raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
-    chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
+    chosen = np.random.default_rng(check_number("seed", seed, int, at_least=0)).choice(
+        len(windows), count, replace=len(windows) < count
+    )
     return windows[chosen].transpose(0, 2, 1)
 
 
@@ -144,6 +146,9 @@ def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8,
         ValueError: no runs, or none that is longer than a plan.
     """
     z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
+    check_number("horizon", horizon, int, at_least=1)
+    if any(len(z_ref) > run.s.shape[1] for run in runs):
+        raise ValueError(f"z_ref has more numbers than the states of the runs, {len(z_ref)}")
     each = -(-check_number("count", count, int, at_least=1) // max(len(runs), 1))  # from each run
     found = []
     for run in runs:

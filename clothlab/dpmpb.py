@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab._validation import Checked, check_array, choose, setting
+from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.env import Observation
 from clothlab.trials import Trial
+
+LARGEST_SIZE = 100_000  # of a vector that goes into a network, or comes out of it
 
 
 class Memory(NamedTuple):
@@ -43,7 +45,9 @@ class DPMPB(nn.Module):
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
         super().__init__()
-        self.state_size, self.command_size, self.bias_size = state_size, command_size, bias_size
+        self.state_size = check_number("state_size", state_size, int, at_least=1, at_most=LARGEST_SIZE)
+        self.command_size = check_number("command_size", command_size, int, at_least=1, at_most=LARGEST_SIZE)
+        self.bias_size = check_number("bias_size", bias_size, int, at_least=0, at_most=LARGEST_SIZE)
         self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
         self.lstm = nn.LSTM(30, 30, num_layers=2, batch_first=True)
         self.fc_out = nn.Sequential(*_tanh_layers(30, 30, 100, 300), nn.Linear(300, state_size))
@@ -297,6 +301,8 @@ def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tens
         States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
         order in which materials first occur.
     """
+    check_number("length", length, int, at_least=1)
+    check_number("stride", stride, int, at_least=1)
     materials = materials_of(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import vision
-from clothlab._validation import Checked, check_number, setting
+from clothlab._validation import Checked, check_number, choose, setting
 from clothlab.arm import Arm, Camera, check_command, get_arm
 from clothlab.cloth import Cloth, add_cloth, get_cloth, point_names
 
@@ -186,7 +186,7 @@ class ClothEnv(gymnasium.Env):
         Raises:
             SimulationError: the physics diverged.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_number("seed", seed, int, at_least=0))
         u = self.arm.home_command
         if random_start:
             u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
@@ -292,9 +292,11 @@ class ClothEnv(gymnasium.Env):
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
-            ValueError: a picture larger than `scene.picture_size`.
+            ValueError, KeyError: a picture larger than `scene.picture_size`, or a camera that is not there.
         """
         renderer = self.renderer(height, width)
+        named = {self.model.camera(k).name: k for k in range(self.model.ncam)}
+        view = view if isinstance(view, mujoco.MjvCamera) else choose("camera", view, named)
         renderer.update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
@@ -310,12 +312,13 @@ class ClothEnv(gymnasium.Env):
 
         Raises:
             RuntimeError: no OpenGL on this machine; the message says what to install.
+            ValueError: a size that is none, or larger than `scene.picture_size`.
         """
+        height, width = check_number("height", height, int), check_number("width", width, int)
         size, room = (height, width), self.model.vis.global_
         if not (1 <= height <= room.offheight and 1 <= width <= room.offwidth):
-            raise ValueError(
-                f"Scene(picture_size=...) made room for {room.offwidth}×{room.offheight} pixels, got {width}×{height}"
-            )
+            has = f"{room.offwidth}×{room.offheight} pixels"
+            raise ValueError(f"Scene(picture_size=...) made room for {has}, got {width}×{height}")
         if size not in self._renderers:
             self._renderers[size] = _make_renderer(self.model, height, width)
         return self._renderers[size]

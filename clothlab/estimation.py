@@ -12,7 +12,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, setting
+from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.autoencoder import Autoencoder
 from clothlab.dpmpb import DPMPB, Sequences, observe
 from clothlab.env import Observation
@@ -109,6 +109,8 @@ class Fit:
         With endless `freedom` all errors weigh the same. Where the predictions hardly depend on p, p hardly moves; a
         way longer than `longest` is cut to it.
         """
+        freedom = check_number("freedom", freedom, above=0)
+        longest = longest if longest is np.inf else check_number("longest", longest, at_least=0)
         weight = (freedom + 1) / (freedom + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.slopes, weight, self.slopes)
         pull = np.einsum("tdi,td,td->i", self.slopes, weight, self.errors)
@@ -124,6 +126,7 @@ class Fit:
         Raises:
             numpy.linalg.LinAlgError: predictions that do not depend on every direction of p.
         """
+        freedom, lag = check_number("freedom", freedom, above=0), check_number("lag", lag, int, at_least=0)
         weight = (freedom + 1) / (freedom + self._sizes)
         bend = weight * (freedom - self._sizes) / (freedom + self._sizes)  # derivative of weight times error
         inverse = np.linalg.inv(np.einsum("tdi,td,tdj->ij", self.slopes, bend, self.slopes))

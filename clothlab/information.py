@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_finite, check_number, dimensions
 
 LARGEST_CORRELATION = 0.99  # of noise with itself a step later: a noise that never changes could be calibrated away
 
@@ -58,7 +58,7 @@ class Noise:
         Raises:
             ValueError: residuals of fewer than two steps, or a channel without any noise.
         """
-        e = check_array("residuals", residuals, ("N", "T", "D"))
+        e, ridge = check_array("residuals", residuals, ("N", "T", "D")), check_number("ridge", ridge, at_least=0)
         if not len(e) or e.shape[1] < 2:
             raise ValueError(f"residuals are of one repeat and two steps at the least, got the shape {list(e.shape)}")
         added = check_array("stated", np.zeros(e.shape[-1]) if stated is None else stated, e.shape[-1:]) ** 2
@@ -105,7 +105,7 @@ def fisher_information(sensitivity: ArrayLike, noise: Noise) -> np.ndarray:
         ValueError: sensitivities of another shape, or not finite.
     """
     white = noise.whiten(sensitivity)
-    return np.cumsum(np.einsum("tdp,tdq->tpq", white, white), axis=0)
+    return check_finite("information", np.cumsum(np.einsum("tdp,tdq->tpq", white, white), axis=0))
 
 
 def unbiased_information(sensitivities: ArrayLike, noise: Noise) -> np.ndarray:
@@ -139,8 +139,7 @@ def check_information(information: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: another shape, not finite, or not symmetric.
     """
-    shape = np.shape(information)
-    f = check_array("information", information, (*"ABCDEF"[: max(len(shape) - 2, 0)], "P", "P"))
+    f = check_array("information", information, (*"ABCDEF"[: max(dimensions(information) - 2, 0)], "P", "P"))
     if (
         not f.size
         or f.shape[-1] != f.shape[-2]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, setting
+from clothlab._validation import Checked, check_array, check_finite, check_number, setting
 
 MUSCLES = (
     "shoulder flexor",
@@ -62,6 +62,11 @@ class Muscles(Checked):
 
     def tension(self, elongation: ArrayLike) -> np.ndarray:
         """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
+        with np.errstate(over="ignore"):
+            return check_finite("tension", self._pull(check_array("elongation", elongation, (...,))))
+
+    def _pull(self, elongation: np.ndarray) -> np.ndarray:
+        """The same unchecked: a solver tries what is none."""
         e = np.maximum(elongation, 0.0)
         return self.spring_linear * e + self.spring_cubic * e**3
 
@@ -76,12 +81,16 @@ class Muscles(Checked):
             tension: [N].
             more_stiffness: of a linear spring beside this one [N/m].
         """
+        more_stiffness = check_number("more_stiffness", more_stiffness, at_least=0)
+        return self._stretch(check_array("tension", tension, (...,)), more_stiffness)
+
+    def _stretch(self, tension: np.ndarray, more_stiffness: float = 0.0) -> np.ndarray:
         linear, cubic = self.spring_linear + more_stiffness, self.spring_cubic
         if cubic == 0:
-            return np.asarray(tension) / linear
+            return tension / linear
         # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which does not lose digits near 0.
         a = np.sqrt(linear / (3 * cubic))
-        return 2 * a * np.sinh(np.arcsinh(np.asarray(tension) / (2 * cubic * a**3)) / 3)
+        return 2 * a * np.sinh(np.arcsinh(tension / (2 * cubic * a**3)) / 3)
 
     def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
         """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2): geometry minus what the springs give.
@@ -93,7 +102,8 @@ class Muscles(Checked):
         Returns:
             l `[..., 6]` [m], counted from the length at θ = 0 without tension.
         """
-        return np.asarray(theta) @ self.moment_arms.T - self.elongation(tension)
+        theta = check_array("theta", theta, (..., self.moment_arms.shape[1]))
+        return theta @ self.moment_arms.T - self.elongation(check_array("tension", tension, (..., len(MUSCLES))))
 
     def sent_length(self, u: np.ndarray) -> np.ndarray:
         """The command path u = (θ_ref, f_const) → l_ref → l_send, `[6]` [m].
@@ -110,5 +120,5 @@ class Muscles(Checked):
         Spring and motor are two springs in series, within what the motor can pull.
         """
         gap = self.moment_arms @ theta - self.sent_length(u)
-        e = self.elongation(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
-        return np.clip(self.tension(e), self.tension_bias, self.tension_max)
+        e = self._stretch(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
+        return np.clip(self._pull(e), self.tension_bias, self.tension_max)

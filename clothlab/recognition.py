@@ -14,7 +14,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from sklearn.cluster import DBSCAN
 from sklearn.linear_model import RANSACRegressor
 
-from clothlab._validation import check_array
+from clothlab._validation import check_array, check_number
 from clothlab.arm import BAR_RADIUS
 from clothlab.cloth import Cloth
 from clothlab.depth import PointCloud
@@ -129,7 +129,7 @@ def find_spread(cloud: PointCloud, height: float, cloth: Cloth) -> SeenSpread:
         NotInView: no cloth to be seen.
     """
     seen = _one_thing("cloth", cloud, _cloth_coloured(cloud.colours))
-    level = np.abs(seen.points[:, 2] - height) < FLAT_SEEN
+    level = np.abs(seen.points[:, 2] - check_number("height", height)) < FLAT_SEEN
     cells = np.unique(np.floor(seen.points[level, :2] / LAID_CELL), axis=0)
     if len(cells) < 4:
         return SeenSpread(0.0, 0.0, 0.0, False, seen.points.mean(axis=0))
@@ -170,7 +170,7 @@ def find_laid_cloth(cloud: PointCloud, height: float) -> LaidCloth:
     Raises:
         NotInView: no cloth there.
     """
-    level = np.abs(cloud.points[:, 2] - height) < LINK
+    level = np.abs(cloud.points[:, 2] - check_number("height", height)) < LINK
     cloth = _one_thing("cloth on the table", cloud, level & _cloth_coloured(cloud.colours))
     centre, size, _ = cv2.minAreaRect(cloth.points[:, :2].astype(np.float32))
     return LaidCloth(np.array([*centre, cloth.points[:, 2].mean()]), np.sort(size)[::-1])
@@ -217,7 +217,7 @@ def find_bar(cloud: PointCloud, near: ArrayLike, within: float = 0.30) -> np.nda
     """
     near = check_array("near", near, (3,))
     dark = (cloud.colours < DARK).all(axis=1)
-    bar = cloud[dark & (np.linalg.norm(cloud.points - near, axis=1) < within)]
+    bar = cloud[dark & (np.linalg.norm(cloud.points - near, axis=1) < check_number("within", within, above=0))]
     if len(bar) < FEWEST / 3 or np.ptp(bar.points[:, 1]) < LEAST_WIDTH:
         raise NotInView("the bar is not in view where the hand is felt")
     # The camera sees the near side of a round bar; its axis lies behind, a little less than a radius on average.
@@ -230,6 +230,7 @@ def find_bar(cloud: PointCloud, near: ArrayLike, within: float = 0.30) -> np.nda
 
 def basket_distance(points: np.ndarray, basket: Basket, bottom: np.ndarray, turn: float) -> np.ndarray:
     """How far points `[N, 3]` [m] are outside the surface of a basket (negative: inside) `[N]` [m]."""
+    turn = check_number("turn", turn)
     cos, sin = np.cos(turn), np.sin(turn)
     local = (points - bottom) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     half = np.array(basket.size) / 2

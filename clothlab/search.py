@@ -69,7 +69,8 @@ def cross_entropy(
         ValueError: no starts, or starts of another shape or not finite.
     """
     settings = settings or SearchSettings()
-    lower, upper = check_array("lower", lower, ("D_u",)), check_array("upper", upper, ("D_u",))
+    lower = check_array("lower", lower, ("D_u",))
+    upper = check_array("upper", upper, lower.shape)
     plans = np.clip(check_array("starts", starts, ("N", "T", len(lower))), lower, upper)
     if not len(plans):
         raise ValueError("a search needs starts: one plan at the least")

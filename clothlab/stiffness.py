@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_finite, check_number
 from clothlab.arm import MuscleArm, check_command
 
 SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
@@ -90,7 +90,8 @@ def stiffness_ellipse(
         ValueError: a posture or an f_const outside the arm's range, a force that is no positive number or pushes a
             joint to its stop, or fewer than three directions.
     """
-    u = check_command(arm, [*np.atleast_1d(theta_ref), f_const])
+    theta_ref = check_array("theta_ref", theta_ref, (len(arm.home),))
+    u = check_command(arm, [*theta_ref, check_number("f_const", f_const)])
     force, directions = check_number("force", force, above=0), check_number("directions", directions, int, at_least=3)
     spec = mujoco.MjSpec()
     spec.option.gravity = [0, 0, 0]
@@ -125,4 +126,4 @@ def ellipse_area(displacements: ArrayLike) -> float:
         raise ValueError(f"an ellipse takes three points or more, got {len(x)}")
     polygon = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
     corner = 2 * np.pi / len(x)
-    return float(polygon * corner / np.sin(corner))
+    return float(check_finite("area", polygon * corner / np.sin(corner)))

@@ -352,6 +352,10 @@ def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: floa
     if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
         raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
     watch = MotionWatch(env)
+    try:
+        commands = iter(commands)
+    except TypeError:
+        raise ValueError(f"commands are [T, D_u], got {commands!s:.80}") from None
     for u in commands:
         env.advance(u, watch, samples)
     return watch.motion()
@@ -397,7 +401,7 @@ class RandomPolicy(Policy):
 
     def reset(self, seed: int = 0) -> None:
         """Start anew; the same seed gives the same commands."""
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
         self._steps_left = 0
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -424,7 +428,7 @@ class OperatorPolicy(Policy):
 
     def reset(self, seed: int = 0) -> None:
         """Start anew; the same seed gives the same swings."""
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
         self._random.reset(seed)
         self._theta = self.arm.home_command[self.arm.angle_command]
         self._plan: Iterator[np.ndarray] = iter(())

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
 
-from clothlab._validation import check_array, check_number, choose
+from clothlab._validation import check_array, check_mapping, check_number, choose
 from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.estimation import Estimator, Fit, NewtonSettings
 
@@ -76,7 +76,7 @@ def settle(
     """
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
-    for _ in range(rounds):
+    for _ in range(check_number("rounds", rounds, int, at_least=0)):
         found = found + Fit.of(model, s, u, found).step(settings.freedom, settings.longest)
     return found, Fit.of(model, s, u, found)
 
@@ -187,10 +187,12 @@ def calibrate(
     """
     check_number("false_alarms", false_alarms, above=0, at_most=0.5)
     names = list(dict.fromkeys(run.material for run in runs))
-    known = np.array([choose("material", name, biases) for name in names], dtype=np.float64)
+    chosen = [choose("material", name, check_mapping("trained p", biases)) for name in names]
+    check_number("false_alarms", false_alarms, above=0, at_most=1)
     which = np.array([names.index(run.material) for run in runs])
     if not runs or (np.bincount(which) < 2).any():
         raise ValueError("a calibration needs at least two runs of each material")
+    known = check_array("trained p", chosen, ("K", model.bias_size))
     lengths = [length for length in lengths if length <= min(map(len, runs))]
     if not lengths:
         raise ValueError(f"runs of {min(map(len, runs))} steps are too short to calibrate with")

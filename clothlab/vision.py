@@ -46,7 +46,10 @@ def check_masks(images: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: another shape, or numbers beside 0 and 1, as in a grey picture or a reconstruction.
     """
-    images = np.asarray(images)
+    try:
+        images = np.asarray(images)
+    except (ValueError, TypeError, RuntimeError):  # rows of several lengths, for one
+        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got {images!s:.80}") from None
     if images.shape[-2:] != (HEIGHT, WIDTH):
         raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape {list(images.shape)}")
     if images.dtype == bool:

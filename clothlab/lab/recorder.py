@@ -6,6 +6,7 @@ import time
 import weakref
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from clothlab._validation import check_name
 from clothlab.env import Observation
 from clothlab.trials import LONGEST, Trial, load_trial, save_trial
 
+PLACE = re.compile(r"\d{1,20}-\d{1,9}(-\d{1,10}-\d{1,20})?")  # name of a folder in `unfinished`
 PIECE = 5  # control steps, one second
 
 _HELD: "weakref.WeakValueDictionary[Path, Recorder]" = weakref.WeakValueDictionary()  # by recorders of this process
@@ -62,7 +64,7 @@ class Recorder:
         self.find()
         if self._place is not None:
             raise FileExistsError("there is an unfinished recording: save it under a name, or discard it")
-        place = self.folder / "unfinished" / f"{time.time_ns()}-{os.getpid()}"
+        place = self.folder / "unfinished" / _place_name()
         try:
             place.mkdir(parents=True)
         except OSError as error:
@@ -162,8 +164,8 @@ class Recorder:
         left: Iterable[Path] = (self.folder / "unfinished").glob("*-*") if self._place is None else ()
         for place in sorted(left):
             # Not through a link, which could lead to files of another kind: what is discarded is deleted.
-            if re.fullmatch(r"\d{1,20}-\d{1,9}", place.name) and not place.is_symlink() and _abandoned(place):
-                mine = place.with_name(f"{time.time_ns()}-{os.getpid()}")
+            if PLACE.fullmatch(place.name) and not place.is_symlink() and _abandoned(place):
+                mine = place.with_name(_place_name())
                 try:
                     place.rename(mine)
                 except OSError:  # another kernel was faster, or this one may not
@@ -176,13 +178,31 @@ class Recorder:
 
 def _abandoned(place: Path) -> bool:
     """Whether nobody records there any more."""
-    started, pid = map(int, place.name.split("-"))
+    started, pid, *by_boot = map(int, place.name.split("-"))
     if pid == os.getpid():
         return place not in _HELD
     try:
-        return psutil.Process(pid).create_time() > started / 1e9  # a later process that was given the same number
+        born = psutil.Process(pid).create_time()
     except psutil.NoSuchProcess:
         return True
+    # Or a later process was given the same number. The clock on the wall may have been set since; how old a process and
+    # a recording are now does not depend on it.
+    if not by_boot:  # a recording of an earlier version
+        return born > started / 1e9
+    boot, clock = by_boot
+    return boot != _boot() or time.time() - born < (time.monotonic_ns() - clock) / 1e9 - 1
+
+
+def _place_name() -> str:
+    """Of a recording that begins now: when, by whom, and when since which start of the machine."""
+    return f"{time.time_ns()}-{os.getpid()}-{_boot()}-{time.monotonic_ns()}"
+
+
+@cache
+def _boot() -> int:
+    """What tells this start of the machine from others; 0 where the system does not say."""
+    path = Path("/proc/sys/kernel/random/boot_id")
+    return int(path.read_text()[:8], 16) if path.exists() else 0
 
 
 def _joined(policies: list[str]) -> str:
