@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check test browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -54,6 +54,9 @@ chromium: $(STAMP)
 
 bench: $(STAMP) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
+
+nightly: $(STAMP) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes docs/nightly.md
+	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation)
 	$(BIN)/python scripts/make_data.py

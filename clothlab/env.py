@@ -294,10 +294,9 @@ class ClothEnv(gymnasium.Env):
             RuntimeError: no OpenGL on this machine; the message says what to install.
             ValueError, KeyError: a picture larger than `scene.picture_size`, or a camera that is not there.
         """
-        renderer = self.renderer(height, width)
-        named = {self.model.camera(k).name: k for k in range(self.model.ncam)}
-        view = view if isinstance(view, mujoco.MjvCamera) else choose("camera", view, named)
-        renderer.update_scene(self.data, view)
+        if not isinstance(view, mujoco.MjvCamera):
+            view = choose("camera", view, {self.model.camera(k).name: k for k in range(self.model.ncam)})
+        (renderer := self.renderer(height, width)).update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
         try:
@@ -314,8 +313,8 @@ class ClothEnv(gymnasium.Env):
             RuntimeError: no OpenGL on this machine; the message says what to install.
             ValueError: a size that is none, or larger than `scene.picture_size`.
         """
-        height, width = check_number("height", height, int), check_number("width", width, int)
-        size, room = (height, width), self.model.vis.global_
+        size = height, width = check_number("height", height, int), check_number("width", width, int)
+        room = self.model.vis.global_
         if not (1 <= height <= room.offheight and 1 <= width <= room.offwidth):
             has = f"{room.offwidth}×{room.offheight} pixels"
             raise ValueError(f"Scene(picture_size=...) made room for {has}, got {width}×{height}")

@@ -57,7 +57,7 @@ def test_a_learned_body_image_agrees_with_the_arm_where_it_has_been():
     "u", [(0.0, -0.5, 9.0), (0.0, -0.5, 71.0), (1.2, -0.5, 30.0), (0.0, 0.2, 30.0), (0.0, np.nan, 30.0), (0.0, 30.0)]
 )
 def test_what_the_arm_cannot_be_told_has_no_ellipse(u):
-    with pytest.raises(ValueError, match=r"outside the muscle arm's range|\[3\] and finite"):
+    with pytest.raises(ValueError, match=r"outside the muscle arm's range|\[[23]\] and finite"):
         stiffness_ellipse(ARM, u[:-1], u[-1])
 
 

@@ -1,0 +1,126 @@
+"""`make nightly`: everything that takes hours, in one command, with a summary in `docs/nightly.md`.
+
+Ten thousand hostile inputs, a hundred moments of each fault, eight simulated hours of the live lab, every notebook at
+full size, and the speed measurements. `python scripts/nightly.py --small` does the first three in a tenth of the
+time and writes nothing; `--only faults` does one of them.
+"""
+
+import argparse
+import datetime
+import os
+import platform
+import re
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+REPORT = ROOT / "docs" / "nightly.md"
+SMALL = 10  # times less of whatever can be made less
+PYTEST = (sys.executable, "-m", "pytest", "-s", "-m", "slow or not slow", "--tb=short", "-p", "no:cacheprovider")
+
+
+@dataclass(frozen=True)
+class Part:
+    """Something to run, and how to say what came out.
+
+    Attributes:
+        what: it is, in words, with a place for how much.
+        command: that runs it.
+        variable: of the environment, which says how much; "" where there is no choice.
+        amount: of it.
+        told: pattern of the lines that belong into the summary.
+    """
+
+    what: str
+    command: tuple[str, ...]
+    variable: str = ""
+    amount: int = 0
+    told: str = r"^(=+ )?\d+ (passed|failed).*"
+
+
+PARTS = {
+    "inputs": Part("{} hostile inputs", (*PYTEST, "tests/test_properties.py"), "CLOTHLAB_INPUTS", 10_000),
+    "files": Part("Files from strangers", (*PYTEST, "tests/test_strangers.py", "tests/test_files.py")),
+    "faults": Part("Faults at {} moments", (*PYTEST, "tests/test_faults.py"), "CLOTHLAB_FAULTS", 100),
+    "soak": Part(
+        "{} simulated minutes of the live lab",
+        (*PYTEST, "tests/test_soak.py"),
+        "CLOTHLAB_SOAK",
+        480,
+        r"^(torque|muscle): .*|.* simulated minutes in .*|^(=+ )?\d+ (passed|failed).*",
+    ),
+    "findings": Part(
+        "Every notebook at full size", (sys.executable, "scripts/make_findings.py"), told=r"^\d\d_\w+: \d+ claims .*"
+    ),
+    "bench": Part("Speed", (sys.executable, "scripts/bench.py"), told=r"^.+: .*\d.*"),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a part went: whether well, its time [s], and the lines that it left."""
+
+    what: str
+    well: bool
+    seconds: float
+    lines: list[str]
+
+
+def run(part: Part, *, small: bool) -> Outcome:
+    """Run one part, and show what it prints."""
+    amount = max(1, part.amount // SMALL) if small else part.amount
+    environment = os.environ | ({part.variable: str(amount)} if part.variable else {})
+    start, what = time.perf_counter(), part.what.format(f"{amount:,}")
+    print(f"## {what}", flush=True)
+    lines = []
+    with subprocess.Popen(
+        part.command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            last = line.rsplit("\r", 1)[-1]  # of a progress bar
+            if re.match(part.told, last):
+                lines.append(last.strip(" =\n"))
+    return Outcome(what, process.returncode == 0, time.perf_counter() - start, lines)
+
+
+def machine() -> str:
+    """What it ran on, without its name."""
+    packages = ", ".join(f"{name} {version(name).split('+')[0]}" for name in ("mujoco", "torch", "numpy"))
+    system = f"{platform.system()} {platform.machine()}"
+    return f"{system}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
+
+
+def report(outcomes: list[Outcome], when: datetime.date) -> str:
+    """The summary, in Markdown."""
+    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}."]
+    rows = [f"| {each.what} | {'held' if each.well else '**failed**'} | {each.seconds / 60:.1f} |" for each in outcomes]
+    parts.append("\n".join(["| part | outcome | minutes |", "| --- | --- | --- |", *rows]))
+    for each in outcomes:
+        if each.lines:
+            parts.append("\n".join([f"## {each.what}", "", "```", *each.lines, "```"]))
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> int:
+    """Run all, or those named; the exit status says whether all went well."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="which parts")
+    parser.add_argument("--small", action="store_true", help="a tenth, of what can be made less; nothing is written")
+    arguments = parser.parse_args()
+    chosen = [name for name in arguments.only if PARTS[name].variable or not arguments.small]
+    outcomes = [run(PARTS[name], small=arguments.small) for name in chosen]
+    summary = report(outcomes, datetime.datetime.now(datetime.UTC).date())
+    print("\n" + summary)
+    if not arguments.small and set(chosen) == set(PARTS):  # half of it is not the record of a night
+        REPORT.write_text(summary)
+    return not all(each.well for each in outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

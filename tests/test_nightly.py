@@ -1,0 +1,61 @@
+"""One command for what takes hours, and what it says of it."""
+
+import datetime
+import sys
+from dataclasses import replace
+
+import nightly
+import pytest
+
+COUNTS = nightly.Part("{} things", (sys.executable, "-c", ""), "CLOTHLAB_THINGS", 1000, r"^\d+ things")
+
+
+def saying(code: str) -> nightly.Part:
+    return replace(COUNTS, command=(sys.executable, "-c", f"import os; n = os.environ['CLOTHLAB_THINGS']; {code}"))
+
+
+@pytest.mark.parametrize(("small", "amount"), [(True, "100"), (False, "1000")])
+def test_a_part_is_told_how_much_and_its_summary_kept(small, amount):
+    outcome = nightly.run(saying("print('noise'); print(n, 'things')"), small=small)
+    assert outcome.well
+    assert outcome.lines == [f"{amount} things"]
+    assert outcome.what == f"{int(amount):,} things"
+
+
+def test_a_part_that_fails_is_said_to_have_failed():
+    outcome = nightly.run(saying("raise SystemExit(3)"), small=True)
+    assert not outcome.well
+    text = nightly.report([outcome], datetime.date(2030, 1, 2))
+    assert text.startswith("# Nightly run of 2030-01-02\n")
+    assert "| 100 things | **failed** | 0.0 |" in text
+
+
+def test_the_machine_is_told_without_its_name():
+    import platform
+
+    assert f"Python {platform.python_version()}" in nightly.machine()
+    assert platform.node() not in nightly.machine()
+
+
+def test_everything_that_is_counted_is_asked_for():
+    for name, part in nightly.PARTS.items():
+        tests = [nightly.ROOT / word for word in part.command if word.startswith(("tests/", "scripts/"))]
+        assert tests, name
+        assert all(path.exists() for path in tests)
+        assert not part.variable or part.variable in tests[0].read_text()
+
+
+def test_a_small_run_leaves_the_record_alone(monkeypatch, capsys):
+    monkeypatch.setattr(nightly, "PARTS", {"things": saying("print(n, 'things')")})
+    monkeypatch.setattr(nightly, "REPORT", None)  # it would fail
+    monkeypatch.setattr(sys, "argv", ["nightly.py", "--small"])
+    assert nightly.main() == 0
+    assert "| 100 things | held | 0.0 |" in capsys.readouterr().out
+
+
+def test_a_whole_run_is_written_down(monkeypatch, tmp_path):
+    monkeypatch.setattr(nightly, "PARTS", {"things": saying("raise SystemExit(1)")})
+    monkeypatch.setattr(nightly, "REPORT", tmp_path / "nightly.md")
+    monkeypatch.setattr(sys, "argv", ["nightly.py"])
+    assert nightly.main() == 1
+    assert "**failed**" in (tmp_path / "nightly.md").read_text()
