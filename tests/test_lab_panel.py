@@ -233,7 +233,7 @@ def test_a_file_becomes_the_target_or_says_why_not(panel, square):
     send(panel, "upload", memoryview(small.tobytes()), size=80)
     assert "128×96 pixels, this picture 10×10" in says(panel)
     send(panel, "upload", size=LARGEST_FILE + 1)
-    assert "larger than 5 MB" in says(panel)
+    assert "larger than 1 MB" in says(panel)
 
 
 def test_an_own_material_has_a_label(panel):
