@@ -8,9 +8,11 @@ import subprocess
 import sys
 import time
 import urllib.request
+from ast import literal_eval
 from pathlib import Path
 
 import nbformat
+import numpy as np
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
 from playwright.sync_api import Locator, Page
@@ -186,3 +188,46 @@ class Notebook:
             if time.monotonic() > end:
                 raise TimeoutError(f"not within {seconds} s: {expression}")
             time.sleep(0.1)
+
+
+def answers(notebook: Notebook, presses: int) -> np.ndarray:
+    """From pressing a key or clicking to the frame that shows the effect, drawn by the browser, again and again.
+
+    Args:
+        notebook: the live lab, where time goes by; p is estimated online.
+        presses: of each control: a slider of the hand, the map of p, a slider of the material.
+
+    Returns:
+        `[controls, presses, 2]`: time [s], and steps of the panel.
+    """
+    page = notebook.page
+    notebook.evaluate(
+        "None",
+        "import time as _time\n"
+        "drawn = []\n"
+        "def _note(*_):\n"
+        "    moment = panel.history[-1] if panel.history else None\n"
+        "    if moment: drawn.append("
+        "(_time.time(), panel.steps, moment.command[0], moment.p[0], panel.session.env.cloth.mass))\n"
+        "panel.on_msg(lambda _, content, __: _note() if content['do'] == 'drawn' else None)",
+    )
+    rng, waits = np.random.default_rng(0), []
+    controls = {  # which column of `drawn` each changes for good
+        2: lambda k: slider(page, "shoulder").press("ArrowLeft"),
+        3: lambda k: page.get_by_role("application", name="map of the parametric bias").click(
+            position=dict(zip("xy", rng.uniform(60, 250, 2), strict=True))
+        ),
+        4: lambda k: slider(page, "C_mass").press("ArrowRight" if k % 2 else "ArrowLeft"),
+    }
+    page.get_by_role("button", name="estimate p online").click()  # p is to move by clicks alone
+    slider(page, "shoulder").press("ArrowLeft")  # takes over: the command now is the slider's
+    for column, press in controls.items():
+        for k in range(presses):
+            page.wait_for_timeout(600 + rng.uniform(0, 200))  # any moment of the control period
+            old, step = literal_eval(notebook.evaluate(f"(float(drawn[-1][{column}]), panel.steps)"))
+            start = time.time()
+            press(k)
+            notebook.until(f"drawn[-1][{column}] != {old}")
+            shown = notebook.evaluate(f"next(row[:2] for row in drawn if row[0] > {start} and row[{column}] != {old})")
+            waits.append(np.subtract(literal_eval(shown), (start, step)))
+    return np.reshape(waits, (len(controls), presses, 2))
