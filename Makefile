@@ -33,14 +33,14 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
 
 test: doctor chromium check  ## check, slow tests, every notebook from top to bottom, the live lab and the site in a browser
-	$(BIN)/pytest -m slow
+	$(MAKE) container
+	$(BIN)/pytest -m slow -rs
 	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
 	$(BIN)/pytest -m browser -s tests/browser
 	$(MAKE) book SMALL=1
 	$(MAKE) book SMALL=1 STUDENT=1
 	$(MAKE) slides SMALL=1
 	$(BIN)/pytest -m book -rs tests/book
-	$(MAKE) container
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python scripts/make_findings.py $(if $(RECORD),--record)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
+from clothlab._training import best_device, training
 from clothlab._validation import Checked, check_array, check_number, dimensions, setting
 from clothlab.vision import HEIGHT, WIDTH, check_masks
 
@@ -42,18 +43,18 @@ class Autoencoder(nn.Module):
         flat = CHANNELS[-1] * height * width
         encoder: list[nn.Module] = []
         for a, b in itertools.pairwise(CHANNELS):
-            encoder += [nn.Conv2d(a, b, 3, stride=2, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU()]
-        encoder += [nn.Flatten(), nn.Linear(flat, HIDDEN, bias=False), nn.BatchNorm1d(HIDDEN), nn.ReLU()]
+            encoder += [nn.Conv2d(a, b, 3, stride=2, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU(inplace=True)]
+        encoder += [nn.Flatten(), nn.Linear(flat, HIDDEN, bias=False), nn.BatchNorm1d(HIDDEN), nn.ReLU(inplace=True)]
         encoder += [nn.Linear(HIDDEN, latent_size, bias=False), nn.BatchNorm1d(latent_size, affine=False)]
         self.encoder = nn.Sequential(*encoder)
 
         decoder: list[nn.Module] = []
         for a, b in ((latent_size, HIDDEN), (HIDDEN, flat)):
-            decoder += [nn.Linear(a, b, bias=False), nn.BatchNorm1d(b), nn.ReLU()]
+            decoder += [nn.Linear(a, b, bias=False), nn.BatchNorm1d(b), nn.ReLU(inplace=True)]
         decoder += [nn.Unflatten(1, (CHANNELS[-1], height, width))]
         for a, b in zip(CHANNELS[:1:-1], CHANNELS[-2:0:-1], strict=True):
             decoder += [nn.ConvTranspose2d(a, b, 3, stride=2, padding=1, output_padding=1, bias=False)]
-            decoder += [nn.BatchNorm2d(b), nn.ReLU()]
+            decoder += [nn.BatchNorm2d(b), nn.ReLU(inplace=True)]
         decoder += [nn.ConvTranspose2d(CHANNELS[1], 1, 3, stride=2, padding=1, output_padding=1)]
         self.decoder = nn.Sequential(*decoder)
 
@@ -106,10 +107,8 @@ def train_autoencoder(
         raise ValueError(
             f"training takes images [B, H, W], one batch of {settings.batch_size} or more, got {list(images.shape)}"
         )
-    with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
-        torch.manual_seed(seed)
-        device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-        return _train(images, settings, device, progress)
+    with training(seed):
+        return _train(images, settings, device or best_device(), progress)
 
 
 def _train(

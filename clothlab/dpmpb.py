@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
+from clothlab._training import best_device, training
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.env import Observation
@@ -85,7 +86,14 @@ class DPMPB(nn.Module):
 
 def _tanh_layers(*sizes: int) -> nn.Sequential:
     pairs = itertools.pairwise(sizes)
-    return nn.Sequential(*[layer for a, b in pairs for layer in (nn.Linear(a, b), nn.Tanh())])
+    return nn.Sequential(*[layer for a, b in pairs for layer in (nn.Linear(a, b), _Tanh())])
+
+
+class _Tanh(nn.Module):
+    """tanh(a) = 2σ(2a) - 1: on a processor σ takes a tenth of tanh's time, which was a fifth of a training's."""
+
+    def forward(self, a: Tensor) -> Tensor:
+        return 2 * torch.sigmoid(2 * a) - 1
 
 
 def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
@@ -227,9 +235,8 @@ def train_dpmpb(
     settings = settings or ModelTraining()
     _check_runs(runs, settings.sequence_length)
     p = _first_biases(materials_of(runs), settings.bias_size, known)
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
-        torch.manual_seed(seed)
+    device = device or best_device()
+    with training(seed):
         return _train(runs, settings, p.to(device).requires_grad_(not known), device, progress)
 
 

@@ -244,8 +244,9 @@ class ClothEnv(gymnasium.Env):
         """
         check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps)
         self.arm.command(self.data, check_command(self.arm, u))
-        for part in np.array_split(np.arange(self.scene.substeps), samples if watch else 1):
-            self._simulate(len(part))
+        parts = samples if watch else 1
+        for k in range(parts):
+            self._simulate((self.scene.substeps + parts - 1 - k) // parts)
             if watch:
                 mujoco.mj_kinematics(self.model, self.data)  # all that a picture needs: camera and light stand still
                 watch()
@@ -253,8 +254,7 @@ class ClothEnv(gymnasium.Env):
 
     def observe(self) -> Observation:
         """What camera and robot sense now: `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`."""
-        mask = vision.cloth_mask(self.camera_picture())
-        return {"image": mask.astype(np.int8), "robot": self.arm.state(self.data)}
+        return {"image": vision.cloth_mask(self.camera_picture()).astype(np.int8), "robot": self.arm.state(self.data)}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict]:
         """Hold the command `[D_u]` for one control period, and look.

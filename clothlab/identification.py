@@ -14,6 +14,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
+from clothlab._training import training
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder
@@ -245,8 +246,7 @@ def train_regressor(
         raise ValueError(f"training takes runs of more than the warmup of {settings.warmup} steps")
     told = {name: check_array(f"constants of {name}", each, (2,)) for name, each in constants.items()}
     labels = np.array([choose("material", run.material, told) for run in runs], np.float32)
-    with torch.random.fork_rng():  # the caller's own random numbers go on as if nothing had happened
-        torch.manual_seed(seed)
+    with training(seed):
         return _train(runs, torch.as_tensor(labels), settings)
 
 

@@ -32,7 +32,7 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
         raise ValueError(f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; crop it first")
     red, green, blue = cv2.split(rgb)
     # Red beyond both other channels is a hue test that survives shading; 40 of 255 clears the grey of arm and floor.
-    mask: np.ndarray = (cv2.subtract(red, cv2.max(green, blue)) > 40).astype(np.uint8)
+    mask: np.ndarray = cv2.threshold(cv2.subtract(red, cv2.max(green, blue)), 40, 1, cv2.THRESH_BINARY)[1]
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
     if mask.shape != (HEIGHT, WIDTH):

@@ -14,7 +14,7 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 PACKAGE = ROOT / "clothlab"
-LAYERS = ["_validation", "_files", "cloth", "muscle", "arm", "stiffness", "vision", "env", "depth"]
+LAYERS = ["_validation", "_files", "_training", "cloth", "muscle", "arm", "stiffness", "vision", "env", "depth"]
 LAYERS += ["furniture", "table", "recognition", "reaching", "trials", "registration"]
 LAYERS += [
     "autoencoder",

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from sklearn.neighbors import NearestNeighbors
 from torch import Tensor, nn
 
+from clothlab._training import training
 from clothlab._validation import Checked, setting
 from clothlab.arm import Arm
 from clothlab.autoencoder import Autoencoder, encode
@@ -174,8 +175,7 @@ def train_changes(
     """
     settings = settings or ChangesTraining()
     first, second, s, u, z = _pairs(runs, model, latent_size, period, settings)
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
+    with training(seed):
         changes = ChangesModel(s.shape[1], u.shape[2], latent_size, period)
         optimizer = torch.optim.Adam(changes.parameters(), lr=settings.learning_rate, fused=True)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.updates)
