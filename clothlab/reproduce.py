@@ -44,7 +44,7 @@ STORE = Path("build") / "reproduce"
 SEEDS = 5  # the paper repeats learning and control five times
 MOST_SEEDS = 900  # beyond, seeds of the estimation's commands would be those of recordings that were learned from
 NAMED_TARGETS = ("target-1", "target-2", "muscle")
-MAIN = ("torque", "muscle", "torque" + PAPER, "muscle" + PAPER)  # weights that the usual experiments stand on
+ARMS = ("torque", "muscle")  # of the usual experiments
 USUAL = tuple(name for name in experiments.EXPERIMENTS if name not in experiments.SLOW)
 
 
@@ -60,6 +60,7 @@ class Plan:
         targets: arguments of `find_named_targets`.
         seeds: trainings of each model.
         slow: whether the experiments that take hours take part.
+        amounts: of recordings, by what weights that learned from them are called behind the arm's name.
     """
 
     name: str = "full"
@@ -69,10 +70,12 @@ class Plan:
     targets: tuple[int, tuple[int, ...], tuple[str, ...]] = (TARGET_STEPS, tuple(range(3000, 3004)), TRAINED_FOAMS)
     seeds: int = SEEDS
     slow: bool = False
+    amounts: tuple[str, ...] = ("", PAPER)
 
     def weights(self) -> list[str]:
         """Names of the recipes that are trained."""
-        return [name for name in self.recipes if self.slow or name in MAIN]
+        usual = [arm + amount for arm in ARMS for amount in self.amounts]
+        return [name for name in self.recipes if self.slow or name in usual]
 
     def sets(self) -> list[str]:
         """Names of the sets of trials that are recorded."""
@@ -95,7 +98,7 @@ def small_plan(seeds: int = 2) -> Plan:
             model=replace(each.model, epochs=2, sequence_length=8),
         )
         for name, each in RECIPES.items()
-        if name in MAIN
+        if name.removesuffix(PAPER) in ARMS
     }
     settings: dict[str, dict[str, Any]] = {
         "perception": {"steps": 16},
@@ -111,7 +114,7 @@ def graph(plan: Plan) -> list[Task]:
     """All tasks of a plan."""
     found = [*_recorded(plan), *_targets(plan), *_trained(plan)]
     for name in USUAL:
-        for ending in ("", PAPER):
+        for ending in plan.amounts:
             found += _experiment(plan, name, ending)
     if plan.slow:
         everything = tuple(task.name for task in found)
@@ -277,8 +280,9 @@ def run_slow(name: str) -> None:
 
 
 def make_tables() -> None:
-    """Make the results tables from all records."""
+    """Make the results tables from all records, or from those of the paper's amount where there are no others."""
     records = experiments.load_all()
+    records = records if "perception" in records else tables.on_papers(records)
     artifacts.save_results({"tables": tables.as_json(records)}, "table")
     parts = [
         f"## {name}\n\n{tables.markdown(rows)}\n" for name in tables.TABLES if (rows := tables.table(name, records))
@@ -291,6 +295,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--store", type=Path, help=f"folder of all results: {STORE}, or with --small {STORE}-small")
     parser.add_argument("--seeds", type=int, help=f"trainings of each model: {SEEDS}, or with --small 2")
     parser.add_argument("--small", action="store_true", help="tiny sizes, a minute, to see whether it works here")
+    parser.add_argument(
+        "--paper-only", action="store_true", help="leave out what learns from more recordings than the paper's"
+    )
     parser.add_argument("--with-slow", action="store_true", help="also the experiments that take hours")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, help="processes in this machine; by default one for each core")
@@ -310,6 +317,8 @@ def main(given: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     if arguments.small and arguments.with_slow:
         parser.error("--small has no slow experiments: they have no small sizes")
+    if arguments.with_slow and arguments.paper_only:
+        parser.error("--paper-only leaves out what the slow experiments stand on")
     if arguments.with_slow and (arguments.seeds or SEEDS) < SEEDS:
         parser.error(f"--with-slow needs {SEEDS} seeds at least, which those experiments compare")
     store = arguments.store or (STORE.with_name(f"{STORE.name}-small") if arguments.small else STORE)
@@ -320,6 +329,7 @@ def main(given: Sequence[str] | None = None) -> int:
             plan = small_plan(arguments.seeds or 2)
         else:
             plan = Plan(seeds=arguments.seeds or SEEDS, slow=arguments.with_slow)
+        plan = replace(plan, amounts=(PAPER,)) if arguments.paper_only else plan
         cluster.open_store(store)
         address = arguments.scheduler
         with cluster.connect(address) if address else cluster.local(arguments.workers) as client:

@@ -126,6 +126,7 @@ def test_pieces_of_what_takes_hours_are_kept_beside_the_data(tmp_path, monkeypat
     [
         (["--small", "--with-slow"], 2, "--small has no slow experiments"),
         (["--workers", "1", "--scheduler", "tcp://here"], 2, "not allowed with"),
+        (["--with-slow", "--paper-only"], 2, "--paper-only leaves out what the slow experiments stand on"),
         (["--with-slow", "--seeds", "3"], 2, "--with-slow needs 5 seeds at least"),
         (["--seeds", "0"], 2, "--seeds must be at least 1"),
         (["--seeds", "901"], 2, "--seeds must be at most 900"),
@@ -152,11 +153,18 @@ def read(store):
 
 @pytest.mark.slow
 def test_the_tables_are_the_same_to_the_byte_with_a_killed_worker(tmp_path, capsys):
-    here = tmp_path / "here"
-    assert reproduce.main(["--small", "--seeds", "1", "--store", str(here), "--workers", "1"]) == 0
-    assert capsys.readouterr().out.startswith(f"{len(graph(small_plan(1)))} computed, 0 taken from the store, 0 failed")
-    assert reproduce.main(["--small", "--seeds", "1", "--store", str(here), "--workers", "1"]) == 0
-    assert capsys.readouterr().out.startswith(f"0 computed, {len(graph(small_plan(1)))} taken from the store, 0 failed")
+    here, all_tasks = tmp_path / "here", len(graph(small_plan(1)))
+    command = ["--small", "--seeds", "1", "--store", str(here), "--workers", "1"]
+    on_papers = len(graph(replace(small_plan(1), amounts=(experiments.PAPER,)))) - 1  # the tables are made anew
+    for options, computed, taken in (
+        (["--paper-only"], on_papers + 1, 0),
+        ([], all_tasks - on_papers, on_papers),
+        ([], 0, all_tasks),
+    ):
+        assert reproduce.main([*command, *options]) == 0
+        assert capsys.readouterr().out.startswith(f"{computed} computed, {taken} taken from the store, 0 failed")
+        tables = (here / "data" / "tables.md").read_text()
+        assert tables.count("mean IoU") == 1
 
     there, killed = tmp_path / "there", []
 
