@@ -125,7 +125,7 @@ def local(workers: int | None = None) -> Iterator[distributed.Client]:
     options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "processes": True, "memory_limit": 0}
     with (
         dask.config.set(SETTINGS),
-        distributed.LocalCluster(dashboard_address=None, silence_logs=50, **options) as cluster,
+        distributed.LocalCluster(dashboard_address="127.0.0.1:0", silence_logs=50, **options) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client

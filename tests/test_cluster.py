@@ -57,7 +57,7 @@ def until(there, seconds=PATIENCE):
 def client():
     """One worker in this process."""
     options = {"n_workers": 1, "threads_per_worker": 1, "processes": False}
-    with distributed.Client(**options, dashboard_address=None, set_as_default=False) as client:
+    with distributed.Client(**options, dashboard_address="127.0.0.1:0", set_as_default=False) as client:
         yield client
 
 
@@ -208,6 +208,14 @@ def test_a_task_that_kills_every_worker_fails_and_the_others_go_on(tmp_path):
     assert (found["bad"].state, found["after"].state, found["both"].state) == (FAILED, LEFT_OUT, COMPUTED)
     assert found["bad"].why.startswith("KilledWorker: ")
     assert found["after"].why == "needs bad"
+
+
+@pytest.mark.slow
+def test_two_runs_at_once_take_ports_of_their_own_that_only_this_machine_reaches():
+    before = {each.laddr for each in psutil.Process().net_connections() if each.status == psutil.CONN_LISTEN}
+    with cluster.local(1), cluster.local(1):
+        found = {each.laddr for each in psutil.Process().net_connections() if each.status == psutil.CONN_LISTEN}
+    assert {address.ip for address in found - before} == {"127.0.0.1"}
 
 
 CLIENT = """
