@@ -121,7 +121,7 @@ def graph(plan: Plan) -> list[Task]:
         slow = [name for name in experiments.EXPERIMENTS if name in experiments.SLOW]
         found += [Task(name, run_slow, (name,), everything, (_record_of(name),)) for name in slow]
     names = tuple(task.name for task in found if task.function in (run_whole, merge, run_slow))
-    return [*found, Task("tables", make_tables, (), names, ("results/table.json", "tables.md"))]
+    return [*found, Task("tables", make_tables, (plan.amounts,), names, ("results/table.json", "tables.md"))]
 
 
 def _recorded(plan: Plan) -> Iterator[Task]:
@@ -279,10 +279,12 @@ def run_slow(name: str) -> None:
     experiments.save(name, module.run(**options))
 
 
-def make_tables() -> None:
-    """Make the results tables from all records, or from those of the paper's amount where there are no others."""
-    records = experiments.load_all()
-    records = records if "perception" in records else tables.on_papers(records)
+def make_tables(amounts: Sequence[str]) -> None:
+    """Make the results tables from all records, or from those of the only amount of recordings."""
+    if "" in amounts:
+        records = experiments.load_all()
+    else:
+        records = {name: experiments.load(name + PAPER) for name in USUAL}
     artifacts.save_results({"tables": tables.as_json(records)}, "table")
     parts = [
         f"## {name}\n\n{tables.markdown(rows)}\n" for name in tables.TABLES if (rows := tables.table(name, records))

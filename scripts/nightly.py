@@ -1,24 +1,28 @@
 """`make nightly`: everything that takes hours, in one command, with a summary in `docs/nightly.md`.
 
 Ten thousand hostile inputs, a hundred moments of each fault, eight simulated hours of the live lab, every notebook at
-full size, and the speed measurements. `python scripts/nightly.py --small` does the first three in a tenth of the
-time and writes nothing; `--only faults` does one of them.
+full size, and the speed measurements. A night that was interrupted goes on where it stopped, as long as the commit is
+the same. `python scripts/nightly.py --small` does the first three in a tenth of the time and writes nothing; `--only
+faults` does one of them.
 """
 
 import argparse
 import datetime
+import json
 import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "docs" / "nightly.md"
+KEPT = ROOT / "build" / "nightly"  # what an interrupted night had done
 SMALL = 10  # times less of whatever can be made less
 PYTEST = (sys.executable, "-m", "pytest", "-s", "-m", "slow or not slow", "--tb=short", "-p", "no:cacheprovider")
 
@@ -89,6 +93,28 @@ def run(part: Part, *, small: bool) -> Outcome:
     return Outcome(what, process.returncode == 0, time.perf_counter() - start, lines)
 
 
+def commit() -> str:
+    """Which state of the project this is."""
+    return subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.strip()
+
+
+def kept(name: str, now: str) -> Outcome | None:
+    """How a part went well earlier in this night, which is of the same commit."""
+    try:
+        found = json.loads((KEPT / f"{name}.json").read_text())
+    except FileNotFoundError:
+        return None
+    return Outcome(**found["outcome"]) if found["commit"] == now and found["outcome"]["well"] else None
+
+
+def keep(name: str, now: str, outcome: Outcome) -> None:
+    """Write down how a part went, for the case that the night is interrupted."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    (KEPT / f"{name}.json").write_text(json.dumps({"commit": now, "outcome": asdict(outcome)}))
+
+
 def machine() -> str:
     """What it ran on, without its name."""
     packages = ", ".join(f"{name} {version(name).split('+')[0]}" for name in ("mujoco", "torch", "numpy"))
@@ -98,13 +124,23 @@ def machine() -> str:
 
 def report(outcomes: list[Outcome], when: datetime.date) -> str:
     """The summary, in Markdown."""
-    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}."]
+    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}; commit {commit()}."]
     rows = [f"| {each.what} | {'held' if each.well else '**failed**'} | {each.seconds / 60:.1f} |" for each in outcomes]
     parts.append("\n".join(["| part | outcome | minutes |", "| --- | --- | --- |", *rows]))
     for each in outcomes:
         if each.lines:
             parts.append("\n".join([f"## {each.what}", "", "```", *each.lines, "```"]))
     return "\n\n".join(parts) + "\n"
+
+
+def night(names: list[str]) -> list[Outcome]:
+    """Run parts at full size, each unless it went well earlier in this night."""
+    now, outcomes = commit(), []
+    for name in names:
+        outcome = kept(name, now) or run(PARTS[name], small=False)
+        keep(name, now, outcome)
+        outcomes.append(outcome)
+    return outcomes
 
 
 def main() -> int:
@@ -114,11 +150,12 @@ def main() -> int:
     parser.add_argument("--small", action="store_true", help="a tenth, of what can be made less; nothing is written")
     arguments = parser.parse_args()
     chosen = [name for name in arguments.only if PARTS[name].variable or not arguments.small]
-    outcomes = [run(PARTS[name], small=arguments.small) for name in chosen]
+    outcomes = [run(PARTS[name], small=True) for name in chosen] if arguments.small else night(chosen)
     summary = report(outcomes, datetime.datetime.now(datetime.UTC).date())
     print("\n" + summary)
     if not arguments.small and set(chosen) == set(PARTS):  # half of it is not the record of a night
         REPORT.write_text(summary)
+        shutil.rmtree(KEPT, ignore_errors=True)
     return not all(each.well for each in outcomes)
 
 

@@ -53,8 +53,29 @@ def test_a_small_run_leaves_the_record_alone(monkeypatch, capsys):
     assert "| 100 things | held | 0.0 |" in capsys.readouterr().out
 
 
+def test_an_interrupted_night_goes_on_where_it_stopped(monkeypatch, tmp_path):
+    done = tmp_path / "done"
+    first = saying(f"open({str(done)!r}, 'a').write('x'); print(n, 'things')")
+    monkeypatch.setattr(nightly, "PARTS", {"first": first, "second": saying("raise SystemExit(1)")})
+    for name in ("REPORT", "KEPT"):
+        monkeypatch.setattr(nightly, name, tmp_path / name)
+    now = {"commit": "one"}
+    monkeypatch.setattr(nightly, "commit", lambda: now["commit"])
+    assert [each.well for each in nightly.night(["first", "second"])] == [True, False]
+    assert nightly.night(["first"])[0].lines == ["1000 things"]
+    assert done.read_text() == "x"
+    now["commit"] = "another"
+    assert nightly.night(["first"])[0].well
+    assert done.read_text() == "xx"
+    monkeypatch.setattr(sys, "argv", ["nightly.py"])
+    assert nightly.main() == 1
+    assert not (tmp_path / "KEPT").exists()  # the night is over
+    assert "| 1,000 things | held |" in (tmp_path / "REPORT").read_text()
+
+
 def test_a_whole_run_is_written_down(monkeypatch, tmp_path):
     monkeypatch.setattr(nightly, "PARTS", {"things": saying("raise SystemExit(1)")})
+    monkeypatch.setattr(nightly, "KEPT", tmp_path / "kept")
     monkeypatch.setattr(nightly, "REPORT", tmp_path / "nightly.md")
     monkeypatch.setattr(sys, "argv", ["nightly.py"])
     assert nightly.main() == 1

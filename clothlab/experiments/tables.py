@@ -442,14 +442,9 @@ TABLES = {"simulation": simulation, "muscle-arm": muscle_arm, "practice": practi
 
 def table(name: str, records: dict[str, Any]) -> list[Row]:
     """One of `TABLES`, with what the paper's amount of recordings gives beside it."""
-    papers = on_papers(records)
+    papers = {each.removesuffix(PAPER): record for each, record in records.items() if each.endswith(PAPER)}
     beside = {each.what: each.here for each in TABLES[name](papers)} if papers else {}
     return [replace(each, on_papers=beside.get(each.what, "")) for each in TABLES[name](records)]
-
-
-def on_papers(records: dict[str, Any]) -> dict[str, Any]:
-    """Records of the paper's amount of recordings, by the names of their experiments."""
-    return {each.removesuffix(PAPER): record for each, record in records.items() if each.endswith(PAPER)}
 
 
 def markdown(rows: list[Row]) -> str:
