@@ -14,7 +14,7 @@ from clothlab.arm import SHOULDER_POSITION
 from clothlab.env import SimulationError
 from clothlab.reaching import MissedError, Mover, OutOfReachError, take
 from clothlab.recognition import LaidCloth, NotInView, SeenSpread, find_bar, find_laid_cloth
-from clothlab.table import GraspError, Placement, Spread, placement, spread
+from clothlab.table import GraspError, Placement, Spread, placement
 from clothlab.throwing import look_at_spread
 from clothlab.trials import Policy
 
@@ -210,17 +210,14 @@ class Episode:
             self._phases()
         except (*FAILURES, NotSpreadError) as error:
             failed, cause = self.phase, str(error)
-        stands = placement(self.mover.env) if self._carried else None
-        dragged = float(np.linalg.norm((self._lies().centre - self.spread.centre)[:2])) if self._carried else None  # type: ignore[union-attr]
+        env = self.mover.env
+        stands = placement(env) if self._carried else None
+        dragged = float(np.linalg.norm((env.lies().centre - self.spread.centre)[:2])) if self._carried else None  # type: ignore[union-attr]
         return Outcome(failed, cause, self.grasped, self.seen, self.spread, stands, dragged, self.mover.steps)
 
     def _begin(self, phase: str) -> None:
         self.phase = phase
         self._progress(phase)
-
-    def _lies(self) -> Spread:
-        env = self.mover.env
-        return spread(env.cloth, env.furniture, env.cloth_points())
 
     def _phases(self) -> None:
         mover = self.mover
@@ -235,7 +232,7 @@ class Episode:
         try:
             self.seen = see_spread(mover)
         finally:
-            self.spread = self._lies()
+            self.spread = mover.env.lies()
         laid = see_laid(mover)
         self._begin("fetch basket")
         fetch_basket(mover)

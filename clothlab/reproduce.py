@@ -281,10 +281,7 @@ def run_slow(name: str) -> None:
 
 def make_tables(amounts: Sequence[str]) -> None:
     """Make the results tables from all records, or from those of the only amount of recordings."""
-    if "" in amounts:
-        records = experiments.load_all()
-    else:
-        records = {name: experiments.load(name + PAPER) for name in USUAL}
+    records = experiments.load_all() if "" in amounts else {name: experiments.load(name + PAPER) for name in USUAL}
     artifacts.save_results({"tables": tables.as_json(records)}, "table")
     parts = [
         f"## {name}\n\n{tables.markdown(rows)}\n" for name in tables.TABLES if (rows := tables.table(name, records))

@@ -201,6 +201,10 @@ class TableEnv(ClothEnv):
                     self.data.joint(f"{name}_{axis}").qvel[0] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
+    def lies(self) -> "Spread":
+        """How the cloth lies."""
+        return spread(self.cloth, self.furniture, self.cloth_points())
+
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode, as `ClothEnv.start` does; what begins in the hand waits longer: a soft arm sags."""
         super().start(seed=seed, random_start=random_start)
@@ -238,9 +242,8 @@ class TableEnv(ClothEnv):
 
     def _graspable(self) -> dict[str, np.ndarray]:
         """Where the hand could take hold, `[3]` [m] each."""
-        rows = point_names(self.cloth)
-        points = {name: self.data.body(name).xpos for name in (*rows[0], *rows[-1])}
-        return points | {"basket": self.data.site("basket").xpos}
+        first, *_, last = point_names(self.cloth)
+        return {name: self.data.body(name).xpos for name in (*first, *last)} | {"basket": self.data.site("basket").xpos}
 
     def _from_bar(self, place: np.ndarray) -> tuple[float, float]:
         """Where the nearest point of the bar is along it, and how far `place` is from there [m]."""

@@ -17,6 +17,7 @@ from clothlab.dpmpb import DPMPB, Memory
 from clothlab.env import ClothEnv
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.session import LiveSession
+from clothlab.table import TableEnv
 from clothlab.trials import RandomPolicy, Trial, rollout
 
 KILLED_WRITES = """
@@ -48,6 +49,14 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     with threadpool_limits(1):
         yield
+
+
+@pytest.fixture(scope="session")
+def table_scene() -> Iterator[TableEnv]:
+    """The scene in which a table is set; `start` comes first."""
+    env = TableEnv()
+    yield env
+    env.close()
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,6 @@ import pytest
 
 from clothlab import reaching
 from clothlab.arm import get_arm
-from clothlab.cloth import get_cloth
 from clothlab.env import CONTROL_PERIOD
 from clothlab.furniture import Furniture
 from clothlab.reaching import (
@@ -22,23 +21,16 @@ from clothlab.reaching import (
     take,
 )
 from clothlab.recognition import NotInView, find_cloth
-from clothlab.table import GraspError, TableEnv, spread
+from clothlab.table import GraspError, TableEnv
 
 ARM = get_arm("muscle")
 SMALL = ReachSettings(height=240)  # pictures of a quarter of the pixels are drawn and searched faster
 
 
-@pytest.fixture(scope="module")
-def _table():
-    env = TableEnv()
-    yield env
-    env.close()
-
-
 @pytest.fixture
-def mover(_table):
-    _table.start(seed=0)
-    return Mover(_table, SMALL, samples=1)
+def mover(table_scene):
+    table_scene.start(seed=0)
+    return Mover(table_scene, SMALL, samples=1)
 
 
 def look_at_basket(mover):
@@ -196,7 +188,7 @@ def lay(near):
     for _ in range(5):
         mover.step()
     env.close()
-    return spread(get_cloth("hard-1"), env.furniture, env.cloth_points())
+    return env.lies()
 
 
 def test_a_cloth_is_laid_slowly_where_the_robot_gets_near_enough_to_the_table():

@@ -28,7 +28,7 @@ from clothlab.experiments._kept import piece
 from clothlab.experiments._record import run_jobs, trained
 from clothlab.furniture import Furniture
 from clothlab.reaching import Mover, ReachSettings, lay_slowly
-from clothlab.table import TableEnv, spread
+from clothlab.table import TableEnv
 from clothlab.throwing import OperatorThrow, Swing, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
 from clothlab.trials import ReplayPolicy, rollout
 
@@ -418,7 +418,7 @@ def run_border(settings: Settings, foam: str, near: float) -> Border:
             u[env.arm.closed_command] = 0.0
             for _ in range(8):
                 env.advance(u)
-            return spread(env.cloth, env.furniture, env.cloth_points()).success
+            return env.lies().success
 
         def throws(number: int) -> None:
             operator = OperatorThrow(env.arm)
