@@ -41,10 +41,10 @@ except ImportError as error:
     raise ImportError("this needs the package distributed: pip install 'clothlab[cluster]'") from error
 
 TOKEN = ".store"  # a file by whose content workers show that they see the store
+FORGIVING = 10**6  # deaths of workers; which task they died of, `tasks.do` knows
 PATIENCE = 60.0  # for the first worker [s]
 SETTINGS = {  # of Dask
     "distributed.admin.large-graph-warning-threshold": "1GB",
-    "distributed.scheduler.allowed-failures": 3,  # so many workers may die of a task before it is given up
     "distributed.comm.timeouts.connect": "60s",  # a machine that is busy answers late
     "distributed.comm.timeouts.tcp": "120s",
 }
@@ -183,6 +183,22 @@ def checked(client: distributed.Client, store: Path) -> Iterator[Check]:
             client.unregister_worker_plugin(Check.name)
 
 
+@contextmanager
+def forgiving(client: distributed.Client) -> Iterator[None]:
+    """While inside, the scheduler gives no task up: it would blame a worker's death on all that waited there, too."""
+    before = client.run_on_scheduler(_forgive, FORGIVING)
+    try:
+        yield
+    finally:
+        with suppress(Exception):  # a scheduler that is gone blames nobody
+            client.run_on_scheduler(_forgive, before)
+
+
+def _forgive(deaths: int, dask_scheduler: distributed.Scheduler) -> int:
+    before, dask_scheduler.allowed_failures = dask_scheduler.allowed_failures, deaths
+    return before
+
+
 def _faults(check: Check, threads: int) -> list[str]:
     return check.faults(threads)
 
@@ -220,7 +236,7 @@ def run(
     """
     tasks, store = in_order(tasks), open_store(store)
     refuse_strays(tasks, store)
-    with checked(client, store) as check:
+    with checked(client, store) as check, forgiving(client):
         known = {name: each["seconds"] for name, each in measured(store, [task.name for task in tasks]).items()}
         run_name, clock = uuid.uuid4().hex, _Clock(tasks, known, len(client.nthreads()))
         futures: dict[str, distributed.Future] = {}
@@ -247,7 +263,7 @@ _BAR = "{desc}{percentage:3.0f}% |{bar}| {n_fmt} of {total_fmt} tasks, {elapsed}
 
 
 def _told(tasks: Sequence[Task], found: Mapping[str, Any]) -> dict[str, Outcome]:
-    """Outcomes in the order of the tasks; an exception means that every worker died that tried."""
+    """Outcomes in the order of the tasks; an exception is Dask's own."""
     told: dict[str, Outcome] = {}
     for task in tasks:
         answer = found[task.name]

@@ -29,6 +29,7 @@ from clothlab._validation import check_name
 from clothlab.experiments import _kept, _record
 
 DATA = "data"  # the folder of a store that is laid out as the repository's `data/`
+RUNNING, DEATHS = "running", 4  # the folder of a store for tasks that have begun; workers that one of them may cost
 COMPUTED, KEPT, FAILED, LEFT_OUT = "computed", "taken from the store", "failed", "left out"
 STATES = (COMPUTED, KEPT, FAILED, LEFT_OUT)
 CODE = _kept.code()[:16]  # of the package as it is loaded: a process that lives on while files change is told apart
@@ -162,7 +163,7 @@ def _make(task: Task, store: Path, run: str, files: list[str]) -> dict[str, Any]
         for path in store.glob(name):
             path.unlink(missing_ok=True)
     wall, cpu = time.perf_counter(), time.process_time()
-    with _data_in(store / DATA), threadpool_limits(1):
+    with _begun(store / RUNNING / task.name, run), _data_in(store / DATA), threadpool_limits(1):
         _record.alone(task.function, task.arguments)
     missing = [name for name, found in _kept.hashes(store, files).items() if found is None]
     if missing:
@@ -173,6 +174,26 @@ def _make(task: Task, store: Path, run: str, files: list[str]) -> dict[str, Any]
         "cpu_seconds": round(time.process_time() - cpu, 3),
         "machine": f"{platform.node()}, {torch.backends.cpu.get_cpu_capability()}",
     }
+
+
+@contextmanager
+def _begun(path: Path, run: str) -> Iterator[None]:
+    """While inside, a file says that this run has begun a task: it stays behind if the process dies of it.
+
+    Raises:
+        RuntimeError: too many have.
+    """
+    path.parent.mkdir(exist_ok=True)
+    with path.open("a+") as file:
+        file.seek(0)
+        deaths = file.read().splitlines().count(run)
+        file.write(f"{run}\n")
+    try:
+        if deaths >= DEATHS:
+            raise RuntimeError(f"{deaths} workers died of it, one after another")
+        yield
+    finally:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -206,7 +206,8 @@ def test_a_task_that_kills_every_worker_fails_and_the_others_go_on(tmp_path):
     with cluster.local(1) as client:
         found = cluster.run([bad, replace(AFTER, after=("bad",)), A, B, BOTH], tmp_path / "store", client)
     assert (found["bad"].state, found["after"].state, found["both"].state) == (FAILED, LEFT_OUT, COMPUTED)
-    assert found["bad"].why.startswith("KilledWorker: ")
+    assert found["bad"].why == "RuntimeError: 4 workers died of it, one after another"
+    assert not list((tmp_path / "store" / "running").iterdir())
     assert found["after"].why == "needs bad"
 
 

@@ -40,6 +40,7 @@ class Player:
 
     def warm_up(self) -> None:
         """Everything once, so that what is loaded when it is first used is there, and what is reserved is reserved."""
+        self.session.estimating = True  # its window fills: the more it reaches back, the more memory a step takes
         for driver in DRIVERS:
             self.session.set_driver(driver)
             for _ in range(WARM[driver == "practise"]):

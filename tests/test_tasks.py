@@ -127,6 +127,17 @@ def test_a_failure_leaves_out_what_needs_it_and_nothing_else(tmp_path):
     assert states(do_all(tmp_path, A, B, BOTH, last, run="later")) == [KEPT, COMPUTED, COMPUTED, COMPUTED]
 
 
+@pytest.mark.parametrize(("deaths", "state"), [(3, COMPUTED), (4, FAILED)])
+def test_a_task_of_which_many_processes_died_is_given_up_in_that_run(tmp_path, deaths, state):
+    (tmp_path / "running").mkdir()
+    (tmp_path / "running" / "a-1").write_text(9 * "an earlier run\n" + deaths * "now\n")
+    found = do_all(tmp_path, A)["a-1"]
+    assert found.state == state
+    assert found.why == ("" if state == COMPUTED else "RuntimeError: 4 workers died of it, one after another")
+    assert not list((tmp_path / "running").iterdir())
+    assert do(A, tmp_path, "later").state == {COMPUTED: KEPT, FAILED: COMPUTED}[state]
+
+
 def test_who_writes_nothing_has_failed(tmp_path):
     found = do_all(tmp_path, Task("idle", nothing, (), (), ("idle.txt",)))
     assert found["idle"] == Outcome("idle", FAILED, why="RuntimeError: idle did not write data/idle.txt")
