@@ -17,6 +17,7 @@ import torch
 
 from clothlab import cluster
 from clothlab._files import write_bytes
+from clothlab.experiments import PAPER
 from clothlab.reproduce import STORE, Plan, graph, small_plan
 from clothlab.tasks import DATA, Task, expected, kind, makespan, measured, urgency
 
@@ -74,7 +75,24 @@ def costs(plan: Plan, store: Path) -> str:
         rows.append([name, len(names), f"{cpu / len(names):.1f}", f"{cpu:.0f}", f"{wall:.0f}", f"{size:.2f}"])
     rows.append(["**all**", len(tasks), "", *(f"{each:.0f}" for each in total[:2]), f"{total[2]:.1f}"])
     head = ("task", "how many", TASK, "CPU s of all", "wall s of all", "MB")
-    return f"Size `{plan.name}`, {plan.seeds} seeds, {here()}.\n\n{table(head, rows)}"
+    return f"Size `{plan.name}`, {plan.seeds} seeds, {here()}.\n\n{table(head, rows)}\n\n{wholes(plan, found)}"
+
+
+def wholes(plan: Plan, found: Mapping[str, Mapping[str, float]]) -> str:
+    """What that means for whole runs, where nothing else runs: with all seeds, with one, and from fewer recordings."""
+    rows = []
+    for words, part in (
+        (f"{plan.seeds} seeds", plan),
+        ("1 seed", replace(plan, seeds=1)),
+        ("1 seed, `--paper-only`", replace(plan, seeds=1, amounts=(PAPER,))),
+    ):
+        tasks = graph(part)
+        seconds = {task.name: found[task.name]["cpu_seconds"] for task in tasks}
+        urgent = urgency(tasks, seconds)
+        ends = [*(makespan(tasks, seconds, cores, urgent) for cores in (1, 2)), max(urgent.values())]
+        rows.append([words, len(tasks), *(f"{each / 60:.1f}" for each in ends)])
+    head = ("from nothing to tables", "tasks", "minutes on 1 core", "on 2 cores", "longest chain")
+    return f"From these costs, with nothing else running:\n\n{table(head, rows)}"
 
 
 def on_paper(plan: Plan, store: Path, seeds: int = SEEDS) -> str:

@@ -32,6 +32,9 @@ def test_costs_are_sums_over_the_tasks_of_a_kind(store):
     assert text.startswith("Size `small`, 2 seeds, 20")
     assert cells(text, "model-torque-paper") == ["2", "2.0", "4", "6", "0.00"]
     assert cells(text, "**all**")[:4] == [str(count), "", str(2 * count), str(3 * count)]
+    one = len(graph(small_plan(1)))
+    assert cells(text, "1 seed")[:2] == [str(one), f"{2 * one / 60:.1f}"]
+    assert int(cells(text, "1 seed, `--paper-only`")[0]) < one
 
 
 def test_a_run_that_is_not_finished_has_no_costs(store):
