@@ -379,7 +379,7 @@ def test_mistakes_are_messages_and_the_panel_lives_on(notebook, page, screenshot
     says("this picture 10×10")
     (tmp_path / "large.png").write_bytes(bytes(6_000_000))
     upload(tmp_path / "large.png")
-    says("larger than 5 MB")
+    says("larger than 1 MB")
     slider(page, "C_mass").press("Home")
     notebook.until("panel.session.env.cloth.mass == 0.045")
     slider(page, "C_damp").press("Home")
