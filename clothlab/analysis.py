@@ -16,7 +16,7 @@ from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_mapping, check_number, choose
+from clothlab._validation import check_array, check_finite, check_mapping, check_number, choose
 from clothlab.autoencoder import Autoencoder, encode
 from clothlab.cloth import Cloth
 from clothlab.control import ControlSettings
@@ -67,11 +67,12 @@ def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> fl
 
     Raises:
         KeyError: a material that was not trained; the message lists the choices.
-        ValueError: p of another size or not finite.
+        ValueError: p of another size, not finite, or too large.
     """
     right = choose("material", material, check_mapping("trained p", biases))
     right = check_array("trained p", right, ("D_p",))
-    return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(biases)
+    gap = np.linalg.norm(check_array("p", p, np.shape(right)) - right)
+    return float(check_finite("the distance to the right p", gap)) / spread(biases)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
+from torch import Tensor
 
-from clothlab._validation import check_array, check_mapping, check_number, choose
+from clothlab._validation import check_array, check_finite, check_mapping, check_number, choose
 from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.estimation import Estimator, Fit, NewtonSettings
 
@@ -73,12 +74,23 @@ def settle(
         p: where to start `[D_p]`.
         settings: `freedom` and `longest` count.
         rounds: Gauss-Newton steps.
+
+    Raises:
+        ValueError: p of another size, not finite, or so large that nothing can be predicted with it.
     """
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+    fit = _predicting(model, s, u, found)
     for _ in range(check_number("rounds", rounds, int, at_least=0)):
-        found = found + Fit.of(model, s, u, found).step(settings.freedom, settings.longest)
-    return found, Fit.of(model, s, u, found)
+        found = found + fit.step(settings.freedom, settings.longest)
+        fit = _predicting(model, s, u, found)
+    return found, fit
+
+
+def _predicting(model: DPMPB, s: Tensor, u: Tensor, p: np.ndarray) -> Fit:
+    fit = Fit.of(model, s, u, p)
+    check_finite("what is predicted with this p", fit.errors)
+    return fit
 
 
 class Doubt(NamedTuple):

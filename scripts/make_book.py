@@ -31,7 +31,14 @@ WIDGET = "application/vnd.jupyter.widget-view+json"
 FOLDED = {"solution": "a solution", "plot": "the code of this figure", "claim": "the condition that was checked"}
 HOW_TO_RUN = "A picture of controls that move when the notebook runs; the downloads say how to run it."
 EDITIONS = {"student": "stubs, no solutions, no outputs", "instructor": "with solutions and all outputs"}
-BESIDE = ("README.md", "CHANGELOG.md", "LICENSE", "data/README.md", "docs/control.gif")  # what pages link to
+BESIDE = (
+    "README.md",
+    "CHANGELOG.md",
+    "LICENSE",
+    "data/README.md",
+    "docs/scaling.md",
+    "docs/control.gif",
+)  # what pages link to
 
 
 def ran(path: Path, *, small: bool, old: bool = False) -> nbformat.NotebookNode:
