@@ -71,7 +71,7 @@ def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> fl
     """
     right = choose("material", material, check_mapping("trained p", biases))
     right = check_array("trained p", right, ("D_p",))
-    gap = np.linalg.norm(check_array("p", p, np.shape(right)) - right)
+    gap = np.asarray(np.linalg.norm(check_array("p", p, np.shape(right)) - right))
     return float(check_finite("the distance to the right p", gap)) / spread(biases)
 
 
