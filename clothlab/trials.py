@@ -348,7 +348,7 @@ def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: floa
     Raises:
         ValueError: no commands, one that the arm refuses, or an interval that does not divide the control period.
     """
-    samples = round(CONTROL_PERIOD / check_number("interval", interval, above=0))
+    samples = round(CONTROL_PERIOD / check_number("interval", interval, at_least=env.scene.time_step))
     if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
         raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
     watch = MotionWatch(env)
