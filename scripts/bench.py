@@ -33,6 +33,7 @@ from clothlab.cloth import get_cloth
 from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
 from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
+from clothlab.experiments._record import alone
 from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
 from clothlab.recipes import RECIPES
 from clothlab.recordings import jobs, record_all
@@ -248,12 +249,6 @@ def bench_loop() -> None:
     os.sched_setaffinity(0, cores)
 
 
-def alone(function: Callable[..., object], *arguments: object, **options: object) -> None:
-    """Compute on one core, as each training of `make train` does."""
-    torch.set_num_threads(1)
-    function(*arguments, **options)
-
-
 def multiply(size: int, times: int) -> None:
     """Multiply large matrices."""
     a, b = torch.randn(2, size, size)
@@ -278,9 +273,9 @@ def bench_training() -> None:
     )
     windows = len(stretches(runs, model.sequence_length, model.stride)[0])
     jobs = {
-        "product": joblib.delayed(alone)(multiply, 2000, 20),
-        "autoencoder": joblib.delayed(alone)(train_autoencoder, images, eyes, progress=False),
-        "DPMPB": joblib.delayed(alone)(train_dpmpb, runs, model, progress=False),
+        "product": joblib.delayed(alone)(multiply, (2000, 20)),
+        "autoencoder": joblib.delayed(alone)(partial(train_autoencoder, progress=False), (images, eyes)),
+        "DPMPB": joblib.delayed(alone)(partial(train_dpmpb, progress=False), (runs, model)),
     }
     with joblib.Parallel(n_jobs=cores, max_nbytes=None) as side_by_side:
         times = alternate({name: partial(side_by_side, [job] * cores) for name, job in jobs.items()}, 5)

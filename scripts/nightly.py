@@ -8,7 +8,6 @@ faults` does one of them.
 
 import argparse
 import datetime
-import json
 import os
 import platform
 import re
@@ -17,8 +16,11 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+
+from clothlab.experiments._kept import once
 
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "docs" / "nightly.md"
@@ -100,19 +102,20 @@ def commit() -> str:
     ).stdout.strip()
 
 
-def kept(name: str, now: str) -> Outcome | None:
-    """How a part went well earlier in this night, which is of the same commit."""
-    try:
-        found = json.loads((KEPT / f"{name}.json").read_text())
-    except FileNotFoundError:
-        return None
-    return Outcome(**found["outcome"]) if found["commit"] == now and found["outcome"]["well"] else None
+class Broken(Exception):
+    """A part that failed: it is not kept, so that it is done again."""
 
 
-def keep(name: str, now: str, outcome: Outcome) -> None:
-    """Write down how a part went, for the case that the night is interrupted."""
-    KEPT.mkdir(parents=True, exist_ok=True)
-    (KEPT / f"{name}.json").write_text(json.dumps({"commit": now, "outcome": asdict(outcome)}))
+def well(name: str) -> dict:
+    """Run a part at full size, and say how it went.
+
+    Raises:
+        Broken: not well.
+    """
+    outcome = run(PARTS[name], small=False)
+    if not outcome.well:
+        raise Broken(outcome)
+    return asdict(outcome)
 
 
 def machine() -> str:
@@ -135,11 +138,12 @@ def report(outcomes: list[Outcome], when: datetime.date) -> str:
 
 def night(names: list[str]) -> list[Outcome]:
     """Run parts at full size, each unless it went well earlier in this night."""
-    now, outcomes = commit(), []
+    made_with, outcomes = {"commit": commit()}, []
     for name in names:
-        outcome = kept(name, now) or run(PARTS[name], small=False)
-        keep(name, now, outcome)
-        outcomes.append(outcome)
+        try:
+            outcomes.append(Outcome(**once(name, made_with, partial(well, name), folder=KEPT)))
+        except Broken as error:
+            outcomes.append(*error.args)
     return outcomes
 
 

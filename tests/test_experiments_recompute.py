@@ -4,28 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from test_experiments import TINY as TINIEST
 
 from clothlab import artifacts, experiments
 from clothlab.experiments import PARTS, recompute
 
-TINY = {
-    "perception": {"targets": ("target-2",), "steps": 6},
+TINY = {name: TINIEST[name] for name in ("perception", "control", "integrated", "any_target")} | {
     "self_organisation": {"models": (0, 1)},
     "estimation": {"models": (1,), "repeats": 2, "cloths": ("between-light",), "steps": 14},
-    "control": {"models": (0,), "targets": ("target-2",), "cloths": ("damp0.03-mass0.05",), "steps": 16},
-    "integrated": {"models": (0,), "steps": 16},
-    "stiffness": {
-        "models": (0,),
-        "tensions": (10.0, 30.0),
-        "estimated": ("hard-1", "hard-3"),
-        "estimation_steps": 12,
-        "conditions": ("Correct w/o stiffness", "Random"),
-        "cloths": ("hard-1", "soft-1"),
-        "control_steps": 16,
-        "speed_steps": 2,
-    },
+    "stiffness": TINIEST["stiffness"] | {"tensions": (10.0, 30.0)},
     "practice": {"methods": ("random",), "cases": ("foam hard-1",), "models": (0,), "repeats": 2, "steps": 16},
-    "any_target": {"first": 1, "models": 1, "steps": 16},
 }
 
 
