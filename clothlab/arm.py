@@ -456,9 +456,10 @@ def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
     """
     lower, upper = arm.command_lower, arm.command_upper
     u = check_array(f"a command of the {arm.name} arm", u, lower.shape)
-    if ((u < lower - 1e-6) | (u > upper + 1e-6)).any():
+    nearest = u.clip(lower, upper)
+    if np.abs(u - nearest).max() > 1e-6:
         raise ValueError(f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; use numpy.clip")
-    return np.clip(u, lower, upper)
+    return nearest
 
 
 def _add_hand(parent: mujoco.MjsBody, position: ArrayLike, bar_length: float) -> mujoco.MjsBody:
