@@ -62,7 +62,7 @@ PARTS = {
     "findings": Part(
         "Every notebook at full size", (sys.executable, "scripts/make_findings.py"), told=r"^\d\d_\w+: \d+ claims .*"
     ),
-    "bench": Part("Speed", (sys.executable, "scripts/bench.py"), told=r"^.+: .*\d.*"),
+    "bench": Part("Speed", (sys.executable, "scripts/bench.py"), told=r"^(?!.*%\|).*\S"),  # all but progress
 }
 
 
@@ -91,7 +91,7 @@ def run(part: Part, *, small: bool) -> Outcome:
             print(line, end="", flush=True)
             last = line.rsplit("\r", 1)[-1]  # of a progress bar
             if re.match(part.told, last):
-                lines.append(last.strip(" =\n"))
+                lines.append(re.sub(r"^=+ | =+$", "", last.rstrip()))
     return Outcome(what, process.returncode == 0, time.perf_counter() - start, lines)
 
 
