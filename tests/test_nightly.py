@@ -37,6 +37,12 @@ def test_the_machine_is_told_without_its_name():
     assert platform.node() not in nightly.machine()
 
 
+def test_of_the_bench_all_is_kept_but_progress():
+    said = "a / b: 1.2\n100%|###| 20/20\r  5%|#| 1/20\n\nfive models:\n    memory 3 MiB\n"
+    part = replace(COUNTS, command=(sys.executable, "-c", f"print({said!r})"), told=nightly.PARTS["bench"].told)
+    assert nightly.run(part, small=True).lines == ["a / b: 1.2", "five models:", "    memory 3 MiB"]
+
+
 def test_everything_that_is_counted_is_asked_for():
     for name, part in nightly.PARTS.items():
         tests = [nightly.ROOT / word for word in part.command if word.startswith(("tests/", "scripts/"))]
