@@ -274,11 +274,14 @@ def rate_interval(held: ArrayLike, *, confidence: float = 0.95) -> tuple[float, 
         The part, lower and upper end, 0 to 1.
 
     Raises:
-        ValueError: not a single episode, or a confidence of 0 or 1, which no interval has.
+        ValueError: not a single episode, something else than yes and no, or a confidence of 0 or 1, which no interval
+            has.
     """
-    values = check_array("held", held, ("N",), bool)
+    values = check_array("held", held, ("N",))
     if not len(values):
         raise ValueError("held is empty: a rate needs an episode at least")
+    if not np.isin(values, (0, 1)).all():
+        raise ValueError(f"held says of each episode whether it did, True or False, got {held!s:.80}")
     check_number("confidence", confidence, above=0, at_most=LARGEST_CONFIDENCE)
     found = binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(confidence, method="wilson")

@@ -62,13 +62,9 @@ class Muscles(Checked):
 
     def tension(self, elongation: ArrayLike) -> np.ndarray:
         """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
+        e = np.maximum(check_array("elongation", elongation, (...,)), 0.0)
         with np.errstate(over="ignore"):
-            return check_finite("tension", self._pull(check_array("elongation", elongation, (...,))))
-
-    def _pull(self, elongation: np.ndarray) -> np.ndarray:
-        """The same unchecked: a solver tries what is none."""
-        e = np.maximum(elongation, 0.0)
-        return self.spring_linear * e + self.spring_cubic * e**3
+            return check_finite("tension", self.spring_linear * e + self.spring_cubic * e**3)
 
     def spring_stiffness(self, tension: ArrayLike) -> np.ndarray:
         """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de = k₁ + 3k₃e²."""
@@ -81,11 +77,9 @@ class Muscles(Checked):
             tension: [N].
             more_stiffness: of a linear spring beside this one [N/m].
         """
-        more_stiffness = check_number("more_stiffness", more_stiffness, at_least=0)
-        return self._stretch(check_array("tension", tension, (...,)), more_stiffness)
-
-    def _stretch(self, tension: np.ndarray, more_stiffness: float = 0.0) -> np.ndarray:
-        linear, cubic = self.spring_linear + more_stiffness, self.spring_cubic
+        tension = check_array("tension", tension, (...,))
+        linear = self.spring_linear + check_number("more_stiffness", more_stiffness, at_least=0)
+        cubic = self.spring_cubic
         if cubic == 0:
             return tension / linear
         # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which does not lose digits near 0.
@@ -120,5 +114,5 @@ class Muscles(Checked):
         Spring and motor are two springs in series, within what the motor can pull.
         """
         gap = self.moment_arms @ theta - self.sent_length(u)
-        e = self._stretch(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
-        return np.clip(self._pull(e), self.tension_bias, self.tension_max)
+        e = self.elongation(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
+        return np.clip(self.tension(e), self.tension_bias, self.tension_max)

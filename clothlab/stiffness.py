@@ -59,6 +59,8 @@ def static_posture(arm: MuscleArm, u: ArrayLike, force: ArrayLike) -> np.ndarray
     u, force = check_command(arm, u), check_array("a force on the hand", force, (2,))
 
     def torque(theta: np.ndarray) -> np.ndarray:
+        if not np.isfinite(theta).all():  # a solver that finds no balance ends there
+            return np.full(2, np.nan)
         return arm.hand_jacobian(theta).T @ force - arm.moment_arms.T @ arm.static_tension(theta, u)
 
     solution = root(torque, u[arm.angle_command], tol=1e-10)

@@ -200,8 +200,12 @@ def test_a_rate_of_all_or_none_is_not_sure():
     assert (rate, high) == pytest.approx((1.0, 1.0))
     assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)  # Wilson's, solved for all of fifty
     assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)
+
+
+@pytest.mark.parametrize("held", [[], [0.5, 1.0], [2], [NotImplemented], ["yes"], [[True]]])
+def test_a_rate_is_of_what_held_or_not(held):
     with pytest.raises(ValueError, match="held"):
-        rate_interval([])
+        rate_interval(held)
 
 
 def test_what_learns_is_judged_by_its_last_ten_periods():

@@ -59,6 +59,20 @@ def test_held_at_its_reference_every_muscle_pulls_with_the_commanded_tension(f_c
     assert SIX.static_tension(u[:2], u) == pytest.approx(np.full(6, f_const), rel=1e-9)
 
 
+def test_springs_of_ones_own_pull_in_everything_that_follows_from_springs():
+    class OwnSprings(type(SIX)):
+        def tension(self, elongation):
+            return 5000.0 * np.maximum(elongation, 0.0)
+
+        def elongation(self, tension, more_stiffness=0.0):
+            return tension / (5000.0 + more_stiffness)
+
+    linear, u = replace(SIX, spring_linear=5000.0, spring_cubic=0.0), np.array([0.3, -1.0, 30.0])
+    assert OwnSprings().sent_length(u) == pytest.approx(linear.sent_length(u))
+    assert OwnSprings().static_tension(u[:2] + 0.1, u) == pytest.approx(linear.static_tension(u[:2] + 0.1, u))
+    assert OwnSprings().static_tension(u[:2] + 0.1, u) != pytest.approx(SIX.static_tension(u[:2] + 0.1, u), abs=0.1)
+
+
 def test_motors_pull_within_their_limits_however_far_the_arm_is_moved():
     u = np.array([0.3, -1.0, 30.0])
     f = SIX.static_tension(np.array([20.0, -20.0]), u)
