@@ -2,8 +2,9 @@
 
 Ten thousand hostile inputs, a hundred moments of each fault, eight simulated hours of the live lab, every notebook at
 full size, and the speed measurements. A night that was interrupted goes on where it stopped, as long as the commit is
-the same. `python scripts/nightly.py --small` does the first three in a tenth of the time and writes nothing; `--only
-faults` does one of them.
+the same; one that had to be mended on the way goes on with `--night COMMIT`, the one it began at, and its summary says
+which part ran at which. `python scripts/nightly.py --small` does the first three in a tenth of the time and writes
+nothing; `--only faults` does one of them.
 """
 
 import argparse
@@ -68,11 +69,12 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a part went: whether well, its time [s], and the lines that it left."""
+    """How a part went: whether well, its time [s], at which commit, and the lines that it left."""
 
     what: str
     well: bool
     seconds: float
+    commit: str
     lines: list[str]
 
 
@@ -92,7 +94,7 @@ def run(part: Part, *, small: bool) -> Outcome:
             last = line.rsplit("\r", 1)[-1]  # of a progress bar
             if re.match(part.told, last):
                 lines.append(re.sub(r"^=+ | =+$", "", last.rstrip()))
-    return Outcome(what, process.returncode == 0, time.perf_counter() - start, lines)
+    return Outcome(what, process.returncode == 0, time.perf_counter() - start, commit(), lines)
 
 
 def commit() -> str:
@@ -127,18 +129,21 @@ def machine() -> str:
 
 def report(outcomes: list[Outcome], when: datetime.date) -> str:
     """The summary, in Markdown."""
-    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}; commit {commit()}."]
-    rows = [f"| {each.what} | {'held' if each.well else '**failed**'} | {each.seconds / 60:.1f} |" for each in outcomes]
-    parts.append("\n".join(["| part | outcome | minutes |", "| --- | --- | --- |", *rows]))
+    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}."]
+    rows = [
+        f"| {each.what} | {'held' if each.well else '**failed**'} | {each.seconds / 60:.1f} | {each.commit} |"
+        for each in outcomes
+    ]
+    parts.append("\n".join(["| part | outcome | minutes | commit |", "| --- | --- | --: | --- |", *rows]))
     for each in outcomes:
         if each.lines:
             parts.append("\n".join([f"## {each.what}", "", "```", *each.lines, "```"]))
     return "\n\n".join(parts) + "\n"
 
 
-def night(names: list[str]) -> list[Outcome]:
-    """Run parts at full size, each unless it went well earlier in this night."""
-    made_with, outcomes = {"commit": commit()}, []
+def night(names: list[str], began_at: str = "") -> list[Outcome]:
+    """Run parts at full size, each unless it went well earlier in this night, which is called by its first commit."""
+    made_with, outcomes = {"commit": began_at or commit()}, []
     for name in names:
         try:
             outcomes.append(Outcome(**once(name, made_with, partial(well, name), folder=KEPT)))
@@ -151,10 +156,11 @@ def main() -> int:
     """Run all, or those named; the exit status says whether all went well."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="which parts")
+    parser.add_argument("--night", metavar="COMMIT", default="", help="at which this night began, if it is another now")
     parser.add_argument("--small", action="store_true", help="a tenth, of what can be made less; nothing is written")
     arguments = parser.parse_args()
     chosen = [name for name in arguments.only if PARTS[name].variable or not arguments.small]
-    outcomes = [run(PARTS[name], small=True) for name in chosen] if arguments.small else night(chosen)
+    outcomes = [run(PARTS[name], small=True) for name in chosen] if arguments.small else night(chosen, arguments.night)
     summary = report(outcomes, datetime.datetime.now(datetime.UTC).date())
     print("\n" + summary)
     if not arguments.small and set(chosen) == set(PARTS):  # half of it is not the record of a night

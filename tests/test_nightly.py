@@ -27,7 +27,7 @@ def test_a_part_that_fails_is_said_to_have_failed():
     assert not outcome.well
     text = nightly.report([outcome], datetime.date(2030, 1, 2))
     assert text.startswith("# Nightly run of 2030-01-02\n")
-    assert "| 100 things | **failed** | 0.0 |" in text
+    assert f"| 100 things | **failed** | 0.0 | {nightly.commit()} |" in text
 
 
 def test_the_machine_is_told_without_its_name():
@@ -73,6 +73,10 @@ def test_an_interrupted_night_goes_on_where_it_stopped(monkeypatch, tmp_path):
     now["commit"] = "another"
     assert nightly.night(["first"])[0].well
     assert done.read_text() == "xx"
+    assert nightly.night(["first"], "another")[0].commit == "another"
+    now["commit"] = "mended"
+    assert [each.commit for each in nightly.night(["first", "second"], "another")] == ["another", "mended"]
+    now["commit"] = "another"
     monkeypatch.setattr(sys, "argv", ["nightly.py"])
     assert nightly.main() == 1
     assert not (tmp_path / "KEPT").exists()  # the night is over
