@@ -220,9 +220,10 @@ def test_two_runs_at_once_take_ports_of_their_own_that_only_this_machine_reaches
 
 
 CLIENT = """
-import sys
+import signal, sys
 from test_cluster import *
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background inherits that it is ignored
     with cluster.local(2) as client:
         cluster.run([A, B, BOTH, HELD, AFTER], sys.argv[1], client)
 """

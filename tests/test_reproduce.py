@@ -171,8 +171,9 @@ def test_the_tables_are_the_same_to_the_byte_with_a_killed_worker(tmp_path, caps
     def kill_one_in_the_middle():
         until(lambda: (there / "results" / "model-torque-0.json").exists())
         time.sleep(1)  # whatever it does now takes longer
-        workers = [each for each in psutil.process_iter(["cmdline"]) if str(tmp_path) in " ".join(each.cmdline())]
-        busy = [child for each in workers for child in each.children() if "spawn_main" in " ".join(child.cmdline())]
+        running = {each: " ".join(each.info["cmdline"] or []) for each in psutil.process_iter(["cmdline"])}
+        workers = [each for each, command in running.items() if str(tmp_path) in command]
+        busy = [each for worker in workers for each in worker.children() if "spawn_main" in running.get(each, "")]
         killed.append(busy[0].pid)
         os.kill(busy[0].pid, signal.SIGKILL)
 
