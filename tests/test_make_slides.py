@@ -32,7 +32,7 @@ def test_a_rule_says_what_is_on_a_slide():
     assert kinds(deck) == ["slide", "subslide", "subslide", "slide", "slide"]
     assert [cell.source for cell in deck.cells][-2:] == ["## 2. More\n\nText.", "## Summary\n\n- All."]
     assert deck.cells[1].outputs == [PICTURE]
-    assert "42" not in nbformat.writes(deck)
+    assert "return 42" not in nbformat.writes(deck)
 
 
 def test_long_text_goes_on_on_the_next_slide_and_nothing_is_lost():
