@@ -37,6 +37,7 @@ BESIDE = (
     "LICENSE",
     "data/README.md",
     "docs/scaling.md",
+    "docs/nightly.md",
     "docs/control.gif",
 )  # what pages link to
 

@@ -66,6 +66,10 @@ PARTS = {
     "bench": Part("Speed", (sys.executable, "scripts/bench.py"), told=r"^(?!.*%\|).*\S"),  # all but progress
 }
 
+EXPLAINED = (
+    "A part held if all its tests or claims did. Speeds have their bounds beside them: they were measured, not tested."
+)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -129,7 +133,7 @@ def machine() -> str:
 
 def report(outcomes: list[Outcome], when: datetime.date) -> str:
     """The summary, in Markdown."""
-    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}."]
+    parts = [f"# Nightly run of {when.isoformat()}", f"Written by `make nightly` on {machine()}.", EXPLAINED]
     rows = [
         f"| {each.what} | {'held' if each.well else '**failed**'} | {each.seconds / 60:.1f} | {each.commit} |"
         for each in outcomes
