@@ -143,7 +143,6 @@ class ClothEnv(gymnasium.Env):
         self.render_mode = render_mode
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
         self.hold(cloth)
-        self._cameras = {self.model.camera(k).name: k for k in range(self.model.ncam)}  # the same with any cloth
 
         spaces = gymnasium.spaces
         self.action_space = spaces.Box(self.arm.command_lower, self.arm.command_upper, dtype=np.float64)
@@ -243,8 +242,9 @@ class ClothEnv(gymnasium.Env):
             ValueError: a command of another shape, not finite or out of range, or more samples than time steps.
             SimulationError: the physics diverged.
         """
-        parts = check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps) if watch else 1
+        check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps)
         self.arm.command(self.data, check_command(self.arm, u))
+        parts = samples if watch else 1
         for k in range(parts):
             self._simulate((self.scene.substeps + parts - 1 - k) // parts)
             if watch:
@@ -295,7 +295,7 @@ class ClothEnv(gymnasium.Env):
             ValueError, KeyError: a picture larger than `scene.picture_size`, or a camera that is not there.
         """
         if not isinstance(view, mujoco.MjvCamera):
-            view = choose("camera", view, self._cameras)
+            view = choose("camera", view, {self.model.camera(k).name: k for k in range(self.model.ncam)})
         (renderer := self.renderer(height, width)).update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
