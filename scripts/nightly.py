@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "docs" / "nightly.md"
 KEPT = ROOT / "build" / "nightly"  # what an interrupted night had done
 SMALL = 10  # times less of whatever can be made less
+FAILED = "**failed**"
 PYTEST = (sys.executable, "-m", "pytest", "-s", "-m", "slow or not slow", "--tb=short", "-p", "no:cacheprovider")
 
 
@@ -76,14 +77,18 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a part went: whether well, in a word, its time [s], at which commit, and the lines that it left."""
+    """How a part went, in a word, its time [s], at which commit, and the lines that it left."""
 
     what: str
-    well: bool
     went: str
     seconds: float
     commit: str
     lines: list[str]
+
+    @property
+    def well(self) -> bool:
+        """Whether it did not fail."""
+        return self.went != FAILED
 
 
 def run(part: Part, *, small: bool) -> Outcome:
@@ -102,8 +107,8 @@ def run(part: Part, *, small: bool) -> Outcome:
             last = line.rsplit("\r", 1)[-1]  # of a progress bar
             if re.match(part.told, last):
                 lines.append(re.sub(r"^=+ | =+$", "", last.rstrip()))
-    well = process.returncode == 0
-    return Outcome(what, well, part.went if well else "**failed**", time.perf_counter() - start, commit(), lines)
+    went = FAILED if process.returncode else part.went
+    return Outcome(what, went, time.perf_counter() - start, commit(), lines)
 
 
 def commit() -> str:
