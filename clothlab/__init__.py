@@ -27,45 +27,24 @@ from types import ModuleType
 
 __all__ = [
     "analysis",
-    "arm",
     "artifacts",
-    "autoencoder",
     "checks",
-    "cloth",
-    "cluster",
-    "control",
-    "depth",
-    "dpmpb",
-    "env",
-    "episode",
-    "estimation",
+    "datasets",
     "experiments",
-    "frozen",
-    "furniture",
-    "identification",
-    "information",
     "lab",
-    "muscle",
+    "learning",
     "plots",
-    "practice",
-    "reaching",
-    "recognition",
-    "recordings",
-    "registration",
-    "search",
-    "stiffness",
-    "table",
-    "tasks",
-    "throwing",
+    "policies",
+    "simulation",
+    "table_scene",
+    "training_configs",
     "trials",
-    "uncertainty",
-    "vision",
 ]
 __version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Import a module when it is first asked for: `import clothlab; clothlab.env.ClothEnv()`."""
+    """Import a module when it is first asked for: `import clothlab; clothlab.simulation.env.ClothEnv()`."""
     if name in __all__:
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"clothlab has no {name!r}; it has {', '.join(__all__)}")

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
-from clothlab.env import ClothEnv
+from clothlab.simulation.env import ClothEnv
 
 ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
 
@@ -91,7 +91,7 @@ def main() -> int:
     parser.add_argument("options", nargs=argparse.REMAINDER, help="of reproduce; --help says which")
     arguments = parser.parse_args()
     if arguments.command == "reproduce":
-        from clothlab import reproduce  # only here: a doctor must work where not everything can be imported
+        from clothlab import reproduce
 
         return reproduce.main(arguments.options)
     if arguments.options:

@@ -17,13 +17,13 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from clothlab._validation import check_array, check_finite, check_mapping, check_number, choose
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.cloth import Cloth
-from clothlab.control import ControlSettings
-from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.estimation import prediction_loss
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.control import ControlSettings
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.estimation import prediction_loss
+from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 from clothlab.trials import Trial
-from clothlab.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:

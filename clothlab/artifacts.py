@@ -7,8 +7,7 @@ so that a pair that does not belong together is refused.
 import json
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
@@ -31,14 +30,13 @@ from clothlab._files import (
     write_bytes,
 )
 from clothlab._validation import check_array, check_name, check_number, choose
-from clothlab.arm import Arm, StateLayout, get_arm
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import get_cloth
-from clothlab.control import ControlPolicy, ControlSettings
-from clothlab.dpmpb import DPMPB, Sequences, to_sequences
-from clothlab.practice import PracticePolicy, PracticeSettings
-from clothlab.trials import Trial, load_trial, sensed_by
-from clothlab.vision import check_mask, mask_from_file
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.dpmpb import DPMPB
+from clothlab.learning.trained import Trained
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.vision import check_mask, mask_from_file
+from clothlab.trials import Trial, load_trial
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 MORE = "-more"  # ending of sets of trials beyond the paper's amount
@@ -78,85 +76,6 @@ def own_trials(data: Folder = None) -> Path:
     """
     named = os.environ.get("CLOTHLAB_RECORDINGS")
     return Path(named).expanduser() if named and data is None else data_folder(data) / OWN_TRIALS
-
-
-@dataclass(frozen=True, eq=False)
-class Trained:
-    """What belongs together: an arm, the autoencoder of what its camera sees, a model, and p of each material.
-
-    Attributes:
-        name: of the weights, such as `torque-0`.
-        arm: the arm.
-        autoencoder: image ↔ z.
-        model: the DPMPB that was trained on its z.
-        biases: trained p of each material, `{name: [D_p]}`.
-        losses: mean squared error of each epoch of the model's training, `[epochs]`.
-        sees_with: name of the autoencoder.
-    """
-
-    name: str
-    arm: Arm
-    autoencoder: Autoencoder
-    model: DPMPB
-    biases: dict[str, np.ndarray]
-    losses: np.ndarray
-    sees_with: str
-
-    @property
-    def layout(self) -> StateLayout:
-        """Where things lie in the state `s`."""
-        return self.arm.layout(self.autoencoder.latent_size)
-
-    def sequences(self, trial: Trial) -> Sequences:
-        """States and commands of a recorded trial, as the model sees them.
-
-        Raises:
-            ValueError: a trial of an arm from which it does not follow what this one would have sensed.
-        """
-        return to_sequences(self.autoencoder, sensed_by(trial, self.arm))
-
-    def controller(
-        self,
-        target: ArrayLike,
-        p: ArrayLike | str,
-        settings: ControlSettings | None = None,
-        plans: ArrayLike | None = None,
-        *,
-        arm: Arm | None = None,
-    ) -> ControlPolicy:
-        """A controller with this model.
-
-        Args:
-            target: mask `[H, W]`.
-            p: parametric bias `[D_p]`, or the name of a trained material.
-            settings: the paper's constants.
-            plans: starts, as `ControlPolicy` has them.
-            arm: one with other limits, such as `arm.with_stiffness(10)`.
-        """
-        return ControlPolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), settings, plans)
-
-    def practice(
-        self,
-        target: ArrayLike,
-        p: ArrayLike | str,
-        runs: Sequence[Sequences],
-        settings: PracticeSettings | None = None,
-        *,
-        arm: Arm | None = None,
-    ) -> PracticePolicy:
-        """A controller with this model that learns from its outcomes.
-
-        Args:
-            target: mask `[H, W]`.
-            p: parametric bias `[D_p]`, or the name of a trained material.
-            runs: recordings to begin with, as `sequences` gives them.
-            settings: how much is tried, and how far an outcome teaches.
-            arm: one with other limits, such as `arm.with_stiffness(10)`.
-        """
-        return PracticePolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), runs, settings)
-
-    def _bias(self, p: ArrayLike | str) -> ArrayLike:
-        return choose("material", p, self.biases) if isinstance(p, str) else p
 
 
 def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
@@ -346,6 +265,16 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
         return results
 
 
+def read_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
+    """The content of `data/results/NAME SUFFIX`.
+
+    Raises:
+        KeyError: unknown name; the message lists the choices.
+        ValueError: an altered file.
+    """
+    return read_bytes(_find("results", "", suffix, "results", name, data), LARGEST_TEXT)
+
+
 def write_checksums(data: Folder = None) -> None:
     """Record the hash of every file in `data/`, in `data/SHA256SUMS`; what is left to `make data` keeps its own."""
     data = data_folder(data)
@@ -386,7 +315,7 @@ def _left_out(name: str) -> bool:
 
 
 def _files(data: Path) -> list[Path]:
-    kept = {".npz", ".safetensors", ".png", ".json"}
+    kept = {".npz", ".safetensors", ".png", ".json", ".csv"}
     return sorted(
         path
         for path in data.rglob("*")

@@ -19,15 +19,15 @@ from scipy.stats import binom
 
 from clothlab.alt_text import describe
 from clothlab.analysis import Landscape, principal_axes
-from clothlab.arm import Arm, MuscleArm
-from clothlab.cloth import DAMPINGS, Cloth
-from clothlab.control import ControlSettings
-from clothlab.depth import PointCloud
-from clothlab.env import CONTROL_PERIOD
-from clothlab.information import check_information, principal_directions
-from clothlab.stiffness import static_posture
+from clothlab.experiments.fisher import check_information, principal_directions
+from clothlab.learning.calibration import outline
+from clothlab.learning.control import ControlSettings
+from clothlab.simulation.arm import Arm, MuscleArm
+from clothlab.simulation.cloth import DAMPINGS, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.stiffness import static_posture
+from clothlab.table_scene.depth import PointCloud
 from clothlab.trials import Trial
-from clothlab.uncertainty import outline
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")

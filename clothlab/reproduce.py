@@ -18,13 +18,7 @@ import numpy as np
 from clothlab import artifacts, experiments
 from clothlab._files import reading, write_bytes
 from clothlab._validation import check_number
-from clothlab.autoencoder import AutoencoderTraining
-from clothlab.cloth import cloth_name
-from clothlab.dpmpb import Sequences
-from clothlab.experiments import PAPER, tables
-from clothlab.experiments._record import converter
-from clothlab.recipes import RECIPES, Recipe, seen_by, sees_with, train_eyes, train_model
-from clothlab.recordings import (
+from clothlab.datasets import (
     RECORDINGS,
     TARGET_STEPS,
     TRAINED_FOAMS,
@@ -38,7 +32,13 @@ from clothlab.recordings import (
     jobs,
     record,
 )
+from clothlab.experiments import PAPER, tables
+from clothlab.experiments._record import converter
+from clothlab.learning.autoencoder import AutoencoderTraining
+from clothlab.learning.dpmpb import Sequences
+from clothlab.simulation.cloth import cloth_name
 from clothlab.tasks import DATA, FAILED, LEFT_OUT, Task, summary
+from clothlab.training_configs import RECIPES, Recipe, seen_by, sees_with, train_eyes, train_model
 
 STORE = Path("build") / "reproduce"
 SEEDS = 5  # the paper repeats learning and control five times
@@ -311,7 +311,7 @@ def main(given: Sequence[str] | None = None) -> int:
     add_options(parser)
     arguments = parser.parse_args(given)
     try:
-        from clothlab import cluster  # only here, since what it needs is an extra
+        from clothlab import cluster
     except ImportError as error:
         parser.error(str(error))
     if arguments.small and arguments.with_slow:

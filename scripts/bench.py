@@ -27,18 +27,18 @@ from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm, trange
 
 from clothlab import artifacts
-from clothlab.arm import Arm, get_arm
-from clothlab.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
-from clothlab.cloth import get_cloth
-from clothlab.control import ControlSettings, control_loss, optimise_commands, period_mask
-from clothlab.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
-from clothlab.env import CONTROL_PERIOD, ClothEnv, build_spec
+from clothlab.datasets import jobs, record_all
 from clothlab.experiments._record import alone
-from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
-from clothlab.recipes import RECIPES
-from clothlab.recordings import jobs, record_all
-from clothlab.table import TableEnv
-from clothlab.trials import Timed
+from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
+from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
+from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
+from clothlab.learning.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.policies import Timed
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, build_spec
+from clothlab.table_scene.table_env import TableEnv
+from clothlab.training_configs import RECIPES
 
 COMPARED = {name: get_arm(name) for name in ("torque", "muscle")}
 

@@ -8,7 +8,7 @@ import os
 import time
 
 from clothlab import artifacts
-from clothlab.recordings import RECORDINGS, find_targets, jobs, record_all
+from clothlab.datasets import RECORDINGS, find_targets, jobs, record_all
 
 
 def say_what_repeats(files: list[str]) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 from tqdm import trange
 
 from clothlab import artifacts
-from clothlab.env import CONTROL_PERIOD
 from clothlab.lab import LivePanel
 from clothlab.lab.playback import REEL, Reel
 from clothlab.lab.views import MASS
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.vision import HEIGHT, WIDTH
 
 Press = tuple[str, dict]  # an action, by the name that the browser has for it, and its arguments
 

@@ -7,9 +7,9 @@ import numpy as np
 from PIL import Image
 
 from clothlab import artifacts
-from clothlab.env import ClothEnv, Scene
+from clothlab.simulation.env import ClothEnv, Scene
+from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
-from clothlab.vision import cloth_mask
 
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]

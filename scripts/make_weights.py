@@ -9,7 +9,7 @@ import joblib
 import torch
 
 from clothlab import artifacts
-from clothlab.recipes import RECIPES, seen_by, train_eyes, train_model
+from clothlab.training_configs import RECIPES, seen_by, train_eyes, train_model
 
 SEEDS = range(5)  # the paper repeats learning and control five times
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from clothlab.env import CONTROL_PERIOD
+from clothlab.simulation.env import CONTROL_PERIOD
 
 ROOT = Path(__file__).resolve().parents[1]
 EVERY = 0.5  # [s] between two looks

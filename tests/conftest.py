@@ -13,12 +13,13 @@ import pytest
 import torch
 from threadpoolctl import threadpool_limits
 
-from clothlab.dpmpb import DPMPB, Memory
-from clothlab.env import ClothEnv
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.session import LiveSession
-from clothlab.table import TableEnv
-from clothlab.trials import RandomPolicy, Trial, rollout
+from clothlab.learning.dpmpb import DPMPB, Memory
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.env import ClothEnv
+from clothlab.table_scene.table_env import TableEnv
+from clothlab.trials import Trial, rollout
 
 KILLED_WRITES = """
 import os, signal, sys, time

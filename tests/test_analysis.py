@@ -22,11 +22,11 @@ from clothlab.analysis import (
     success_rate,
     target_distance,
 )
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.cloth import DAMPINGS, MASSES, Cloth
-from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.estimation import prediction_loss
-from clothlab.vision import chamfer_distance
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.estimation import prediction_loss
+from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
+from clothlab.simulation.vision import chamfer_distance
 
 GRID = {f"{c}-{m}": Cloth(f"{c}-{m}", damping=c, mass=m) for c in DAMPINGS for m in MASSES}
 TWO = {"a": np.array([0.0, 3.0]), "b": np.array([0.0, -3.0])}

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.arm import ARMS, JOINTS, Arm, FeelingArm, MuscleArm, TorqueArm, check_command, get_arm
-from clothlab.env import ClothEnv
-from clothlab.muscle import MUSCLES
-from clothlab.trials import RandomPolicy
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.arm import ARMS, JOINTS, Arm, FeelingArm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.muscle import MUSCLES
 
 MUSCLE = MuscleArm()
 

@@ -15,10 +15,10 @@ from safetensors.torch import save_file
 
 from clothlab import artifacts
 from clothlab._files import write_bytes
-from clothlab.artifacts import Trained
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.control import ControlPolicy
-from clothlab.dpmpb import DPMPB
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.control import ControlPolicy
+from clothlab.learning.dpmpb import DPMPB
+from clothlab.learning.trained import Trained
 from clothlab.trials import Trial, load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {

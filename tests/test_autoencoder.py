@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.autoencoder import Autoencoder, AutoencoderTraining, decode, encode, iou, train_autoencoder
+from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, decode, encode, iou, train_autoencoder
 
 BRIEF = AutoencoderTraining(epochs=2, batch_size=12)
 

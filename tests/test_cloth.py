@@ -6,9 +6,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.cloth import CLOTHS, FOAMS, SHEETS, Cloth, add_cloth, cloth_name, foam, get_cloth, point_names, springs
-from clothlab.env import ClothEnv, Scene
-from clothlab.trials import RandomPolicy
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.cloth import (
+    CLOTHS,
+    FOAMS,
+    SHEETS,
+    Cloth,
+    add_cloth,
+    cloth_name,
+    foam,
+    get_cloth,
+    point_names,
+    springs,
+)
+from clothlab.simulation.env import ClothEnv, Scene
 
 GRAVITY = 9.81
 

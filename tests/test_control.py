@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.arm import MuscleArm, TorqueArm
-from clothlab.autoencoder import Autoencoder
-from clothlab.control import (
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.control import (
     ControlPolicy,
     ControlSettings,
     control_loss,
@@ -19,9 +18,10 @@ from clothlab.control import (
     shift_left,
     step_sizes,
 )
-from clothlab.dpmpb import DPMPB, Sequences, to_sequences
-from clothlab.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
-from clothlab.frozen import FrozenDPMPB
+from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
+from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
+from clothlab.learning.frozen import FrozenDPMPB
+from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.trials import rollout
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])

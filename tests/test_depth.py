@@ -4,14 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.arm import MuscleArm
-from clothlab.cloth import get_cloth
-from clothlab.depth import SIZE, depth_picture, look
-from clothlab.env import Scene
-from clothlab.furniture import Furniture, build_spec
-from clothlab.registration import project
-from clothlab.table import TableEnv
-from clothlab.vision import depth_points
+from clothlab.experiments.recalibration import project
+from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import Scene
+from clothlab.simulation.vision import depth_points
+from clothlab.table_scene.depth import SIZE, depth_picture, look
+from clothlab.table_scene.scene import Furniture, build_spec
+from clothlab.table_scene.table_env import TableEnv
 
 RADIUS = 0.04  # [m] of the balls
 

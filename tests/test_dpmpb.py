@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.autoencoder import Autoencoder
-from clothlab.dpmpb import (
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.dpmpb import (
     DPMPB,
     ModelTraining,
     Sequences,

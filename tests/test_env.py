@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from clothlab import vision
-from clothlab.arm import ARMS, TorqueArm
-from clothlab.cloth import get_cloth
-from clothlab.env import CONTROL_PERIOD, ClothEnv, Scene, SimulationError, _make_renderer, build_spec
-from clothlab.trials import RandomPolicy
+from clothlab.policies import RandomPolicy
+from clothlab.simulation import vision
+from clothlab.simulation.arm import ARMS, TorqueArm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene, SimulationError, _make_renderer, build_spec
 
 STIFF = replace(get_cloth("damp0.03-mass0.05"), name="stiff", stiffness=1e7, spring_damping=0.0)  # it diverges
 HOME = TorqueArm().home_command
@@ -52,7 +52,7 @@ def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
 @pytest.mark.filterwarnings("ignore:.*observation space (min|max)imum value is")  # a velocity has no bound
 @pytest.mark.parametrize("arm", ARMS)
 def test_gymnasium_accepts_it_under_its_registered_name(arm):
-    env = gymnasium.make(f"clothlab.env:clothlab/{arm.title()}-v0", render_mode="rgb_array")
+    env = gymnasium.make(f"clothlab.simulation.env:clothlab/{arm.title()}-v0", render_mode="rgb_array")
     check_env(env.unwrapped, skip_render_check=True)
     assert env.unwrapped.arm.name == arm
     env.reset()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.autoencoder import Autoencoder
-from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.estimation import (
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.estimation import (
     BiasEstimator,
     EstimatingPolicy,
     EstimationSettings,
@@ -17,7 +17,8 @@ from clothlab.estimation import (
     new_estimator,
     prediction_loss,
 )
-from clothlab.trials import RandomPolicy, Wrapper, rollout
+from clothlab.policies import RandomPolicy, Wrapper
+from clothlab.trials import rollout
 
 QUICK = EstimationSettings(window=20, warmup=2)
 

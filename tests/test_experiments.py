@@ -10,7 +10,7 @@ import pytest
 
 from clothlab import artifacts, experiments
 from clothlab.experiments import _record
-from clothlab.search import SearchSettings
+from clothlab.experiments.oracle import SearchSettings
 
 FEW = SearchSettings(starts=2, remembered=1, rounds=1, tries=1, elite=2)
 TINY = {

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts, experiments
-from clothlab.arm import get_arm
 from clothlab.experiments import cameras, practice
 from clothlab.experiments._record import new_trial, trained
 from clothlab.experiments.cameras import BOTH, GRADIENT, UNMOVED, Control, Estimate, Place, Record, Settings, jobs, run
-from clothlab.registration import Registration
-from clothlab.trials import RandomPolicy
+from clothlab.experiments.recalibration import Registration
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.arm import get_arm
 
 CLOTH = "damp0.03-mass0.05"
 SMALL = Settings(

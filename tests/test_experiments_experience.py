@@ -8,11 +8,12 @@ import pytest
 import torch
 
 from clothlab import artifacts, experiments
-from clothlab.autoencoder import Autoencoder
-from clothlab.dpmpb import DPMPB, TrainingTrace
 from clothlab.experiments import experience, perception
 from clothlab.experiments.experience import Control, Record, Run, Seen, Settings
-from clothlab.trials import RandomPolicy, save_trial
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.dpmpb import DPMPB, TrainingTrace
+from clothlab.policies import RandomPolicy
+from clothlab.trials import save_trial
 
 TINY = Settings(
     arms=("torque",),

@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from clothlab import artifacts, experiments
-from clothlab.arm import get_arm
-from clothlab.cloth import CLOTHS
-from clothlab.dpmpb import DPMPB, ModelTraining, train_dpmpb
 from clothlab.experiments import feeling, practice
 from clothlab.experiments._record import trained
 from clothlab.experiments.feeling import BETWEEN, CHOSEN, Control, Estimate, Readout, Record, Settings, jobs, run
-from clothlab.recipes import RECIPES
+from clothlab.learning.dpmpb import DPMPB, ModelTraining, train_dpmpb
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import CLOTHS
+from clothlab.training_configs import RECIPES
 
 CLOTH = "damp0.03-mass0.05"
 SMALL = Settings(

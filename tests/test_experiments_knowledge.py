@@ -5,11 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab.arm import TorqueArm
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import get_cloth
-from clothlab.control import recorded_plans
-from clothlab.env import ClothEnv
 from clothlab.experiments import knowledge
 from clothlab.experiments.knowledge import (
     QUANTITIES,
@@ -29,7 +24,13 @@ from clothlab.experiments.knowledge import (
     turned,
     vary,
 )
-from clothlab.trials import OperatorPolicy, rollout
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.control import recorded_plans
+from clothlab.policies import OperatorPolicy
+from clothlab.simulation.arm import TorqueArm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.trials import rollout
 
 CLOTH = get_cloth("damp0.05-mass0.10")
 ALL = (*SENSORS, knowledge.PREDICTED)

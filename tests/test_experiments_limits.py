@@ -5,10 +5,10 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.analysis import target_distance
-from clothlab.control import recorded_plans
 from clothlab.experiments import limits
 from clothlab.experiments.limits import Case, Record, Run, Settings, Speed
-from clothlab.search import SearchSettings
+from clothlab.experiments.oracle import SearchSettings
+from clothlab.learning.control import recorded_plans
 
 TINY = SearchSettings(starts=2, remembered=1, rounds=1, tries=2, elite=2)
 

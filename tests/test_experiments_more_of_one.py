@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts, experiments
-from clothlab.dpmpb import train_dpmpb
 from clothlab.experiments import more_of_one, practice
 from clothlab.experiments.more_of_one import NONE, Record, Run, Settings, run
+from clothlab.learning.dpmpb import train_dpmpb
 
 CLOTH, OTHER = "damp0.03-mass0.15", "damp0.05-mass0.05"
 SMALL = Settings(models=(0,), extra=(CLOTH,), repeats=1, recorded_steps=36, cloths=(CLOTH, OTHER), tries=2, steps=12)

@@ -4,11 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.arm import TorqueArm
-from clothlab.autoencoder import Autoencoder
-from clothlab.control import ControlPolicy
-from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.env import ClothEnv
 from clothlab.experiments.opponents import (
     ChangesModel,
     ChangesPolicy,
@@ -18,6 +13,11 @@ from clothlab.experiments.opponents import (
     Repeat,
     train_changes,
 )
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.control import ControlPolicy
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.simulation.arm import TorqueArm
+from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 
 ARM = TorqueArm()

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from clothlab import artifacts
-from clothlab.dpmpb import stretches
 from clothlab.experiments import other_models
 from clothlab.experiments.other_models import Retraining, retrained, with_constants, without_p
+from clothlab.learning.dpmpb import stretches
 
 
 @pytest.fixture(autouse=True)

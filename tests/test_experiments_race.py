@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts, experiments
-from clothlab.cloth import CLOTHS, DAMPINGS, MASSES
-from clothlab.dpmpb import Sequences
 from clothlab.experiments import _kept, knowledge, practice, race
 from clothlab.experiments.race import ALL, GROUPS, METHODS, OUTSIDE, ROUGH, Method, Record, Run, Settings, run, run_one
-from clothlab.identification import UNKNOWN, FitSettings, RegressorTraining, logs
+from clothlab.experiments.sysid import UNKNOWN, FitSettings, RegressorTraining, logs
+from clothlab.learning.dpmpb import Sequences
+from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES
 
 TINY = {"cloths": ("damp0.03-mass0.15", "outside-heavy"), "models": (1,), "steps": (12, 14)}
 TINY |= {"fit": FitSettings(cells=1, iterations=1), "network": RegressorTraining(updates=2, window=20)}

@@ -5,19 +5,19 @@ import pytest
 import torch
 
 from clothlab import artifacts
-from clothlab.arm import get_arm
-from clothlab.artifacts import Trained
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import get_cloth
-from clothlab.dpmpb import DPMPB
-from clothlab.episode import PHASES, Outcome
 from clothlab.experiments import EXPERIMENTS, table_setting
 from clothlab.experiments._record import converter
 from clothlab.experiments.table_setting import Border, Record, Run, Settings, _Notes, as_run, run_border
-from clothlab.reaching import Mover
-from clothlab.recognition import SeenSpread
-from clothlab.table import Placement, Spread, TableEnv
-from clothlab.throwing import OperatorThrow, ThrowSettings, closed_until, judged
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.dpmpb import DPMPB
+from clothlab.learning.trained import Trained
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.table_scene.perception import SeenSpread
+from clothlab.table_scene.servoing import Mover
+from clothlab.table_scene.table_env import Placement, Spread, TableEnv
+from clothlab.table_scene.task import PHASES, Outcome
+from clothlab.table_scene.throwing import OperatorThrow, ThrowSettings, closed_until, judged
 from clothlab.trials import Trial
 
 ARM = get_arm("muscle-hand")

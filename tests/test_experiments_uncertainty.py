@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab.cloth import CLOTHS
 from clothlab.experiments import uncertainty
 from clothlab.experiments.uncertainty import ALL, EVERY, KINDS, Record, Run, Settings
+from clothlab.simulation.cloth import CLOTHS
 
 NAME = "damp0.03-mass0.15"
 

@@ -25,8 +25,8 @@ import numpy as np
 import torch
 from clothlab import artifacts
 from clothlab._files import LEFT_OVER
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import get_cloth
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.simulation.cloth import get_cloth
 from clothlab.experiments._kept import once
 from clothlab.lab.recorder import Recorder
 from clothlab.trials import Trial, load_trial, save_trial

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from clothlab.dpmpb import DPMPB, Memory, predict
-from clothlab.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.learning.dpmpb import DPMPB, Memory, predict
+from clothlab.learning.frozen import FrozenDPMPB, FrozenEnsemble
 
 P = torch.tensor([0.3, -0.2], dtype=torch.float64)
 

@@ -21,19 +21,19 @@ def test_importing_the_package_imports_neither_torch_nor_mujoco():
 
 
 def test_a_module_is_imported_when_it_is_asked_for_and_no_more_than_it_needs():
-    code = "import clothlab, sys; clothlab.env.ClothEnv; print({'torch', 'sklearn', 'matplotlib'} & set(sys.modules))"
+    code = "import sys, clothlab.simulation.env; print({'torch', 'sklearn', 'matplotlib'} & set(sys.modules))"
     assert run(code) == "set()\n"
 
 
 def test_an_unknown_module_lists_the_choices():
-    with pytest.raises(AttributeError, match="clothlab has no 'physics'; it has analysis, arm"):
+    with pytest.raises(AttributeError, match="clothlab has no 'physics'; it has analysis, artifacts"):
         clothlab.physics  # noqa: B018
     assert {"analysis", "vision"} <= set(dir(clothlab))
 
 
 @pytest.mark.parametrize("first", ["import mujoco", "import clothlab"])
 def test_it_draws_in_whatever_order_it_is_imported(first):
-    code = f"{first}; from clothlab.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
+    code = f"{first}; from clothlab.simulation.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
     assert run(code) == "True\n"
 
 

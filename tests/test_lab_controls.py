@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from clothlab import analysis
-from clothlab.cloth import CLOTHS
 from clothlab.lab import Control, PBMap
+from clothlab.simulation.cloth import CLOTHS
 
 BIASES = {name: np.array([cloth.damping / cloth.mass, 10 * cloth.mass]) for name, cloth in CLOTHS.items()}
 LABELS = {name: cloth.label for name, cloth in CLOTHS.items()}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from clothlab.arm import MuscleArm, TorqueArm
-from clothlab.artifacts import Trained
-from clothlab.autoencoder import Autoencoder
-from clothlab.control import recorded_plans
-from clothlab.dpmpb import DPMPB, Sequences
 from clothlab.lab.drivers import DRIVERS, Account, Choice, Drivers, stick_command
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.control import recorded_plans
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.trained import Trained
+from clothlab.simulation.arm import MuscleArm, TorqueArm
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.env import SimulationError
 from clothlab.lab import LivePanel, LiveSession, table, views
 from clothlab.lab import panel as panel_module
 from clothlab.lab.targets import LARGEST_FILE
+from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial
 
 

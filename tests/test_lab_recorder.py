@@ -11,8 +11,8 @@ import pytest
 
 import clothlab
 from clothlab import artifacts
-from clothlab.cloth import get_cloth
 from clothlab.lab.recorder import Recorder
+from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import load_trial
 
 ABOUT = {"cloth": get_cloth("damp0.05-mass0.10"), "arm": "torque", "policy": "hand", "seed": 7}

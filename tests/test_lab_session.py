@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts
-from clothlab.cloth import get_cloth
-from clothlab.dpmpb import ModelTraining, to_sequences, train_dpmpb
-from clothlab.env import SimulationError
 from clothlab.lab import views
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession
-from clothlab.trials import RandomPolicy, load_trial, replay, rollout
+from clothlab.learning.dpmpb import ModelTraining, to_sequences, train_dpmpb
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import SimulationError
+from clothlab.trials import load_trial, replay, rollout
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ import time
 import numpy as np
 import pytest
 
-from clothlab.episode import PHASES, Outcome
 from clothlab.experiments import table_setting
 from clothlab.lab import table
 from clothlab.lab.messages import Messages
 from clothlab.lab.table import SIZE, SPREADERS, TableRun, TableSection, conclusion, verdict
-from clothlab.table import Placement, Spread, TableEnv
+from clothlab.table_scene.table_env import Placement, Spread, TableEnv
+from clothlab.table_scene.task import PHASES, Outcome
 
 SLOW_HAND = "lay it slowly"
 BLACK = np.zeros((6, 8, 3), np.uint8)

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.autoencoder import Autoencoder
 from clothlab.lab import targets
+from clothlab.learning.autoencoder import Autoencoder
 
 
 def test_yardsticks_have_cloth_in_view(trial, monkeypatch):

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.arm import get_arm
 from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.session import LiveSession
-from clothlab.uncertainty import Doubt, inside
+from clothlab.learning.calibration import Doubt, inside
+from clothlab.simulation.arm import get_arm
 
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
 

@@ -2,7 +2,7 @@
 
 import make_weights
 
-from clothlab.recipes import RECIPES
+from clothlab.training_configs import RECIPES
 
 
 def test_only_those_without_borrowed_eyes_train_an_autoencoder():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab.muscle import MUSCLES, Muscles
+from clothlab.simulation.muscle import MUSCLES, Muscles
 
 SIX = Muscles()
 

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from clothlab import plots
 from clothlab.analysis import Landscape, principal_axes
-from clothlab.arm import MuscleArm, TorqueArm
-from clothlab.cloth import CLOTHS, FOAMS
-from clothlab.depth import PointCloud
+from clothlab.simulation.arm import MuscleArm, TorqueArm
+from clothlab.simulation.cloth import CLOTHS, FOAMS
+from clothlab.table_scene.depth import PointCloud
 
 RNG = np.random.default_rng(0)
 BIASES = {name: RNG.normal(size=2) for name in CLOTHS}

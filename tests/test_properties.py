@@ -34,14 +34,17 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import ArrayLike
 
 import clothlab
-from clothlab import arm, artifacts, control, dpmpb, estimation, information, registration, trials
+from clothlab import policies, trials
 from clothlab._files import write_bytes
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import get_cloth
-from clothlab.depth import PointCloud, look
-from clothlab.env import ClothEnv, Observation, Scene
-from clothlab.furniture import Basket, Furniture
-from clothlab.table import TableEnv
+from clothlab.experiments import fisher, recalibration
+from clothlab.learning import control, dpmpb, estimation, trained
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.simulation import arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import ClothEnv, Observation, Scene
+from clothlab.table_scene.depth import PointCloud, look
+from clothlab.table_scene.scene import Basket, Furniture
+from clothlab.table_scene.table_env import TableEnv
 
 INPUTS = int(os.environ.get("CLOTHLAB_INPUTS", "1000"))  # in all; `make nightly` asks for ten times as many
 PATIENCE = 2.0  # [s] for one answer; one that takes longer is none, and no error either
@@ -123,7 +126,7 @@ def room() -> TableEnv:
 
 @functools.cache
 def trial() -> trials.Trial:
-    return trials.rollout(env(), trials.RandomPolicy("torque"), 12)
+    return trials.rollout(env(), policies.RandomPolicy("torque"), 12)
 
 
 @functools.cache
@@ -147,8 +150,8 @@ def biases() -> dict[str, np.ndarray]:
     return {"a": np.array([1.0, 2.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.3, -0.7])}
 
 
-def trained() -> artifacts.Trained:
-    return artifacts.Trained("x-0", arm.get_arm("torque"), autoencoder(), model(), biases(), np.array([0.3, 0.2]), "x")
+def trained_() -> trained.Trained:
+    return trained.Trained("x-0", arm.get_arm("torque"), autoencoder(), model(), biases(), np.array([0.3, 0.2]), "x")
 
 
 def observation() -> dict[str, np.ndarray]:
@@ -159,7 +162,7 @@ def rows() -> dict[str, Callable[[], Any]]:
     """What stands for a parameter, by its name or `module.function.name`."""
     p, z = np.array([0.3, -0.2]), np.zeros(3)
     F = np.array([[2.0, 0.5], [0.5, 1.0]])
-    noise = information.Noise(np.eye(3), 0.2)
+    noise = fisher.Noise(np.eye(3), 0.2)
     return {
         "mask": square,
         "target": square,
@@ -207,7 +210,7 @@ def rows() -> dict[str, Callable[[], Any]]:
         "settings": lambda: None,
         "commands": lambda: trial().commands,
         "robot": lambda: trial().robot,
-        "policy": lambda: trials.RandomPolicy("torque"),
+        "policy": lambda: policies.RandomPolicy("torque"),
         "results": lambda: {"x": 1.0},
         "camera": lambda: arm.get_arm("torque").camera,
         "points": lambda: np.ones((4, 3)),
@@ -304,7 +307,7 @@ OBJECTS: dict[type, Callable[[], Any]] = {
     arm.TorqueArm: lambda: arm.get_arm("torque"),
     arm.FeelingArm: lambda: arm.get_arm("torque-feeling"),
     arm.MuscleArm: lambda: arm.get_arm("muscle"),
-    artifacts.Trained: trained,
+    trained.Trained: trained_,
     ClothEnv: env,
     control.ControlPolicy: lambda: control.ControlPolicy(
         model(), autoencoder(), arm.get_arm("torque"), square(), np.zeros(2)
@@ -312,12 +315,12 @@ OBJECTS: dict[type, Callable[[], Any]] = {
     estimation.BiasEstimator: lambda: estimation.BiasEstimator(model()),
     estimation.NewtonEstimator: lambda: estimation.NewtonEstimator(model()),
     estimation.Fit: fit,
-    information.Noise: EXAMPLES["noise"],
+    fisher.Noise: EXAMPLES["noise"],
     trials.Trial: trial,
-    trials.RandomPolicy: EXAMPLES["policy"],
-    trials.OperatorPolicy: lambda: trials.OperatorPolicy("torque"),
-    trials.ReplayPolicy: lambda: trials.ReplayPolicy(trial().commands),
-    registration.Registration: lambda: registration.Registration(
+    policies.RandomPolicy: EXAMPLES["policy"],
+    policies.OperatorPolicy: lambda: policies.OperatorPolicy("torque"),
+    policies.ReplayPolicy: lambda: policies.ReplayPolicy(trial().commands),
+    recalibration.Registration: lambda: recalibration.Registration(
         arm.get_arm("torque"), arm.get_arm("torque").camera, 0.1
     ),
 }

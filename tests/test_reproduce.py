@@ -14,12 +14,12 @@ from test_cluster import PATIENCE, scheduler_and_workers, states, until
 
 from clothlab import artifacts, cluster, experiments, reproduce
 from clothlab._validation import choose
+from clothlab.datasets import RECORDINGS
 from clothlab.experiments._record import converter
 from clothlab.experiments.estimation import ESTIMATED
-from clothlab.recipes import seen_by
-from clothlab.recordings import RECORDINGS
 from clothlab.reproduce import MOST_SEEDS, Plan, graph, small_plan
 from clothlab.tasks import COMPUTED, FAILED, do, in_order
+from clothlab.training_configs import seen_by
 
 PLANS = {"small": small_plan(2), "full": Plan(), "slow": Plan(slow=True), "many": Plan(seeds=MOST_SEEDS)}
 

@@ -15,10 +15,10 @@ import numpy as np
 import psutil
 import pytest
 
-from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.messages import KNOWN_ERRORS
 from clothlab.lab.session import LiveSession, Moment
+from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import load_trial
 
 MINUTES = float(os.environ.get("CLOTHLAB_SOAK", "10"))  # simulated, of both arms together

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from clothlab.arm import MuscleArm, TorqueArm
-from clothlab.stiffness import ellipse_area, learn_body_image, static_posture, stiffness_ellipse
+from clothlab.simulation.arm import MuscleArm, TorqueArm
+from clothlab.simulation.stiffness import ellipse_area, learn_body_image, static_posture, stiffness_ellipse
 
 ARM = MuscleArm()
 BENT = np.array([0.3, -np.pi / 2])

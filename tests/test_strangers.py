@@ -21,10 +21,10 @@ from safetensors.torch import save as to_bytes
 from clothlab import artifacts
 from clothlab._files import LARGEST_TENSORS, LARGEST_TEXT, read_arrays, read_json, write_bytes
 from clothlab.artifacts import filled
-from clothlab.autoencoder import Autoencoder
 from clothlab.experiments.race import load_network
-from clothlab.identification import Regressor
+from clothlab.experiments.sysid import Regressor
 from clothlab.lab.recorder import Recorder
+from clothlab.learning.autoencoder import Autoencoder
 from clothlab.trials import LONGEST, Trial, load_trial, save_trial
 
 BOMB = 150 << 20  # [byte] unpacked
@@ -36,7 +36,7 @@ import torch
 from clothlab import artifacts
 from clothlab.experiments.race import load_network
 from clothlab.trials import load_trial
-from clothlab.vision import mask_from_file
+from clothlab.simulation.vision import mask_from_file
 
 data = Path(sys.argv[1])
 readers = {

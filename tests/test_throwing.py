@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.arm import get_arm
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.dpmpb import DPMPB, Sequences
-from clothlab.env import CONTROL_PERIOD
-from clothlab.estimation import EstimatingPolicy, NewtonEstimator
-from clothlab.practice import PracticeSettings
-from clothlab.table import TableEnv
-from clothlab.throwing import (
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator
+from clothlab.learning.iterative import PracticeSettings
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.table_scene.table_env import TableEnv
+from clothlab.table_scene.throwing import (
     OperatorSettings,
     OperatorThrow,
     RandomThrow,

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab._training import best_device, training
-from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.dpmpb import ModelTraining, train_dpmpb
+from clothlab.learning._training import best_device, training
+from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
+from clothlab.learning.dpmpb import ModelTraining, train_dpmpb
 
 FAULTS = """
 import resource
 import numpy as np
-from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
+from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
 {forget}
 images = np.zeros((64, 96, 128), bool)
 found = []
@@ -24,7 +24,7 @@ for epochs in (3, 13):
     found.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 print((found[1] - found[0]) / 10)
 """
-FORGET = "import clothlab._training; clothlab._training._keep_freed_memory = lambda: None"
+FORGET = "import clothlab.learning._training; clothlab.learning._training._keep_freed_memory = lambda: None"
 
 
 def test_the_same_seed_gives_the_same_numbers_and_the_callers_go_on():

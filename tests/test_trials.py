@@ -6,26 +6,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from clothlab.arm import ARMS, MuscleArm, get_arm
-from clothlab.cloth import get_cloth
-from clothlab.env import ClothEnv
-from clothlab.trials import (
-    Noisy,
-    OperatorPolicy,
-    Policy,
-    RandomPolicy,
-    ReplayPolicy,
-    Timed,
-    Trial,
-    Wrapper,
-    as_policy,
-    load_trial,
-    replay,
-    rollout,
-    save_trial,
-    sensed_by,
-    watch_motion,
-)
+from clothlab.policies import Noisy, OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Timed, Wrapper, as_policy
+from clothlab.simulation.arm import ARMS, MuscleArm, get_arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.trials import Trial, load_trial, replay, rollout, save_trial, sensed_by, watch_motion
 
 ARRAYS = ("images", "robot", "commands")
 POLICIES = {

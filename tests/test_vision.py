@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.autoencoder import iou
-from clothlab.vision import chamfer_distance, check_mask, check_masks, cloth_mask, mask_from_file
+from clothlab.learning.autoencoder import iou
+from clothlab.simulation.vision import chamfer_distance, check_mask, check_masks, cloth_mask, mask_from_file
 
 RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
 

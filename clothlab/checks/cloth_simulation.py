@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.checks._check import array, check, expect, number
-from clothlab.cloth import Cloth, get_cloth, point_names, springs
+from clothlab.simulation.cloth import Cloth, get_cloth, point_names, springs
 
 __all__ = ["count_springs", "euler_step", "time_to_reach"]
 

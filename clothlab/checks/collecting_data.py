@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.arm import get_arm
 from clothlab.checks._check import array, arrays, check, expect, policy
-from clothlab.cloth import get_cloth
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.vision import HEIGHT, WIDTH
 from clothlab.trials import Trial
-from clothlab.vision import HEIGHT, WIDTH
 
 __all__ = ["take_turns", "transitions", "wave"]
 

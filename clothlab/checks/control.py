@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from clothlab.checks._check import CheckFailed, array, check, expect, policy
-from clothlab.control import ControlSettings, period_mask
+from clothlab.learning.control import ControlSettings, period_mask
 
 __all__ = ["alternate", "my_mask", "random_shooting", "steps_along"]
 

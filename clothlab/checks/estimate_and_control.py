@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.arm import get_arm
 from clothlab.checks._check import array, check, expect, number, policy
+from clothlab.simulation.arm import get_arm
 
 __all__ = ["averaged", "half_time", "shaken"]
 

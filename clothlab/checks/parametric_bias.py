@@ -7,7 +7,7 @@ import numpy as np
 
 from clothlab.analysis import principal_axes
 from clothlab.checks._check import CheckFailed, array, check, expect, number
-from clothlab.cloth import get_cloth
+from clothlab.simulation.cloth import get_cloth
 
 __all__ = ["chance", "gain_of_dimension", "matching_drag", "shares_by_hand"]
 

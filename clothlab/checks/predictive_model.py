@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from clothlab.checks._check import array, check, expect, number
-from clothlab.dpmpb import DPMPB, Memory, predict
+from clothlab.learning.dpmpb import DPMPB, Memory, predict
 
 __all__ = ["extrapolate", "influence", "lstm_weights"]
 

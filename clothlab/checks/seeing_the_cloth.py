@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from clothlab.checks._check import array, check, expect, number
-from clothlab.vision import HEIGHT, WIDTH, chamfer_distance
+from clothlab.simulation.vision import HEIGHT, WIDTH, chamfer_distance
 
 __all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction", "touching"]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.checks._check import check, expect, number
-from clothlab.cloth import FOAMS, SHEETS
+from clothlab.simulation.cloth import FOAMS, SHEETS
 
 __all__ = ["falling_speed", "place", "sign_flip_share"]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.arm import MuscleArm
 from clothlab.checks._check import CheckFailed, array, check, expect, number
-from clothlab.stiffness import static_posture
+from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.stiffness import static_posture
 
 __all__ = ["compliance", "length_for_measured_tension", "pair_stiffness", "stretch_by_bisection"]
 

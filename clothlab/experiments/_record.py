@@ -15,13 +15,15 @@ from tqdm.auto import tqdm
 from clothlab import artifacts
 from clothlab._validation import choose
 from clothlab.analysis import late_median
-from clothlab.arm import Arm
-from clothlab.artifacts import Folder, Trained
-from clothlab.cloth import Cloth
-from clothlab.env import ClothEnv
-from clothlab.estimation import EstimationSettings, NewtonSettings, estimate_bias
-from clothlab.recipes import RECIPES
-from clothlab.trials import Policy, RandomPolicy, Trial, rollout
+from clothlab.artifacts import Folder
+from clothlab.learning.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.learning.trained import Trained
+from clothlab.policies import Policy, RandomPolicy
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.training_configs import RECIPES
+from clothlab.trials import Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package

@@ -7,10 +7,10 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, late_median, target_distance
-from clothlab.autoencoder import iou
-from clothlab.cloth import cloth_name
 from clothlab.experiments._record import new_trial, random_trial, run_jobs, trained
 from clothlab.experiments.practice import seen_runs
+from clothlab.learning.autoencoder import iou
+from clothlab.simulation.cloth import cloth_name
 from clothlab.trials import Trial
 
 

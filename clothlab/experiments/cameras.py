@@ -2,7 +2,7 @@
 
 A camera is moved by some centimetres along its own axes or turned by some degrees about them, one at a time, and both
 at once in directions drawn at random. Everything is judged from the old place: the same run is simulated again with
-the camera there. For the mending see `clothlab.registration`.
+the camera there. For the mending see `clothlab.experiments.recalibration`.
 """
 
 from collections.abc import Callable
@@ -17,17 +17,18 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose_all, setting
 from clothlab.analysis import best_per_period, bias_error, nearest_material, target_distance
-from clothlab.arm import Arm, Camera, get_arm
-from clothlab.autoencoder import encode, iou
-from clothlab.cloth import CLOTHS, cloth_name
-from clothlab.env import ClothEnv
-from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import Reached, converter, new_trial, run_jobs, sort_out, trained
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
-from clothlab.registration import Registered, Registration, RegistrationSettings, look, register
-from clothlab.trials import RandomPolicy, ReplayPolicy, Trial
-from clothlab.vision import HEIGHT
+from clothlab.experiments.recalibration import Registered, Registration, RegistrationSettings, look, register
+from clothlab.learning.autoencoder import encode, iou
+from clothlab.learning.estimation import NewtonSettings, estimate_bias
+from clothlab.policies import RandomPolicy, ReplayPolicy
+from clothlab.simulation.arm import Arm, Camera, get_arm
+from clothlab.simulation.cloth import CLOTHS, cloth_name
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.vision import HEIGHT
+from clothlab.trials import Trial
 
 FOLDER = Path("build/cameras")  # where each piece is kept as soon as it is done
 UNMOVED, BOTH = "unmoved", "both"

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, empty_distance, success_rate, target_distance
-from clothlab.cloth import cloth_name
 from clothlab.experiments._record import interleaved, new_trial, random_trial, run_jobs, trained
+from clothlab.simulation.cloth import cloth_name
 
 
 @dataclass(frozen=True)

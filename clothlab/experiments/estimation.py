@@ -9,8 +9,8 @@ import numpy as np
 
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import MaterialReadout, bias_error, nearest_material
-from clothlab.cloth import CLOTHS, Cloth
 from clothlab.experiments._record import estimate_at_random, interleaved, run_jobs, trained
+from clothlab.simulation.cloth import CLOTHS, Cloth
 
 BETWEEN = {  # never trained on: geometric means of neighbouring trained values, and one nearer to a corner of them
     name: Cloth(name, damping=(c * d) ** 0.5, mass=(m * n) ** 0.5)

@@ -30,18 +30,20 @@ from clothlab.analysis import (
     nearest_material,
     target_distance,
 )
-from clothlab.arm import get_arm
-from clothlab.artifacts import MORE, Trained
-from clothlab.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.cloth import CLOTHS, cloth_name
-from clothlab.control import recorded_plans
-from clothlab.dpmpb import ModelTraining, stretches, to_sequences, train_dpmpb
-from clothlab.estimation import prediction_loss
+from clothlab.artifacts import MORE
 from clothlab.experiments import perception
 from clothlab.experiments._kept import once
 from clothlab.experiments._record import RECORDINGS, converter, estimate_at_random, new_trial, random_trial, run_jobs
-from clothlab.recipes import RECIPES
-from clothlab.trials import Policy, Trial
+from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
+from clothlab.learning.control import recorded_plans
+from clothlab.learning.dpmpb import ModelTraining, stretches, to_sequences, train_dpmpb
+from clothlab.learning.estimation import prediction_loss
+from clothlab.learning.trained import Trained
+from clothlab.policies import Policy
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import CLOTHS, cloth_name
+from clothlab.training_configs import RECIPES
+from clothlab.trials import Trial
 
 FOLDER = Path("build") / "experience"  # where trainings are kept, from the folder in which the experiment is run
 PAPER, DEFAULT = 1.0, 20.0  # the paper's amount, and that of the weights `torque-K` and `muscle-K`

@@ -2,7 +2,7 @@
 torques in the robot state: what p knows of C_damp and C_mass, how well it is found, what control makes of it; and
 whether commands chosen to learn find it sooner than random ones.
 
-A simulated servo's torque follows from command, angle and velocity, without noise (`clothlab.arm.FeelingArm`): what
+A simulated servo's torque follows from command, angle and velocity, without noise (`FeelingArm`): what
 differs is what the training's loss makes of them, not what could be known.
 """
 
@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose_all, setting
 from clothlab.analysis import MaterialReadout, best_per_period, bias_error, nearest_material, target_distance
-from clothlab.arm import get_arm
-from clothlab.cloth import CLOTHS, cloth_name
-from clothlab.estimation import NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import Reached, load, new_trial, run_jobs, sort_out, trained
 from clothlab.experiments.estimation import BETWEEN
 from clothlab.experiments.practice import GRADIENT, METHODS, PRACTICE, aim
-from clothlab.trials import RandomPolicy, ReplayPolicy
+from clothlab.learning.estimation import NewtonSettings, estimate_bias
+from clothlab.policies import RandomPolicy, ReplayPolicy
+from clothlab.simulation.arm import get_arm
+from clothlab.simulation.cloth import CLOTHS, cloth_name
 
 FOLDER = Path("build/feeling")  # where each piece is kept as soon as it is done
 TORQUE, FEELING = "torque", "torque-feeling"  # weights

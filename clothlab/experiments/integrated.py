@@ -8,9 +8,9 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, target_distance
-from clothlab.cloth import cloth_name
-from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments._record import interleaved, new_trial, run_jobs, trained
+from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.simulation.cloth import cloth_name
 
 
 @dataclass(frozen=True)

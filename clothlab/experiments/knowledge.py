@@ -28,18 +28,19 @@ from numpy.typing import ArrayLike
 
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
-from clothlab.arm import JOINTS, Camera, TorqueArm
-from clothlab.autoencoder import Autoencoder, decode, encode
-from clothlab.cloth import CLOTHS, Cloth, cloth_name
-from clothlab.control import recorded_plans
-from clothlab.env import CONTROL_PERIOD, ClothEnv
-from clothlab.estimation import EstimationSettings
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import RECORDINGS, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN, get_cloth
-from clothlab.information import Noise, cramer_rao, log_det, principal_directions, unbiased_information
-from clothlab.trials import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy, rollout
-from clothlab.vision import HEIGHT, WIDTH, check_masks
+from clothlab.experiments.fisher import Noise, cramer_rao, log_det, principal_directions, unbiased_information
+from clothlab.learning.autoencoder import Autoencoder, decode, encode
+from clothlab.learning.control import recorded_plans
+from clothlab.learning.estimation import EstimationSettings
+from clothlab.policies import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy
+from clothlab.simulation.arm import JOINTS, Camera, TorqueArm
+from clothlab.simulation.cloth import CLOTHS, Cloth, cloth_name
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
+from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks
+from clothlab.trials import rollout
 
 FOLDER = Path("build") / "knowledge"  # where runs are kept, from the folder in which the experiment is run
 MOTIONS = {"random": RandomPolicy, "operator": OperatorPolicy}

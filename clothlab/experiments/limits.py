@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import best_per_period, late_median, target_distance
-from clothlab.arm import Arm, get_arm
-from clothlab.autoencoder import Autoencoder
-from clothlab.cloth import Cloth, cloth_name
-from clothlab.control import ControlSettings, recorded_plans
-from clothlab.env import ClothEnv
 from clothlab.experiments._record import RECORDINGS, run_jobs
-from clothlab.search import SearchSettings, SimulatorSearch, copy_state, cross_entropy
+from clothlab.experiments.oracle import SearchSettings, SimulatorSearch, copy_state, cross_entropy
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.control import ControlSettings, recorded_plans
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.cloth import Cloth, cloth_name
+from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, rollout, watch_motion
 
 PERIOD = ControlSettings.period

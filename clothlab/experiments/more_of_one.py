@@ -14,16 +14,16 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import MaterialReadout, nearest_material
-from clothlab.artifacts import Trained
-from clothlab.cloth import CLOTHS, cloth_name
-from clothlab.dpmpb import Sequences, train_dpmpb
-from clothlab.estimation import NewtonSettings
 from clothlab.experiments._kept import once, piece, version
 from clothlab.experiments._record import estimate_at_random, new_trial, run_jobs, trained
 from clothlab.experiments.practice import seen_runs
-from clothlab.identification import logs
-from clothlab.recipes import recipe_of
-from clothlab.trials import OperatorPolicy, RandomPolicy
+from clothlab.experiments.sysid import logs
+from clothlab.learning.dpmpb import Sequences, train_dpmpb
+from clothlab.learning.estimation import NewtonSettings
+from clothlab.learning.trained import Trained
+from clothlab.policies import OperatorPolicy, RandomPolicy
+from clothlab.simulation.cloth import CLOTHS, cloth_name
+from clothlab.training_configs import recipe_of
 
 FOLDER = Path("build") / "more_of_one"  # where each piece is kept as soon as it is done
 NONE = "none"  # the stored weights

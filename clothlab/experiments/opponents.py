@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike
 from sklearn.neighbors import NearestNeighbors
 from torch import Tensor, nn
 
-from clothlab._training import training
 from clothlab._validation import Checked, setting
-from clothlab.arm import Arm
-from clothlab.autoencoder import Autoencoder, encode
-from clothlab.control import ControlPolicy, Loss, Predict
-from clothlab.dpmpb import DPMPB, Sequences, observe
-from clothlab.env import Observation
-from clothlab.frozen import FrozenEnsemble
-from clothlab.search import SearchSettings, cross_entropy
-from clothlab.trials import Policy
+from clothlab.experiments.oracle import SearchSettings, cross_entropy
+from clothlab.learning._training import training
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.control import ControlPolicy, Loss, Predict
+from clothlab.learning.dpmpb import DPMPB, Sequences, observe
+from clothlab.learning.frozen import FrozenEnsemble
+from clothlab.policies import Policy
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.env import Observation
 
 HIDDEN = 256
 

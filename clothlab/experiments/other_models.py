@@ -9,10 +9,10 @@ import numpy as np
 import torch
 
 from clothlab._validation import Checked, setting
-from clothlab.artifacts import Trained
-from clothlab.cloth import get_cloth
-from clothlab.dpmpb import DPMPB, Sequences, materials_of, stretches, train_dpmpb
-from clothlab.recipes import recipe_of
+from clothlab.learning.dpmpb import DPMPB, Sequences, materials_of, stretches, train_dpmpb
+from clothlab.learning.trained import Trained
+from clothlab.simulation.cloth import get_cloth
+from clothlab.training_configs import recipe_of
 
 
 def without_p(learned: Trained, runs: Sequence[Sequences], seed: int) -> Trained:

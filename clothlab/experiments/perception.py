@@ -7,9 +7,9 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, setting
 from clothlab.analysis import chamfer_against_z
-from clothlab.autoencoder import Autoencoder, decode, encode, iou
-from clothlab.cloth import cloth_name
 from clothlab.experiments._record import random_trial, run_jobs
+from clothlab.learning.autoencoder import Autoencoder, decode, encode, iou
+from clothlab.simulation.cloth import cloth_name
 from clothlab.trials import Trial
 
 

@@ -13,13 +13,6 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, setting
 from clothlab.analysis import LATE, best_per_period, target_distance
-from clothlab.artifacts import Trained
-from clothlab.autoencoder import encode
-from clothlab.cloth import cloth_name
-from clothlab.control import ControlSettings, nearest_plans, recorded_plans
-from clothlab.dpmpb import Sequences, to_sequences
-from clothlab.env import ClothEnv
-from clothlab.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.experiments import other_models
 from clothlab.experiments._kept import once, piece, version
 from clothlab.experiments._record import PAPER, RECORDINGS, Reached, new_trial, run_jobs, trained
@@ -31,8 +24,16 @@ from clothlab.experiments.opponents import (
     Repeat,
     train_changes,
 )
-from clothlab.recipes import recipe_of
-from clothlab.trials import MotionWatch, Policy, RandomPolicy, Trial, rollout, sensed_by
+from clothlab.learning.autoencoder import encode
+from clothlab.learning.control import ControlSettings, nearest_plans, recorded_plans
+from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.learning.trained import Trained
+from clothlab.policies import Policy, RandomPolicy
+from clothlab.simulation.cloth import cloth_name
+from clothlab.simulation.env import ClothEnv
+from clothlab.training_configs import recipe_of
+from clothlab.trials import MotionWatch, Trial, rollout, sensed_by
 
 ENSEMBLE = 5  # models
 OWN_STEPS, OWN_SEED = 248, 30_000  # the run that a model learns from before the one that counts, and its seed

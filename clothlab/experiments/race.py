@@ -19,18 +19,14 @@ from safetensors.torch import save as to_bytes
 from clothlab._files import read_tensors, reading, write_bytes
 from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import MaterialReadout
-from clothlab.artifacts import Trained, filled
-from clothlab.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
-from clothlab.dpmpb import Sequences, train_dpmpb
-from clothlab.env import CONTROL_PERIOD
-from clothlab.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.artifacts import filled
 from clothlab.experiments import knowledge
 from clothlab.experiments._kept import once, piece, version
 from clothlab.experiments._record import random_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
 from clothlab.experiments.knowledge import QUANTITIES
 from clothlab.experiments.practice import seen_runs
-from clothlab.identification import (
+from clothlab.experiments.sysid import (
     UNKNOWN,
     FitSettings,
     Identify,
@@ -42,7 +38,12 @@ from clothlab.identification import (
     sysid_tools,
     train_regressor,
 )
-from clothlab.recipes import RECIPES
+from clothlab.learning.dpmpb import Sequences, train_dpmpb
+from clothlab.learning.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.learning.trained import Trained
+from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.training_configs import RECIPES
 
 FOLDER = Path("build") / "race"  # where answers are kept, from the folder in which the experiment is run
 BEYOND = 1.5  # outside the trained range by this factor

@@ -7,8 +7,8 @@ import numpy as np
 
 from clothlab._validation import Checked, setting
 from clothlab.analysis import MaterialReadout, principal_axes
-from clothlab.cloth import CLOTHS
 from clothlab.experiments._record import interleaved, run_jobs, trained
+from clothlab.simulation.cloth import CLOTHS
 
 
 @dataclass(frozen=True)

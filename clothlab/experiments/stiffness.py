@@ -19,10 +19,6 @@ from clothlab.analysis import (
     success_rate,
     target_distance,
 )
-from clothlab.arm import MuscleArm
-from clothlab.cloth import get_cloth
-from clothlab.control import recorded_plans
-from clothlab.estimation import estimate_bias
 from clothlab.experiments._record import (
     RECORDINGS,
     estimate_at_random,
@@ -32,7 +28,11 @@ from clothlab.experiments._record import (
     run_jobs,
     trained,
 )
-from clothlab.stiffness import ellipse_area, stiffness_ellipse
+from clothlab.learning.control import recorded_plans
+from clothlab.learning.estimation import estimate_bias
+from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, replay
 
 ARM = MuscleArm()

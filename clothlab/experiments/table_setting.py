@@ -18,19 +18,20 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import difference_interval, nearest_material
-from clothlab.arm import Arm
-from clothlab.artifacts import Trained
-from clothlab.autoencoder import encode
-from clothlab.dpmpb import Sequences, to_sequences
-from clothlab.episode import Episode, Outcome, Spreader, throw
-from clothlab.estimation import EstimatingPolicy, NewtonEstimator, NewtonSettings, estimate_bias
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import run_jobs, trained
-from clothlab.furniture import Furniture
-from clothlab.reaching import Mover, ReachSettings, lay_slowly
-from clothlab.table import TableEnv
-from clothlab.throwing import OperatorThrow, Swing, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
-from clothlab.trials import ReplayPolicy, rollout
+from clothlab.learning.autoencoder import encode
+from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator, NewtonSettings, estimate_bias
+from clothlab.learning.trained import Trained
+from clothlab.policies import ReplayPolicy
+from clothlab.simulation.arm import Arm
+from clothlab.table_scene.scene import Furniture
+from clothlab.table_scene.servoing import Mover, ReachSettings, lay_slowly
+from clothlab.table_scene.table_env import TableEnv
+from clothlab.table_scene.task import Episode, Outcome, Spreader, throw
+from clothlab.table_scene.throwing import OperatorThrow, Swing, ThrowPolicy, ThrowSettings, laid_by_hand, was_spread
+from clothlab.trials import rollout
 
 ARM, THROWS = "muscle-hand", "table-throws"
 FOLDER = Path("build") / "table_setting"  # where runs are kept, from the folder in which the experiment is run

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from clothlab.analysis import difference_interval, median_best, rate_interval
-from clothlab.env import CONTROL_PERIOD
 from clothlab.experiments import (
     cameras,
     control,
@@ -27,6 +26,7 @@ from clothlab.experiments import (
 from clothlab.experiments._record import PAPER
 from clothlab.experiments.practice import GRADIENT, PRACTICE
 from clothlab.experiments.stiffness import CONDITIONS, CORRECT, FIXED, RANDOM, WARM
+from clothlab.simulation.env import CONTROL_PERIOD
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,14 @@ import numpy as np
 
 from clothlab._validation import Checked, choose, choose_all, setting
 from clothlab.analysis import nearest_material
-from clothlab.cloth import CLOTHS, Cloth
-from clothlab.env import CONTROL_PERIOD
-from clothlab.estimation import BiasEstimator, Estimator, NewtonEstimator
 from clothlab.experiments._kept import piece
 from clothlab.experiments._record import converter, random_trial, run_jobs, trained
 from clothlab.experiments.estimation import BETWEEN
+from clothlab.learning.calibration import LENGTHS, SHARE, Calibration, calibrate, inside
+from clothlab.learning.estimation import BiasEstimator, Estimator, NewtonEstimator
+from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial
-from clothlab.uncertainty import LENGTHS, SHARE, Calibration, calibrate, inside
 
 FOLDER = Path("build") / "uncertainty"  # where runs are kept, from the folder in which the experiment is run
 EVERY = 5  # steps between the estimates that are written down

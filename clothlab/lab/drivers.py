@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab.arm import Arm
-from clothlab.artifacts import Trained
-from clothlab.dpmpb import Sequences
-from clothlab.env import Observation
-from clothlab.trials import OperatorPolicy, Policy, RandomPolicy
+from clothlab.learning.dpmpb import Sequences
+from clothlab.learning.trained import Trained
+from clothlab.policies import OperatorPolicy, Policy, RandomPolicy
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.env import Observation
 
 DRIVERS = ("control", "practise", "hand", "random", "operator")
 

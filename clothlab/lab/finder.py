@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab.artifacts import Trained
-from clothlab.estimation import NewtonEstimator
-from clothlab.uncertainty import Calibration, Doubt, calibrate
+from clothlab.learning.calibration import Calibration, Doubt, calibrate
+from clothlab.learning.estimation import NewtonEstimator
+from clothlab.learning.trained import Trained
 
 DOUBT_EVERY = 5  # steps; a look costs about as much as an update
 

@@ -3,7 +3,7 @@
 import traceback
 from collections.abc import Callable
 
-from clothlab.env import SimulationError
+from clothlab.simulation.env import SimulationError
 
 KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person can do wrong; the rest is our fault
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
 from clothlab.alt_text import AltText
-from clothlab.env import CONTROL_PERIOD
 from clothlab.lab import views
 from clothlab.lab.clock import Clock, Turns
 from clothlab.lab.drivers import stick_command
@@ -21,7 +20,8 @@ from clothlab.lab.session import LiveSession, Moment
 from clothlab.lab.table import TableSection
 from clothlab.lab.targets import uploaded_mask
 from clothlab.lab.widget import Widget
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.vision import HEIGHT, WIDTH
 
 ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
 PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed

@@ -12,8 +12,8 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab._files import reading, write_bytes
-from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.clock import Clock
+from clothlab.simulation.env import CONTROL_PERIOD
 
 REEL = Path("demonstration") / "torque.json.xz"  # in the folder of data
 SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser

@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 
 from clothlab._validation import check_name
-from clothlab.env import Observation
+from clothlab.simulation.env import Observation
 from clothlab.trials import LONGEST, Trial, load_trial, save_trial
 
 PLACE = re.compile(r"\d{1,20}-\d{1,9}(-\d{1,10}-\d{1,20})?")  # name of a folder in `unfinished`

@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.analysis import nearest_material
-from clothlab.arm import check_command
-from clothlab.autoencoder import decode, encode
-from clothlab.cloth import CLOTHS, Cloth, get_cloth
-from clothlab.control import recorded_plans
-from clothlab.dpmpb import observe
-from clothlab.env import ClothEnv, Scene, SimulationError
 from clothlab.lab.drivers import DRIVERS, Drivers, Period
 from clothlab.lab.finder import Finder, calibration_later
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
-from clothlab.vision import check_mask
+from clothlab.learning.autoencoder import decode, encode
+from clothlab.learning.control import recorded_plans
+from clothlab.learning.dpmpb import observe
+from clothlab.simulation.arm import check_command
+from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
+from clothlab.simulation.env import ClothEnv, Scene, SimulationError
+from clothlab.simulation.vision import check_mask
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ import mujoco
 import numpy as np
 
 from clothlab._validation import choose
-from clothlab.env import CONTROL_PERIOD
-from clothlab.episode import PHASES, Outcome, Spreader
 from clothlab.experiments import table_setting
 from clothlab.experiments.table_setting import DYNAMIC, METHODS, Settings
 from clothlab.lab.clock import Clock
 from clothlab.lab.messages import Messages
 from clothlab.lab.views import encoded
-from clothlab.reaching import Mover, lay_slowly
-from clothlab.table import TableEnv
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.table_scene.servoing import Mover, lay_slowly
+from clothlab.table_scene.table_env import TableEnv
+from clothlab.table_scene.task import PHASES, Outcome, Spreader
 
 SIZE = (288, 384)  # [pixel] height and width of the picture; the robot's looks have another, and other renderers
 PERIOD = 0.05  # [s] after which the panel asks for a picture again

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from clothlab._files import LARGEST_PICTURE
-from clothlab.autoencoder import Autoencoder, decode, encode
+from clothlab.learning.autoencoder import Autoencoder, decode, encode
+from clothlab.simulation.vision import chamfer_distance, mask_from_file
 from clothlab.trials import Trial
-from clothlab.vision import chamfer_distance, mask_from_file
 
 YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
 LARGEST_FILE = LARGEST_PICTURE  # [byte] of an upload; the server would take messages of up to 10 MB

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from clothlab import plots
 from clothlab.alt_text import AltText, describe
 from clothlab.analysis import principal_axes
-from clothlab.arm import JOINTS, MuscleArm
-from clothlab.cloth import CLOTHS, FOAMS, get_cloth
-from clothlab.env import CONTROL_PERIOD
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession, Moment
 from clothlab.lab.targets import LARGEST_FILE
-from clothlab.uncertainty import outline
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.learning.calibration import outline
+from clothlab.simulation.arm import JOINTS, MuscleArm
+from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
 # C_damp [N s/m] and C_mass [kg]: lowest, highest, step. Measured with random swinging at the lowest C_damp: below

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from clothlab.artifacts import load_target
+from clothlab.datasets import DRAWN
 from clothlab.lab.views import javascript
-from clothlab.recordings import DRAWN
-from clothlab.vision import HEIGHT, WIDTH
+from clothlab.simulation.vision import HEIGHT, WIDTH
 
 pytestmark = pytest.mark.browser
 

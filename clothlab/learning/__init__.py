@@ -1,0 +1,1 @@
+"""The method: autoencoder, DPMPB and its training, online estimation of p, and control by gradient."""

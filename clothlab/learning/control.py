@@ -1,0 +1,336 @@
+"""Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 8)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.dpmpb import DPMPB, Sequences, observe
+from clothlab.learning.frozen import FrozenDPMPB
+from clothlab.policies import Policy
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.env import Observation
+from clothlab.simulation.vision import check_mask
+from clothlab.trials import Trial
+
+Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
+Loss = Callable[[Tensor], Tensor]  # predicted states → loss of each sequence [B]
+
+
+@dataclass(frozen=True)
+class ControlSettings(Checked):
+    """The constants of the control; the defaults are the paper's."""
+
+    horizon: int = setting(8, "step", at_least=1)  # N_seq
+    candidates: int = setting(30, at_least=2)  # N_batch, step sizes tried at once
+    largest_step: float = setting(1.0, above=0)  # gamma_max, in standard deviations of u
+    smallest_step: float = setting(1e-3, above=0)  # a logarithmic scale needs one; not the paper's
+    iterations: int = setting(3, at_least=1)  # N_iter
+    period: int = setting(8, "step", at_least=1)  # N_periodic
+    tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
+
+
+def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
+    """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period, else 0.
+
+    It shifts left by one each step, as in the paper's example (0,1,0,0) → (1,0,0,0) → (0,0,0,1).
+    """
+    steps = check_number("t", t, int) + 1 + np.arange(settings.horizon)
+    return (steps % settings.period == 0).astype(np.float32)
+
+
+def step_sizes(settings: ControlSettings) -> Tensor:
+    """Values of gamma to try, `[candidates]`.
+
+    0, which keeps the loss from rising, and the rest on a logarithmic scale.
+    """
+    low, high = np.log10([settings.smallest_step, settings.largest_step])
+    return torch.cat([torch.zeros(1), torch.logspace(low, high, settings.candidates - 1)])
+
+
+def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension_weight: float) -> Tensor:
+    """h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂ (eq. 8).
+
+    Args:
+        s: predicted states `[B, T, D_s]`, z first.
+        z_ref: target `[D_z]`.
+        mask: m_t `[T]`.
+        tension: where the muscle tensions [N] lie in s; an arm without tensions leaves the second term out.
+        tension_weight: w_loss.
+
+    Returns:
+        Loss of each sequence, `[B]`.
+    """
+    z = s[..., : len(z_ref)]
+    loss = torch.linalg.vector_norm(mask[:, None] * (z_ref - z), dim=(1, 2))
+    f = s[..., tension]
+    if f.shape[-1]:
+        loss = loss + tension_weight * torch.linalg.vector_norm(f, dim=(1, 2))
+    return loss
+
+
+def optimise_commands(
+    predict: Predict, loss: Loss, u: Tensor, lower: Tensor, upper: Tensor, scale: Tensor, settings: ControlSettings
+) -> tuple[Tensor, np.ndarray]:
+    """Descend the gradient of the loss on the commands, choosing the best of many step sizes each time (eqs. 5 to 7).
+
+    Args:
+        predict: commands `[B, T, D_u]` → predicted states `[B, T, D_s]`.
+        loss: predicted states → loss of each sequence `[B]`.
+        u: where to start `[T, D_u]`.
+        lower: smallest command `[D_u]`.
+        upper: largest command `[D_u]`.
+        scale: what one unit of gamma is for each command `[D_u]`.
+        settings: step sizes, iterations.
+
+    Returns:
+        The best commands `[T, D_u]`, inside the range; and the loss at the start and after each iteration,
+        `[iterations + 1]`.
+    """
+    gamma = step_sizes(settings)[:, None, None] * scale
+    u = u.clamp(lower, upper)
+    trace = []
+    for _ in range(settings.iterations):
+        u.requires_grad_()
+        start = loss(predict(u[None]))
+        (g,) = torch.autograd.grad(start.sum(), u)
+        with torch.no_grad():
+            g = g * scale  # the gradient with respect to u in units of `scale`
+            direction = g / torch.linalg.vector_norm(g).clamp_min(1e-12)
+            candidates = (u - gamma * direction).clamp(lower, upper)
+            losses = loss(predict(candidates))
+            best = losses.argmin()
+            trace.append(start.item())
+        u = candidates[best].clone()
+    return u.detach(), np.array([*trace, losses[best].item()])
+
+
+def shift_left(u: Tensor) -> Tensor:
+    """The warm start: last solution `[T, D_u]` one step on, its last command twice."""
+    return torch.cat([u[1:], u[-1:]])
+
+
+def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
+    """Stretches of the commands that somebody has sent before, `[count, horizon, D_u]`, drawn at random.
+
+    Raises:
+        ValueError: no trials, or trials shorter than a stretch.
+    """
+    check_number("count", count, int, at_least=1)
+    if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
+        raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
+    windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
+    chosen = np.random.default_rng(check_number("seed", seed, int, at_least=0)).choice(
+        len(windows), count, replace=len(windows) < count
+    )
+    return windows[chosen].transpose(0, 2, 1)
+
+
+def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> np.ndarray:
+    """Recorded commands after which the cloth was nearest to a target, `[count or fewer, horizon, D_u]`, best first.
+
+    What they led to was seen, not promised. No two of one run overlap by more than half.
+
+    Args:
+        runs: recorded runs, with one cloth or several.
+        z_ref: target `[D_z]`.
+        horizon: length of a plan [step].
+        count: how many.
+
+    Raises:
+        ValueError: no runs, or none that is longer than a plan.
+    """
+    z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
+    check_number("horizon", horizon, int, at_least=1)
+    if any(len(z_ref) > run.s.shape[1] for run in runs):
+        raise ValueError(f"z_ref has more numbers than the states of the runs, {len(z_ref)}")
+    each = -(-check_number("count", count, int, at_least=1) // max(len(runs), 1))  # from each run
+    found = []
+    for run in runs:
+        away = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
+        for _ in range(min(each, len(away) // horizon)):
+            start = int(away.argmin())
+            found.append((float(away[start]), run.u[start : start + horizon]))
+            away[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
+    if not found:
+        raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
+    return np.stack([u for _, u in sorted(found, key=lambda pair: pair[0])[:count]]).astype(np.float64)
+
+
+class AimingPolicy(Policy):
+    """What foresees with a model and aims at an image: the base of policies that plan.
+
+    Attributes:
+        model: trained network.
+        autoencoder: the one that the model was trained with.
+        arm: whose commands are sent.
+        layout: of the robot state.
+        lower: lowest commands `[D_u]`.
+        upper: highest commands `[D_u]`.
+        scale: standard deviation of each command in training `[D_u]`, in which a descent steps.
+        z_ref: the target, compressed `[D_z]`.
+    """
+
+    def _know(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm) -> None:
+        """Keep what the planning stands on, and refuse what does not belong together."""
+        self.model, self.autoencoder, self.arm = model, autoencoder, arm
+        self.layout = arm.layout(autoencoder.latent_size)
+        if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
+            raise ValueError(
+                f"the model has {model.state_size} states and {model.command_size} commands, the {arm.name} arm has "
+                f"{self.layout.size} and {len(arm.command_names)}; load the weights of this arm"
+            )
+        # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
+        self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
+        self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
+        self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parametric bias in use `[D_p]`."""
+        return self._p.numpy().copy()
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next solve on.
+
+        Raises:
+            ValueError: p of another size or not finite.
+        """
+        self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
+        self._frozen = FrozenDPMPB(self.model, self._p)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next solve on.
+
+        Raises:
+            ValueError: another shape, or no cloth in it.
+        """
+        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
+
+
+class ControlPolicy(AimingPolicy):
+    """Realises a target image again and again, once a period.
+
+    Args:
+        model: trained network.
+        autoencoder: the one that the model was trained with.
+        arm: gives the range of the commands and says which states are tensions.
+        target: mask `[H, W]` of the cloth to realise.
+        p: parametric bias of the cloth in the hand `[D_p]`.
+        settings: the paper's constants.
+        plans: command sequences `[N, horizon, D_u]`, such as `recorded_plans`. Each period then starts from the one
+            that the model likes best, where that beats the warm start. The paper has none and leaves open where
+            the first solve starts.
+
+    Raises:
+        ValueError: a target of another size or without a cloth; a p of another size; a model of other sizes than
+            the arm's; plans of another shape.
+
+    Attributes:
+        trace: losses of each solve since the reset, a list of `[iterations + 1]`.
+    """
+
+    name = "control"
+
+    def __init__(
+        self,
+        model: DPMPB,
+        autoencoder: Autoencoder,
+        arm: Arm | str,
+        target: ArrayLike,
+        p: ArrayLike,
+        settings: ControlSettings | None = None,
+        plans: ArrayLike | None = None,
+    ):
+        self.settings = settings or ControlSettings()
+        self._know(model, autoencoder, get_arm(arm))
+        shape = (self.settings.horizon, len(self.lower))
+        plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
+        self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
+        self.set_target(target)
+        self.set_bias(p)
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run: phase, memory and plan."""
+        self.trace: list[np.ndarray] = []
+        self._t = 0
+        self._memory = self.model.initial_memory()
+        self._last: tuple[Tensor, Tensor] | None = None
+        home = torch.as_tensor(self.arm.home_command, dtype=torch.float32)
+        self._u = home.expand(self.settings.horizon, -1)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        s = self._follow(observation)
+        mask = torch.as_tensor(period_mask(self._t, self.settings))
+
+        def predict(u: Tensor) -> Tensor:
+            return self._frozen(s, u, self._memory)
+
+        def loss(states: Tensor) -> Tensor:
+            return control_loss(states, self.z_ref, mask, self.layout.tensions, self.settings.tension_weight)
+
+        start = self._u
+        if len(self._plans) and self._t % self.settings.period == 0:
+            with torch.no_grad():
+                starts = torch.cat([start[None], self._plans])
+                start = starts[loss(predict(starts)).argmin()]
+        self._u, trace = self.search(predict, loss, start)
+        self.trace.append(trace)
+        return self._send(s)
+
+    def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
+        """Look for better commands than `start`; overwrite it to look in another way.
+
+        Args:
+            predict: commands `[B, T, D_u]` → predicted states `[B, T, D_s]`.
+            loss: predicted states → loss of each sequence `[B]`.
+            start: where to start `[T, D_u]`.
+
+        Returns:
+            Commands `[T, D_u]` inside the range, and the trace of their loss.
+        """
+        return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
+
+    def coast(self, observation: Observation) -> np.ndarray:
+        """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out.
+
+        The first command after a reset needs a plan, and so a solve.
+        """
+        return self._send(self._follow(observation)) if self.trace else self(observation)
+
+    @property
+    def promise(self) -> float | None:
+        """Distance that the model promises for the end of this period, if the rest of the plan is sent [s.d. of z].
+
+        None before the first command, and where the period ends beyond the horizon.
+        """
+        ends = period_mask(self._t - 1, self.settings)
+        if self._last is None or not ends.any():
+            return None
+        with torch.no_grad():
+            z = self._frozen(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)[0, -1, self.layout.z]
+        return float(torch.linalg.vector_norm(self.z_ref - z))
+
+    @property
+    def period_ended(self) -> bool:
+        """Whether the last command was the last of its period."""
+        return self._last is not None and self._t % self.settings.period == 0
+
+    def _follow(self, observation: Observation) -> Tensor:
+        """Encode the state; the recurrent state follows what was observed, not what was predicted."""
+        if self._last is not None:
+            self._memory = self._frozen.follow(*self._last, self._memory)
+            self._u = shift_left(self._u)
+        return torch.as_tensor(observe(self.autoencoder, observation))
+
+    def _send(self, s: Tensor) -> np.ndarray:
+        self._last = (s, self._u[0])
+        self._t += 1
+        return self._u[0].double().numpy()

@@ -1,0 +1,317 @@
+"""DPMPB, the deep predictive model with parametric bias: s[t+1] = h(s[t], u[t], p) (paper, eqs. 1, 3 and 4)."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor, nn
+from tqdm.auto import tqdm
+
+from clothlab._validation import Checked, check_array, check_number, choose, setting
+from clothlab.learning._training import best_device, training
+from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.simulation.env import Observation
+from clothlab.trials import Trial
+
+LARGEST_SIZE = 100_000  # of a vector that goes into a network, or comes out of it
+
+
+class Memory(NamedTuple):
+    """Hidden and cell state of the two LSTM layers, each `[2, B, 30]`."""
+
+    h: Tensor
+    c: Tensor
+
+
+class DPMPB(nn.Module):
+    """Ten layers: input → 300 → 100 → 30 → LSTM 30 → LSTM 30 → 30 → 100 → 300 → D_s, with tanh between them.
+
+    It speaks physical units: means and standard deviations of `s` and `u` are buffers, set from the training data by
+    `fit_normalisation`, and travel with the weights.
+
+    Args:
+        state_size: D_s.
+        command_size: D_u.
+        bias_size: D_p.
+    """
+
+    s_mean: Tensor
+    s_std: Tensor
+    u_mean: Tensor
+    u_std: Tensor
+
+    def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
+        super().__init__()
+        self.state_size = check_number("state_size", state_size, int, at_least=1, at_most=LARGEST_SIZE)
+        self.command_size = check_number("command_size", command_size, int, at_least=1, at_most=LARGEST_SIZE)
+        self.bias_size = check_number("bias_size", bias_size, int, at_least=0, at_most=LARGEST_SIZE)
+        self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
+        self.lstm = nn.LSTM(30, 30, num_layers=2, batch_first=True)
+        self.fc_out = nn.Sequential(*_tanh_layers(30, 30, 100, 300), nn.Linear(300, state_size))
+        for name, size in (("s", state_size), ("u", command_size)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_std", torch.ones(size))
+
+    def forward(self, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
+        """Predict each next state from the state, the command and the parametric bias (eq. 1).
+
+        Args:
+            s: states `[B, T, D_s]`.
+            u: commands `[B, T, D_u]`.
+            p: parametric bias `[B, D_p]`, or `[D_p]` for all sequences.
+            memory: recurrent state before the first step; zeros when left out.
+
+        Returns:
+            Next states `[B, T, D_s]`, and the memory after the last step.
+        """
+        s, u = (s - self.s_mean) / self.s_std, (u - self.u_mean) / self.u_std
+        p = p.expand(len(s), self.bias_size).unsqueeze(1).expand(-1, s.shape[1], -1)
+        x = self.fc_in(torch.cat([u, s, p], dim=-1))
+        x, memory = self.lstm(x, memory)
+        return self.fc_out(x) * self.s_std + self.s_mean, Memory(*memory)
+
+    def initial_memory(self) -> Memory:
+        """The recurrent state before the first step of one run: zeros."""
+        zeros = torch.zeros(self.lstm.num_layers, 1, self.lstm.hidden_size)
+        return Memory(zeros, zeros)
+
+    def loss(self, predicted: Tensor, s: Tensor) -> Tensor:
+        """Mean squared error of states `[..., D_s]` in standard deviations, so that every sensor counts alike."""
+        return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
+
+
+def _tanh_layers(*sizes: int) -> nn.Sequential:
+    pairs = itertools.pairwise(sizes)
+    return nn.Sequential(*[layer for a, b in pairs for layer in (nn.Linear(a, b), _Tanh())])
+
+
+class _Tanh(nn.Module):
+    """tanh(a) = 2σ(2a) - 1: on a processor σ takes a tenth of tanh's time, which was a fifth of a training's."""
+
+    def forward(self, a: Tensor) -> Tensor:
+        return 2 * torch.sigmoid(2 * a) - 1
+
+
+def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
+    """Predict T steps ahead, one after another, each prediction being the next step's input.
+
+    The plain version of `clothlab.learning.frozen`, and the reference that it is tested and timed against.
+
+    Args:
+        model: network.
+        s: current state `[D_s]`.
+        u: commands `[B, T, D_u]`.
+        p: parametric bias `[D_p]`.
+        memory: recurrent state before this step, of batch 1.
+
+    Returns:
+        Predicted states `[B, T, D_s]`.
+    """
+    batch = len(u)
+    if memory is not None:
+        memory = Memory(*(part.expand(-1, batch, -1).contiguous() for part in memory))
+    s = s.expand(batch, 1, -1)
+    states = []
+    for t in range(u.shape[1]):
+        s, memory = model(s, u[:, t : t + 1], p, memory)
+        states.append(s)
+    return torch.cat(states, dim=1)
+
+
+@dataclass(frozen=True)
+class ModelTraining(Checked):
+    """How W and p are trained together; the defaults are the paper's for the simulation."""
+
+    epochs: int = setting(300, at_least=1)
+    batch_size: int = setting(300, at_least=1)  # sequences
+    sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
+    bias_size: int = setting(2, at_least=0)  # D_p
+    # The paper stops here. What follows keeps a large network from learning 4,500 steps by heart (notebook 05).
+    stride: int = setting(5, "step", at_least=1)  # between the starts of overlapping sequences
+    learning_rate: float = setting(2e-3, above=0)  # of W; falls to zero along a cosine
+    bias_learning_rate: float = setting(6e-3, above=0)  # of p, whose few numbers must travel far
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingTrace:
+    """What happened in a training.
+
+    Attributes:
+        losses: mean squared error of each epoch, in standard deviations, `[epochs]`.
+        biases: p of each material before the first epoch and after each, `{name: [epochs + 1, D_p]}`.
+    """
+
+    losses: np.ndarray
+    biases: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Sequences(Checked):
+    """One run as the model sees it.
+
+    Attributes:
+        s: states `[T, D_s]`, z first.
+        u: commands `[T, D_u]`.
+        material: which p it shares: the name of its cloth.
+    """
+
+    s: np.ndarray
+    u: np.ndarray
+    material: str
+
+    def __post_init__(self) -> None:
+        """Refuse what is not finite or does not belong together."""
+        for name in ("s", "u"):
+            array = check_array(
+                f"{name} of a run of {self.material}", getattr(self, name), ("T", f"D_{name}"), np.float32
+            )
+            object.__setattr__(self, name, array)
+        if len(self.s) != len(self.u):
+            raise ValueError(f"a run has as many states as commands, got {len(self.s)} and {len(self.u)}")
+        super().__post_init__()
+
+    def __len__(self) -> int:
+        """Return the number of control steps T."""
+        return len(self.s)
+
+    def __getitem__(self, steps: slice) -> "Sequences":
+        """Return a stretch of the run, `run[:100]`."""
+        return Sequences(self.s[steps], self.u[steps], self.material)
+
+
+def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
+    """State s = (z, robot state) of one observation, `[D_s]`, float32.
+
+    Here physics, in float64, meets learning, in float32.
+    """
+    return np.concatenate([encode(autoencoder, observation["image"]), observation["robot"]]).astype(np.float32)
+
+
+def to_sequences(autoencoder: Autoencoder, trial: Trial) -> Sequences:
+    """States and commands of a recorded trial, encoded with this autoencoder."""
+    s = np.concatenate([encode(autoencoder, trial.images), trial.robot], axis=1)
+    return Sequences(s.astype(np.float32), trial.commands.astype(np.float32), trial.cloth.name)
+
+
+def fit_normalisation(model: DPMPB, runs: Sequence[Sequences]) -> None:
+    """Set the model's means and standard deviations from all the data (paper, "Network Structure of DPMPB")."""
+    for name in ("s", "u"):
+        values = torch.as_tensor(np.concatenate([getattr(run, name) for run in runs]), dtype=torch.float32)
+        getattr(model, f"{name}_mean").copy_(values.mean(0))
+        getattr(model, f"{name}_std").copy_(values.std(0).clamp_min(1e-6))
+
+
+def train_dpmpb(
+    runs: Sequence[Sequences],
+    settings: ModelTraining | None = None,
+    *,
+    known: Mapping[str, ArrayLike] | None = None,
+    seed: int = 0,
+    device: str | None = None,
+    progress: bool = True,
+) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
+    """Train the weights W and one p for each material together (eqs. 3 and 4).
+
+    Args:
+        runs: recorded runs; those of one material share one p, which starts at zero. Give each run a material of its
+            own, and each gets its own p.
+        settings: epochs, batch, sequence length, learning rate.
+        known: p of each material `{name: [D_p]}`, to be used as it is; by default p is trained.
+        seed: of weights and batches.
+        device: where to train; by default a GPU where torch sees one.
+        progress: show a progress bar.
+
+    Returns:
+        The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
+
+    Raises:
+        KeyError: a material whose p is not among the known ones; the message lists them.
+        ValueError: no runs, runs shorter than a sequence, runs of unequal sizes, or a known p that is not `[D_p]`.
+    """
+    settings = settings or ModelTraining()
+    _check_runs(runs, settings.sequence_length)
+    p = _first_biases(materials_of(runs), settings.bias_size, known)
+    device = device or best_device()
+    with training(seed):
+        return _train(runs, settings, p.to(device).requires_grad_(not known), device, progress)
+
+
+def _train(
+    runs: Sequence[Sequences], settings: ModelTraining, p: Tensor, device: str, progress: bool
+) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
+    model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
+    fit_normalisation(model, runs)
+    model.to(device)
+
+    groups: list[dict[str, Any]] = [{"params": model.parameters()}]
+    if p.requires_grad:
+        groups.append({"params": [p], "lr": settings.bias_learning_rate})
+    optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
+    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
+    batches = -(-len(s) // settings.batch_size)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
+    losses, path = [], [p.detach().cpu().numpy().copy()]
+    bar = tqdm(range(settings.epochs), desc="DPMPB", disable=not progress, unit="epoch")
+    for _ in bar:
+        total = 0.0
+        for index in torch.randperm(len(s), device=device).split(settings.batch_size):
+            predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+            loss = model.loss(predicted, s[index, 1:])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+            total += loss.item() * len(index)
+        losses.append(total / len(s))
+        path.append(p.detach().cpu().numpy().copy())
+        bar.set_postfix(mse=f"{losses[-1]:.4f}")
+    trace = TrainingTrace(np.array(losses), dict(zip(materials_of(runs), np.stack(path, axis=1), strict=True)))
+    return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
+
+
+def materials_of(runs: Sequence[Sequences]) -> list[str]:
+    """Each once, in the order in which they first occur."""
+    return list(dict.fromkeys(run.material for run in runs))
+
+
+def _first_biases(materials: list[str], size: int, known: Mapping[str, ArrayLike] | None) -> Tensor:
+    """Zeros, or what is known, `[K, D_p]`."""
+    if not known:
+        return torch.zeros(len(materials), size)
+    rows = [check_array(f"p of {name}", choose("material", name, known), (size,), np.float32) for name in materials]
+    return torch.as_tensor(np.array(rows))
+
+
+def _check_runs(runs: Sequence[Sequences], length: int) -> None:
+    if not runs:
+        raise ValueError("no runs to train on")
+    for run in runs:
+        if len(run) <= length:
+            raise ValueError(f"a run needs more steps than the {length} of a sequence, got {len(run)}")
+        if run.s.shape[1] != runs[0].s.shape[1] or run.u.shape[1] != runs[0].u.shape[1]:
+            raise ValueError("all runs must come from the same arm and autoencoder: their sizes differ")
+
+
+def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Overlapping stretches of runs, and which material each belongs to.
+
+    Args:
+        runs: recorded runs.
+        length: of a stretch [step].
+        stride: between the starts of neighbours [step].
+
+    Returns:
+        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
+        order in which materials first occur.
+    """
+    check_number("length", length, int, at_least=1)
+    check_number("stride", stride, int, at_least=1)
+    materials = materials_of(runs)
+    s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
+    u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
+    k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]
+    return torch.cat(s), torch.cat(u), torch.cat(k)

@@ -1,0 +1,221 @@
+"""Policies that need no model: random commands, the scripted operator, replay; and what every policy is."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab._validation import check_array, check_number
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.env import Observation
+
+
+class Policy:
+    """Chooses commands; a subclass says how. What a policy has no use for, it does not listen to.
+
+    Attributes:
+        name: what recorded trials call it.
+    """
+
+    name = "policy"
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run, before a new one.
+
+        Args:
+            seed: of the policy's own random numbers.
+        """
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from now on."""
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from now on."""
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`."""
+        raise NotImplementedError
+
+
+class Wrapper(Policy):
+    """A policy around another one, to which it passes on all that it is told; both begin anew."""
+
+    def __init__(self, policy: "Policy | Callable[[Observation], ArrayLike]"):
+        self.policy = as_policy(policy)
+        self.reset()
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """What recorded trials call it: as the policy within."""
+        return self.policy.name
+
+    def reset(self, seed: int = 0) -> None:
+        self.policy.reset(seed)
+
+    def set_target(self, mask: ArrayLike) -> None:
+        self.policy.set_target(mask)
+
+    def set_bias(self, p: ArrayLike) -> None:
+        self.policy.set_bias(p)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        return self.policy(observation)
+
+
+class FunctionPolicy(Policy):
+    """A plain function `observation -> u` as a policy."""
+
+    def __init__(self, function: Callable[[Observation], ArrayLike]):
+        self.function = function
+        self.name = getattr(function, "__name__", type(function).__name__)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        return np.asarray(self.function(observation))
+
+
+def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
+    """Return a plain function as a policy; a policy as it is.
+
+    Raises:
+        TypeError: neither of them.
+    """
+    if not callable(policy) or isinstance(policy, type):
+        raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
+    return policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+
+
+class Timed(Wrapper):
+    """Measures how long each command takes to choose.
+
+    Attributes:
+        seconds: of each call since the reset [s].
+    """
+
+    def reset(self, seed: int = 0) -> None:
+        super().reset(seed)
+        self.seconds: list[float] = []
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        start = time.perf_counter()
+        u = self.policy(observation)
+        self.seconds.append(time.perf_counter() - start)
+        return u
+
+
+class Noisy(Wrapper):
+    """Adds normal noise to the angles that another policy commands, kept in the arm's range.
+
+    Args:
+        policy: chooses the commands.
+        arm: gives their range.
+        sigma: standard deviation of the noise [rad].
+
+    Raises:
+        ValueError: a sigma that is negative or not finite.
+    """
+
+    def __init__(self, policy: Policy, arm: Arm, sigma: float):
+        self.arm, self.sigma = get_arm(arm), check_number("sigma", sigma, at_least=0)
+        super().__init__(policy)
+
+    def reset(self, seed: int = 0) -> None:
+        super().reset(seed)
+        self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy within draws
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        u = np.array(self.policy(observation), dtype=np.float64)
+        u[self.arm.angle_command] += self._rng.normal(0.0, self.sigma, len(self.arm.home))
+        return np.clip(u, self.arm.command_lower, self.arm.command_upper)
+
+
+class ReplayPolicy(Policy):
+    """Sends recorded commands again, whatever it sees."""
+
+    name = "replay"
+
+    def __init__(self, commands: ArrayLike):
+        self.commands = check_array("commands", commands, ("T", "D_u"))
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        self._left = iter(self.commands)
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """Return the command `[D_u]`.
+
+        Raises:
+            ValueError: more steps than recorded commands.
+        """
+        u = next(self._left, None)
+        if u is None:
+            raise ValueError(f"only {len(self.commands)} commands were recorded: ask for no more steps than that")
+        return u
+
+
+class RandomPolicy(Policy):
+    """Uniform random commands, each held for a random number of steps (the paper's Random).
+
+    Args:
+        arm: gives the range of the commands.
+        longest_hold: a command is held for 1 to this many steps, so that slow and fast motions both occur.
+    """
+
+    name = "random"
+
+    def __init__(self, arm: Arm | str, *, longest_hold: int = 4):
+        self.arm, self.longest_hold = get_arm(arm), check_number("longest_hold", longest_hold, int, at_least=1)
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Start anew; the same seed gives the same commands."""
+        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
+        self._steps_left = 0
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        if self._steps_left == 0:
+            self._u = self._rng.uniform(self.arm.command_lower, self.arm.command_upper)
+            self._steps_left = int(self._rng.integers(1, self.longest_hold + 1))
+        self._steps_left -= 1
+        return self._u.copy()
+
+
+class OperatorPolicy(Policy):
+    """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly, throws it down fast to spread it.
+
+    Every swing draws its own height, depth, speeds and pauses, so that no two are alike. What the arm takes beside
+    joint angles (stiffness) is random, as in the paper.
+    """
+
+    name = "operator"
+
+    def __init__(self, arm: Arm | str):
+        self.arm = get_arm(arm)
+        self._random = RandomPolicy(arm)
+        self.reset()
+
+    def reset(self, seed: int = 0) -> None:
+        """Start anew; the same seed gives the same swings."""
+        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
+        self._random.reset(seed)
+        self._theta = self.arm.home_command[self.arm.angle_command]
+        self._plan: Iterator[np.ndarray] = iter(())
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        theta = next(self._plan, None)
+        if theta is None:
+            self._plan = iter(self._swing())
+            theta = next(self._plan)
+        self._theta = theta
+        u = self._random(observation)
+        u[self.arm.angle_command] = theta
+        return u
+
+    def _swing(self) -> Sequence[np.ndarray]:
+        """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3."""
+        rng, lower, upper = self._rng, np.array(self.arm.lower), np.array(self.arm.upper)
+        high = lower + rng.uniform(0.0, 0.35, len(lower)) * (upper - lower)
+        low = lower + rng.uniform(0.65, 1.0, len(lower)) * (upper - lower)
+        up = np.linspace(self._theta, high, rng.integers(3, 7) + 1)[1:]
+        down = np.linspace(high, low, rng.integers(1, 3) + 1)[1:]
+        return [*up, *[high] * rng.integers(0, 3), *down, *[low] * rng.integers(1, 4)]

@@ -1,0 +1,131 @@
+"""How stiff the hand is: the body image that muscles follow, static postures, and the stiffness ellipse."""
+
+import warnings
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import root
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.neural_network import MLPRegressor
+from sklearn.preprocessing import StandardScaler
+
+from clothlab._validation import check_array, check_finite, check_number
+from clothlab.simulation.arm import MuscleArm, check_command
+
+SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
+
+
+def learn_body_image(
+    theta: np.ndarray, tension: np.ndarray, length: np.ndarray, *, seed: int = 0
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Fit a network to sensed l = h(θ, f), as the paper does on the real robot (its eq. 2).
+
+    Args:
+        theta: joint angles `[N, 2]` [rad].
+        tension: f `[N, 6]` [N].
+        length: l `[N, 6]` [m].
+        seed: of the network's weights.
+
+    Returns:
+        A function like `MuscleArm.body_image`. It is to be trusted near the data alone.
+    """
+    inputs, outputs = StandardScaler(), StandardScaler()
+    network = MLPRegressor(
+        hidden_layer_sizes=(64, 64),
+        activation="tanh",
+        learning_rate_init=0.005,
+        max_iter=600,
+        n_iter_no_change=600,
+        random_state=seed,
+    )
+    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):  # it is to run all its epochs
+        network.fit(inputs.fit_transform(np.hstack([theta, tension])), outputs.fit_transform(length))
+
+    def body_image(theta: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        x = np.hstack([np.atleast_2d(theta), np.atleast_2d(tension)])
+        return outputs.inverse_transform(network.predict(inputs.transform(x)))
+
+    return body_image
+
+
+def static_posture(arm: MuscleArm, u: ArrayLike, force: ArrayLike) -> np.ndarray:
+    """Joint angles `[2]` [rad] at which the muscles balance a force `[2]` [N] (forward, up) on the hand, no gravity.
+
+    Raises:
+        ValueError: a command outside the arm's range, or a force that pushes a joint to its stop.
+    """
+    u, force = check_command(arm, u), check_array("a force on the hand", force, (2,))
+
+    def torque(theta: np.ndarray) -> np.ndarray:
+        if not np.isfinite(theta).all():  # a solver that finds no balance ends there
+            return np.full(2, np.nan)
+        return arm.hand_jacobian(theta).T @ force - arm.moment_arms.T @ arm.static_tension(theta, u)
+
+    solution = root(torque, u[arm.angle_command], tol=1e-10)
+    low, high = np.array(arm.lower) - arm.stop_margin, np.array(arm.upper) + arm.stop_margin
+    balanced = np.abs(torque(solution.x)).max() < 1e-8  # [N m]; a stretched arm makes the solver doubt a good answer
+    if not balanced or (solution.x < low).any() or (solution.x > high).any():
+        raise ValueError(f"the muscles cannot hold {force} N under the command {u}: push less")
+    return solution.x
+
+
+def stiffness_ellipse(
+    arm: MuscleArm, theta_ref: ArrayLike, f_const: float, *, force: float = 1.0, directions: int = 24
+) -> np.ndarray:
+    """How far the hand moves when pushed from all directions (paper, figure on variable stiffness).
+
+    By simulation, without gravity and without a cloth.
+
+    Args:
+        arm: a muscle arm.
+        theta_ref: posture `[2]` [rad].
+        f_const: co-contraction [N].
+        force: [N].
+        directions: how many, evenly around.
+
+    Returns:
+        Displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
+
+    Raises:
+        ValueError: a posture or an f_const outside the arm's range, a force that is no positive number or pushes a
+            joint to its stop, or fewer than three directions.
+    """
+    theta_ref = check_array("theta_ref", theta_ref, (len(arm.home),))
+    u = check_command(arm, [*theta_ref, check_number("f_const", f_const)])
+    force, directions = check_number("force", force, above=0), check_number("directions", directions, int, at_least=3)
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, 0]
+    arm.add_to(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    displacements = []
+    for angle in np.arange(directions) * 2 * np.pi / directions:
+        mujoco.mj_resetData(model, data)
+        arm.reset(data, u)
+        mujoco.mj_kinematics(model, data)
+        start = data.site("hand").xpos.copy()
+        push = force * np.array([np.cos(angle), np.sin(angle)])
+        static_posture(arm, u, push)  # which refuses what the muscles cannot hold
+        data.body("hand").xfrc_applied[[0, 2]] = push
+        mujoco.mj_step(model, data, round(SETTLING_TIME / model.opt.timestep))
+        displacements.append((data.site("hand").xpos - start)[[0, 2]])
+    return np.array(displacements)
+
+
+def ellipse_area(displacements: ArrayLike) -> float:
+    """Area [m²] of the ellipse on which displacements `[N, 2]` [m] lie, made by equal forces evenly around.
+
+    The polygon through N points of an ellipse is smaller than the ellipse by a factor that depends on N alone, so that
+    the area does not hang on how many directions were tried.
+
+    Raises:
+        ValueError: another shape, not finite, or fewer than three points.
+    """
+    x, y = check_array("displacements", displacements, ("N", 2)).T
+    if len(x) < 3:
+        raise ValueError(f"an ellipse takes three points or more, got {len(x)}")
+    polygon = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    corner = 2 * np.pi / len(x)
+    return float(check_finite("area", polygon * corner / np.sin(corner)))

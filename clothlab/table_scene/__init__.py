@@ -1,0 +1,1 @@
+"""Setting a table: the scene, its environment, perception, servoing, throwing, and the task phase by phase."""

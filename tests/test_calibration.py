@@ -1,0 +1,153 @@
+"""Laws of uncertainty: regions hold what they should hold as often as they say, and only the unknown surprises."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from clothlab.learning.calibration import calibrate, fit_floor, inside, outline, settle
+from clothlab.learning.dpmpb import Sequences
+from clothlab.learning.estimation import Fit, NewtonSettings
+
+ENDLESS = NewtonSettings(freedom=1e9, lag=0)
+BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -1.0])}
+MIX = torch.tensor([[1.0, 0.5], [-0.5, 1.0], [0.3, 0.3]])  # how the state feels a command and p
+
+
+class Toy:
+    """s[t+1] = MIX (u[t] * (p + 1)): linear in p, and so its regions can be known."""
+
+    state_size, command_size, bias_size, s_std = 3, 2, 2, torch.ones(3)
+
+    def __call__(self, s, u, p):
+        return (u * (p[:, None] + 1)) @ MIX.T, None
+
+
+def toy_run(p, rng, steps=80, noise=0.3, material="a"):
+    u = rng.normal(size=(steps, 2))
+    s = np.zeros((steps, 3))
+    s[1:] = (u * (np.asarray(p) + 1))[:-1] @ MIX.numpy().T + noise * rng.normal(size=(steps - 1, 3))
+    return Sequences(s, u, material)
+
+
+@pytest.fixture(scope="module")
+def toy_fits():
+    rng = np.random.default_rng(0)
+    return [settle(Toy(), toy_run([0.3, -0.2], rng), np.zeros(2), ENDLESS) for _ in range(400)]
+
+
+def test_the_90_percent_region_of_a_linear_gaussian_toy_holds_the_truth_in_90_percent(toy_fits):
+    held = np.mean([inside([0.3, -0.2], p, fit.covariance(1e9, lag=0)) for p, fit in toy_fits])
+    assert held == pytest.approx(0.9, abs=3 * np.sqrt(0.9 * 0.1 / len(toy_fits)))
+
+
+def test_the_covariance_of_the_toy_is_that_of_least_squares(toy_fits):
+    found = np.mean([fit.covariance(1e9, lag=0) for _, fit in toy_fits], axis=0)
+    exact = np.mean([np.linalg.inv(np.einsum("tdi,tdj->ij", fit.slopes, fit.slopes)) for _, fit in toy_fits], axis=0)
+    assert found == pytest.approx(0.3**2 * exact, rel=0.1, abs=2e-5)
+
+
+def test_a_region_grows_with_its_share_and_its_edge_is_its_edge():
+    centre, covariance = np.array([1.0, 2.0]), np.array([[2.0, 0.6], [0.6, 0.5]])
+    for share in (0.5, 0.9):
+        edge = outline(centre, covariance, share)
+        assert edge.shape == (48, 2)
+        assert edge[0] == pytest.approx(edge[-1])
+        assert all(inside(centre + 0.99 * (p - centre), centre, covariance, share) for p in edge)
+        assert not any(inside(centre + 1.01 * (p - centre), centre, covariance, share) for p in edge)
+    drawn = np.random.default_rng(0).multivariate_normal(centre, covariance, 1000)
+    assert np.mean([inside(p, centre, covariance, 0.5) for p in drawn]) == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("p", "covariance", "share", "message"),
+    [
+        ([0.0], np.eye(2), 0.9, r"p is \[2\]"),
+        ([0.0, 0], np.eye(3), 0.9, r"covariance is \[2, 2\]"),
+        ([0.0, 0], np.eye(2), 0.0, "share must be above 0"),
+        ([0.0, 0], np.eye(2), 1.0, "share must be at most"),
+    ],
+)
+def test_a_region_needs_what_belongs_together(p, covariance, share, message):
+    with pytest.raises(ValueError, match=message):
+        inside(p, [0.0, 0.0], covariance, share)
+
+
+def test_the_floor_is_what_scatter_leaves_unexplained():
+    rng = np.random.default_rng(1)
+    true = np.array([[0.5, 0.2], [0.2, 0.3]])
+    scatter = np.array([np.eye(2) * k for k in rng.uniform(0.1, 1, 500)])
+    gaps = np.array([rng.multivariate_normal([0, 0], true + each) for each in scatter])
+    assert fit_floor(gaps, scatter) == pytest.approx(true, abs=0.12)
+    assert np.trace(fit_floor(gaps / 100, scatter)) < 0.01  # never more than there is
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    """Of a toy whose right p shifts from run to run by 0.1, which no curvature can know."""
+    rng = np.random.default_rng(2)
+    runs = [toy_run(p + 0.1 * rng.normal(size=2), rng, 110, 0.1, name) for name, p in BIASES.items() for _ in range(9)]
+    return calibrate(Toy(), BIASES, runs, lengths=(50, 100, 500), settings=ENDLESS)
+
+
+def test_a_calibration_finds_what_curvature_cannot_know(calibration):
+    assert np.sqrt(np.diag(calibration.floor)) == pytest.approx([0.1, 0.1], rel=0.4)
+    assert calibration.lengths.tolist() == [50, 100]
+    rng, held, bare = np.random.default_rng(3), [], []
+    for _ in range(150):
+        p, fit = settle(Toy(), toy_run(BIASES["a"] + 0.1 * rng.normal(size=2), rng, 100, 0.1), [0, 0], ENDLESS)
+        held.append(inside(BIASES["a"], p, calibration.covariance(fit)))
+        bare.append(inside(BIASES["a"], p, fit.covariance()))
+    assert 0.8 < np.mean(held) <= 1
+    assert np.mean(bare) < 0.5
+
+
+def test_only_an_unusual_error_surprises(calibration):
+    rng, told = np.random.default_rng(4), {}
+    for noise in (0.1, 0.3):
+        fits = [settle(Toy(), toy_run(BIASES["b"], rng, 100, noise), [0, 0], ENDLESS) for _ in range(40)]
+        told[noise] = np.mean([calibration.unfamiliar(fit, p) for p, fit in fits])
+        surprise = np.mean([calibration.surprise(fit, p) for p, fit in fits])
+        assert surprise == pytest.approx(2 * np.log(noise / 0.1), abs=0.1)
+    assert told[0.1] < 0.25
+    assert told[0.3] == 1
+
+
+def test_too_little_was_seen_to_be_surprised(calibration):
+    fit = SimpleNamespace(errors=np.full((20, 3), 9.0))
+    assert not calibration.unfamiliar(fit, BIASES["a"])
+    assert calibration.unfamiliar(Fit(np.full((99, 3), 9.0), np.zeros((99, 3, 2))), BIASES["a"])
+
+
+def test_outside_is_where_no_trained_material_is_around(calibration):
+    small = 1e-4 * np.eye(2)
+    assert not calibration.outside(np.mean(list(BIASES.values()), axis=0), small)
+    assert calibration.outside(2 * BIASES["a"], small)
+    assert not calibration.outside(2 * BIASES["a"], 4 * np.eye(2))  # who does not know cannot tell
+
+
+def test_a_doubt_says_all_of_it_at_once(calibration):
+    p, fit = settle(Toy(), toy_run(BIASES["c"], np.random.default_rng(6), 100, 0.1), [0, 0], ENDLESS)
+    doubt = calibration.doubt(SimpleNamespace(fit=fit, p=p))
+    assert np.array_equal(doubt.covariance, calibration.covariance(fit))
+    assert doubt.surprise == calibration.surprise(fit, p)
+    assert doubt[2:] == (calibration.unfamiliar(fit, p), calibration.outside(p, doubt.covariance))
+    assert calibration.doubt(SimpleNamespace(fit=None, p=p)) is None
+    assert calibration.doubt(SimpleNamespace(fit=Fit(fit.errors, np.zeros_like(fit.slopes)), p=p)) is None
+
+
+@pytest.mark.parametrize(
+    ("runs", "lengths", "message"),
+    [
+        (["a"], (50,), "at least two runs of each material"),
+        ([], (50,), "at least two runs"),
+        (["a", "a"], (500,), "runs of 60 steps are too short"),
+        (["a", "x"], (50,), "unknown material 'x'; choose from a, b, c"),
+    ],
+)
+def test_a_calibration_needs_runs_with_known_materials(runs, lengths, message):
+    rng = np.random.default_rng(5)
+    runs = [toy_run([0, 0], rng, 60, material=name) for name in runs]
+    with pytest.raises((ValueError, KeyError), match=message):
+        calibrate(Toy(), BIASES, runs, lengths=lengths)

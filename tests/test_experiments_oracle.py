@@ -1,0 +1,196 @@
+"""Laws of the search: no plan worse than its best start, and a scene that is looked at is not moved."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from clothlab.experiments.oracle import SearchSettings, SimulatorSearch, copy_state, cross_entropy
+from clothlab.learning.autoencoder import Autoencoder
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.env import ClothEnv
+from clothlab.trials import rollout
+
+LOWER, UPPER = np.array([-1.0, 0.0, 30.0]), np.array([1.0, 2.0, 30.0])
+TINY = SearchSettings(starts=3, remembered=1, rounds=2, tries=2, elite=2)
+
+
+def rugged(plans):
+    return np.sin(7 * plans[..., :2]).sum(axis=(1, 2))
+
+
+def away(plans):
+    """Smallest where the first two commands are 0.5 at every step."""
+    return np.square(plans[..., :2] - 0.5).sum(axis=(1, 2))
+
+
+@pytest.fixture
+def starts():
+    return np.random.default_rng(1).uniform([-1, 0, 0], [1, 2, 60], (20, 4, 3))
+
+
+@pytest.fixture
+def policy(square):
+    """Makes a search on a scene: periods of two steps, an autoencoder that has not learned anything."""
+    made = []
+
+    def make(env, settings=TINY, count=6, **options):
+        rng = np.random.default_rng(2)
+        plans = rng.uniform(env.arm.command_lower, env.arm.command_upper, (count, 2, len(env.arm.command_names)))
+        made.append(SimulatorSearch(env, Autoencoder().eval(), square, plans, settings, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def state(env):
+    """All that the next step depends on, and what was derived from it."""
+    size = mujoco.mj_stateSize(env.model, mujoco.mjtState.mjSTATE_INTEGRATION)
+    numbers = np.empty(size)
+    mujoco.mj_getState(env.model, env.data, numbers, mujoco.mjtState.mjSTATE_INTEGRATION)
+    parts = (env.data.qpos, env.data.qvel, env.data.act, env.data.xpos, [env.data.time])
+    return np.concatenate([numbers, *(np.ravel(part) for part in parts)])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_search_is_never_worse_than_its_best_start(starts, seed):
+    settings = SearchSettings(rounds=3, tries=5, elite=4)
+    rng = np.random.default_rng(seed)
+    plans, trace = cross_entropy(rugged, starts, LOWER, UPPER, settings, rng=rng)
+    assert trace[0] == rugged(np.clip(starts, LOWER, UPPER)).min()
+    assert trace.shape == (4,)
+    assert (np.diff(trace) <= 0).all()
+    assert trace[-1] == rugged(plans)[0]
+    assert (np.diff(rugged(plans)) >= 0).all()
+    assert plans.shape == (4, 4, 3)
+    assert ((plans >= LOWER) & (plans <= UPPER)).all()
+
+
+def test_a_search_finds_an_optimum_that_is_known(starts):
+    plans, trace = cross_entropy(away, starts, LOWER, UPPER, SearchSettings(rounds=40), rng=np.random.default_rng(0))
+    assert np.abs(plans[0, :, :2] - 0.5).max() < 0.05
+    assert trace[-1] < 0.01 < trace[0]
+
+
+def test_a_command_whose_range_is_a_point_is_fixed_in_every_plan_tried(starts):
+    tried = []
+    cross_entropy(
+        lambda plans: (tried.append(plans), away(plans))[1], starts, LOWER, UPPER, rng=np.random.default_rng(0)
+    )
+    assert (np.concatenate(tried)[..., 2] == 30).all()
+    assert len(np.concatenate(tried)) == len(starts) + SearchSettings().total - SearchSettings().starts
+
+
+def test_the_first_round_draws_around_the_best_start_not_between_good_ones():
+    tried = []
+
+    def two_valleys(plans):
+        tried.append(plans)
+        return np.abs(np.abs(plans[:, 0, 0]) - 0.8) + 0.01 * (plans[:, 0, 0] < 0)
+
+    starts = np.array([-0.8, -0.79, 0.8, -0.78]).reshape(4, 1, 1)
+    settings = SearchSettings(rounds=1, tries=400, elite=4)
+    cross_entropy(two_valleys, starts, [-9.0], [9.0], settings, rng=np.random.default_rng(0))
+    assert tried[1].mean() == pytest.approx(0.8, abs=0.15)
+
+
+def test_the_same_random_numbers_find_the_same_plans(starts):
+    def found(seed):
+        return cross_entropy(rugged, starts, LOWER, UPPER, rng=np.random.default_rng(seed))[0]
+
+    assert np.array_equal(found(3), found(3))
+    assert not np.array_equal(found(3), found(4))
+
+
+@pytest.mark.parametrize("starts", [np.empty((0, 4, 3)), np.zeros((5, 4, 2)), np.zeros(3), np.full((1, 4, 3), np.nan)])
+def test_starts_that_are_none_are_refused(starts):
+    with pytest.raises(ValueError, match="starts"):
+        cross_entropy(away, starts, LOWER, UPPER, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("arm", ["env", "muscle_env"])
+def test_a_search_leaves_the_scene_untouched_bit_for_bit(arm, policy, request):
+    env = request.getfixturevalue(arm)
+    rollout(env, RandomPolicy(env.arm), 2)
+    before = state(env)
+    policy(env).search()
+    assert np.array_equal(state(env), before)
+
+
+@pytest.mark.parametrize("arm", ["env", "muscle_env"])
+def test_the_simulator_keeps_its_promises(arm, policy, square, request):
+    env = request.getfixturevalue(arm)
+    search = policy(env)
+    env.start()
+    for _ in range(3):
+        plan = search.search()
+        for u in plan:
+            env.advance(u)
+        here = search.distances(np.empty((1, 0, len(u))))  # no command is sent: how far it is from here
+        assert here == pytest.approx([search.trace[-1][-1]], abs=1e-5)
+    assert len({float(trace[-1]) for trace in search.trace}) == 3
+    assert (np.diff(search.trace, axis=1) <= 0).all()
+
+
+def test_the_policy_sends_its_plans_whole_and_the_same_seed_sends_the_same(env, policy):
+    search = policy(env)
+    first = rollout(env, search, 5, seed=1)
+    assert len(search.trace) == 3
+    assert np.array_equal(rollout(env, search, 5, seed=1).commands, first.commands)
+    assert not np.array_equal(rollout(env, search, 5, seed=2).commands, first.commands)
+    assert first.policy == "simulator search"
+
+
+@pytest.mark.parametrize("remembered", [0, 1, 2])
+def test_a_search_begins_with_what_the_last_one_found(env, policy, monkeypatch, remembered):
+    search, asked = policy(env, SearchSettings(starts=3, remembered=remembered, rounds=0, elite=2)), []
+    monkeypatch.setattr(search, "distances", lambda plans: (asked.append(plans), rugged(plans))[1])
+    search.search()
+    search.search()
+    first, second = asked
+    assert first.shape == second.shape == (3, 2, 2)
+    assert np.array_equal(second[:remembered], first[rugged(first).argsort()][:remembered])
+    known = {plan.tobytes() for plan in search.plans}
+    assert all(plan.tobytes() in known for plan in second)
+    assert len({plan.tobytes() for plan in first}) == 3
+
+
+def test_a_fixed_stiffness_stays_fixed_in_every_command(muscle_env, policy, monkeypatch):
+    search, tried = policy(muscle_env, arm=muscle_env.arm.with_stiffness(50.0)), []
+    distances = search.distances
+    monkeypatch.setattr(search, "distances", lambda plans: (tried.append(plans), distances(plans))[1])
+    trial = rollout(muscle_env, search, 3)
+    assert (trial.commands[:, 2] == 50).all()
+    assert (np.concatenate(tried)[..., 2] == 50).all()
+    assert np.ptp(np.concatenate(tried)[..., 0]) > 0
+
+
+def test_another_target_is_sought_from_the_next_search_on(env, policy, square):
+    search = policy(env)
+    before = search.distances(search.plans)
+    search.set_target(~square)
+    assert not np.allclose(search.distances(search.plans), before)
+    with pytest.raises(ValueError, match="cloth"):
+        search.set_target(np.zeros_like(square))
+
+
+def test_the_copy_holds_what_the_scene_holds(policy):
+    env = ClothEnv("torque", "damp0.03-mass0.05")
+    search = policy(env)
+    env.hold("damp0.07-mass0.15")
+    for u in search.search():
+        env.advance(u)
+    assert search.distances(np.empty((1, 0, 2))) == pytest.approx([search.trace[0][-1]], abs=1e-5)
+
+
+@pytest.mark.parametrize(("arm", "cloth"), [("torque", "damp0.03-mass0.05"), ("muscle", "hard-1")])
+def test_states_of_other_scenes_are_refused(env, muscle_env, arm, cloth):
+    with pytest.raises(ValueError, match="same arm, cloth and time step"):
+        copy_state(env if arm == "torque" else muscle_env, ClothEnv("torque", cloth))
+
+
+@pytest.mark.parametrize("plans", [np.empty((0, 8, 2)), np.empty((3, 0, 2)), np.zeros((4, 8, 3)), np.zeros((8, 2))])
+def test_plans_that_do_not_fit_are_refused(env, square, plans):
+    with pytest.raises(ValueError, match="plans"):
+        SimulatorSearch(env, Autoencoder().eval(), square, plans)
