@@ -227,12 +227,3 @@ def test_temporary_files_are_seen_by_no_loader(tmp_path):
     add(recorder, 0, 5)
     assert len(artifacts.load_trials("mine", data=tmp_path)) == 1
     assert artifacts.load_trials("mine", data=recorder.folder) == []
-
-
-def test_a_recording_ends_before_it_is_longer_than_a_file_may_be(recorder, monkeypatch):
-    monkeypatch.setattr("clothlab.lab.recorder.LONGEST", 10)
-    recorder.start()
-    with pytest.raises(OSError, match="a recording has 10 steps at most, which are over: save it"):
-        add(recorder, 0, 15)
-    assert recorder.waiting
-    assert steps(recorder.save("x")) == list(range(10))

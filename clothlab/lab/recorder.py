@@ -15,7 +15,7 @@ import psutil
 
 from clothlab._validation import check_name
 from clothlab.simulation.env import Observation
-from clothlab.trials import LONGEST, Trial, load_trial, save_trial
+from clothlab.trials import Trial, load_trial, save_trial
 
 PLACE = re.compile(r"\d{1,20}-\d{1,9}(-\d{1,10}-\d{1,20})?")  # name of a folder in `unfinished`
 PIECE = 5  # control steps, one second
@@ -76,16 +76,13 @@ class Recorder:
         """Take in a step that happened; `about` is the trial's cloth, arm, policy and seed.
 
         Raises:
-            OSError: the disk does not take it, or no file would take more. The recording is then stopped, and holds all
-                steps up to this one.
+            OSError: the disk does not take it. The recording is then stopped, and holds all steps up to this one.
         """
         self._rows.append((observation["image"].astype(bool), observation["robot"], u))
         self._about = about | {"policy": _joined([self._about.get("policy", ""), about["policy"]])}
         if len(self._rows) == PIECE:
             self.running = False  # unless the disk takes it
             self._flush()
-            if self._steps >= LONGEST:
-                raise OSError(f"a recording has {LONGEST} steps at most, which are over: save it")
             self.running = True
 
     def stop(self) -> None:
