@@ -50,9 +50,9 @@ def check_array(
     try:
         array = np.asarray(value)  # not np.array, which torch tensors do not know
     except (TypeError, ValueError, RuntimeError):  # rows of different lengths, a tensor that requires grad
-        raise ValueError(f"{wanted}, got {value!s:.80}") from None
+        raise ValueError(f"{wanted}, got {_short(value)}") from None
     if array.dtype.kind not in "biuf":
-        raise ValueError(f"{wanted}, got {value!s:.80}")
+        raise ValueError(f"{wanted}, got {_short(value)}")
     if shape[:1] == (...,):
         shape = ("any",) * (array.ndim - len(shape) + 1) + tuple(shape[1:])
     if array.ndim != len(shape) or any(n != m for n, m in zip(shape, array.shape, strict=True) if isinstance(n, int)):
@@ -72,11 +72,15 @@ def check_number(what: str, value: Any, kind: type = float, **bounds: float) -> 
     right = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
     largest = 2**63 if isinstance(value, numbers.Integral) else math.inf  # NumPy takes no larger integers
     if not (right and abs(value) < largest):
-        raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {value!s:.80}")
+        raise ValueError(f"{what} is {'a whole' if kind is int else 'a finite'} number, got {_short(value)}")
     for word, bound in bounds.items():
         if not {"at_least": operator.ge, "above": operator.gt, "at_most": operator.le}[word](value, bound):
             raise ValueError(f"{what} must be {word.replace('_', ' ')} {bound:g}, got {value}")
     return kind(value)
+
+
+def _short(value: Any) -> str:
+    return " ".join(str(value).split())[:80]
 
 
 def setting(default: Any = dataclasses.MISSING, unit: str = "-", **bounds: float) -> Any:
@@ -100,10 +104,10 @@ def _as_declared(name: str, kind: Any, value: Any, bounds: Mapping[str, float]) 
         items = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else (value,)
         kinds = kinds[:1] * len(items) if kinds[-1] is ... else kinds
         if len(items) != len(kinds):
-            raise ValueError(f"{name} has {len(kinds)} entries, got {value}")
+            raise ValueError(f"{name} has {len(kinds)} entries, got {_short(value)}")
         return tuple(_as_declared(name, each, item, bounds) for each, item in zip(kinds, items, strict=True))
     if kind in (int, float):
         return check_number(name, value, kind, **bounds)
     if isinstance(kind, type) and not isinstance(value, kind):
-        raise ValueError(f"{name} is a {kind.__name__}, got {value!s:.80}")
+        raise ValueError(f"{name} is a {kind.__name__}, got {_short(value)}")
     return value

@@ -41,18 +41,15 @@ Folder = str | Path | None  # None: wherever `data_folder` finds it
 
 
 def data_folder(data: Folder = None) -> Path:
-    """The folder given, or the one that `CLOTHLAB_DATA` names, or that of the clone that the package runs from.
-
-    Raises:
-        FileNotFoundError: there is none; the message says how to get it.
-    """
-    folder = Path(data or os.environ.get("CLOTHLAB_DATA") or Path(__file__).resolve().parents[1] / "data")
-    if not folder.is_dir():
+    """The folder given, or the one that `CLOTHLAB_DATA` names, or that of the clone that the package runs from."""
+    if data is None:
+        data = os.environ.get("CLOTHLAB_DATA") or Path(__file__).resolve().parents[1] / "data"
+    if not str(data) or not Path(data).is_dir():
         raise FileNotFoundError(
-            f"no data in {folder}: clone the repository, which has a folder data/, and run from there, or set "
+            f"no data in {str(data)!r}: clone the repository, which has a folder data/, and run from there, or set "
             "CLOTHLAB_DATA to that folder"
         )
-    return folder
+    return Path(data)
 
 
 def own_trials(data: Folder = None) -> Path:

@@ -179,7 +179,7 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 
 def load_trial(path: str | Path) -> Trial:
     """Read a trial; a ValueError names the file if it is damaged, is no trial, or is of a newer version."""
-    with reading(path, "trial"), np.load(path, allow_pickle=False) as file:
+    with reading(path, "trial"), np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         if about.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}, this version's")

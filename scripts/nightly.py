@@ -54,7 +54,7 @@ class Part:
 
 PARTS = {
     "inputs": Part("{} hostile inputs", (*PYTEST, "tests/test_properties.py"), "CLOTHLAB_INPUTS", 10_000),
-    "files": Part("Files from strangers", (*PYTEST, "tests/test_strangers.py", "tests/test_files.py")),
+    "files": Part("Files", (*PYTEST, "tests/test_files.py")),
     "faults": Part("Faults at {} moments", (*PYTEST, "tests/test_faults.py"), "CLOTHLAB_FAULTS", 100),
     "soak": Part(
         "{} simulated minutes of the live lab",
