@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_finite, check_number, dimensions
+from clothlab._validation import check_array, check_number
 
 LARGEST_CORRELATION = 0.99  # of noise with itself a step later: a noise that never changes could be calibrated away
 
@@ -105,7 +105,7 @@ def fisher_information(sensitivity: ArrayLike, noise: Noise) -> np.ndarray:
         ValueError: sensitivities of another shape, or not finite.
     """
     white = noise.whiten(sensitivity)
-    return check_finite("information", np.cumsum(np.einsum("tdp,tdq->tpq", white, white), axis=0))
+    return np.cumsum(np.einsum("tdp,tdq->tpq", white, white), axis=0)
 
 
 def unbiased_information(sensitivities: ArrayLike, noise: Noise) -> np.ndarray:
@@ -139,7 +139,7 @@ def check_information(information: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: another shape, not finite, or not symmetric.
     """
-    f = check_array("information", information, (*"ABCDEF"[: max(dimensions(information) - 2, 0)], "P", "P"))
+    f = check_array("information", information, (*"ABCDEF"[: max(np.ndim(information) - 2, 0)], "P", "P"))
     if (
         not f.size
         or f.shape[-1] != f.shape[-2]

@@ -20,7 +20,7 @@ from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv
-from clothlab.trials import Trial, rollout, watch_motion
+from clothlab.trials import MotionWatch, Trial, rollout
 
 PERIOD = ControlSettings.period
 POOL = 400  # recorded stretches, of which each search draws its starts
@@ -243,7 +243,10 @@ def run_speeds(settings: Settings, seed: int) -> list[Speed]:
         peaks = []
         for plan in plans:
             copy_state(home, env)
-            peaks.append(watch_motion(env, plan).hand_speed.max())
+            watch = MotionWatch(env)
+            for u in plan:
+                env.advance(u, watch, 50)
+            peaks.append(watch.hand_speed.max())
         return -np.array(peaks)
 
     starts = recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), settings.speed_steps, search.starts, seed=seed)

@@ -33,7 +33,7 @@ from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.training_configs import recipe_of
-from clothlab.trials import MotionWatch, Trial, rollout, sensed_by
+from clothlab.trials import MotionWatch, Trial, rollout
 
 ENSEMBLE = 5  # models
 OWN_STEPS, OWN_SEED = 248, 30_000  # the run that a model learns from before the one that counts, and its seed
@@ -96,7 +96,7 @@ def _target(case: Case) -> np.ndarray:
 def _seen(sees_with: str, arm: str, recordings: str) -> list[Sequences]:
     """Recordings as an autoencoder sees and an arm senses them, encoded once in each process."""
     autoencoder, _ = artifacts.load_autoencoder(sees_with)
-    return [to_sequences(autoencoder, sensed_by(trial, arm)) for trial in artifacts.load_trials(recordings)]
+    return [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
 
 
 def seen_runs(learned: Trained) -> list[Sequences]:
@@ -368,7 +368,7 @@ def _watched(policy: Policy, case: Case, steps: int, seed: int, *, random_start:
     finally:
         env.close()
     samples = ControlSettings.period * SAMPLES
-    speed = watch.motion().hand_speed[: len(trial) * SAMPLES // samples * samples]
+    speed = watch.hand_speed[: len(trial) * SAMPLES // samples * samples]
     return trial, speed.reshape(-1, samples).max(axis=1)[1:]
 
 

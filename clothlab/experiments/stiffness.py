@@ -274,7 +274,7 @@ def run_control(settings: Settings, condition: str, cloth: str, model: int) -> C
         for name, change in asked.items()
     }
     keep = slice(None) if model == 0 else slice(0)
-    theta = replay(trial[keep], interval=0.02).theta if model == 0 else np.empty((0, 2))
+    theta = replay(trial[keep], samples=10).theta if model == 0 else np.empty((0, 2))
     return Control(
         condition=condition,
         cloth=cloth,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab._validation import Checked, check_array, check_number, dimensions, setting
+from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.learning._training import best_device, training
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks
 
@@ -170,7 +170,7 @@ def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: z of another size, or not finite.
     """
-    shape = (model.latent_size,) if dimensions(z) == 1 else ("B", model.latent_size)
+    shape = (model.latent_size,) if np.ndim(z) == 1 else ("B", model.latent_size)
     z = check_array("z", z, shape, np.float32)
     batch = torch.as_tensor(z.reshape(-1, model.latent_size))
     images = torch.cat([torch.sigmoid(model.decoder(part)) for part in batch.split(256)])

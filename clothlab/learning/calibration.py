@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
-from torch import Tensor
 
-from clothlab._validation import check_array, check_finite, check_mapping, check_number, choose
+from clothlab._validation import check_array, check_number, choose
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.estimation import Estimator, Fit, NewtonSettings
 
@@ -80,17 +79,11 @@ def settle(
     """
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
-    fit = _predicting(model, s, u, found)
+    fit = Fit.of(model, s, u, found)
     for _ in range(check_number("rounds", rounds, int, at_least=0)):
         found = found + fit.step(settings.freedom, settings.longest)
-        fit = _predicting(model, s, u, found)
+        fit = Fit.of(model, s, u, found)
     return found, fit
-
-
-def _predicting(model: DPMPB, s: Tensor, u: Tensor, p: np.ndarray) -> Fit:
-    fit = Fit.of(model, s, u, p)
-    check_finite("what is predicted with this p", fit.errors)
-    return fit
 
 
 class Doubt(NamedTuple):
@@ -199,7 +192,7 @@ def calibrate(
     """
     check_number("false_alarms", false_alarms, above=0, at_most=0.5)
     names = list(dict.fromkeys(run.material for run in runs))
-    chosen = [choose("material", name, check_mapping("trained p", biases)) for name in names]
+    chosen = [choose("material", name, biases) for name in names]
     which = np.array([names.index(run.material) for run in runs])
     if not runs or (np.bincount(which) < 2).any():
         raise ValueError("a calibration needs at least two runs of each material")

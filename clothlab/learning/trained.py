@@ -12,7 +12,7 @@ from clothlab.learning.control import ControlPolicy, ControlSettings
 from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.learning.iterative import PracticePolicy, PracticeSettings
 from clothlab.simulation.arm import Arm, StateLayout
-from clothlab.trials import Trial, sensed_by
+from clothlab.trials import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,10 @@ class Trained:
         return self.arm.layout(self.autoencoder.latent_size)
 
     def sequences(self, trial: Trial) -> Sequences:
-        """States and commands of a recorded trial, as the model sees them.
-
-        Raises:
-            ValueError: a trial of an arm from which it does not follow what this one would have sensed.
-        """
-        return to_sequences(self.autoencoder, sensed_by(trial, self.arm))
+        """States and commands of a recorded trial of this arm, as the model sees them."""
+        if trial.arm != self.arm.name:
+            raise ValueError(f"this trial is of the {trial.arm} arm, these weights are of the {self.arm.name} arm")
+        return to_sequences(self.autoencoder, trial)
 
     def controller(
         self,
