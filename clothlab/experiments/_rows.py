@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+Interval = tuple[float, float]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -17,6 +19,8 @@ class Row:
         paper: the paper's figure, or what it says.
         at_least: smallest value that this project aims at.
         at_most: largest value that it aims at.
+        above: what the paper says holds where the value is above this.
+        below: the same, below this.
         note: in brackets behind the figure.
     """
 
@@ -25,10 +29,12 @@ class Row:
     value: float
     unit: str = ""
     spread: float | None = None
-    interval: tuple[float, float] | None = None
+    interval: Interval | None = None
     paper: str = "–"
     at_least: float | None = None
     at_most: float | None = None
+    above: float | None = None
+    below: float | None = None
     note: str = ""
 
     @property
@@ -39,6 +45,17 @@ class Row:
         return (self.at_least is None or self.value >= self.at_least) and (
             self.at_most is None or self.value <= self.at_most
         )
+
+    @property
+    def verdict(self) -> str:
+        """Whether what the paper says holds: "not told apart" where the 95 % interval leaves it open."""
+        if self.above is None and self.below is None:
+            return "–"
+        ends = {self._holds(end) for end in self.interval or (self.value,)}
+        return "not told apart" if len(ends) > 1 else {True: "holds", False: "does not hold"}[ends.pop()]
+
+    def _holds(self, value: float) -> bool:
+        return (self.above is None or value > self.above) and (self.below is None or value < self.below)
 
     @property
     def aim(self) -> str:
@@ -56,5 +73,6 @@ class Row:
         if self.spread is not None:
             text += f" ± {self.spread:.2f}"
         if self.interval is not None:
-            text += f" ({self.interval[0]:.2f} to {self.interval[1]:.2f}{self.unit})"
+            digits = 0 if self.unit == " %" else 2
+            text += f" ({self.interval[0]:.{digits}f} to {self.interval[1]:.{digits}f}{self.unit})"
         return f"{text} ({self.note})" if self.note else text
