@@ -18,13 +18,33 @@ import pandas as pd
 
 from clothlab._validation import choose
 from clothlab.artifacts import Folder
-from clothlab.experiments import control
+from clothlab.experiments import (
+    autoencoder_quality,
+    control,
+    estimation,
+    joint_estimation_control,
+    self_organisation,
+    stiffness,
+)
 from clothlab.experiments._grid import PAPER, Experiment, load, save
 from clothlab.experiments._rows import Row
 from clothlab.experiments.claims import ClaimError, Findings
 
 EXPERIMENTS = {  # by name, in the order of docs/results.md
-    each.name: each for each in (control.CONTROL,)
+    each.name: each
+    for each in (
+        autoencoder_quality.RECONSTRUCTION,
+        autoencoder_quality.CHAMFER,
+        self_organisation.SELF_ORGANISATION,
+        estimation.ESTIMATION,
+        control.CONTROL,
+        joint_estimation_control.JOINT,
+        stiffness.ELLIPSE,
+        stiffness.FOAM_AXES,
+        stiffness.FOAM_RECORDED,
+        stiffness.FOAM_ESTIMATION,
+        stiffness.FOAM_CONTROL,
+    )
 }
 
 

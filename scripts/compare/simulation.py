@@ -1,9 +1,71 @@
-"""The paper's section on the simulation."""
+"""The paper's two sections of experiments."""
 
-NAMES = [f"control{end}" for end in ("", "-paper")]
+ENDINGS = ("", "-paper")
+OLD = ("perception", "self_organisation", "estimation", "control", "integrated", "stiffness")
+NAMES = [name + end for name in OLD for end in ENDINGS]
 
 
 def tables(name, record):
     """The runs, with the settings that are parameters of `run_one`."""
+    base, end = name.removesuffix("-paper"), "-paper" if name.endswith("-paper") else ""
     settings = record["settings"]
-    return {name: [run | {key: settings[key] for key in ("weights", "steps")} for run in record["runs"]]}
+
+    def same(*keys):
+        return {key: settings[key] for key in keys}
+
+    if base == "perception":
+        overlap = same("weights", "trials") | {key: record[key] for key in ("iou", "iou_visible", "iou_deviation")}
+        found = {"reconstruction": [overlap], "chamfer": [same("weights", "steps") | run for run in record["chamfer"]]}
+    elif base == "self_organisation":
+        found = {base: [same("weights") | run for run in record["runs"]]}
+    elif base == "estimation":
+        assert [run["seed"] for run in record["runs"]] == [6000 + k for k in _seeds(settings)]
+        repeats = [k % settings["repeats"] for k in range(len(record["runs"]))]
+        dropped = [{key: value for key, value in run.items() if key != "seed"} for run in record["runs"]]
+        found = {
+            base: [same("weights", "steps") | run | {"repeat": k} for run, k in zip(dropped, repeats, strict=True)]
+        }
+    elif base == "control":
+        found = {base: [same("weights", "steps") | run for run in record["runs"]]}
+    elif base == "integrated":
+        keys = ("weights", "target", "held", "believed", "steps")
+        found = {"joint_estimation_control": [same(*keys) | run for run in record["runs"]]}
+    else:
+        return stiffness(record, settings, end)
+    return {table + end: rows for table, rows in found.items()}
+
+
+def _seeds(settings):
+    """Seeds of the estimation, in the order of its cases."""
+    order = [*_CLOTHS, "between-light", "between-heavy"]
+    return [
+        100 * model + 20 * repeat + order.index(cloth)
+        for cloth in settings["cloths"]
+        for model in settings["models"]
+        for repeat in range(settings["repeats"])
+    ]
+
+
+_CLOTHS = [f"damp{c}-mass{m}" for c in ("0.03", "0.05", "0.07") for m in ("0.05", "0.10", "0.15")]
+
+
+def stiffness(record, settings, end):
+    """Five tables of one record."""
+    weights = {"weights": settings["weights"]}
+    number = len(record["held_out"]) // len(settings["models"])
+    control = weights | {key: settings[key] for key in ("fixed_tension", "speed_steps")}
+    control["steps"] = settings["control_steps"]
+    return {
+        "stiffness_ellipse": record["ellipses"],
+        f"foam_axes{end}": [
+            weights | {"model": model, "pca_share": share}
+            for model, share in zip(settings["models"], record["pca_share"], strict=True)
+        ],
+        f"foam_recorded{end}": [weights | run | {"number": k % number} for k, run in enumerate(record["held_out"])],
+        f"foam_estimation{end}": [
+            weights | run | {"steps": settings["estimation_steps"]} for run in record["estimation"]
+        ],
+        f"foam_control{end}": [
+            control | run | {"peak_hand_speed": list(run["peak_hand_speed"].values())} for run in record["control"]
+        ],
+    }
