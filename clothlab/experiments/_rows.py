@@ -67,12 +67,17 @@ class Row:
         return "–" if self.at_most is None else f"≤ {self.at_most:.2g}{self.unit}"
 
     @property
-    def here(self) -> str:
-        """The figure in words."""
+    def figure(self) -> str:
+        """The value with its spread or interval."""
         text = f"{self.value:.2f}{self.unit}"
         if self.spread is not None:
             text += f" ± {self.spread:.2f}"
         if self.interval is not None:
             digits = 0 if self.unit == " %" else 2
             text += f" ({self.interval[0]:.{digits}f} to {self.interval[1]:.{digits}f}{self.unit})"
-        return f"{text} ({self.note})" if self.note else text
+        return text
+
+    @property
+    def here(self) -> str:
+        """The figure and the note."""
+        return f"{self.figure} ({self.note})" if self.note else self.figure

@@ -1,7 +1,7 @@
 """Does z describe the cloth?
 
-Images of recordings that no training has seen, and their reconstructions; and two distances of an image to a target: the
-chamfer distance of the outlines and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
+Images of recordings that no training has seen, and their reconstructions; and two distances of an image to a target:
+the chamfer distance of the outlines and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
 """
 
 from collections.abc import Iterable

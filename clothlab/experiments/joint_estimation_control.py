@@ -1,7 +1,7 @@
 """Do estimation and control work at the same time?
 
-Control starts with the p of a wrong cloth, and p is estimated while the robot works (paper, "Simulation Experiment": the
-last two figures).
+Control starts with the p of a wrong cloth, and p is estimated while the robot works (paper, "Simulation Experiment":
+the last two figures).
 """
 
 from collections.abc import Iterable

@@ -10,6 +10,7 @@ import numpy as np
 
 import scripts.compare
 from clothlab.experiments import load
+from clothlab.experiments.tables import questions, stored
 
 BEFORE = "66ec033"  # the last commit with records
 
@@ -46,17 +47,41 @@ def compare(name: str, wanted: list[dict[str, Any]]) -> int:
     return count
 
 
+def compare_rows() -> None:
+    """Assert that rows of the results have the figures of the README's tables before, by `FIGURES` of each module."""
+    shown = subprocess.run(
+        ["git", "show", f"{BEFORE}:data/results/table.json"], capture_output=True, text=True, check=True
+    )
+    before = {row["what"]: row for rows in json.loads(shown.stdout)["tables"].values() for row in rows}
+    for ending, column in (("", "here"), ("-paper", "on_papers")):
+        rows = [row for each in questions(stored(ending)).values() for row in each]
+        assert len({row.key for row in rows}) == len(rows)
+        found = {row.key: row for row in rows}
+        known = {key: label for module in modules() for key, label in getattr(module, "FIGURES", {}).items()}
+        for key, label in known.items():
+            if key in found:
+                text = before[label][column]
+                assert text == found[key].figure or text.startswith(found[key].figure + " "), (key, text, found[key])
+        print(
+            f"rows{ending}: {len(known.keys() & found.keys())} equal, not known before: {found.keys() - known.keys()}"
+        )
+
+
+def modules() -> list:
+    """Those of this folder."""
+    names = [each.name for each in pkgutil.iter_modules(scripts.compare.__path__) if each.name != "__main__"]
+    return [importlib.import_module(f"scripts.compare.{name}") for name in names]
+
+
 def main() -> None:
     """Compare all."""
-    for each in pkgutil.iter_modules(scripts.compare.__path__):
-        if each.name == "__main__":
-            continue
-        module = importlib.import_module(f"scripts.compare.{each.name}")
+    for module in modules():
         for name in module.NAMES:
             record = old(name)
             tables = module.tables(name, record)
             counts = {table: compare(table, rows) for table, rows in tables.items()}
             print(f"{name}: {numbers(record)} numbers before,", ", ".join(f"{k} {v}" for k, v in counts.items()))
+    compare_rows()
 
 
 if __name__ == "__main__":

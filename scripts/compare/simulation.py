@@ -69,3 +69,27 @@ def stiffness(record, settings, end):
             control | run | {"peak_hand_speed": list(run["peak_hand_speed"].values())} for run in record["control"]
         ],
     }
+
+
+_BETWEEN = "cloths between the trained ones: largest error of {} read off p"
+_CONTROL = "control, {}: best distance a period, median, over Random's"
+_CASES = [f"{target}, {cloth}" for target in ("target-1", "target-2") for cloth in (_CLOTHS[0], _CLOTHS[-1])]
+_GAIN = "{}: gain in peak hand speed by optimised stiffness over 10 N"
+FIGURES = {
+    "reconstruction": "autoencoder: mean IoU on evaluation trials",
+    "chamfer": "correlation of z distance and log chamfer distance, Target-2",
+    "estimation/accuracy": "estimation from p = 0, 40 s: nearest trained p is the right one",
+    "joint_estimation_control": "integrated: distance to the right p after 50 s, over the start's, mean of five",
+    "stiffness_ellipse": "stiffness ellipse: area at 10 N over that at 70 N",
+    "foam_recorded": "foams, p estimated from held-out trials: nearest trained p is the right one",
+    "foam_estimation": "hard-2, never trained on, lies between hard-1 and hard-3: trainings of five",
+    **{f"self_organisation/{k}": f"p explains log {k}, leave one cloth out: R²" for k in ("C_damp", "C_mass")},
+    **{f"estimation/{name}": _BETWEEN.format(name) for name in ("C_damp", "C_mass")},
+    **{f"control/{case.replace(', ', '/')}": _CONTROL.format(case) for case in _CASES},
+}
+for _foam in ("hard-1", "soft-1"):
+    FIGURES |= {
+        f"foam_control/{_foam}/distance": f"{_foam}: best distance a period, median, Correct over Random",
+        f"foam_control/{_foam}/rate": f"{_foam}, Correct: steps nearer than 0.5",
+        f"foam_control/{_foam}/speed": _GAIN.format(_foam),
+    }
