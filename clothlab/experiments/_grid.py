@@ -91,7 +91,7 @@ class Experiment:
         Returns:
             One row for each case, in their order.
         """
-        cases = [self._defaults | case for case in (self.cases() if cases is None else cases)]
+        cases = [self.defaults | case for case in (self.cases() if cases is None else cases)]
         compute = _cached(_compute, keep, ignore=["run_one", "keep"])
         jobs = (joblib.delayed(compute)(self.run_one, keep, self.name, case, version()) for case in cases)
         rows = joblib.Parallel(n_jobs=workers, return_as="generator")(jobs)
@@ -118,7 +118,7 @@ class Experiment:
         return pd.concat([table, here[table.columns]], keys=["stored", "here"]).droplevel(1)
 
     @property
-    def _defaults(self) -> Case:
+    def defaults(self) -> Case:
         parameters = inspect.signature(self.run_one).parameters.values()
         return {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
 
@@ -187,7 +187,7 @@ def load(name: str, *, data: Folder = None) -> pd.DataFrame:
         ValueError: a damaged or altered file.
     """
     content = artifacts.read_results(name, ".csv", data=data)
-    table = pd.read_csv(io.BytesIO(content), float_precision="round_trip", keep_default_na=False, na_values=[""])
+    table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
     for column in table.columns[table.dtypes == "str"]:
         if table[column].str.startswith("[").any():
             table[column] = table[column].map(_as_array, na_action="ignore")

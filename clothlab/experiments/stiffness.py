@@ -134,7 +134,6 @@ def control_one(
         trial = _controlled(condition, cloth, model, weights, steps, fixed_tension)
     distance = target_distance(learned.autoencoder, trial, mask)
     watched = VARIANTS if condition in (CORRECT, FIXED, WARM) else {}
-    shown = slice(None) if model == 0 else slice(0)
     return {
         "empty": empty_distance(learned.autoencoder, mask),
         "distance": distance.round(4),  # [T] [s.d. of z]; the first is that of the foam hanging still
@@ -144,9 +143,9 @@ def control_one(
             float(replay(trial[:speed_steps], arm=replace(ARM, **change)).hand_speed.max())
             for change in watched.values()
         ],
-        "commands": trial.commands[shown].round(4),  # as sent [T, 3] [rad] [rad] [N]; of model 0
-        # Joint angles ten times a step [10 T, 2] [rad]; of model 0.
-        "theta": replay(trial, interval=0.02).theta.round(4) if model == 0 else np.empty((0, 2)),
+        # Of model 0: as sent [T, 3] [rad] [rad] [N], and joint angles ten times a step [10 T, 2] [rad].
+        "commands": trial.commands.round(4) if model == 0 else [],
+        "theta": replay(trial, interval=0.02).theta.round(4) if model == 0 else [],
     }
 
 
