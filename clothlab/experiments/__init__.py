@@ -4,7 +4,7 @@
 
     from clothlab import experiments
     table = experiments.load("control")                                  # the stored, full-size table
-    small = experiments.run("control", models=[0], steps=24)             # a few cases, now
+    small = experiments.run("control", model=0, steps=24)                # a few cases, now
     experiments.recompute("control", target="target-1", cloth="damp0.03-mass0.05", model=0)  # stored beside here
 
 To add one, write a module like `control.py` and name its `Experiment` here.
@@ -40,7 +40,6 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         control.CONTROL,
         joint_estimation_control.JOINT,
         stiffness.ELLIPSE,
-        stiffness.FOAM_AXES,
         stiffness.FOAM_RECORDED,
         stiffness.FOAM_ESTIMATION,
         stiffness.FOAM_CONTROL,
@@ -68,7 +67,7 @@ def run(
         workers: processes.
         progress: show a progress bar.
         keep: folder where rows are kept, so that an interrupted run goes on where it stopped.
-        sizes: which cases, such as `models=[0]`; all else is at full size.
+        sizes: which cases, such as `model=0`; all else is at full size.
     """
     experiment = get(name)
     sizes = (dict(experiment.paper) if name.endswith(PAPER) else {}) | sizes

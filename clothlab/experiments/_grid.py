@@ -1,7 +1,8 @@
 """One shape for all experiments: a function from one case to one row, a grid of cases, a tidy table.
 
-    CONTROL = Experiment("control", run_one, cases, seconds=13, rows=rows)     # in the experiment's module
-    table = CONTROL.run(cases(models=[0], steps=24))                            # a pandas.DataFrame, one row a case
+    cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))                  # in the experiment's module
+    CONTROL = Experiment("control", run_one, cases, seconds=13, rows=rows)
+    table = CONTROL.run(cases(model=0, steps=24))                               # a pandas.DataFrame, one row a case
     table.groupby(["target", "cloth"]).agg(...)
 
 A row holds the case's own parameters and what was measured: numbers, words, and arrays such as a distance at each step.
@@ -48,6 +49,11 @@ def grid(**axes: Any) -> list[Case]:
         [values] if isinstance(values, str) or not isinstance(values, Iterable) else values for values in axes.values()
     ]
     return [dict(zip(axes, each, strict=True)) for each in itertools.product(*lists)]
+
+
+def over(**axes: Any) -> Callable[..., list[Case]]:
+    """The function from sizes to cases of a full grid: `over(cloth=CLOTHS, model=range(5))(model=0, steps=24)`."""
+    return lambda **sizes: grid(**(axes | sizes))
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,13 @@ Images of recordings that no training has seen, and their reconstructions; and t
 the chamfer distance of the outlines and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from clothlab import artifacts
 from clothlab.analysis import chamfer_against_z
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import random_trial
 from clothlab.learning.autoencoder import Autoencoder, decode, encode, iou
@@ -51,11 +50,6 @@ def compare_one(target: str, weights: str = "torque", steps: int = 450) -> dict[
     return chamfer(artifacts.load_autoencoder(weights)[0], target, steps=steps)
 
 
-def chamfer_cases(targets: Iterable[str] = ("target-1", "target-2"), **same: Any) -> list[Case]:
-    """Each target."""
-    return grid(target=targets, **same)
-
-
 def reconstruction_rows(tables: Tables) -> list[Row]:
     """How much of an image is reconstructed."""
     (overlap,) = tables["reconstruction"]["iou"]
@@ -72,6 +66,8 @@ def chamfer_rows(tables: Tables) -> list[Row]:
 
 PAPER_SIZES = {"weights": "torque-paper"}
 RECONSTRUCTION = Experiment(
-    "reconstruction", reconstruct_one, grid, seconds=10, paper=PAPER_SIZES, rows=reconstruction_rows
+    "reconstruction", reconstruct_one, over(), seconds=10, paper=PAPER_SIZES, rows=reconstruction_rows
 )
-CHAMFER = Experiment("chamfer", compare_one, chamfer_cases, seconds=8, paper=PAPER_SIZES, rows=chamfer_rows)
+CHAMFER = Experiment(
+    "chamfer", compare_one, over(target=("target-1", "target-2")), seconds=8, paper=PAPER_SIZES, rows=chamfer_rows
+)

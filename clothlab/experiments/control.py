@@ -5,14 +5,13 @@ Control with the right p against random commands, a cloth that hangs still, and 
 of 8 steps; the arm swings up in the first period, which is left out.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, empty_distance, median_best, target_distance
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import new_trial, random_trial, trained
 from clothlab.simulation.cloth import cloth_name
@@ -33,13 +32,6 @@ def run_one(target: str, cloth: str, model: int, weights: str = "torque", steps:
         "control": controlled.round(4),
         "random": at_random.round(4),
     }
-
-
-def cases(
-    targets: Iterable[str] = TARGETS, cloths: Iterable[str] = CLOTHS, models: Iterable[int] = range(5), **same: Any
-) -> list[Case]:
-    """Every target with every cloth and training."""
-    return grid(target=targets, cloth=cloths, model=models, **same)
 
 
 def rows(tables: Tables) -> list[Row]:
@@ -64,4 +56,5 @@ def rows(tables: Tables) -> list[Row]:
     return found
 
 
+cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))
 CONTROL = Experiment("control", run_one, cases, seconds=13, paper={"weights": "torque-paper"}, rows=rows)

@@ -4,14 +4,13 @@ p is estimated from 0 while a cloth is moved at random for 40 s (paper, "Simulat
 parametric biases). C_damp and C_mass of cloths that were never trained on are read off p by a map fitted to the others.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from clothlab._validation import choose
 from clothlab.analysis import MaterialReadout, bias_error, nearest_material
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import estimate_at_random, trained
 from clothlab.simulation.cloth import CLOTHS, Cloth
@@ -51,13 +50,6 @@ def run_one(cloth: str, model: int, repeat: int = 0, weights: str = "torque", st
     }
 
 
-def cases(
-    cloths: Iterable[str] = ESTIMATED, models: Iterable[int] = range(5), repeats: int = 4, **same: Any
-) -> list[Case]:
-    """Every cloth with every training, several times."""
-    return grid(cloth=cloths, model=models, repeat=range(repeats), **same)
-
-
 def rows(tables: Tables) -> list[Row]:
     """How often the trained p nearest to the estimate is the right one, and errors on cloths never trained on."""
     table = tables["estimation"]
@@ -87,4 +79,5 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
+cases = over(cloth=ESTIMATED, model=range(5), repeat=range(4))
 ESTIMATION = Experiment("estimation", run_one, cases, seconds=7, paper={"weights": "torque-paper"}, rows=rows)

@@ -4,14 +4,13 @@ Control starts with the p of a wrong cloth, and p is estimated while the robot w
 the last two figures).
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from clothlab import artifacts
 from clothlab.analysis import target_distance
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import new_trial, trained
 from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
@@ -44,11 +43,6 @@ def run_one(
     }
 
 
-def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
-    """Each training."""
-    return grid(model=models, **same)
-
-
 def rows(tables: Tables) -> list[Row]:
     """How near p comes to the right one."""
     table = tables["joint_estimation_control"]
@@ -66,4 +60,6 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
-JOINT = Experiment("joint_estimation_control", run_one, cases, seconds=10, paper={"weights": "torque-paper"}, rows=rows)
+JOINT = Experiment(
+    "joint_estimation_control", run_one, over(model=range(5)), seconds=10, paper={"weights": "torque-paper"}, rows=rows
+)

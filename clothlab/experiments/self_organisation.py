@@ -4,13 +4,12 @@ p is trained without labels. How well do C_damp and C_mass of a cloth follow fro
 other eight (paper, "Simulation Experiment": the figure on parametric biases)?
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from clothlab.analysis import MaterialReadout, principal_axes
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import trained
 from clothlab.simulation.cloth import CLOTHS
@@ -26,11 +25,6 @@ def run_one(model: int, weights: str = "torque") -> dict[str, Any]:
         "linear_r2": readout.linear_r2,  # as `r2`, of a straight map
         "pca_share": principal_axes(biases).explained_variance_ratio_,  # of PC1 and PC2
     }
-
-
-def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
-    """Each training."""
-    return grid(model=models, **same)
 
 
 def rows(tables: Tables) -> list[Row]:
@@ -55,5 +49,5 @@ def rows(tables: Tables) -> list[Row]:
 
 
 SELF_ORGANISATION = Experiment(
-    "self_organisation", run_one, cases, seconds=1, paper={"weights": "torque-paper"}, rows=rows
+    "self_organisation", run_one, over(model=range(5)), seconds=1, paper={"weights": "torque-paper"}, rows=rows
 )

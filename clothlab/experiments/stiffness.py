@@ -5,7 +5,6 @@ values are assumptions. Each period of the control starts from the best predicte
 with the paper's warm start alone the arm hardly moves.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -13,16 +12,8 @@ import numpy as np
 import pandas as pd
 
 from clothlab import artifacts
-from clothlab.analysis import (
-    bias_error,
-    empty_distance,
-    median_best,
-    nearest_material,
-    principal_axes,
-    success_rate,
-    target_distance,
-)
-from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.analysis import bias_error, empty_distance, median_best, nearest_material, success_rate, target_distance
+from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial, random_trial, trained
 from clothlab.learning.control import recorded_plans
@@ -69,21 +60,6 @@ def push(spring: str, f_const: float) -> dict[str, Any]:
     return {"area": ellipse_area(displacements), "semi_axes": axes}
 
 
-def push_cases(springs: Iterable[str] = tuple(SPRINGS), tensions: Iterable[float] = TENSIONS) -> list[Case]:
-    """Each kind of spring with each co-contraction."""
-    return grid(spring=springs, f_const=tensions)
-
-
-def axes_of(model: int, weights: str = "muscle") -> dict[str, Any]:
-    """Share of the variance of the trained p along PC1 and PC2, `[2]`."""
-    return {"pca_share": principal_axes(trained(f"{weights}-{model}").biases).explained_variance_ratio_}
-
-
-def each_model(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
-    """Each training."""
-    return grid(model=models, **same)
-
-
 def estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[str, Any]:
     """Estimate p from a recorded trial that the training has not seen, by its number."""
     learned, trial = trained(f"{weights}-{model}"), artifacts.load_trials(EVALUATION)[number]
@@ -96,12 +72,6 @@ def estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[
     }
 
 
-def recorded_cases(models: Iterable[int] = range(5), numbers: Iterable[int] | None = None, **same: Any) -> list[Case]:
-    """Every recorded trial with every training."""
-    numbers = range(len(artifacts.load_trials(EVALUATION))) if numbers is None else numbers
-    return grid(model=models, number=numbers, **same)
-
-
 def estimate_moved(cloth: str, model: int, weights: str = "muscle", steps: int = 150) -> dict[str, Any]:
     """Estimate p of a foam from 0 while it is moved at random, 30 s."""
     learned = trained(f"{weights}-{model}")
@@ -110,11 +80,6 @@ def estimate_moved(cloth: str, model: int, weights: str = "muscle", steps: int =
     first, last = (learned.biases[ESTIMATED[end]] for end in (0, -1))
     # Where the last p lies from hard-1 (0) to hard-3 (1).
     return {"trace": trace.round(4), "place": float((p - first) @ (last - first) / ((last - first) @ (last - first)))}
-
-
-def moved_cases(cloths: Iterable[str] = ESTIMATED, models: Iterable[int] = range(5), **same: Any) -> list[Case]:
-    """Every foam with every training."""
-    return grid(cloth=cloths, model=models, **same)
 
 
 def control_one(
@@ -156,13 +121,6 @@ def _controlled(condition: str, cloth: str, model: int, weights: str, steps: int
     arm = learned.arm.with_stiffness(fixed_tension) if condition == FIXED else learned.arm
     policy = learned.controller(mask, other if condition == WRONG else cloth, plans=plans, arm=arm)
     return new_trial(policy, learned.arm, cloth, steps, model)
-
-
-def control_cases(
-    conditions: Iterable[str] = CONDITIONS, cloths: Iterable[str] = HELD, models: Iterable[int] = range(5), **same: Any
-) -> list[Case]:
-    """Every condition with every foam and training."""
-    return grid(condition=conditions, cloth=cloths, model=models, **same)
 
 
 def push_rows(tables: Tables) -> list[Row]:
@@ -258,12 +216,29 @@ def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
 
 
 PAPER_SIZES = {"weights": "muscle-paper"}
-ELLIPSE = Experiment("stiffness_ellipse", push, push_cases, seconds=2, rows=push_rows)
-FOAM_AXES = Experiment("foam_axes", axes_of, each_model, seconds=1, paper=PAPER_SIZES)
+MODELS = range(5)
+ELLIPSE = Experiment("stiffness_ellipse", push, over(spring=SPRINGS, f_const=TENSIONS), seconds=2, rows=push_rows)
 FOAM_RECORDED = Experiment(
-    "foam_recorded", estimate_recorded, recorded_cases, seconds=7, paper=PAPER_SIZES, rows=recorded_rows
+    "foam_recorded",
+    estimate_recorded,
+    over(model=MODELS, number=range(8)),  # as many as EVALUATION has
+    seconds=7,
+    paper=PAPER_SIZES,
+    rows=recorded_rows,
 )
 FOAM_ESTIMATION = Experiment(
-    "foam_estimation", estimate_moved, moved_cases, seconds=4, paper=PAPER_SIZES, rows=moved_rows
+    "foam_estimation",
+    estimate_moved,
+    over(cloth=ESTIMATED, model=MODELS),
+    seconds=4,
+    paper=PAPER_SIZES,
+    rows=moved_rows,
 )
-FOAM_CONTROL = Experiment("foam_control", control_one, control_cases, seconds=9, paper=PAPER_SIZES, rows=control_rows)
+FOAM_CONTROL = Experiment(
+    "foam_control",
+    control_one,
+    over(condition=CONDITIONS, cloth=HELD, model=MODELS),
+    seconds=9,
+    paper=PAPER_SIZES,
+    rows=control_rows,
+)

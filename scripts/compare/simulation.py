@@ -57,10 +57,6 @@ def stiffness(record, settings, end):
     control["steps"] = settings["control_steps"]
     return {
         "stiffness_ellipse": record["ellipses"],
-        f"foam_axes{end}": [
-            weights | {"model": model, "pca_share": share}
-            for model, share in zip(settings["models"], record["pca_share"], strict=True)
-        ],
         f"foam_recorded{end}": [weights | run | {"number": k % number} for k, run in enumerate(record["held_out"])],
         f"foam_estimation{end}": [
             weights | run | {"steps": settings["estimation_steps"]} for run in record["estimation"]
