@@ -492,12 +492,6 @@ SLIPS = {
         ("return", "information[0, 0]", "a factor for each unknown"),
         ("return np", "information *= 2; return np", "changes its argument"),
     ],
-    "most_telling": [
-        ("np.linalg.det(informations)", "np.trace(informations, axis1=1, axis2=2)", "the trace does not see this"),
-        ("np.argmax", "np.argmin", "nothing at all"),
-        ("np.argmax(np.linalg.det(informations))", "3", "another tells more"),
-        ("return", "np.linalg.det(informations)", "a number of a motion"),
-    ],
     "share_held": [
         ("-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
         ("-2 * np.log(0.1)", "4 * np.log(0.1) ** 2", "not squared again"),
@@ -773,21 +767,6 @@ SLIPS = {
         ),
         ("else None", "else np.nan", "returned nan: return a time in seconds, or None"),
         ("return", "None", "on a path that reaches its goal"),
-    ],
-    "averaged": [
-        ("mean(axis=0)", "mean()", "of the shape (2,)"),
-        ("mean(axis=0)", "mean(axis=1)", "of the shape (2,)"),
-        ("[-n:]", "[:n]", "the first four"),
-        ("[-n:]", "[:-n]", "all but the last four"),
-        ("[-n:]", "[n:]", "all but the first four"),
-        ("[-n:]", "[-n - 1 : -1]", "the last one belongs"),
-        ("[-n:]", "[-1:]", "the last one alone"),
-        ("[-n:]", "", "all of them"),
-        ("mean(axis=0)", "sum(axis=0)", "their sum"),
-        ("np.asarray(trace)[-n:].mean(axis=0)", "np.median(np.asarray(trace)[-n:], axis=0)", "the median"),
-        ("mean(axis=0)", "sum(axis=0) / n", "divide by their number"),
-        ("[-n:]", "[len(trace) - n :]", "n = 12 takes them all"),
-        ("[-n:]", "[-min(n, len(trace) - 1) :]", "with just n estimates"),
     ],
     "shaken": [
         ("rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
@@ -1099,10 +1078,6 @@ RIGHTS = {
         ("body", "(a, b), (_, c) = information; return 2 * [(1 - b * b / (a * c)) ** -0.5]"),
         ("return", "np.float32(np.sqrt(np.diag(np.linalg.inv(information)) * np.diag(information)))"),
     ],
-    "most_telling": [
-        ("body", "return max(range(len(informations)), key=lambda k: np.linalg.det(informations[k]))"),
-        ("body", "return np.prod(np.linalg.eigvalsh(informations), axis=1).argmax()"),
-    ],
     "share_held": [
         ("-2 * np.log(0.1)", "4.60517"),
         (
@@ -1173,11 +1148,6 @@ RIGHTS = {
             "far = [((x - goal[0]) ** 2 + (y - goal[1]) ** 2) ** 0.5 for x, y in trace]\n"
             "return next((k / 5 for k, d in enumerate(far) if d < far[0] / 2), None)",
         ),
-    ],
-    "averaged": [
-        ("return", "[sum(column) / len(column) for column in zip(*trace[-n:])]"),
-        ("return", "torch.tensor(trace[-n:]).float().mean(dim=0)"),
-        ("return", "np.average(trace[max(0, len(trace) - n) :], axis=0)"),
     ],
     "shaken": [
         ("return call", "return lambda observation, *more: list(call(observation).astype(np.float32))"),

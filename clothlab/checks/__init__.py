@@ -9,7 +9,7 @@ from clothlab.checks._check import CheckFailed
 from clothlab.checks.cloth_simulation import count_springs, euler_step, time_to_reach
 from clothlab.checks.collecting_data import take_turns, transitions, wave
 from clothlab.checks.control import alternate, my_mask, random_shooting, steps_along
-from clothlab.checks.estimate_and_control import averaged, half_time, shaken
+from clothlab.checks.estimate_and_control import half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
 from clothlab.checks.parametric_bias import chance, gain_of_dimension, matching_drag, shares_by_hand
@@ -26,12 +26,11 @@ from clothlab.checks.variable_stiffness import (
     pair_stiffness,
     stretch_by_bisection,
 )
-from clothlab.checks.what_can_be_known import most_telling, price_of_the_other, share_held
+from clothlab.checks.what_can_be_known import price_of_the_other, share_held
 
 __all__ = [
     "CheckFailed",
     "alternate",
-    "averaged",
     "best_moment",
     "best_of",
     "chamfer_by_hand",
@@ -54,7 +53,6 @@ __all__ = [
     "lstm_weights",
     "matching_drag",
     "momentum_step",
-    "most_telling",
     "my_mask",
     "nearest_phase",
     "one_outcome",

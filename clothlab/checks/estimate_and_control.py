@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import array, check, expect, number, policy
+from clothlab.checks._check import check, expect, number, policy
 from clothlab.simulation.arm import get_arm
 
-__all__ = ["averaged", "half_time", "shaken"]
+__all__ = ["half_time", "shaken"]
 
 
 @check(number("a time in seconds, or None", none=True))
@@ -25,30 +25,6 @@ def half_time(answer: Callable) -> None:
     }
     expect(found, 0.6, f"the distance is first below half after 3 steps, 0.6 s; got {found:g}", slips)
     assert answer(way[:3], goal.copy()) is None, "a path that never gets below half must give None"
-
-
-@check(array("the mean over time", 2))
-def averaged(answer: Callable) -> None:
-    """A ramp, whose averages are known, with more, as many and fewer estimates than are asked for."""
-    ramp = np.arange(10.0)[:, None] ** 2 * [1, -2]
-    found, mean = answer(ramp, 4), ramp[-4:].mean(axis=0)
-    told = f"the last four of 0, 1, 4, … 81 have the mean {mean[0]:g}, got {found[0]:g}"
-    slips = {
-        told + ": these are the first four": ramp[:4].mean(axis=0),
-        told + ": these are all but the last four": ramp[:-4].mean(axis=0),
-        told + ": these are all but the first four": ramp[4:].mean(axis=0),
-        told + ": the last one belongs to them": ramp[-5:-1].mean(axis=0),
-        told + ": that is their sum": ramp[-4:].sum(axis=0),
-        told + ": that is the median": np.median(ramp[-4:], axis=0),
-        told + ": that is the last one alone": ramp[-1],
-        told + ": that is all of them": ramp.mean(axis=0),
-    }
-    expect(found, mean, told, slips)
-    expect(answer(ramp, 10), ramp.mean(axis=0), "with just n estimates, take them all")
-    for n in (12, 50):
-        told = f"of ten estimates, n = {n} takes them all: divide by their number"
-        expect(answer(ramp, n), ramp.mean(axis=0), told)
-    expect(answer(ramp, 1), ramp[-1], "with n = 1, the last estimate alone")
 
 
 @check(policy(2))

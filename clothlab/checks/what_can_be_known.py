@@ -6,7 +6,7 @@ import numpy as np
 
 from clothlab.checks._check import array, check, expect, number
 
-__all__ = ["most_telling", "price_of_the_other", "share_held"]
+__all__ = ["price_of_the_other", "share_held"]
 
 
 @check(array("a factor for each unknown", 2))
@@ -25,31 +25,6 @@ def price_of_the_other(answer: Callable) -> None:
         }
         found = answer(f.copy())
         expect(found, truth, f"for F = {f.tolist()} the factors are {truth.round(3)}, not {found}", slips)
-
-
-@check(number("a number of a motion"))
-def most_telling(answer: Callable) -> None:
-    """Motions of which one tells much of one unknown, one a little of both, and one nothing of one."""
-    shapes = {
-        "one": ([100.0, 0.01], 0.3),
-        "both": ([4.0, 2.0], 1.0),
-        "half": ([9.0, 0.0], 0.0),
-        "less": ([2.0, 2.0], 0.0),
-    }
-    found = {}
-    for name, (values, angle) in shapes.items():
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        found[name] = turn @ np.diag(values) @ turn.T
-    for order in (["one", "both", "half", "less"], ["less", "half", "one", "both"]):
-        number = answer(np.array([found[name] for name in order]))
-        slips = {
-            "that tells most of one unknown and next to nothing of the other: the trace does not see this": order.index(
-                "one"
-            ),
-            "that motion says nothing at all of one unknown": order.index("half"),
-            "another tells more of both": order.index("less"),
-        }
-        expect(number, order.index("both"), f"the region is smallest for {order.index('both')}, not {number:g}", slips)
 
 
 @check(number("a share"))
