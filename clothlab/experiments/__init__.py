@@ -18,13 +18,22 @@ import pandas as pd
 
 from clothlab._validation import choose
 from clothlab.artifacts import Folder
-from clothlab.experiments import control
+from clothlab.experiments import control, iterative_control, oracle, sample_complexity, target_generalization
 from clothlab.experiments._grid import PAPER, Experiment, load, save
 from clothlab.experiments._rows import Row
 from clothlab.experiments.claims import ClaimError, Findings
 
 EXPERIMENTS = {  # by name, in the order of docs/results.md
-    each.name: each for each in (control.CONTROL,)
+    each.name: each
+    for each in (
+        control.CONTROL,
+        iterative_control.CONTROL,
+        oracle.ORACLE,
+        oracle.PEAK_SPEED,
+        target_generalization.TARGETS,
+        sample_complexity.AUTOENCODERS,
+        sample_complexity.MODELS,
+    )
 }
 
 

@@ -88,9 +88,9 @@ def run_one(
         steps: control steps.
 
     Returns:
-        Distance of the hanging cloth, `best` distance of each period but the first `[P]` [s.d. of z], highest
-        `hand_speed` in each of these [m/s], the distances that iterative learning control `predicted`, and `bias_ratio`,
-        the distance of an estimated p to the right one over that at the start.
+        Distance of the hanging cloth (`still`), `best` distance of each period but the first `[P]` [s.d. of z], highest
+        `hand_speed` in each of these [m/s], distances that iterative learning control `predicted`, and the distance of
+        an estimated p to the right one over that at the start (`bias_ratio`).
     """
     learned, mask = _learned(arm, model, p, recordings), artifacts.load_target(target)
     if f_const is not None:
@@ -137,7 +137,10 @@ METHODS = (  # controller, p, recordings, f_const, runs for each training: four 
     (PAPERS, "known", "all", None, 1),
     (PAPERS, "right", "paper", None, 1),
     (STARTS, "right", "all", None, 1),
-    *((ITERATIVE, p, "all", None, n) for p, n in {"right": 4, "zero": 1, "wrong": 4, "estimated": 4, "none": 1}.items()),
+    *(
+        (ITERATIVE, p, "all", None, n)
+        for p, n in {"right": 4, "zero": 1, "wrong": 4, "estimated": 4, "none": 1}.items()
+    ),
     (ITERATIVE, "right", "paper", None, 1),
     (PAPERS, "right", "all", 10.0, 4),
     (ITERATIVE, "right", "all", 10.0, 4),
@@ -168,10 +171,7 @@ def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
 
 
 def over_random(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with medians of the last ten periods (`last`) and of all (`all`), and both over those of random commands.
-
-    Random commands of the same arm, target, cloth and recordings: the median over all runs of their median over periods.
-    """
+    """Add medians of the last ten periods (`last`) and of all (`all`), and both over random commands on the task."""
     table = table.assign(
         last=table["best"].map(late_median),
         all=table["best"].map(np.median),
@@ -268,13 +268,13 @@ def _by_method(table: pd.DataFrame) -> list[Row]:
 
 
 def _differences(table: pd.DataFrame) -> list[Row]:
-    paper = select(table, PAPERS)
+    paper, iterative = select(table, PAPERS), select(table, ITERATIVE)
     pairs = [
         (f"{PAPERS} minus random commands", paper, select(table, RANDOM), "Correct better"),
         (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), "Correct better"),
         (f"{PAPERS} minus the same held at 10 N", paper, select(table, PAPERS, f_const=10.0), "Correct better"),
         (f"{PAPERS} minus the same without p", paper, select(table, PAPERS, "none"), "–"),
-        (f"{ITERATIVE} minus the same with a wrong p", select(table, ITERATIVE), select(table, ITERATIVE, "wrong"), "–"),
+        (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), "–"),
     ]
     found = []
     for label, first, second, says in pairs:

@@ -214,7 +214,7 @@ def run_one(
     periods: int = 16,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """Distance at each step `[T]` and its predictions; a search that does not remember starts from recorded plans alone."""
+    """Distance at each step `[T]`, and its predictions; without memory each search starts from recorded plans alone."""
     autoencoder, _ = artifacts.load_autoencoder(arm)
     plans = recorded_plans(artifacts.load_trials(RECORDINGS[arm]), PERIOD, POOL, seed=seed)
     settings = search or SearchSettings()

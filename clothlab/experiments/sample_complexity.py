@@ -93,15 +93,15 @@ def _model(arm: str, amount: float, model: int, autoencoder_updates: int, update
     return learned, training.epochs * batches
 
 
-def run_autoencoder(arm: str, amount: float, updates: int = 4200, steps: int = 450) -> dict[str, Any]:
+def run_autoencoder(arm: str, amount: float, updates: int = 4200, moved_steps: int = 450) -> dict[str, Any]:
     """IoU of reconstructions on evaluation trials, and the correlation of log chamfer distance and z distance."""
     autoencoder, done = _autoencoder(arm, amount, updates)
     images = np.concatenate([trial.images for trial in artifacts.load_trials(EVALUATION[arm])])
-    trial = random_trial(arm, MOVED[arm], steps, 25_000)
+    trial = random_trial(arm, MOVED[arm], moved_steps, 25_000)
     pairs = [chamfer_against_z(autoencoder, trial, artifacts.load_target(name)) for name in TARGETS[arm]]
     return {
         "steps": sum(map(len, recordings(arm, amount))),
-        "updates": done,
+        "updates_done": done,
         "iou": float(iou(decode(autoencoder, encode(autoencoder, images)) > 0.5, images).mean()),
         "correlation": float(np.mean([np.corrcoef(*pair)[0, 1] for pair in pairs])),
     }
@@ -129,7 +129,7 @@ def run_model(
     readout = MaterialReadout.fit(learned.biases, cloths) if cloths else None
     nearest, distance = _estimated(learned, model, estimation_steps)
     return {
-        "updated": done,
+        "updates_done": done,
         "prediction": _prediction(learned),
         "r2_damp": float(readout.r2[0]) if readout else None,
         "r2_mass": float(readout.r2[1]) if readout else None,
@@ -181,9 +181,7 @@ def _controlled(learned: Trained, model: int, steps: int) -> dict[str, np.ndarra
     return {name: np.array(values) for name, values in found.items()}
 
 
-def cases(
-    arms: Iterable[str] = ("torque", "muscle"), amounts: Iterable[float] = AMOUNTS, **same: Any
-) -> list[Case]:
+def cases(arms: Iterable[str] = ("torque", "muscle"), amounts: Iterable[float] = AMOUNTS, **same: Any) -> list[Case]:
     """Every amount on every arm."""
     return grid(arm=arms, amount=amounts, **same)
 

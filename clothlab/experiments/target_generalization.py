@@ -25,9 +25,7 @@ def run_one(target: str, model: int, seed: int, weights: str = "torque", steps: 
     """Iterative learning control beside random commands: best distance and IoU of each period but the first `[P]`."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
     cloth = DRAWN_CLOTH if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
-    controlled = new_trial(
-        learned.practice(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed
-    )
+    controlled = new_trial(learned.practice(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed)
     random = random_trial(learned.arm.name, cloth, steps, seed)
     distance, by_chance = (target_distance(learned.autoencoder, trial, mask) for trial in (controlled, random))
     return {
@@ -52,7 +50,7 @@ def cases(sets: Iterable[str] = ("held-out", "drawn"), first: int | None = None,
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with its set of targets, last ten periods over random commands (`ratio`), and their IoU (`last_iou`)."""
+    """Add the target's set, and the last ten periods: over random commands (`ratio`), and IoU (`last_iou`)."""
     return table.assign(
         set=table["target"].str.partition("/")[0],
         ratio=table["best"].map(late_median) / table["random"].map(np.median),

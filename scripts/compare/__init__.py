@@ -1,5 +1,5 @@
 """Compare stored tables with the records of version 0.2; deleted when all are converted.
 
-Each module here has `NAMES` of records and `tables(name, record) -> {table: rows}`: the record as the tables should have
-it, a dictionary for each row. Columns that the table has beyond these are not looked at.
+Each module here has `NAMES` of records and `tables(name, record) -> {table: rows}`: the record as the
+tables should have it, a dictionary for each row. Columns that the table has beyond these are not looked at.
 """
