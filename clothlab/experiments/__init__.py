@@ -22,9 +22,13 @@ from clothlab.experiments import (
     autoencoder_quality,
     control,
     estimation,
+    iterative_control,
     joint_estimation_control,
+    oracle,
+    sample_complexity,
     self_organisation,
     stiffness,
+    target_generalization,
 )
 from clothlab.experiments._grid import PAPER, Experiment, load, save
 from clothlab.experiments._rows import Row
@@ -43,6 +47,12 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         stiffness.FOAM_RECORDED,
         stiffness.FOAM_ESTIMATION,
         stiffness.FOAM_CONTROL,
+        iterative_control.CONTROL,
+        oracle.ORACLE,
+        oracle.PEAK_SPEED,
+        target_generalization.TARGETS,
+        sample_complexity.AUTOENCODERS,
+        sample_complexity.MODELS,
     )
 }
 
