@@ -7,9 +7,10 @@ the last two figures).
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from clothlab import artifacts
-from clothlab.analysis import target_distance
+from clothlab.analysis import best_per_period, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import new_trial, trained
@@ -41,6 +42,13 @@ def run_one(
         # Distance to the right p in the end, over that of the start.
         "ratio": float(np.linalg.norm(policy.trace[-1] - goal) / np.linalg.norm(start - goal)),
     }
+
+
+def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Median of the periods' best in the first and in the last third of each run, `[models]` each [s.d. of z]."""
+    bests = np.array([best_per_period(distance) for distance in table["distance"]])
+    third = bests.shape[1] // 3
+    return np.median(bests[:, :third], axis=1), np.median(bests[:, -third:], axis=1)
 
 
 def rows(tables: Tables) -> list[Row]:

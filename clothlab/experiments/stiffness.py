@@ -19,6 +19,7 @@ from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.estimation import estimate_bias
 from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, replay
 
@@ -41,6 +42,7 @@ CORRECT, WRONG, FIXED, WARM, RANDOM = (
 )
 CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 PAPERS = (CORRECT, WRONG, FIXED, RANDOM)  # those of them that the paper has
+QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}  # sign of Correct minus another
 FIXED_TENSION = 10.0  # the paper's "w/o stiffness" [N]
 THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
 SPEED_STEPS = 100  # 20 s, in which the hand's peak speed is looked for
@@ -121,6 +123,30 @@ def _controlled(condition: str, cloth: str, model: int, weights: str, steps: int
     arm = learned.arm.with_stiffness(fixed_tension) if condition == FIXED else learned.arm
     policy = learned.controller(mask, other if condition == WRONG else cloth, plans=plans, arm=arm)
     return new_trial(policy, learned.arm, cloth, steps, model)
+
+
+def with_quantities(table: pd.DataFrame) -> pd.DataFrame:
+    """`foam_control` with the paper's three quantities, by `QUANTITIES`."""
+    columns = table["rate"], table["distance"].map(np.min), table["distance"].map(np.max)
+    return table.assign(**dict(zip(QUANTITIES, columns, strict=True)))
+
+
+def gap(table: pd.DataFrame, quantity: str, cloth: str, other: str) -> np.ndarray:
+    """A column of `foam_control` under Correct minus that under another condition, for each training `[models]`."""
+    foam = table[table["cloth"] == cloth].pivot(index="model", columns="condition", values=quantity)
+    return (foam[CORRECT] - foam[other]).to_numpy()
+
+
+def speed_gains(table: pd.DataFrame) -> np.ndarray:
+    """Peak hand speed with optimised stiffness over that without, minus one, `[foams, models, variants]`."""
+    speeds = [np.stack(table[table["condition"] == name]["peak_hand_speed"]) for name in (CORRECT, FIXED)]
+    return np.divide(*speeds).reshape(len(HELD), -1, len(VARIANTS)) - 1
+
+
+def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
+    """p over time of each foam of `foam_estimation` by one training, from p = 0 on `[T + 1, D_p]`, by a label."""
+    found = table[table["model"] == model].set_index("cloth")["trace"].items()
+    return {f"estimate of {get_cloth(str(cloth)).label}": np.pad(trace, ((1, 0), (0, 0))) for cloth, trace in found}
 
 
 def push_rows(tables: Tables) -> list[Row]:
