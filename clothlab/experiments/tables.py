@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 from clothlab import artifacts
@@ -21,7 +22,6 @@ README = (  # keys of the README's rows
     "foam_control/hard-1/distance",
 )
 HERE, BESIDE = "here", "here, from the paper's amount of recordings"
-Amounts = Mapping[str, dict[str, Row]]  # rows by key, for each amount of recordings
 
 
 def stored(ending: str = "", *, data: Folder = None) -> Tables:
@@ -39,13 +39,18 @@ def questions(tables: Tables) -> dict[str, list[Row]]:
     return found
 
 
-def in_readme(amounts: Amounts) -> str:
+def results(*, data: Folder = None) -> tuple[list[Row], dict[str, Row]]:
+    """All rows, and those from the paper's amount of recordings by key."""
+    here, papers = ([*chain(*questions(stored(ending, data=data)).values())] for ending in ("", PAPER))
+    return here, {row.key: row for row in papers}
+
+
+def in_readme(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
     """The README's table, with a verdict on what the paper says."""
-    lines = [("", "paper", BESIDE, HERE, "what the paper says")]
-    for key in README:
-        if row := amounts[HERE].get(key):
-            beside = amounts[BESIDE].get(key)
-            lines.append((row.label, row.paper, beside.figure if beside else "", row.figure, row.verdict))
+    by_key, lines = {row.key: row for row in rows}, [("", "paper", BESIDE, HERE, "what the paper says")]
+    for row in (by_key[key] for key in README if key in by_key):
+        papers = beside[row.key].figure if row.key in beside else ""
+        lines.append((row.label, row.paper, papers, row.figure, row.verdict))
     return _markdown(lines)
 
 
@@ -73,15 +78,12 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     Raises:
         ValueError: a file without its marks.
     """
-    asked, papers = questions(stored(data=data)), questions(stored(PAPER, data=data))
-    amounts = {
-        amount: {row.key: row for rows in each.values() for row in rows}
-        for amount, each in {HERE: asked, BESIDE: papers}.items()
-    }
-    for name, text in {"README.md": in_readme(amounts), "docs/results.md": in_docs(asked, amounts[BESIDE])}.items():
+    rows, beside = results(data=data)
+    texts = {"README.md": in_readme(rows, beside), "docs/results.md": in_docs(questions(stored(data=data)), beside)}
+    for name, text in texts.items():
         path = folder / name
         path.write_text(between_marks(path.read_text(), text))
-    return [*amounts[HERE].values()]
+    return rows
 
 
 def between_marks(document: str, text: str) -> str:
