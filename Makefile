@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check test notebooks browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -32,15 +32,17 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
 
-test: doctor chromium check  ## check, slow tests, every notebook from top to bottom, the live lab and the site in a browser
-	$(MAKE) container
-	$(BIN)/pytest -m slow -rs
-	$(BIN)/pytest --nbmake --nbmake-timeout=300 --durations=0 $(NOTEBOOKS)
-	$(BIN)/pytest -m browser -s tests/browser
+test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
+	$(BIN)/pytest -m slow -rs --numprocesses=auto
+	$(MAKE) notebooks
+	$(BIN)/pytest -m browser tests/browser
 	$(MAKE) book SMALL=1
-	$(MAKE) book SMALL=1 STUDENT=1
 	$(MAKE) slides SMALL=1
-	$(BIN)/pytest -m book -rs tests/book
+	$(BIN)/pytest -m book -rs --numprocesses=auto tests/book
+
+notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
+	$(BIN)/python scripts/make_editions.py --copies
+	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto build/small/*.ipynb
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python scripts/make_findings.py $(if $(RECORD),--record)
@@ -86,10 +88,10 @@ $(BOOK): $(STAMP) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
 	@touch $@
 
-book: $(BOOK)  ## the executed series as a web site in build/book; STUDENT=1 without solutions, SMALL=1 a quick run
+book: $(BOOK)  ## the executed series as a web site in build/book; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
 
-slides: $(BOOK)  ## decks of 06, 08, 10 and 11 for a projector in build/slides; SMALL=1 a quick run
+slides: $(BOOK)  ## decks of four notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
 
 container: $(STAMP)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none

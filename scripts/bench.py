@@ -7,7 +7,6 @@ The machine may be shared, so that milliseconds vary from run to run; both sides
 
 import argparse
 import contextlib
-import itertools
 import os
 import tempfile
 import time
@@ -23,16 +22,16 @@ import psutil
 import torch
 from browser_lab import Lab, Notebook, answers, frame, launch_options
 from playwright.sync_api import sync_playwright
+from threadpoolctl import threadpool_limits
 from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm, trange
 
 from clothlab import artifacts
 from clothlab.datasets import jobs, record_all
-from clothlab.experiments._record import alone
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
 from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
-from clothlab.learning.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.learning.frozen import FrozenDPMPB
 from clothlab.policies import Timed
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import get_cloth
@@ -187,42 +186,6 @@ def bench_solve_of(name: str, arm: Arm) -> None:
     )
 
 
-def bench_ensemble() -> None:
-    """Five models computed together against the same five in turn, on one core: predictions, and their gradient."""
-    torch.set_num_threads(1)
-    members = [artifacts.load(f"torque-{k}") for k in range(5)]
-    models = [each.model for each in members]
-    biases = [torch.as_tensor(next(iter(each.biases.values()))) for each in members]
-    ensemble, singles = FrozenEnsemble(models, biases), list(map(FrozenDPMPB, models, biases))
-    s, memory = models[0].s_mean, ensemble.initial_memory()
-
-    def together(u: torch.Tensor) -> torch.Tensor:
-        return ensemble(s, u, memory)
-
-    def in_turn(u: torch.Tensor) -> torch.Tensor:
-        return torch.stack([single(s, u, Memory(*(part[:, 0] for part in memory))) for single in singles])
-
-    for batch, steps in itertools.product((1, 30, 400), (8, 16)):
-        print(f"five models, {batch} × {steps} steps, in turn / together:")
-        u = models[0].u_mean + models[0].u_std * torch.randn(batch, steps, models[0].command_size)
-        for name, task in {"predictions": forecast, "and their gradient": differentiate}.items():
-            sides = {side.__name__: partial(task, side, u) for side in (in_turn, together)}
-            slow, fast = (1e3 * np.median(times) for times in alternate(sides, max(10, 300 // batch)).values())
-            print(f"    {name}: {slow / fast:.2f}  ({slow:.1f} / {fast:.1f} ms)")
-
-
-def forecast(predict: Callable[[torch.Tensor], torch.Tensor], u: torch.Tensor) -> None:
-    """Predict what commands do."""
-    with torch.no_grad():
-        predict(u)
-
-
-def differentiate(predict: Callable[[torch.Tensor], torch.Tensor], u: torch.Tensor) -> None:
-    """The same, and how the predictions change with the commands."""
-    u = u.clone().requires_grad_()
-    torch.autograd.grad(predict(u).sum(), u)
-
-
 def bench_loop() -> None:
     """Physics, camera and solve together, on one core with one model, against the time that a robot would take."""
     torch.set_num_threads(1)
@@ -247,6 +210,13 @@ def bench_loop() -> None:
                 f"  ({1e3 * seconds:.1f} ms a step; one solve: median {np.median(solves):.1f} ms)"
             )
     os.sched_setaffinity(0, cores)
+
+
+def alone(function: Callable[..., object], arguments: tuple) -> object:
+    """Call a function on one core, as `make train` does side by side."""
+    with threadpool_limits(1):
+        torch.set_num_threads(1)
+        return function(*arguments)
 
 
 def multiply(size: int, times: int) -> None:
@@ -353,7 +323,6 @@ BENCHES = {
     "table": bench_table,
     "collection": bench_collection,
     "solve": bench_solve,
-    "ensemble": bench_ensemble,
     "loop": bench_loop,
     "training": bench_training,
     "panel": bench_panel,

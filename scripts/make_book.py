@@ -21,7 +21,7 @@ from pathlib import Path
 
 import nbformat
 from make_course import write_syllabus
-from make_editions import ROOT, execute, is_fresh, made_from, student_edition, without_solutions, write_editions
+from make_editions import ROOT, is_fresh, student_edition, without_solutions, write_editions
 from tqdm.auto import tqdm
 
 from clothlab._files import write_bytes
@@ -47,30 +47,19 @@ def ran(path: Path, *, small: bool, old: bool = False) -> nbformat.NotebookNode:
 
     Args:
         path: of the notebook.
-        small: run with the smaller parameters that CI has, to see the pages sooner.
+        small: take the run of `make notebooks`, which has the smaller parameters of CI.
         old: a run that was made before something changed is good enough.
 
     Raises:
+        FileNotFoundError: no small run is there.
         nbclient.exceptions.CellExecutionError: a cell fails.
     """
     kept = BUILD / ("small" if small else "instructor") / path.name
     if not (old and kept.exists()) and not is_fresh(kept, path):
         if small:
-            write_bytes(kept, nbformat.writes(run_small(path)).encode())
-        else:
-            write_editions(path, BUILD)
+            raise FileNotFoundError(f"{kept} is missing or older than the notebook: run `make notebooks`")
+        write_editions(path, BUILD)
     return with_outputs(nbformat.read(path, as_version=4), nbformat.read(kept, as_version=4))
-
-
-def run_small(path: Path) -> nbformat.NotebookNode:
-    """The notebook after a run with the parameters of `nbmake.mock`."""
-    notebook = nbformat.read(path, as_version=4)
-    for cell in notebook.cells:
-        for name, value in cell.metadata.get("nbmake", {}).get("mock", {}).items():
-            cell.source += f"\n{name} = {value!r}"
-    execute(notebook, path.parent)
-    notebook.metadata["made_from"] = made_from(path)
-    return notebook
 
 
 def with_outputs(notebook: nbformat.NotebookNode, executed: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -212,7 +201,7 @@ def main() -> None:
     notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=notebooks, default=list(notebooks), help="numbers to run")
-    parser.add_argument("--small", action="store_true", help="run with CI's smaller parameters, in a third of the time")
+    parser.add_argument("--small", action="store_true", help="take the run of `make notebooks`")
     parser.add_argument("--old", action="store_true", help="take earlier runs although something changed since")
     parser.add_argument("--student", action="store_true", help="leave out the solutions and what they printed")
     arguments = parser.parse_args()

@@ -8,7 +8,7 @@ from tqdm import trange
 
 from clothlab import artifacts
 from clothlab.lab import LivePanel
-from clothlab.lab.playback import REEL, Reel
+from clothlab.lab.playback import RECORDING, SessionRecording
 from clothlab.lab.views import MASS
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.vision import HEIGHT, WIDTH
@@ -32,10 +32,10 @@ def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
     )
     heavy = {"damping": cloth["material"][0], "mass": MASS[1]}
     return [
-        (4, "a robot holds a cloth; how should it move?", [("set driver", {"driver": "hand"})]),
+        (4, "a robot holds a cloth; how should it move?", [("set driver", {"driver": "manual"})]),
         (12, "random commands", [("set driver", {"driver": "random"})]),
-        (18, "control predicts, and changes its commands downhill", [("set driver", {"driver": "control"})]),
-        (12, "it believes in another material", [("set p", {"at": far})]),
+        (18, "predictive control descends the gradient on the commands", [("set driver", {"driver": "control"})]),
+        (12, "the p of another material", [("set p", {"at": far})]),
         (16, "p is estimated online", [("estimate", {"on": True})]),
         (16, "another cloth in the hand", [("set material", heavy)]),
         (
@@ -43,7 +43,11 @@ def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
             "a target that no cloth looks like",
             [("set cloth", {"cloth": cloth["name"]}), ("draw", {"content": letter()})],
         ),
-        (27, "practice chooses by outcomes", [("pick", {"name": "target-2"}), ("set driver", {"driver": "practise"})]),
+        (
+            27,
+            "iterative learning control learns from achieved distances",
+            [("pick", {"name": "target-2"}), ("set driver", {"driver": "iterative"})],
+        ),
     ]
 
 
@@ -58,7 +62,7 @@ def press(panel: LivePanel, do: str, arguments: dict) -> None:
 def main() -> None:
     """Play the scenes one after the other."""
     panel = LivePanel()
-    reel = Reel(panel)
+    reel = SessionRecording(panel)
     for seconds, caption, presses in scenes(panel):
         for do, arguments in presses:
             press(panel, do, arguments)
@@ -67,7 +71,7 @@ def main() -> None:
             reel.take(caption)
     panel.check()
     panel.close()
-    path = artifacts.data_folder() / REEL
+    path = artifacts.data_folder() / RECORDING
     reel.save(path)
     artifacts.write_checksums()
     print(f"{path}: {len(reel.shots) * CONTROL_PERIOD:.0f} s in {path.stat().st_size / 1e6:.1f} MB")

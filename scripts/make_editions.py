@@ -80,6 +80,14 @@ def write_editions(path: Path, build: Path) -> None:
     write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
 
 
+def write_small_copies(paths: list[Path], folder: Path) -> None:
+    """Copies that `make notebooks` runs with the parameters of CI; tests, the site and the slides share that run."""
+    for path in paths:
+        notebook = nbformat.read(path, as_version=4)
+        notebook.metadata["made_from"] = made_from(path)
+        write_bytes(folder / path.name, nbformat.writes(notebook).encode())
+
+
 def made_from(path: Path) -> str:
     """What a run of the notebook at `path` depends on, as a hash: its cells, the package, and the data."""
     package = sorted(each for each in (ROOT / "clothlab").rglob("*") if each.suffix in (".py", ".js"))
@@ -108,7 +116,12 @@ def main() -> None:
     notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=notebooks, default=list(notebooks), help="numbers of notebooks")
-    progress = tqdm(parser.parse_args().only, unit="notebook")
+    parser.add_argument("--copies", action="store_true", help="only write build/small, which `make notebooks` runs")
+    arguments = parser.parse_args()
+    if arguments.copies:
+        write_small_copies([notebooks[number] for number in arguments.only], ROOT / "build" / "small")
+        return
+    progress = tqdm(arguments.only, unit="notebook")
     for number in progress:
         progress.set_description(notebooks[number].stem)
         write_editions(notebooks[number], ROOT / "build")

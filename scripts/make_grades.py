@@ -9,36 +9,37 @@ counts 0. Each exercise runs in a process of its own, with limits on time and me
 import argparse
 import ast
 import contextlib
-import csv
 import io
 import json
 import os
 import pickle
-import signal
+import shutil
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import tomllib
-from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import numpy as np
-from answering import SETTABLE
+import pandas as pd
 from make_course import Lesson, read_lesson
+from sandbox_worker import SETTABLE
 from tqdm.auto import tqdm
 
 from clothlab import checks
-from clothlab._files import write_bytes
 
 ROOT = Path(__file__).resolve().parents[1]
 MESSAGE_BYTES = 20_000_000  # what an answer may return
+ISOLATED = "answers run in bubblewrap: no network, no files but a temporary folder"
+NOT_ISOLATED = "answers run with limits on time, memory and files only: install bubblewrap to keep them from your files"
 NOTEBOOK_BYTES = 50_000_000  # a notebook that is larger is not read
 DTYPES = {name: np.dtype(name) for name in ("bool", "float16", "float32", "float64")} | {
     f"{sign}int{bits}": np.dtype(f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)
@@ -92,15 +93,26 @@ class Odd:
 class Sandbox:
     """Starts processes in which answers run; to be used in a `with`.
 
+    Where bubblewrap works, they see no network, can write into one temporary folder only, and find neither checks nor
+    solutions. Elsewhere limits on time, memory and files are all there is, and `isolated` is False.
+
     Args:
         modules: what the server imports before it forks, so that no process has to.
     """
 
     def __init__(self, modules: list[str]):
-        self._here, there = socket.socketpair()
-        command = [sys.executable, str(ROOT / "scripts" / "answering.py"), str(there.fileno()), json.dumps(modules)]
-        one_core = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-        self._server = subprocess.Popen(command, pass_fds=[there.fileno()], env=os.environ | one_core)
+        self._folder = tempfile.TemporaryDirectory(prefix="clothlab-")
+        self._modules, self._prefix = json.dumps(modules), bubblewrap(self._folder.name)
+        self.isolated = bool(self._prefix)
+        self._start()
+
+    def _start(self) -> None:
+        self._here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        worker = str(ROOT / "scripts" / "sandbox_worker.py")
+        command = [*self._prefix, sys.executable, worker, str(there.fileno()), self._modules]
+        settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+        settings["MPLCONFIGDIR"] = self._folder.name
+        self._server = subprocess.Popen(command, pass_fds=[there.fileno()], env=os.environ | settings)
         there.close()
         if self._here.recv(16) != b"ready":
             raise RuntimeError("the process in which answers run did not start; it says above why")
@@ -111,16 +123,16 @@ class Sandbox:
     def __exit__(self, *_: object) -> None:
         self._here.close()
         self._server.wait()
+        self._folder.cleanup()
 
     def judge(self, name: str, sources: list[str], seconds: int, memory: int) -> str:
         """What the check of this name says of the function in the sources; "correct" if nothing is wrong with it."""
-        with tempfile.TemporaryDirectory(prefix="clothlab-") as folder:
+        with tempfile.TemporaryDirectory(dir=self._folder.name) as folder:
             ours, theirs = socket.socketpair()
-            how = {"folder": folder, "seconds": seconds, "memory": memory * 1_000_000}
-            socket.send_fds(self._here, [json.dumps(how).encode()], [theirs.fileno()])
+            request = {"folder": folder, "seconds": seconds, "memory": memory * 1_000_000}
+            pid = self._fork(json.dumps(request).encode(), theirs)
             theirs.close()
-            pid = int(self._here.recv(16))
-            answer = Answer(Connection(ours.detach()), name, pid, seconds)
+            answer = Answer(Connection(ours.detach()), name, partial(self._end, pid), seconds)
             try:
                 answer.define(sources)
                 with contextlib.redirect_stdout(io.StringIO()) as said:
@@ -133,6 +145,38 @@ class Sandbox:
             finally:
                 answer.end()
 
+    def _fork(self, request: bytes, theirs: socket.socket) -> int:
+        """The process that a request started; an answer before it may have ended the server, which then starts anew."""
+        for _ in range(2):
+            with contextlib.suppress(OSError):
+                socket.send_fds(self._here, [request], [theirs.fileno()])
+                if pid := self._here.recv(16):
+                    return int(pid)
+            self._here.close()
+            self._server.wait()
+            self._start()
+        raise RuntimeError("the process in which answers run ends at once")
+
+    def _end(self, pid: int) -> None:
+        with contextlib.suppress(OSError):
+            self._here.sendall(json.dumps({"end": pid}).encode())
+
+
+def bubblewrap(folder: str) -> list[str]:
+    """The beginning of a command that runs in bubblewrap and writes into one folder; empty where that does not work."""
+    package = Path(checks.__file__).parents[1]
+    hidden = [package / "checks", ROOT / "notebooks", ROOT / "build"]
+    prefix = ["bwrap", "--unshare-all", "--die-with-parent", "--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
+    prefix += ["--tmpfs", "/tmp"]
+    for each in (package, Path(sys.prefix), ROOT):  # a tree below /tmp is hidden with it
+        prefix += ["--ro-bind", str(each), str(each)]
+    for each in filter(Path.exists, hidden):
+        prefix += ["--tmpfs", str(each)]
+    common = str(package / "checks" / "_check.py")
+    prefix += ["--ro-bind", common, common, "--bind", folder, folder]
+    works = shutil.which("bwrap") and not subprocess.run([*prefix, "true"], capture_output=True).returncode
+    return prefix if works else []
+
 
 class Answer:
     """A function that runs elsewhere. It may say what it likes: only numbers, arrays, words and functions get through.
@@ -140,12 +184,12 @@ class Answer:
     Args:
         connection: to the process.
         name: of the function.
-        pid: of the process.
+        end_process: ends the process.
         seconds: [s] until the process is ended.
     """
 
-    def __init__(self, connection: Connection, name: str, pid: int, seconds: int):
-        self._connection, self._name, self._pid, self._seconds = connection, name, pid, seconds
+    def __init__(self, connection: Connection, name: str, end_process: Callable[[], None], seconds: int):
+        self._connection, self._name, self._end_process, self._seconds = connection, name, end_process, seconds
         self._lent: list[Any] = []
         self._late = False
         self._clock = threading.Timer(seconds, self._stop)
@@ -166,7 +210,9 @@ class Answer:
     def end(self) -> None:
         """End the process."""
         self._clock.cancel()
-        self._kill()
+        self._clock.join()
+        if not self._late:
+            self._end_process()
         self._connection.close()
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -249,13 +295,7 @@ class Answer:
 
     def _stop(self) -> None:
         self._late = True
-        self._kill()
-
-    def _kill(self) -> None:
-        if self._pid:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self._pid, signal.SIGKILL)
-            self._pid = 0  # the number may be another's by and by
+        self._end_process()
 
     def _why(self) -> str:
         if self._late:
@@ -335,22 +375,17 @@ def _of_notebook(sandbox: Sandbox, student: Path, name: str, lesson: Lesson, lim
     return grades
 
 
-def table(grades: list[Grade]) -> str:
-    """Every exercise of every student, as CSV."""
-    rows = [{key: _plain(value) for key, value in asdict(each).items()} for each in grades]
-    return _csv([field.name for field in fields(Grade)], rows)
+def table(grades: list[Grade]) -> pd.DataFrame:
+    """Every exercise of every student."""
+    return pd.DataFrame([asdict(each) for each in grades]).map(_plain)
 
 
-def totals(grades: list[Grade]) -> str:
-    """A row for each student, with the points of each notebook and their sum, as CSV."""
-    sums: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
-    for each in grades:
-        for column in (each.notebook, "points"):
-            sums[each.student][column] += each.points
-        sums[each.student]["most"] += each.most
-    notebooks = list(dict.fromkeys(each.notebook for each in grades))
-    rows = [{"student": _plain(student), **columns} for student, columns in sums.items()]
-    return _csv(["student", *notebooks, "points", "most"], rows)
+def totals(grades: list[Grade]) -> pd.DataFrame:
+    """A row for each student, with the points of each notebook and their sum."""
+    rows = pd.DataFrame([asdict(each) for each in grades])
+    points = rows.pivot_table(index="student", columns="notebook", values="points", aggfunc="sum")
+    both = rows.groupby("student")[["points", "most"]].sum()
+    return points.join(both).rename(index=_plain).rename_axis("student")
 
 
 def _plain(value: Any) -> Any:
@@ -359,14 +394,6 @@ def _plain(value: Any) -> Any:
         return value
     value = " ".join(value.split())[:500]
     return f"'{value}" if value.startswith(("=", "+", "-", "@")) else value
-
-
-def _csv(columns: list[str], rows: list[dict]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns)
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def keep_in_gradebook(grades: list[Grade], database: str, open_gradebook: Callable) -> None:
@@ -404,10 +431,11 @@ def main() -> None:
     plan = tomllib.loads((ROOT / "docs" / "course" / "weeks.toml").read_text("utf-8"))
     chosen = {notebooks[number].stem: notebooks[number] for number in arguments.only}
     with Sandbox(modules_of(list(chosen.values()))) as sandbox:
+        print(ISOLATED if sandbox.isolated else NOT_ISOLATED)
         grades = grade(sandbox, arguments.folder, chosen, plan, progress=True)
-    for name, text in (("grades.csv", table(grades)), ("totals.csv", totals(grades))):
-        write_bytes(arguments.folder / name, text.encode())
-        print(arguments.folder / name)
+    table(grades).to_csv(arguments.folder / "grades.csv", index=False)
+    totals(grades).to_csv(arguments.folder / "totals.csv")
+    print(f"{arguments.folder}: grades.csv, totals.csv")
     if arguments.gradebook:
         from nbgrader.api import Gradebook
 

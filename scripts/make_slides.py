@@ -120,7 +120,7 @@ def main() -> None:
     notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=notebooks, default=DECKS, help="numbers of notebooks")
-    parser.add_argument("--small", action="store_true", help="run with CI's smaller parameters, in a third of the time")
+    parser.add_argument("--small", action="store_true", help="take the run of `make notebooks`")
     parser.add_argument("--old", action="store_true", help="take earlier runs although something changed since")
     arguments = parser.parse_args()
     folder = BUILD / "slides"

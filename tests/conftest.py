@@ -152,8 +152,8 @@ def kill_writes() -> Callable[[Path, int], None]:
 
 @pytest.fixture(autouse=True)
 def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A live session compares drawn targets with a tenth of its yardsticks: making one takes half as long."""
-    monkeypatch.setattr("clothlab.lab.targets.YARDSTICK_EVERY", 200)
+    """A live session compares drawn targets with a tenth of its reference_images: making one takes half as long."""
+    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 200)
 
 
 @pytest.fixture(scope="session")

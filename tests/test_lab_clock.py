@@ -1,15 +1,33 @@
-"""Time in the kernel's event loop."""
+"""Time in the kernel's event loop, on a clock that jumps from one event to the next."""
 
 import asyncio
-import time
 from threading import get_ident
 
 import pytest
 
-from clothlab.lab.clock import RECENT, Clock, Turns
+from clothlab.lab.clock import RECENT, Clock, LoopCallbacks
 
 
-def test_ticks_keep_the_period_and_lost_time_is_not_made_up_for():
+class JumpingLoop(asyncio.SelectorEventLoop):
+    """Nothing waits: when there is nothing to do, it is at once as late as the next event is due."""
+
+    now = 0.0
+
+    def time(self):
+        return self.now
+
+    def _run_once(self):
+        if not self._ready and self._scheduled:
+            self.now = max(self.now, self._scheduled[0]._when)
+        super()._run_once()
+
+
+def ran(main):
+    with asyncio.Runner(loop_factory=JumpingLoop) as runner:
+        return runner.run(main())
+
+
+def test_ticks_keep_the_period():
     async def main():
         ticks = []
         clock = Clock(lambda behind: ticks.append(behind) or True, 0.05)
@@ -18,45 +36,44 @@ def test_ticks_keep_the_period_and_lost_time_is_not_made_up_for():
         await asyncio.sleep(0.52)
         clock.pause()
         assert not clock.running
-        number = len(ticks)
         await asyncio.sleep(0.2)
-        assert len(ticks) == number
-        return number, clock.late
+        return ticks, clock.late
 
-    number, late = asyncio.run(main())
-    assert 6 <= number <= 11
-    assert late <= 2
+    ticks, late = ran(main)
+    assert ticks == pytest.approx([0] * 11, abs=1e-9)
+    assert late == 0
 
 
-def test_who_was_late_is_so_for_a_few_ticks():
+def test_a_late_tick_is_remembered_for_a_few_ticks_and_lost_time_is_not_made_up_for():
     async def main():
-        said = []
+        lately, loop = [], asyncio.get_running_loop()
 
         def tick(behind):
-            said.append(clock.lately)
-            if len(said) == 2:
-                time.sleep(0.09)  # the next one comes late
-            return len(said) < 3 + RECENT
+            lately.append(clock.lately)
+            if len(lately) == 2:
+                loop.now += 1.0  # this tick took 20 periods
+            return len(lately) < 5 + RECENT
 
         clock = Clock(tick, 0.05)
         clock.start()
-        await asyncio.sleep(0.05 * (5 + RECENT))
-        return said
+        await asyncio.sleep(3)
+        return lately, clock.late
 
-    said = asyncio.run(main())
-    assert said[:2] == [False, False]
-    assert all(said[2 : 2 + RECENT])
-    assert not said[-1]
+    lately, late = ran(main)
+    assert lately[:2] == [False, False]
+    assert all(lately[2 : 2 + RECENT])
+    assert not lately[-1]
+    assert 1 <= late <= 3
 
 
-def test_a_tick_that_says_no_is_the_last():
+def test_a_tick_that_answers_false_is_the_last():
     async def main():
         clock = Clock(lambda behind: False, 0.01)
         clock.start()
         await asyncio.sleep(0.05)
         return clock.running
 
-    assert not asyncio.run(main())
+    assert not ran(main)
 
 
 def test_without_an_event_loop_time_cannot_go_by():
@@ -64,12 +81,12 @@ def test_without_an_event_loop_time_cannot_go_by():
         Clock(lambda behind: True, 0.1).start()
 
 
-def test_callbacks_of_other_threads_wait_for_their_turn():
+def test_callbacks_of_other_threads_wait_for_the_loop():
     async def main():
-        turns, threads = Turns(), []
-        turns.take(lambda: threads.append(get_ident()))
+        callbacks, threads = LoopCallbacks(), []
+        callbacks.take(lambda: threads.append(get_ident()))
         assert len(threads) == 1  # at once
-        await asyncio.to_thread(turns.take, lambda: threads.append(get_ident()))
+        await asyncio.to_thread(callbacks.take, lambda: threads.append(get_ident()))
         await asyncio.sleep(0.05)
         return threads
 
@@ -78,5 +95,5 @@ def test_callbacks_of_other_threads_wait_for_their_turn():
 
 def test_outside_a_notebook_callbacks_act_at_once():
     done = []
-    Turns().take(done.append, 1)
+    LoopCallbacks().take(done.append, 1)
     assert done == [1]

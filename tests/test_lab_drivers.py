@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.lab.drivers import DRIVERS, Account, Choice, Drivers, stick_command
+from clothlab.lab.drivers import DRIVERS, Choice, Drivers, PredictionLog, stick_command
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.dpmpb import DPMPB, Sequences
@@ -24,7 +24,7 @@ def drivers(trial, square):
 def drive(drivers, env, driver, steps, **how):
     choices = []
     for _ in range(steps):
-        choices.append(drivers.choose(driver, env.observe(), **({"solve": True, "practising": True} | how)))
+        choices.append(drivers.choose(driver, env.observe(), **({"solve": True, "exploring": True} | how)))
         env.advance(choices[-1].command)
     return choices
 
@@ -32,28 +32,28 @@ def drive(drivers, env, driver, steps, **how):
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_only_controllers_promise_and_have_periods(drivers, env, driver):
     choices = drive(drivers, env, driver, 9)
-    controls = driver in ("control", "practise")
-    assert all((each.promise is not None) == controls for each in choices)
+    controls = driver in ("control", "iterative")
+    assert all((each.predicted is not None) == controls for each in choices)
     assert [k for k, each in enumerate(choices) if each.period_ended] == ([7] if controls else [])
-    solved = {"control": list(range(9)), "practise": [0, 8]}.get(driver, [])
+    solved = {"control": list(range(9)), "iterative": [0, 8]}.get(driver, [])
     assert [k for k, each in enumerate(choices) if each.solved] == solved
 
 
 def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(drivers, env):
-    drive(drivers, env, "practise", 11)
+    drive(drivers, env, "iterative", 11)
     drivers.resume()
-    assert not drive(drivers, env, "hand", 3)[0].solved
-    assert drive(drivers, env, "practise", 8, solve=False)[0].solved  # a period begins, and there is no plan for it
-    assert len(drivers._practice.attempts) == 1
+    assert not drive(drivers, env, "manual", 3)[0].solved
+    assert drive(drivers, env, "iterative", 8, solve=False)[0].solved  # a period begins, and there is no plan for it
+    assert len(drivers._iterative.attempts) == 1
     drivers.reset(0)
-    assert drivers._practice.attempts == []
+    assert drivers._iterative.attempts == []
 
 
 def test_who_does_not_practise_repeats(drivers, env):
-    drive(drivers, env, "practise", 8)
-    again = drive(drivers, env, "practise", 8, practising=False)
+    drive(drivers, env, "iterative", 8)
+    again = drive(drivers, env, "iterative", 8, exploring=False)
     assert np.array([each.command for each in again]) == pytest.approx(
-        drivers._practice.attempts[0].u.numpy(), abs=1e-6
+        drivers._iterative.attempts[0].u.numpy(), abs=1e-6
     )
 
 
@@ -74,12 +74,26 @@ def account_for(account, driver, promises, distances, length=3):
 
 def test_an_outcome_stands_beside_what_its_period_had_promised_at_its_beginning():
     promises, distances = [0.5, 0.6, 0.7, 0.1, 0.2, 0.3], [2.0, 1.0, 3.0, 4.0, 6.0, 5.0]
-    assert account_for(Account(), "control", promises, distances) == [None, None, (0.5, 3.0), None, None, (0.1, 5.0)]
-    assert account_for(Account(), "practise", promises, distances) == [None, None, (0.5, 1.0), None, None, (0.1, 4.0)]
+    assert account_for(PredictionLog(), "control", promises, distances) == [
+        None,
+        None,
+        (0.5, 3.0),
+        None,
+        None,
+        (0.1, 5.0),
+    ]
+    assert account_for(PredictionLog(), "iterative", promises, distances) == [
+        None,
+        None,
+        (0.5, 1.0),
+        None,
+        None,
+        (0.1, 4.0),
+    ]
 
 
 def test_a_promise_about_another_target_is_not_held_against_anybody():
-    account = Account()
+    account = PredictionLog()
     account.add("control", Choice(np.zeros(2), True, 0.5, False), 1.0)
     account.interrupt()
     assert account_for(account, "control", [0.4, 0.3], [1.0, 1.0], length=2) == [None, None]
@@ -87,5 +101,5 @@ def test_a_promise_about_another_target_is_not_held_against_anybody():
 
 
 def test_who_promises_nothing_has_no_account():
-    assert account_for(Account(), "random", [None] * 3, [1.0] * 3) == [None] * 3
-    assert account_for(Account(), "practise", [None] * 3, [1.0] * 3) == [None] * 3
+    assert account_for(PredictionLog(), "random", [None] * 3, [1.0] * 3) == [None] * 3
+    assert account_for(PredictionLog(), "iterative", [None] * 3, [1.0] * 3) == [None] * 3

@@ -188,14 +188,14 @@ def test_a_drawing_becomes_the_target_and_shows_what_the_network_believes(panel,
     before = panel.target
     send(panel, "draw", memoryview(square.astype(np.uint8).tobytes()))
     assert np.array_equal(panel.session.target, square)
-    assert panel.target["believed"] != before["believed"]
+    assert panel.target["reconstruction"] != before["reconstruction"]
     assert panel.target["version"] == before["version"]  # it stands on the canvas already
     checkers = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
     send(panel, "draw", checkers.astype(np.uint8).tobytes())
-    assert panel.target["verdict"] == "It knows no such cloth."
+    assert panel.target["verdict"] == "The autoencoder does not reproduce it."
     send(panel, "pick", name="target-1")
     assert np.array_equal(panel.session.target, panel.session.gallery["target-1"])
-    assert panel.target["verdict"] == "It knows such cloths."
+    assert panel.target["verdict"] == "The autoencoder reproduces it."
 
 
 def test_a_target_that_was_drawn_over_is_shown_again(panel):
@@ -245,7 +245,7 @@ def test_an_own_material_has_a_label(panel):
 
 def test_a_moved_slider_takes_over(panel):
     send(panel, "set hand", u=[0.2, -0.4])
-    assert panel.session.driver == panel.state["driver"] == "hand"
+    assert panel.session.driver == panel.state["driver"] == "manual"
     send(panel, "step")
     assert panel.history[-1].command[0] == pytest.approx(0.2)
     send(panel, "set driver", driver="control")
@@ -255,12 +255,12 @@ def test_a_moved_slider_takes_over(panel):
 
 
 def test_practice_is_switched_on_and_told_to_repeat(panel):
-    send(panel, "set driver", driver="practise")
-    assert (panel.state["driver"], panel.state["practising"]) == ("practise", True)
+    send(panel, "set driver", driver="iterative")
+    assert (panel.state["driver"], panel.state["exploring"]) == ("iterative", True)
     send(panel, "step")
-    assert [line["name"] for line in panel.frame["traces"][0]["lines"]] == ["distance", "promise at each step"]
-    send(panel, "practise", on=False)
-    assert panel.session.practising is panel.state["practising"] is False
+    assert [line["name"] for line in panel.frame["traces"][0]["lines"]] == ["distance", "predicted at each step"]
+    send(panel, "explore", on=False)
+    assert panel.session.exploring is panel.state["exploring"] is False
     send(panel, "step")
 
 
@@ -272,7 +272,7 @@ def test_sticks_take_over(panel):
     send(panel, "move sticks", places=[1.0, 0.0, 0.5])
     send(panel, "step")
     arm = panel.session.arm
-    assert panel.session.driver == "hand"
+    assert panel.session.driver == "manual"
     assert panel.history[-1].command == pytest.approx([arm.upper[0], arm.lower[1], 40.0])
     send(panel, "greet gamepad", enough=False)
     assert "needs two sticks" in says(panel)
@@ -321,17 +321,6 @@ def test_a_recording_can_be_stopped_before_it_is_named(panel, tmp_path):
     assert len(load_trial(tmp_path / "mine" / "one-step.npz")) == 1
 
 
-def test_an_unfinished_recording_is_announced(panel, tmp_path):
-    send(panel, "record")
-    send(panel, "step")
-    after = LivePanel(LiveSession(recordings=tmp_path / "mine", picture_size=(96, 128)))
-    assert "unfinished recording was found" in says(after)
-    assert after.state["waiting"]
-    send(after, "save", name="found")
-    assert "saved as found.npz" in says(after)
-    after.close()
-
-
 def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     def broken(_):
         raise ZeroDivisionError("on purpose")
@@ -363,22 +352,22 @@ def test_a_sign_says_how_it_goes(panel, monkeypatch):
     def broken(**_):
         raise SimulationError("the physics diverged")
 
-    assert panel.state["sign"] == "paused"
+    assert panel.state["status"] == "paused"
     signs = []
-    panel.observe(lambda change: signs.append(change["new"]["sign"]), "state")
+    panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run(panel, 0.5)
     assert "running" in signs
     send(panel, "pause")
-    assert panel.state["sign"] == "paused"
+    assert panel.state["status"] == "paused"
     monkeypatch.setattr(panel.session, "step", broken)
     run(panel, 0.3)
-    assert (panel.state["sign"], panel.state["running"], panel.errors) == ("fault", False, [])
+    assert (panel.state["status"], panel.state["running"], panel.errors) == ("fault", False, [])
     assert "diverged" in says(panel)
     monkeypatch.undo()
     send(panel, "set driver", driver="random")
-    assert panel.state["sign"] == "fault"  # time still stands
+    assert panel.state["status"] == "fault"  # time still stands
     send(panel, "reset")
-    assert panel.state["sign"] == "paused"
+    assert panel.state["status"] == "paused"
 
 
 @pytest.mark.slow
@@ -390,7 +379,7 @@ def test_who_is_too_slow_is_late(panel, monkeypatch):
         return step(**how)
 
     monkeypatch.setattr(panel.session, "step", slow)
-    panel.observe(lambda change: signs.append(change["new"]["sign"]), "state")
+    panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run(panel, 1.2)
     assert "late" in signs
     assert "fault" not in signs
@@ -399,9 +388,9 @@ def test_who_is_too_slow_is_late(panel, monkeypatch):
 def test_a_fault_stays_on_the_sign_until_the_next_action(panel):
     panel._messages.say("✗ a fault", "fault")
     panel._refresh()
-    assert panel.state["sign"] == "fault"
+    assert panel.state["status"] == "fault"
     send(panel, "step")
-    assert panel.state["sign"] == "paused"
+    assert panel.state["status"] == "paused"
 
 
 def test_missing_weights_are_a_message(panel, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.lab import LivePanel
-from clothlab.lab.playback import REEL, SHOWN, Playback, Reel, load_reel
+from clothlab.lab.playback import RECORDING, SHOWN, Playback, SessionRecording, load_recording
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def panel(new_session):
 @pytest.fixture
 def reel(panel, tmp_path):
     """Three steps: the first, one with a frame that is new, and one in which all stays as it is."""
-    reel = Reel(panel)
+    reel = SessionRecording(panel)
     reel.take("the beginning")
     panel.step()
     reel.take("a step")
@@ -36,7 +36,7 @@ def send(panel, do, *buffers, **arguments):
 
 
 def test_a_reel_keeps_what_is_new_at_each_step(panel, reel):
-    first, second, third = load_reel(reel)
+    first, second, third = load_recording(reel)
     assert first.keys() == {*SHOWN, "caption"}
     assert first["target"]["image"] == panel.target["image"]  # bytes stay bytes
     assert first["about"]["gallery"][0]["image"] == panel.about["gallery"][0]["image"]
@@ -46,17 +46,17 @@ def test_a_reel_keeps_what_is_new_at_each_step(panel, reel):
 
 
 def test_pictures_are_kept_in_fewer_bytes(panel, reel):
-    assert len(load_reel(reel)[1]["frame"]["scene"]) < len(panel.frame["scene"])
+    assert len(load_recording(reel)[1]["frame"]["scene"]) < len(panel.frame["scene"])
 
 
 def test_the_stored_run_shows_what_todays_panel_shows(panel):
-    shots = load_reel()
+    shots = load_recording()
     shots[0].pop("caption")
     for name in ("about", "state", "target", "frame"):
         assert shots[0][name].keys() == getattr(panel, name).keys(), "make demonstration records it anew"
     drivers = [shot["state"]["driver"] for shot in shots if "state" in shot]
-    assert list(dict.fromkeys(drivers)) == ["hand", "random", "control", "practise"]
-    assert (artifacts.data_folder() / REEL).stat().st_size < 4e6
+    assert list(dict.fromkeys(drivers)) == ["manual", "random", "control", "iterative"]
+    assert (artifacts.data_folder() / RECORDING).stat().st_size < 4e6
 
 
 @pytest.mark.parametrize(
@@ -75,27 +75,27 @@ def test_the_stored_run_shows_what_todays_panel_shows(panel):
 def test_what_is_no_reel_is_refused_in_a_sentence(tmp_path, content):
     (tmp_path / "reel").write_bytes(content)
     with pytest.raises(ValueError, match="reel is damaged or holds no recorded run"):
-        load_reel(tmp_path / "reel")
+        load_recording(tmp_path / "reel")
 
 
 def test_a_reel_cut_short_is_refused(reel):
     reel.write_bytes(reel.read_bytes()[:-40])
     with pytest.raises(ValueError, match="damaged"):
-        load_reel(reel)
+        load_recording(reel)
 
 
 def test_without_a_reel_the_panel_says_how_to_get_one(panel, tmp_path):
-    panel._playback = Playback(panel, lambda: load_reel(tmp_path / "none"))
+    panel._playback = Playback(panel, lambda: load_recording(tmp_path / "none"))
     send(panel, "play")
     assert "make demonstration" in panel.state["message"]["text"]
-    assert panel.state["sign"] == "paused"
+    assert panel.state["status"] == "paused"
 
 
 def test_it_plays_to_its_end_and_the_live_robot_is_back(panel, reel):
-    panel._playback = Playback(panel, lambda: load_reel(reel))
+    panel._playback = Playback(panel, lambda: load_recording(reel))
     panel.step()
     told, clocks = [], []
-    panel.observe(lambda change: told.append((change["new"]["sign"], change["new"]["message"]["text"])), "state")
+    panel.observe(lambda change: told.append((change["new"]["status"], change["new"]["message"]["text"])), "state")
 
     def draw(change):
         clocks.append(change["new"]["clock"])
@@ -119,24 +119,24 @@ def test_it_plays_to_its_end_and_the_live_robot_is_back(panel, reel):
 
 @pytest.mark.parametrize("do", ["live", "step", "start"])
 def test_whatever_a_person_does_ends_it(panel, reel, do):
-    panel._playback = Playback(panel, lambda: 100 * load_reel(reel))
+    panel._playback = Playback(panel, lambda: 100 * load_recording(reel))
 
     async def main():
         panel.start()
         send(panel, "play")
         assert not panel.running
         await asyncio.sleep(0.01)
-        assert panel.state["sign"] == "recorded"
+        assert panel.state["status"] == "recorded"
         send(panel, do)
         assert not panel._playback.running
         assert panel.state["answered"] == f"id-{do}"
-        assert panel.state["sign"] == ("running" if do == "start" else "paused")
+        assert panel.state["status"] == ("running" if do == "start" else "paused")
 
     asyncio.run(main())
 
 
 def test_a_browser_that_does_not_draw_gets_no_frames_but_is_told_how_things_stand(panel, reel):
-    panel._playback = Playback(panel, lambda: load_reel(reel))
+    panel._playback = Playback(panel, lambda: load_recording(reel))
 
     async def main():
         send(panel, "play")
@@ -150,7 +150,7 @@ def test_a_browser_that_does_not_draw_gets_no_frames_but_is_told_how_things_stan
 
 
 def test_a_panel_that_closes_is_not_shown_again(panel, reel):
-    playback = Playback(panel, lambda: 100 * load_reel(reel))
+    playback = Playback(panel, lambda: 100 * load_recording(reel))
 
     async def main():
         playback.start()
@@ -161,10 +161,10 @@ def test_a_panel_that_closes_is_not_shown_again(panel, reel):
         assert panel.state is state
 
     asyncio.run(main())
-    assert panel.state["sign"] == "recorded"
+    assert panel.state["status"] == "recorded"
 
 
 def test_a_panel_shows_no_objects(panel):
     panel.state = panel.state | {"odd": np.zeros(2)}
     with pytest.raises(TypeError, match="ndarray"):
-        Reel(panel).take("")
+        SessionRecording(panel).take("")

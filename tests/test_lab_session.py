@@ -53,12 +53,12 @@ def test_only_arms_that_a_session_has_weights_for_can_be_chosen(session):
 def test_everyone_can_drive(session, driver):
     session.set_driver(driver)
     commands = [session.step().command for _ in range(3)]
-    if driver == "hand":
+    if driver == "manual":
         assert np.array_equal(commands[0], session.hand)
 
 
 def practised(session):
-    return len(session._drivers._practice.attempts)
+    return len(session._drivers._iterative.attempts)
 
 
 def drive(session, periods):
@@ -66,32 +66,32 @@ def drive(session, periods):
 
 
 def test_practice_learns_from_each_period_and_promises_the_next(session):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     moments = drive(session, 3)
     assert practised(session) == 2  # the third is seen to its end in the next step
     assert [moment.step for moment in moments if moment.solved] == [1, 9, 17]
     assert [moment.step for moment in moments if moment.period_ended] == [8, 16, 24]
     for k in range(3):
-        assert len({moment.promise for moment in moments[8 * k : 8 * k + 8]}) == 1
-    assert len({moment.promise for moment in moments}) == 3
+        assert len({moment.predicted for moment in moments[8 * k : 8 * k + 8]}) == 1
+    assert len({moment.predicted for moment in moments}) == 3
 
 
 def test_control_promises_what_its_model_predicts(session):
-    promises = [session.step().promise for _ in range(8)]
+    promises = [session.step().predicted for _ in range(8)]
     assert all(0 < promise < 10 for promise in promises)
     assert len(set(promises)) == 8
     session.set_driver("random")
     assert session.step().period is None
-    assert session.step().promise is None
+    assert session.step().predicted is None
 
 
 def test_a_period_keeps_what_it_promised_at_its_beginning_beside_what_came_of_it(session):
     moments = drive(session, 2)
     assert [moment.step for moment in moments if moment.period] == [8, 16]
-    assert moments[15].period == (moments[8].promise, moments[15].distance)  # control aims at the last step
-    session.set_driver("practise")
+    assert moments[15].period == (moments[8].predicted, moments[15].distance)  # control aims at the last step
+    session.set_driver("iterative")
     moments = drive(session, 1)
-    assert moments[7].period == (moments[0].promise, min(moment.distance for moment in moments))
+    assert moments[7].period == (moments[0].predicted, min(moment.distance for moment in moments))
     session.step()
     session.set_target(session.gallery["target-1"])
     assert [moment.period for moment in drive(session, 1)] == [None] * 8  # the promise was about another target
@@ -107,28 +107,28 @@ def test_a_session_knows_what_was_sent_last(session):
 
 
 def test_without_new_plans_the_best_known_one_is_repeated(session):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     drive(session, 1)
-    session.practising = False
+    session.exploring = False
     first, second = ([moment.command for moment in drive(session, 1)] for _ in range(2))
-    learned = session._drivers._practice.attempts[0].u.numpy()
+    learned = session._drivers._iterative.attempts[0].u.numpy()
     assert np.array(first) == pytest.approx(learned, abs=1e-6)
     assert np.array_equal(first, second)
-    session.practising = True
+    session.exploring = True
     assert not np.allclose([moment.command for moment in drive(session, 1)], learned)
 
 
 def test_what_was_learned_stays_with_another_target_p_or_driver_and_goes_with_a_reset(session):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     drive(session, 1)
     session.step()
     session.set_target(session.gallery["target-1"])
-    assert session.step().promise is None  # the plan under way was for the target before
+    assert session.step().predicted is None  # the plan under way was for the target before
     session.set_p(np.array([0.1, 0.2]))
-    session.set_driver("hand")
+    session.set_driver("manual")
     session.step()
-    session.set_driver("practise")
-    assert session.step().promise is not None
+    session.set_driver("iterative")
+    assert session.step().predicted is not None
     assert practised(session) == 1
     session.reset()
     assert practised(session) == 0
@@ -137,7 +137,7 @@ def test_what_was_learned_stays_with_another_target_p_or_driver_and_goes_with_a_
 
 @pytest.mark.parametrize("change", ["set_arm", "set_cloth", "set_tension"])
 def test_practice_begins_anew_with_another_arm_or_cloth(session, change):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     drive(session, 1)
     session.step()
     assert practised(session) == 1
@@ -153,17 +153,17 @@ def test_practice_begins_anew_with_another_arm_or_cloth(session, change):
 
 
 def test_practice_uses_the_p_that_is_estimated(session):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     session.set_p(np.array([0.3, -0.2]))
     session.estimating = True
     moments = drive(session, 2)
     assert not np.allclose(moments[-1].p, [0.3, -0.2])
-    assert session._drivers._practice.p == pytest.approx(moments[-1].p)
+    assert session._drivers._iterative.p == pytest.approx(moments[-1].p)
     assert practised(session) == 1
 
 
 def test_a_late_period_repeats_the_plan(session):
-    session.set_driver("practise")
+    session.set_driver("iterative")
     first = [session.step().command for _ in range(8)]
     late = [session.step(solve=False) for _ in range(8)]
     assert not any(moment.solved for moment in late)
@@ -173,7 +173,7 @@ def test_a_late_period_repeats_the_plan(session):
 
 
 def test_the_hand_sends_what_it_is_told(session):
-    session.set_driver("hand")
+    session.set_driver("manual")
     session.set_hand(np.array([0.1, -0.9]))
     assert session.step().command == pytest.approx([0.1, -0.9])
     with pytest.raises(ValueError, match="outside the torque arm's range"):
@@ -196,11 +196,11 @@ def test_p_moves_only_while_it_is_estimated(session):
 
 def test_a_cloth_image_is_understood_better_than_an_impossible_one(session):
     session.set_target(artifacts.load_target("target-1"))
-    cloth = session.misunderstanding
+    cloth = session.reconstruction_distance
     checkers = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
     session.set_target(checkers)
-    assert session.misunderstanding > cloth
-    assert session.believed.shape == (96, 128)
+    assert session.reconstruction_distance > cloth
+    assert session.reconstruction.shape == (96, 128)
     assert np.array_equal(session.target, checkers)
     with pytest.raises(ValueError, match="no cloth in the image"):
         session.set_target(np.zeros((96, 128)))
@@ -282,7 +282,7 @@ LIGHTEST = views.MASS[0]
 def test_the_lightest_cloth_of_the_sliders_can_be_swung(session, damping):
     session.set_material(damping, LIGHTEST)
     rng, arm = np.random.default_rng(0), session.arm
-    session.set_driver("hand")
+    session.set_driver("manual")
     for _ in range(25):
         session.set_hand(np.where(rng.random(2) < 0.5, arm.command_lower, arm.command_upper))
         session.step()
@@ -340,7 +340,7 @@ def test_a_stiffness_out_of_range_changes_nothing(session, f_const):
 
 def test_a_fixed_stiffness_holds_for_the_hand_too(session):
     session.set_arm("muscle")
-    session.set_driver("hand")
+    session.set_driver("manual")
     session.set_tension(55.0)
     session.set_hand([0.1, -0.5, 20.0])
     assert session.step().command == pytest.approx([0.1, -0.5, 55.0])
@@ -357,8 +357,8 @@ def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
 
 def test_unknown_names_list_the_choices(session):
     for call, message in (
-        (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, practise, hand"),
-        (lambda: session.set_driver(["hand"]), "unknown driver"),
+        (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, iterative, manual"),
+        (lambda: session.set_driver(["manual"]), "unknown driver"),
         (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
         (lambda: LiveSession("octopus"), "unknown arm 'octopus'; choose from torque, torque-feeling, muscle"),
     ):
@@ -405,10 +405,10 @@ def test_every_recording_can_be_replayed(session, arm):
     for _ in range(3):
         session.step()  # a recording that began here, in the middle of a swing, could not
     session.record()
-    for driver in ("control", "hand", "control", "operator"):
+    for driver in ("control", "manual", "control", "operator"):
         session.set_driver(driver)
         for _ in range(3):
             session.step()
     trial = load_trial(session.recorder.save("swing"))
-    assert (len(trial), trial.policy, trial.seed) == (12, "control, hand, operator", session.seed)
+    assert (len(trial), trial.policy, trial.seed) == (12, "control, manual, operator", session.seed)
     assert len(replay(trial).time) == 12 * 50

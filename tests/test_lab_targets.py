@@ -9,28 +9,28 @@ from clothlab.learning.autoencoder import Autoencoder
 
 
 def test_yardsticks_have_cloth_in_view(trial, monkeypatch):
-    monkeypatch.setattr(targets, "YARDSTICK_EVERY", 3)
+    monkeypatch.setattr(targets, "REFERENCE_EVERY", 3)
     without = trial.images.copy()
     without[3] = False
-    found = targets.yardsticks([trial, type("Blank", (), {"images": without})])
+    found = targets.reference_images([trial, type("Blank", (), {"images": without})])
     assert len(found) == 7
     assert np.array_equal(found[1], trial.images[3])
     assert found.any(axis=(1, 2)).all()
 
 
 def test_nothing_is_further_from_the_truth_than_no_cloth(square):
-    assert targets.misunderstanding(square, square.astype(float)) == 0
+    assert targets.reconstruction_distance(square, square.astype(float)) == 0
     moved = np.roll(square, 5, axis=1) * 0.9  # five of thirty columns stick out, by 1 to 5 pixels
-    assert targets.misunderstanding(square, moved) == pytest.approx(sum(range(6)) / 30)
-    assert targets.misunderstanding(square, square * 0.4) == np.inf
+    assert targets.reconstruction_distance(square, moved) == pytest.approx(sum(range(6)) / 30)
+    assert targets.reconstruction_distance(square, square * 0.4) == np.inf
 
 
 def test_the_usual_misunderstanding_is_of_the_worst_in_a_hundred(square, monkeypatch):
     shifts = range(100)
     monkeypatch.setattr(targets, "encode", lambda _, images: images)
     monkeypatch.setattr(targets, "decode", lambda _, z: [np.roll(square, k // 10, axis=1) for k in shifts])
-    usual = targets.usual_misunderstanding(Autoencoder(), np.repeat(square[None], 100, axis=0))
-    assert usual == targets.misunderstanding(square, np.roll(square, 9, axis=1))
+    usual = targets.usual_reconstruction_distance(Autoencoder(), np.repeat(square[None], 100, axis=0))
+    assert usual == targets.reconstruction_distance(square, np.roll(square, 9, axis=1))
 
 
 def test_recorded_targets_are_a_few_from_large_to_small():

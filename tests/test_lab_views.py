@@ -53,19 +53,19 @@ def test_a_region_on_the_map_is_around_its_place():
 def test_doubts_are_shown_while_p_is_estimated_and_say_what_is_strange(session):
     the_plane, known = views.plane(session), Doubt(0.01 * np.eye(2), 0.1, False, False)
     nothing = {"region": [], "warning": ""}
-    assert views.doubts(session, the_plane) == nothing
-    session.finder.doubt = known
-    assert views.doubts(session, the_plane) == nothing
+    assert views.estimate_report(session, the_plane) == nothing
+    session.tracker.report = known
+    assert views.estimate_report(session, the_plane) == nothing
     session.estimating = True
-    shown = views.doubts(session, the_plane)
+    shown = views.estimate_report(session, the_plane)
     plain(shown)
     assert len(shown["region"]) > 10
     assert shown["warning"] == ""
-    session.finder.doubt = known._replace(outside=True)
-    assert "beyond all that it learned" in views.doubts(session, the_plane)["warning"]
-    session.finder.doubt = known._replace(unfamiliar=True, surprise=np.log(2))
-    assert "2.0 times the usual" in views.doubts(session, the_plane)["warning"]
-    session.finder.doubt, session.estimating = None, False
+    session.tracker.report = known._replace(outside=True)
+    assert "outside the trained ones" in views.estimate_report(session, the_plane)["warning"]
+    session.tracker.report = known._replace(unfamiliar=True, surprise=np.log(2))
+    assert "2.0 times the usual" in views.estimate_report(session, the_plane)["warning"]
+    session.tracker.report, session.estimating = None, False
 
 
 def test_images_become_files_of_the_same_size():
@@ -99,10 +99,10 @@ def test_traces_are_as_long_as_the_history(session, history):
 
 def test_a_promise_is_a_second_line_beside_the_distance(session, history):
     def promised(history):
-        return [line for line in views.traces(session, history)[0]["lines"] if line["name"] == "promise at each step"]
+        return [line for line in views.traces(session, history)[0]["lines"] if line["name"] == "predicted at each step"]
 
     assert not promised(history)
-    promises = [replace(moment, promise=0.25 + k) for k, moment in enumerate(history)]
+    promises = [replace(moment, predicted=0.25 + k) for k, moment in enumerate(history)]
     (line,) = promised([history[0], *promises])
     assert line["values"] == [None, 0.25, 1.25, 2.25]
     distance = views.traces(session, promises)[0]["lines"][0]
@@ -145,7 +145,7 @@ def test_the_sliders_of_the_hand_show_what_is_sent(session):
     session.set_driver("random")
     sent = session.step().command
     assert views.state(session)["hand"] == pytest.approx(sent)
-    session.set_driver("hand")
+    session.set_driver("manual")
     assert views.state(session)["hand"] == pytest.approx(session.hand)
     session.set_driver("random")
     for each in (session.arm.command_lower, session.arm.command_upper):
@@ -170,7 +170,7 @@ def test_the_verdict_says_whether_the_network_knows_the_target(session):
     session.set_target(np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0)
     shown = views.target(session)
     assert not shown["known"]
-    assert "no such cloth" in shown["verdict"]
+    assert "does not reproduce" in shown["verdict"]
 
 
 def test_only_muscles_have_an_ellipse(session):

@@ -17,7 +17,7 @@ import pytest
 
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.messages import KNOWN_ERRORS
-from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.session import LiveSession, StepInfo
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import load_trial
 
@@ -42,7 +42,7 @@ class Player:
         self.session.estimating = True  # its window fills: the more it reaches back, the more memory a step takes
         for driver in DRIVERS:
             self.session.set_driver(driver)
-            for _ in range(WARM[driver == "practise"]):
+            for _ in range(WARM[driver == "iterative"]):
                 self.session.step()
         for name in self.operations:
             self.touch(name)
@@ -64,7 +64,7 @@ class Player:
         self.session.set_driver(self.or_spoiled(str(self.rng.choice(DRIVERS))))
 
     def do_practising(self) -> None:
-        self.session.practising = not self.session.practising
+        self.session.exploring = not self.session.exploring
 
     def do_estimating(self) -> None:
         self.session.estimating = not self.session.estimating
@@ -115,10 +115,10 @@ class Player:
         self.session.recorder.discard()
 
 
-def finite(moment: Moment) -> bool:
+def finite(moment: StepInfo) -> bool:
     """Whether all that a step says is a number."""
     values = [moment.reconstruction, moment.distance, moment.command, moment.theta, moment.p, moment.seconds]
-    return all(np.isfinite(value).all() for value in values) and moment.promise is not False
+    return all(np.isfinite(value).all() for value in values) and moment.predicted is not False
 
 
 def contexts(session: LiveSession) -> int:

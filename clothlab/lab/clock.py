@@ -9,7 +9,7 @@ from collections.abc import Callable
 RECENT = 5  # ticks
 
 
-class Turns:
+class LoopCallbacks:
     """Lets callbacks act in the thread that made this, between two steps.
 
     JupyterLab calls the handlers of widgets in a thread of their own, in the middle of whatever the kernel does.
@@ -56,11 +56,7 @@ class Clock:
         return self._task is not None and not self._task.done()
 
     def start(self) -> None:
-        """Let time go by; twice is once.
-
-        Raises:
-            RuntimeError: no event loop runs, as in a plain script.
-        """
+        """Let time go by; twice is once."""
         if not self.running:
             self._recent.clear()
             self._task = asyncio.get_running_loop().create_task(self._run())

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from clothlab.alt_text import AltText, describe
-from clothlab.lab.clock import Turns
+from clothlab.lab.clock import LoopCallbacks
 from clothlab.lab.views import Plane, encoded, javascript
 from clothlab.lab.widget import Widget
 from clothlab.plots import image_grid
@@ -91,7 +91,7 @@ class Control(Widget, ipywidgets.VBox):
         actions: Mapping[str, Callable[[], object]] | None = None,
         **controls: Any,
     ):
-        self._draw, self._turns, self.errors = draw, Turns(), list[str]()
+        self._draw, self._callbacks, self.errors = draw, LoopCallbacks(), list[str]()
         self._words = AltText("No picture", ())
         starts = {name: each.default for name, each in inspect.signature(draw).parameters.items()}
         wide = {"style": {"description_width": "150px"}, "layout": {"width": "480px"}}
@@ -100,10 +100,12 @@ class Control(Widget, ipywidgets.VBox):
             options = wide | {"description": (labels or {}).get(name, name)}
             self.controls[name] = _widget(choices, starts.get(name, inspect.Parameter.empty), options)
         for widget in self.controls.values():
-            widget.observe(lambda _: self._turns.take(self._redraw), "chosen" if isinstance(widget, PBMap) else "value")
+            widget.observe(
+                lambda _: self._callbacks.take(self._redraw), "chosen" if isinstance(widget, PBMap) else "value"
+            )
         self.buttons = [ipywidgets.Button(description=label) for label in actions or {}]
         for button, act in zip(self.buttons, (actions or {}).values(), strict=True):
-            button.on_click(lambda _, act=act: self._turns.take(self._redraw, act))
+            button.on_click(lambda _, act=act: self._callbacks.take(self._redraw, act))
         self.picture, self.message = ipywidgets.Image(format="png"), ipywidgets.HTML()
         maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
         others = [each for each in self.controls.values() if each not in maps]

@@ -12,7 +12,7 @@ from clothlab.policies import OperatorPolicy, Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import Observation
 
-DRIVERS = ("control", "practise", "hand", "random", "operator")
+DRIVERS = ("control", "iterative", "manual", "random", "operator")
 
 
 class Choice(NamedTuple):
@@ -20,49 +20,49 @@ class Choice(NamedTuple):
 
     command: np.ndarray  # [D_u], in the arm's units
     solved: bool  # whether a controller solved for it, or went on with its last plan
-    promise: float | None  # distance that the controller promises for the end of its period [s.d. of z]
+    predicted: float | None  # distance that the controller promises for the end of its period [s.d. of z]
     period_ended: bool  # whether a period of the controller ends with it
 
 
 class Period(NamedTuple):
     """A controller's period that is over."""
 
-    promise: float  # expected distance, as it was when the period began [s.d. of z]
-    outcome: float  # what came of it [s.d. of z]: control aims at the last step of a period, practice at the best
+    predicted: float  # expected distance, as it was when the period began [s.d. of z]
+    achieved: float  # what came of it [s.d. of z]: control aims at the last step of a period, practice at the best
 
 
-OUTCOMES: dict[str, Callable[[Sequence[float]], float]] = {"control": lambda away: away[-1], "practise": min}
+ACHIEVED: dict[str, Callable[[Sequence[float]], float]] = {"control": lambda away: away[-1], "iterative": min}
 
 
-class Account:
+class PredictionLog:
     """Keeps what the controller that drives promised, until its period is over and shows what came of it."""
 
     def __init__(self) -> None:
-        self._promise: float | None = None
+        self._predicted: float | None = None
         self._distances: list[float] = []
 
     def interrupt(self) -> None:
         """Forget the promise of a period under way: it was about another target."""
-        self._promise = None
+        self._predicted = None
 
     def add(self, driver: str, choice: Choice, distance: float) -> Period | None:
         """Take in a step and the distance seen after it [s.d. of z]; answers at the end of a period."""
-        if driver not in OUTCOMES:
+        if driver not in ACHIEVED:
             return None
         if not self._distances:
-            self._promise = choice.promise
+            self._predicted = choice.predicted
         self._distances.append(distance)
         if not choice.period_ended:
             return None
-        promise, distances = self._promise, self._distances
-        self._promise, self._distances = None, []
-        return None if promise is None else Period(promise, OUTCOMES[driver](distances))
+        predicted, distances = self._predicted, self._distances
+        self._predicted, self._distances = None, []
+        return None if predicted is None else Period(predicted, ACHIEVED[driver](distances))
 
 
-class Hand(Policy):
+class ManualPolicy(Policy):
     """Sends what a person's sliders say, within the range of the arm."""
 
-    name = "hand"
+    name = "manual"
 
     def __init__(self, arm: Arm, u: np.ndarray):
         self.arm, self.u = arm, u
@@ -89,9 +89,6 @@ class Drivers:
         plans: starts of the control, `[N, horizon, D_u]`.
         runs: recordings that practice begins with.
 
-    Raises:
-        ValueError: as `ControlPolicy` and `PracticePolicy`.
-
     Attributes:
         account: of what the controller that drives promised.
     """
@@ -107,18 +104,21 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Sequences],
     ):
-        self._practice = trained.practice(target, p, runs, arm=arm)
-        self._controllers = {"control": trained.controller(target, p, plans=plans, arm=arm), "practise": self._practice}
-        self._hand = Hand(arm, hand)
-        others = {"hand": self._hand, "random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
+        self._iterative = trained.practice(target, p, runs, arm=arm)
+        self._controllers = {
+            "control": trained.controller(target, p, plans=plans, arm=arm),
+            "iterative": self._iterative,
+        }
+        self._hand = ManualPolicy(arm, hand)
+        others = {"manual": self._hand, "random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
         self._policies: dict[str, Policy] = self._controllers | others
-        self.account = Account()
+        self.account = PredictionLog()
 
     def reset(self, seed: int) -> None:
         """Everybody forgets the last run, and what was learned in it."""
         for policy in self._policies.values():
             policy.reset(seed)
-        self.account = Account()
+        self.account = PredictionLog()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Everybody aims at another image `[H, W]`."""
@@ -138,21 +138,21 @@ class Drivers:
     def resume(self) -> None:
         """Let the controllers begin a period: phase, memory and plan are of when they last drove. Practice stays."""
         self._controllers["control"].reset()
-        self._practice.resume()
-        self.account = Account()
+        self._iterative.resume()
+        self.account = PredictionLog()
 
-    def choose(self, driver: str, observation: Observation, *, solve: bool, practising: bool) -> Choice:
+    def choose(self, driver: str, observation: Observation, *, solve: bool, exploring: bool) -> Choice:
         """Ask one of `DRIVERS` for a command.
 
         Args:
             driver: whom.
             observation: what the robot sees.
             solve: False lets a controller go on with its last plan, unless it has none yet.
-            practising: whether practice tries new plans.
+            exploring: whether practice tries new plans.
         """
         if driver not in self._controllers:
-            return Choice(self._policies[driver](observation), solved=False, promise=None, period_ended=False)
-        controller, self._practice.practising = self._controllers[driver], practising
+            return Choice(self._policies[driver](observation), solved=False, predicted=None, period_ended=False)
+        controller, self._iterative.practising = self._controllers[driver], exploring
         before = len(controller.trace)
         u = (controller if solve else controller.coast)(observation)
         return Choice(u, len(controller.trace) > before, controller.promise, controller.period_ended)

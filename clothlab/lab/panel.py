@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from clothlab._validation import choose
 from clothlab.alt_text import AltText
 from clothlab.lab import views
-from clothlab.lab.clock import Clock, Turns
+from clothlab.lab.clock import Clock, LoopCallbacks
 from clothlab.lab.drivers import stick_command
 from clothlab.lab.messages import Messages
 from clothlab.lab.playback import Playback
-from clothlab.lab.session import LiveSession, Moment
+from clothlab.lab.session import LiveSession, StepInfo
 from clothlab.lab.table import TableSection
 from clothlab.lab.targets import uploaded_mask
 from clothlab.lab.widget import Widget
@@ -59,20 +59,17 @@ class LivePanel(Widget, anywidget.AnyWidget):
     _active: ClassVar["LivePanel | None"] = None
 
     def __init__(self, session: LiveSession | None = None):
-        self._clock, self._turns = Clock(self._tick, CONTROL_PERIOD), Turns()
+        self._clock, self._callbacks = Clock(self._tick, CONTROL_PERIOD), LoopCallbacks()
         self.session = session or LiveSession()
         if LivePanel._active is not None:
             LivePanel._active.close()
         LivePanel._active = self
         self._messages = Messages()
         self.errors = self._messages.errors
-        self.history: deque[Moment] = deque(maxlen=views.HISTORY)
+        self.history: deque[StepInfo] = deque(maxlen=views.HISTORY)
         self.steps = self._unseen = self.drawn = 0  # _unseen: steps since the last frame was sent
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
-        self.session.recorder.find()  # what the panel before was recording, for one
-        if self.session.recorder.waiting:
-            self._messages.say("an unfinished recording was found: save it under a name, or discard it")
         super().__init__()
         self._playback = Playback(self)
         self._setting = TableSection(lambda news: setattr(self, "table", news), self.errors)
@@ -90,7 +87,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         return self._clock.late
 
     @property
-    def sign(self) -> str:
+    def status(self) -> str:
         """How it goes, in a word: `running`, `paused`, `late`, or `fault` after a fault or a step that failed."""
         if self._broken or self._messages.shown["kind"] == "fault":
             return "fault"
@@ -166,7 +163,12 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
 
     def _refresh(self) -> None:
-        more = {"running": self.running, "sign": self.sign, "message": self._messages.shown, "answered": self._answered}
+        more = {
+            "running": self.running,
+            "status": self.status,
+            "message": self._messages.shown,
+            "answered": self._answered,
+        }
         self.state = views.state(self.session) | more
 
     def show_all(self) -> None:
@@ -188,7 +190,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         elif content.get("do") == "table drawn":
             self._setting.drawn = content["frame"]
         else:
-            self._turns.take(self._act, content, buffers)
+            self._callbacks.take(self._act, content, buffers)
 
     def _act(self, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
         """Do what a person asked for, and answer how things stand then, even where nothing changed."""
@@ -211,7 +213,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
             "reset": self.reset,
             "set arm": self._set_arm,
             "set driver": session.set_driver,
-            "practise": lambda on: setattr(session, "practising", bool(on)),
+            "explore": lambda on: setattr(session, "exploring", bool(on)),
             "set cloth": session.set_cloth,
             "set material": session.set_material,
             "set tension": self._set_tension,
@@ -251,7 +253,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def _take_over(self, u: ArrayLike) -> None:
         """Drive by hand: whoever moves a slider takes over."""
         self.session.set_hand(u)
-        self.session.set_driver("hand")
+        self.session.set_driver("manual")
 
     def _move_sticks(self, places: Sequence[float]) -> None:
         """Command where sticks and trigger stand in their range, 0 to 1."""
@@ -267,8 +269,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._messages.say("stopped: give it a name and save it, or discard it")
 
     def _save(self, name: str) -> None:
-        path, recorder = self.session.recorder.save(name), self.session.recorder
-        self._messages.say(f"saved as {path.name}" + (f": {recorder.remark}" if recorder.remark else ""))
+        self._messages.say(f"saved as {self.session.recorder.save(name).name}")
 
     def _discard(self) -> None:
         self.session.recorder.discard()

@@ -15,15 +15,15 @@ from clothlab._files import reading, write_bytes
 from clothlab.lab.clock import Clock
 from clothlab.simulation.env import CONTROL_PERIOD
 
-REEL = Path("demonstration") / "torque.json.xz"  # in the folder of data
+RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
 SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
 FORMAT = 1
 QUALITY = 60  # of JPEG, of 100
 LARGEST = 200_000_000  # [byte] when unpacked: ten minutes are a fifth of it
-Shot = Mapping[str, Any]  # those of `SHOWN` that are new at a step, and `caption`, what to say meanwhile
+Frame = Mapping[str, Any]  # those of `SHOWN` that are new at a step, and `caption`, what to say meanwhile
 
 
-class Reel:
+class SessionRecording:
     """Keeps what a panel shows.
 
     Args:
@@ -49,17 +49,13 @@ class Reel:
         write_bytes(path, lzma.compress(text.encode(), preset=9))
 
 
-def load_reel(path: Path | None = None) -> list[Shot]:
+def load_recording(path: Path | None = None) -> list[Frame]:
     """Read the recorded run.
 
     Args:
         path: by default, the one that belongs to the data.
-
-    Raises:
-        FileNotFoundError: there is none.
-        ValueError: a damaged file, or one of another version.
     """
-    path = artifacts.data_folder() / REEL if path is None else path
+    path = artifacts.data_folder() / RECORDING if path is None else path
     if not path.is_file():
         raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
     with reading(path, "recorded run"):
@@ -82,10 +78,10 @@ class Playback:
         load: reads the shots.
     """
 
-    def __init__(self, panel: Any, load: Callable[[], list[Shot]] = load_reel):
+    def __init__(self, panel: Any, load: Callable[[], list[Frame]] = load_recording):
         self._panel, self._load = panel, load
         self._clock = Clock(self._tick, CONTROL_PERIOD)
-        self._shots: Iterator[tuple[int, Shot]] = iter(())
+        self._shots: Iterator[tuple[int, Frame]] = iter(())
         self._state: dict[str, Any] = {}
         self._count = 0
 
@@ -95,11 +91,7 @@ class Playback:
         return self._clock.running
 
     def start(self) -> None:
-        """Show it from the beginning, while time stands still for the robot that is here.
-
-        Raises:
-            FileNotFoundError, ValueError: as `load_reel`.
-        """
+        """Show it from the beginning, while time stands still for the robot that is here."""
         shots = self._load()
         self._panel.pause()
         self._shots, self._count = enumerate(shots), len(shots)
@@ -125,12 +117,12 @@ class Playback:
                 setattr(self._panel, name, value)
         return True
 
-    def _as_if_now(self, shot: Shot, number: int) -> dict[str, Any]:
+    def _as_if_now(self, shot: Frame, number: int) -> dict[str, Any]:
         """What is new, with the panel's own numbers; no frame for a browser that has not drawn the last one."""
         panel, news = self._panel, {name: value for name, value in shot.items() if name in SHOWN}
         self._state = news.get("state", self._state)
         text = f"recorded run, {_minutes(number)} of {_minutes(self._count)}: {shot['caption']}"
-        own = {"sign": "recorded", "running": False, "message": {"text": text, "kind": "info"}}
+        own = {"status": "recorded", "running": False, "message": {"text": text, "kind": "info"}}
         news["state"] = self._state | own | {"answered": panel.state["answered"]}
         if "target" in news:
             news["target"] |= {"version": panel.target["version"] + 1}

@@ -13,9 +13,14 @@ from clothlab import artifacts
 from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.analysis import nearest_material
 from clothlab.lab.drivers import DRIVERS, Drivers, Period
-from clothlab.lab.finder import Finder, calibration_later
 from clothlab.lab.recorder import Recorder
-from clothlab.lab.targets import misunderstanding, recorded_targets, usual_misunderstanding, yardsticks
+from clothlab.lab.targets import (
+    reconstruction_distance,
+    recorded_targets,
+    reference_images,
+    usual_reconstruction_distance,
+)
+from clothlab.lab.tracker import BiasTracker
 from clothlab.learning.autoencoder import decode, encode
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.dpmpb import observe
@@ -44,21 +49,21 @@ SETUPS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class StepInfo:
     """What one control step of a session saw and did."""
 
     step: int  # number since the last reset
     image: np.ndarray  # cloth mask [H, W], bool
     reconstruction: np.ndarray  # what the autoencoder makes of it [H, W], 0 to 1
     distance: float  # ‖z_ref - z‖ [s.d. of z]
-    promise: float | None  # the distance that the controller that drives promises for the end of its period
+    predicted: float | None  # distance that the controller predicts for the end of its period
     command: np.ndarray  # [D_u], in the arm's units
     theta: np.ndarray  # joint angles [2] [rad]
     p: np.ndarray  # parametric bias in use [D_p]
     seconds: float  # what the step took to compute [s]
     solved: bool  # whether the controller solved for this command, or went on with its last plan
     period_ended: bool  # whether it was the last command of the controller's period
-    period: Period | None  # then, what the period had promised at its beginning and what came of it
+    period: Period | None  # then, the distance predicted at its beginning and the achieved one
 
 
 class LiveSession:
@@ -69,21 +74,18 @@ class LiveSession:
         recordings: folder for recorded trials; by default `artifacts.own_trials()`, which `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
 
-    Raises:
-        KeyError: unknown arm, or weights that are missing; the message lists the choices.
-
     Attributes:
         driver: who chooses the commands, one of `DRIVERS`.
-        practising: whether the driver "practise" tries new plans; else it repeats the best known one.
+        exploring: whether the driver "iterative" tries new plans; else it repeats the best known one.
         estimating: whether p follows what is observed.
-        hand: the command `[D_u]` that the driver "hand" sends.
+        hand: the command `[D_u]` that the driver "manual" sends.
         command: the last one that was sent `[D_u]`, by whoever drives; before the first, where the arm is at home.
         tension: f_const [N] that everyone has to send, or None.
-        believed: what the autoencoder makes of `target` `[H, W]`, 0 to 1.
-        misunderstanding: chamfer distance [pixel] between the two; infinite where no cloth is left.
+        reconstruction: what the autoencoder makes of `target` `[H, W]`, 0 to 1.
+        reconstruction_distance: chamfer distance [pixel] between the two; infinite where no cloth is left.
         usual_distance: the same of recorded images, 99th percentile [pixel]: beyond it, an image is unlike any cloth.
         gallery: images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
-        finder: who estimates p, and doubts.
+        finder: who estimates p, and estimate_report.
         seed: of the random numbers since the last reset.
     """
 
@@ -91,7 +93,7 @@ class LiveSession:
         self, arm: str = "torque", *, recordings: Path | None = None, picture_size: tuple[int, int] = (288, 384)
     ):
         self._scene = Scene(picture_size=picture_size)
-        self.driver, self.practising, self.estimating, self.seed = "control", True, False, 0
+        self.driver, self.exploring, self.estimating, self.seed = "control", True, False, 0
         self.recorder = Recorder(recordings or artifacts.own_trials())
         self.set_arm(arm)
 
@@ -109,11 +111,11 @@ class LiveSession:
 
     def _equip(self, setup: Setup) -> None:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
-        self._calibration = calibration_later(setup.weights, setup.known)
+        self._known = setup.known
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.sequences(trial) for trial in trials]
-        images, targets = yardsticks(trials), artifacts.load_targets()
-        self.usual_distance = usual_misunderstanding(self.trained.autoencoder, images)
+        images, targets = reference_images(trials), artifacts.load_targets()
+        self.usual_distance = usual_reconstruction_distance(self.trained.autoencoder, images)
         self.gallery = targets | recorded_targets(images)
         self.target = choose("target", setup.target, targets)
         self._p = choose("material", setup.cloth, self.trained.biases).copy()
@@ -123,11 +125,7 @@ class LiveSession:
         self._begin()
 
     def set_cloth(self, cloth: Cloth | str) -> None:
-        """Put another cloth into the hand, hanging still; p stays, so that the estimation has something to find.
-
-        Raises:
-            SimulationError: this cloth cannot be simulated.
-        """
+        """Put another cloth into the hand, hanging still; p stays, so that the estimation has something to find."""
         self._refuse_while_recording("the cloth")
         cloth, before = get_cloth(cloth), self.env.cloth
         try:
@@ -139,11 +137,7 @@ class LiveSession:
         self._begin()
 
     def set_material(self, damping: float, mass: float) -> None:
-        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest.
-
-        Raises:
-            ValueError, SimulationError: values that no cloth has, or with which it cannot be simulated.
-        """
+        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest."""
         self.set_cloth(_changed(self.env.cloth, damping, mass))
 
     def reset(self) -> None:
@@ -158,7 +152,7 @@ class LiveSession:
         self._still = encode(self.trained.autoencoder, self.observation["image"])
         self.command, self.step_number, self.seed = self.arm.home_command, 0, secrets.randbits(32)
         self._drivers.reset(self.seed)
-        self.finder = Finder(self.trained, self._calibration, self._p)
+        self.tracker = BiasTracker(self.trained, self._known, self._p)
 
     @property
     def p(self) -> np.ndarray:
@@ -166,13 +160,9 @@ class LiveSession:
         return self._p.copy()
 
     def set_p(self, p: ArrayLike) -> None:
-        """Use this p from the next step on; the estimation goes on from it.
-
-        Raises:
-            ValueError: p of another size or not finite.
-        """
+        """Use this p from the next step on; the estimation goes on from it."""
         p = check_array("p", p, self._p.shape, np.float32)
-        self.finder = Finder(self.trained, self._calibration, p)
+        self.tracker = BiasTracker(self.trained, self._known, p)
         self._use(p)
 
     @property
@@ -181,37 +171,26 @@ class LiveSession:
         return nearest_material(self._p, self.trained.biases)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next step on; `believed` is what the network makes of it.
+        """Aim at another image `[H, W]` from the next step on; `reconstruction` is what the network makes of it.
 
         Practice does so from its next period on, and keeps what it learned.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
         """
         mask = check_mask(mask)
         z = encode(self.trained.autoencoder, mask)
-        believed = decode(self.trained.autoencoder, z)
+        reconstruction = decode(self.trained.autoencoder, z)
         self._drivers.set_target(mask)
-        self.target, self._z_ref, self.believed = mask.copy(), z, believed
-        self.misunderstanding = misunderstanding(mask, believed)
+        self.target, self._z_ref, self.reconstruction = mask.copy(), z, reconstruction
+        self.reconstruction_distance = reconstruction_distance(mask, reconstruction)
 
     def set_driver(self, driver: str) -> None:
-        """Change who chooses the commands. What practice learned waits for its next turn.
-
-        Raises:
-            KeyError: unknown driver; the message lists the choices.
-        """
+        """Change who chooses the commands. What practice learned waits for its next turn."""
         driver = choose("driver", driver, {name: name for name in DRIVERS})
         if driver != self.driver:
             self._drivers.resume()
         self.driver = driver
 
     def set_hand(self, u: ArrayLike) -> None:
-        """Command `[D_u]` for the driver "hand".
-
-        Raises:
-            ValueError: another shape, not finite or out of range.
-        """
+        """Command `[D_u]` for the driver "manual"."""
         self.hand = check_command(self.arm, u)
         self._drivers.set_hand(self.hand)
 
@@ -219,9 +198,6 @@ class LiveSession:
         """Fix the stiffness command of a muscle arm [N] for every driver, or leave it free with None.
 
         Such an arm is another one: practice begins anew.
-
-        Raises:
-            ValueError: outside the arm's range, or an arm without a stiffness command.
         """
         arm = self.arm if f_const is None else self.arm.with_stiffness(f_const)
         about = (self.trained, arm, self.target, self._p, self.hand)
@@ -229,18 +205,14 @@ class LiveSession:
         self._drivers.reset(self.seed)
         self.tension = f_const
 
-    def step(self, *, solve: bool = True) -> Moment:
+    def step(self, *, solve: bool = True) -> StepInfo:
         """Choose a command, send it, and look. A step that fails has not happened.
 
         Args:
             solve: False lets the controller go on with its last plan, for when the time for a solve has run out.
-
-        Raises:
-            SimulationError: the physics diverged.
-            OSError: a recording cannot be written any more; it is stopped, and the step has happened.
         """
         start, seen = time.perf_counter(), self.observation
-        chosen = self._drivers.choose(self.driver, seen, solve=solve, practising=self.practising)
+        chosen = self._drivers.choose(self.driver, seen, solve=solve, exploring=self.exploring)
         u = chosen.command
         before = copy.copy(self.env.data)
         try:
@@ -255,10 +227,10 @@ class LiveSession:
             self.recorder.add(seen, u, about)
         if self.estimating:
             s = observe(self.trained.autoencoder, seen)
-            self._use(self.finder.update(s, u, at_rest=self.step_number == 1))
+            self._use(self.tracker.update(s, u, at_rest=self.step_number == 1))
         z = encode(self.trained.autoencoder, observation["image"])
         distance = float(np.linalg.norm(self._z_ref - z))
-        return Moment(
+        return StepInfo(
             step=self.step_number,
             image=observation["image"].astype(bool),
             reconstruction=decode(self.trained.autoencoder, z),
@@ -285,11 +257,7 @@ class LiveSession:
         return self.recorder.running
 
     def record(self) -> None:
-        """Let the cloth hang still, and record from there, so that the trial can be replayed.
-
-        Raises:
-            ValueError, FileExistsError, OSError: as `Recorder.start`.
-        """
+        """Let the cloth hang still, and record from there, so that the trial can be replayed."""
         self.recorder.start()
         try:
             self.env.start()

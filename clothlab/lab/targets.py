@@ -9,26 +9,26 @@ from clothlab.learning.autoencoder import Autoencoder, decode, encode
 from clothlab.simulation.vision import chamfer_distance, mask_from_file
 from clothlab.trials import Trial
 
-YARDSTICK_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
+REFERENCE_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
 LARGEST_FILE = LARGEST_PICTURE  # [byte] of an upload; the server would take messages of up to 10 MB
 RECORDED_TARGETS = 7  # how many recorded images the gallery has
 
 
-def yardsticks(trials: Sequence[Trial]) -> np.ndarray:
+def reference_images(trials: Sequence[Trial]) -> np.ndarray:
     """Some of the recorded images `[N, H, W]`, with cloth in each."""
-    images = np.concatenate([trial.images[::YARDSTICK_EVERY] for trial in trials])
+    images = np.concatenate([trial.images[::REFERENCE_EVERY] for trial in trials])
     return images[images.any(axis=(1, 2))]
 
 
-def misunderstanding(mask: np.ndarray, reconstruction: np.ndarray) -> float:
+def reconstruction_distance(mask: np.ndarray, reconstruction: np.ndarray) -> float:
     """Chamfer distance [pixel] between a mask and its reconstruction; infinite where no cloth is left."""
-    believed = reconstruction > 0.5
-    return chamfer_distance(mask, believed) if believed.any() else np.inf
+    reconstruction = reconstruction > 0.5
+    return chamfer_distance(mask, reconstruction) if reconstruction.any() else np.inf
 
 
-def usual_misunderstanding(autoencoder: Autoencoder, images: np.ndarray) -> float:
+def usual_reconstruction_distance(autoencoder: Autoencoder, images: np.ndarray) -> float:
     """The same of images `[N, H, W]`, 99th percentile [pixel]: beyond it, an image is unlike any of these."""
-    distances = map(misunderstanding, images, decode(autoencoder, encode(autoencoder, images)))
+    distances = map(reconstruction_distance, images, decode(autoencoder, encode(autoencoder, images)))
     return float(np.percentile(list(distances), 99))
 
 
@@ -44,9 +44,6 @@ def uploaded_mask(content: bytes, size: int) -> np.ndarray:
     Args:
         content: of the file; a browser leaves it out where the file is too large.
         size: of the file [byte].
-
-    Raises:
-        ValueError: too large, or as `vision.mask_from_file`.
     """
     if size > LARGEST_FILE:
         raise ValueError(f"this file is larger than {LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")

@@ -15,7 +15,7 @@ from clothlab import plots
 from clothlab.alt_text import AltText, describe
 from clothlab.analysis import principal_axes
 from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import SETUPS, LiveSession, Moment
+from clothlab.lab.session import SETUPS, LiveSession, StepInfo
 from clothlab.lab.targets import LARGEST_FILE
 from clothlab.learning.calibration import outline
 from clothlab.simulation.arm import JOINTS, MuscleArm
@@ -115,13 +115,15 @@ def fixtures(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
 def state(session: LiveSession) -> dict[str, Any]:
     """Where every control stands."""
     cloth, tension, arm = session.env.cloth, session.tension, session.arm
-    hand = np.clip(session.hand if session.driver == "hand" else session.command, arm.command_lower, arm.command_upper)
+    hand = np.clip(
+        session.hand if session.driver == "manual" else session.command, arm.command_lower, arm.command_upper
+    )
     if tension is not None:
         hand[arm.stiffness_command] = tension  # whatever else is said of f_const
     return {
         "arm": arm.name,
         "driver": session.driver,
-        "practising": session.practising,
+        "exploring": session.exploring,
         "cloth": {"name": cloth.name, "label": cloth.label, "material": (cloth.damping, cloth.mass)},
         "estimating": session.estimating,
         "fixed": tension is not None,
@@ -133,11 +135,7 @@ def state(session: LiveSession) -> dict[str, Any]:
 
 
 def gamepad(session: LiveSession, enough: bool) -> str:
-    """What a gamepad's sticks and trigger do with this arm.
-
-    Raises:
-        ValueError: there are not `enough` of them.
-    """
+    """What a gamepad's sticks and trigger do with this arm."""
     if not enough:
         raise ValueError("a gamepad needs two sticks and a trigger")
     trigger = ", right trigger: stiffness" if session.arm.has_stiffness else ""
@@ -146,19 +144,19 @@ def gamepad(session: LiveSession, enough: bool) -> str:
 
 def target(session: LiveSession) -> dict[str, Any]:
     """The target, and what the network makes of it."""
-    distance, usual = session.misunderstanding, session.usual_distance
-    believed = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
+    distance, usual = session.reconstruction_distance, session.usual_distance
+    reconstruction = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
     return {
         "image": pixels(session.target),
-        "believed": encoded(session.believed),
+        "reconstruction": encoded(session.reconstruction),
         "known": bool(distance <= usual),
-        "verdict": "It knows such cloths." if distance <= usual else "It knows no such cloth.",
-        "reason": f"What it believes is {believed} (chamfer distance; the worst in a hundred "
-        f"recorded images has {usual:.1f}).",
+        "verdict": "The autoencoder reproduces it." if distance <= usual else "The autoencoder does not reproduce it.",
+        "reason": f"Its reconstruction is {reconstruction} (chamfer distance; 99 % of recorded images are below "
+        f"{usual:.1f}).",
     }
 
 
-def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> dict[str, Any]:
+def frame(session: LiveSession, the_plane: Plane, history: Sequence[StepInfo]) -> dict[str, Any]:
     """Pictures, traces and p after a step."""
     step = session.step_number
     images = (history[-1].image, history[-1].reconstruction) if history else (np.zeros((HEIGHT, WIDTH)),) * 2
@@ -172,7 +170,7 @@ def frame(session: LiveSession, the_plane: Plane, history: Sequence[Moment]) -> 
         "at": the_plane.at(session.p),
         "trail": [the_plane.at(moment.p) for moment in history],
         "nearest": get_cloth(session.nearest).label,
-    } | doubts(session, the_plane)
+    } | estimate_report(session, the_plane)
 
 
 def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, AltText]:
@@ -185,26 +183,26 @@ def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, A
     return encoded(figure), describe(figure)
 
 
-def doubts(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
+def estimate_report(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
     """While p is estimated: the edge of its 90 % region, and a warning where the material is unlike the trained ones.
 
     The region is empty, and the warning too, where there is nothing to say.
     """
-    doubt = session.finder.doubt if session.estimating else None
+    doubt = session.tracker.report if session.estimating else None
     if doubt is None:
         return {"region": [], "warning": ""}
-    warning = "p lies beyond all that it learned." if doubt.outside else ""
+    warning = "p lies outside the trained ones." if doubt.outside else ""
     if doubt.unfamiliar:
         times = np.exp(doubt.surprise)
-        warning = f"It knows no such material: squared prediction error {times:.1f} times the usual."
+        warning = f"The material is unlike the trained ones: squared prediction error {times:.1f} times the usual."
     return {"region": the_plane.region(session.p, doubt.covariance), "warning": warning}
 
 
-def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, Any]]:
+def traces(session: LiveSession, history: Sequence[StepInfo]) -> list[dict[str, Any]]:
     """The curves of a history, `{title, unit, lines: [{name, values, colour, dash, fine}], limit, pairs}` each.
 
     Where a curve has a gap, its value is None. A fine line is left out on a projector. A limit is `(name, value)`, and
-    pairs are `(index, promise, outcome)` of the periods that are over.
+    pairs are `(index, predicted, achieved)` of the periods that are over.
     """
 
     def line(
@@ -219,8 +217,8 @@ def traces(session: LiveSession, history: Sequence[Moment]) -> list[dict[str, An
     angles = [line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
     angles += [line(f"{joint} ref", (m.command[j] for m in history), j, 1) for j, joint in enumerate(JOINTS)]
     distances = [line("distance", (m.distance for m in history))]
-    if any(m.promise is not None for m in history):
-        distances.append(line("promise at each step", (m.promise for m in history), 1, 1, fine=True))
+    if any(m.predicted is not None for m in history):
+        distances.append(line("predicted at each step", (m.predicted for m in history), 1, 1, fine=True))
     seconds = line("step", (1e3 * m.seconds for m in history))
     shown = [
         plot("distance to the target", "s.d. of z", *distances, limit=("hanging still", session.still_distance)),

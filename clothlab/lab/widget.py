@@ -16,11 +16,7 @@ class Widget:
     errors: list[str]
 
     def check(self) -> None:
-        """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass.
-
-        Raises:
-            RuntimeError: with the traceback of the first error.
-        """
+        """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass."""
         if self.errors:
             raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")
 

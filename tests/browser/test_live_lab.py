@@ -98,7 +98,7 @@ def test_a_session_in_the_live_lab(notebook, page, screenshot, recording, says):
     expect(status).to_have_text(re.compile("▶ (running|late)"))  # late where the machine has much to do
     screenshot("1-running")
 
-    verdict = page.get_by_text("It knows no such cloth.")
+    verdict = page.get_by_text("The autoencoder does not reproduce it.")
     draw(page, (60, 60), (200, 140))
     expect(verdict).to_be_visible(timeout=15_000)
     screenshot("2-drawn")
@@ -173,7 +173,7 @@ def test_a_session_in_the_live_lab(notebook, page, screenshot, recording, says):
 def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot, says):
     assert notebook.evaluate("panel.session.driver") == "'control'"
     slider(page, "shoulder").press("ArrowRight")
-    notebook.until("panel.session.driver == 'hand'")
+    notebook.until("panel.session.driver == 'manual'")
     expect(page.get_by_text("Your sliders drive.")).to_be_visible()
     start = json.loads(notebook.evaluate("panel.session.hand.tolist()"))  # where control had the arm
     ranges = json.loads(notebook.evaluate("[[*map(float, limits)] for _, limits in panel.about['hands']]"))
@@ -191,7 +191,7 @@ def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot, says):
     page.wait_for_timeout(1000)
     assert notebook.evaluate("panel.session.driver") == "'control'"
     page.evaluate("movePad([0, -1, 0, 1], 0)")
-    notebook.until("panel.session.driver == 'hand'")
+    notebook.until("panel.session.driver == 'manual'")
     notebook.until("(panel.history[-1].command == [panel.session.arm.lower[0], panel.session.arm.upper[1]]).all()")
     page.get_by_text("Your sliders drive.").scroll_into_view_if_needed()
     screenshot("8-gamepad")
@@ -200,28 +200,28 @@ def test_a_hand_on_sliders_and_on_a_gamepad(notebook, page, screenshot, says):
 
 def test_practise_shows_its_promise_beside_the_outcome(notebook, page, screenshot):
     caption = page.locator("figcaption", has_text="distance to the target")
-    switch = button(page, "try new plans")
+    switch = button(page, "explore new plans")
     expect(switch).to_be_disabled()
     expect(switch).to_have_attribute("title", re.compile("now control does"))
     choose(page, "driven by", "random")
     notebook.until("panel.session.driver == 'random'")
     button(page, "reset").click()  # nothing was promised in this history
-    expect(caption).not_to_contain_text("promise")
+    expect(caption).not_to_contain_text("predicted")
     assert count_pixels(caption, VERMILION) == 0
 
-    choose(page, "driven by", "practise")
+    choose(page, "driven by", "iterative")
     notebook.until("sum(moment.period_ended for moment in panel.history) >= 3", 60)
-    expect(caption).to_contain_text("promise of a period")
+    expect(caption).to_contain_text("predicted")
     assert count_pixels(caption, VERMILION) > 50
     expect(switch).to_have_attribute("aria-pressed", "true")
-    screenshot("12-practise")
+    screenshot("12-iterative")
     switch.click()
     expect(switch).to_have_attribute("aria-pressed", "false")
-    notebook.until("not panel.session.practising")
+    notebook.until("not panel.session.exploring")
     button(page, "target: target-1").click()
     notebook.until("(panel.session.target == panel.session.gallery['target-1']).all()")
     notebook.until("sum(moment.period_ended for moment in panel.history) >= 5", 60)
-    screenshot("13-practise-repeats")
+    screenshot("13-iterative-repeats")
     notebook.evaluate("panel.check()")
 
 
@@ -299,7 +299,7 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, screenshot,
     notebook.until("sum(moment.period is not None for moment in panel.history) >= 5", 30)
     for name in ("the robot,", "what the camera sees", "the target✓", "distance to the target"):
         expect(page.locator("figcaption:visible", has_text=name)).to_be_in_viewport(ratio=1)
-    expect(page.get_by_text("It knows such cloths.")).to_be_in_viewport(ratio=1)
+    expect(page.get_by_text("The autoencoder reproduces it.")).to_be_in_viewport(ratio=1)
     expect(page.locator("figcaption:visible", has_text="joint angles")).to_have_count(0)
 
     def look(name):
@@ -315,7 +315,7 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, screenshot,
     button(page, "material").click()
     button(page, "estimate p online").click()
     slider(page, "C_damp").press("ArrowRight")
-    notebook.until("panel.session.env.cloth.damping > 0.05 and panel.session.finder.doubt is not None", 30)
+    notebook.until("panel.session.env.cloth.damping > 0.05 and panel.session.tracker.report is not None", 30)
     look("estimate")
     page.keyboard.press("Escape")
     expect(slider(page, "C_damp")).to_have_count(0)
@@ -323,15 +323,15 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, screenshot,
     page.mouse.down()
     target_canvas(page).hover(position={"x": 200, "y": 140})
     page.mouse.up()
-    expect(page.get_by_text("It knows no such cloth.")).to_be_in_viewport(ratio=1, timeout=15_000)
+    expect(page.get_by_text("The autoencoder does not reproduce it.")).to_be_in_viewport(ratio=1, timeout=15_000)
     notebook.evaluate("None", "panel._messages.say('⚠ ' + 16 * 'a long message, ', 'mistake'); panel._refresh()")
     look("long-message")
     choose(page, "arm", "muscle")
     notebook.until("panel.session.arm.name == 'muscle' and len(panel.history) > 3", 30)
     button(page, "hand").click()
     page.get_by_role("checkbox", name="fix the stiffness").check()
-    choose(page, "driven by", "practise")
-    notebook.until("panel.session.driver == 'practise'")
+    choose(page, "driven by", "iterative")
+    notebook.until("panel.session.driver == 'iterative'")
     button(page, "record").click()
     says("recording, from")
     look("muscle")

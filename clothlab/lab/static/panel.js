@@ -1,5 +1,5 @@
 // The panel. Python says how things stand (state down), and is told what a person does (actions up).
-const SIGNS = {
+const STATUS = {
   running: ["▶ running", "five steps a second"],
   paused: ["❚❚ paused", "time stands still: press start"],
   late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
@@ -78,7 +78,7 @@ function render({ model, el }) {
   const status = make("span", { className: "status", role: "status" });
   const message = make("div", { role: "alert" }), again = make("div", { "aria-hidden": true }); // at the top and, for small screens, below
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
-  const practise = button("try new plans", () => act("practise", { on: !get("state").practising })); // else the best known one again
+  const explore = button("explore new plans", () => act("explore", { on: !get("state").exploring })); // else the best known one again
   const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
   const plots = make("div", { className: "traces distance" }), others = make("div", { className: "traces" }); // the distance; the rest
   const pair = make("div", { className: "row" }), pictures = make("div", {}, scene.figure, pair), curves = make("div", { className: "traces" });
@@ -104,9 +104,9 @@ function render({ model, el }) {
     act("clear");
   });
   const tools = make("div", { className: "row" }, erase, clear, button("take this image", () => act("take")), button("from a file", () => file.click()), file);
-  const believed = makePicture("what it believes", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
+  const reconstruction = makePicture("reconstruction", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
   const aim = make("figure", { className: "aim" }, canvas.canvas), aimed = make("figcaption", {}, make("span", { textContent: "the target" }));
-  const beside = make("div", { className: "beside" }), belief = make("div", {}, believed.figure);
+  const beside = make("div", { className: "beside" }), side = make("div", {}, reconstruction.figure);
   const target = make("section", { style: "--least:430px" }, make("h3", { textContent: "Target" }), beside, tools, brush.row, gallery);
 
   // -- material
@@ -141,8 +141,8 @@ function render({ model, el }) {
   const folds = Object.entries({ target, material: materials, hand: own, "more plots": more, table: table.details }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
   const project = button("projector", () => arrange(!projecting()));
   project.className = "away";
-  const replay = button("recorded run", () => act(get("state").sign === "recorded" ? "live" : "play"));
-  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, practise, project);
+  const replay = button("recorded run", () => act(get("state").status === "recorded" ? "live" : "play"));
+  const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, explore, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
   const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest, table.details);
@@ -165,8 +165,8 @@ function render({ model, el }) {
     curves.replaceChildren(plots, ...(on ? [] : [others]));
     more.replaceChildren(...(on ? [others, decoded.figure] : []));
     aim.replaceChildren(canvas.canvas, ...(on ? [aimed] : []));
-    belief.replaceChildren(...(on ? [] : [verdict]), believed.figure);
-    beside.replaceChildren(...(on ? [belief, reason] : [aim, belief]));
+    side.replaceChildren(...(on ? [] : [verdict]), reconstruction.figure);
+    beside.replaceChildren(...(on ? [side, reason] : [aim, side]));
     if (!on) beside.after(reason);
     shown.replaceChildren(...(on ? [scene.figure, seen.figure, aim, plots, drawer] : [pictures, curves]));
     pictures.replaceChildren(...(on ? [] : [scene.figure, pair]));
@@ -222,12 +222,12 @@ function render({ model, el }) {
   function showState() {
     const state = get("state"), about = get("about");
     if (met !== about) meetArm(); // both are new, and nothing says which of them is told first
-    const [sign, meaning] = SIGNS[state.sign];
-    status.textContent = `${sign}${state.recording ? " ● recording" : ""}`;
-    status.className = `status ${state.sign}`;
+    const [word, meaning] = STATUS[state.status];
+    status.textContent = `${word}${state.recording ? " ● recording" : ""}`;
+    status.className = `status ${state.status}`;
     status.title = meaning;
-    replay.setAttribute("aria-pressed", state.sign === "recorded");
-    replay.title = state.sign === "recorded" ? "back to the live robot" : "shows a run that was recorded, for when the machine can't keep up";
+    replay.setAttribute("aria-pressed", state.status === "recorded");
+    replay.title = state.status === "recorded" ? "back to the live robot" : "shows a run that was recorded, for when the machine can't keep up";
     idle(start, state.running ? "time goes by already" : "");
     idle(pause, state.running ? "" : "time stands still already");
     for (const each of [message, again]) {
@@ -238,8 +238,8 @@ function render({ model, el }) {
     pending = wanted = null;
     arm.select.value = state.arm;
     driver.select.value = state.driver;
-    off(practise, state.driver === "practise" ? "" : `practice learns only where it drives; now ${state.driver} does`);
-    practise.setAttribute("aria-pressed", state.practising);
+    off(explore, state.driver === "iterative" ? "" : `iterative learning explores only where it drives; now ${state.driver} does`);
+    explore.setAttribute("aria-pressed", state.exploring);
     const known = about.cloths.some((each) => each.name === state.cloth.name);
     cloth.fill([...(known ? [] : [["", `own: ${state.cloth.label}`]]), ...about.cloths.map((each) => [each.name, each.label])]);
     cloth.select.value = known ? state.cloth.name : "";
@@ -250,7 +250,7 @@ function render({ model, el }) {
       tension.put(state.tension[0]);
       off(tension.input, state.fixed ? "" : "the stiffness is free: tick the box to fix it");
     }
-    const drives = state.driver === "hand";
+    const drives = state.driver === "manual";
     hands.forEach((each, k) => {
       each.put(state.hand[k]);
       off(each.input, state.fixed && k === about.stiffness_at ? "fixed under Stiffness" : "");
@@ -273,7 +273,7 @@ function render({ model, el }) {
     const news = get("target");
     if (news.version !== version) canvas.put(bytesOf(news.image)); // what is drawn here is here already
     version = news.version;
-    believed.show(news.believed, "image/png");
+    reconstruction.show(news.reconstruction, "image/png");
     verdict.textContent = `${news.known ? "✓" : "✗"} ${news.verdict}`;
     verdict.className = news.known ? "" : "no";
     reason.textContent = news.reason;

@@ -69,7 +69,7 @@ function tracePlot() {
     bold.textContent = `${title} [${unit}]`;
     caption.replaceChildren(bold);
     if (lines.length > 1) lines.forEach(({ name, colour, dash }) => caption.append(lineKey(name, COLOURS[colour], DASHES[dash])));
-    if (pairs.length) caption.append(legendKey("promise of a period", (context) => diamond(context, [20, 6], 5)), legendKey("what came of it", (context) => dot(context, [20, 6], 5)));
+    if (pairs.length) caption.append(legendKey("predicted", (context) => diamond(context, [20, 6], 5)), legendKey("achieved", (context) => dot(context, [20, 6], 5)));
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `${title} [${unit}]${limit ? `, with a line for ${limit[0]} at ${+limit[1].toPrecision(3)}` : ""}`);
   }
@@ -105,10 +105,10 @@ function tracePlot() {
     }
     if (limit) path(ctx, [[left, y(limit[1])], [right, y(limit[1])]], GREY, thick, [1.5 * thick, 1.5 * thick]);
     for (const { values, colour, dash } of lines) path(ctx, values.map((v, k) => (v === null ? null : [x(k), y(v)])), COLOURS[colour], thick, DASHES[dash].map((length) => (length * thick) / 2));
-    for (const [k, promise, outcome] of pairs) {
-      path(ctx, [[x(k), y(promise)], [x(k), y(outcome)]], "#222", 0.75 * thick);
-      diamond(ctx, [x(k), y(promise)], 0.36 * size, thick);
-      dot(ctx, [x(k), y(outcome)], 0.32 * size);
+    for (const [k, predicted, achieved] of pairs) {
+      path(ctx, [[x(k), y(predicted)], [x(k), y(achieved)]], "#222", 0.75 * thick);
+      diamond(ctx, [x(k), y(predicted)], 0.36 * size, thick);
+      dot(ctx, [x(k), y(achieved)], 0.32 * size);
     }
     if (limit) {
       const above = y(limit[1]) - 0.4 * size, free = above - size > 0 ? above : y(limit[1]) + 1.1 * size;

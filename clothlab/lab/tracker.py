@@ -1,0 +1,64 @@
+"""Estimation of p in a live run, with a report of how sure it is."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab import artifacts
+from clothlab.learning.calibration import Calibration, Doubt, calibrate
+from clothlab.learning.estimation import NewtonEstimator
+from clothlab.learning.trained import Trained
+
+REPORT_EVERY = 5  # steps; a report costs about as much as an update
+
+
+@cache
+def calibration(weights: str, known: str) -> "Future[Calibration]":
+    """Calibrate by recorded trials that the weights were not trained on, in a thread: no control step waits for it."""
+    learned, trials = artifacts.load(weights), artifacts.load_trials(known)
+
+    def compute() -> Calibration:
+        return calibrate(learned.model, learned.biases, [learned.sequences(trial) for trial in trials])
+
+    worker = ThreadPoolExecutor(1, "calibration")
+    future = worker.submit(compute)
+    worker.shutdown(wait=False)
+    return future
+
+
+class BiasTracker:
+    """Follows p by Gauss-Newton, which finds it sooner than momentum SGD, and reports on the estimate now and then.
+
+    Args:
+        trained: the model and what it was trained with.
+        known: name of trials that it was not trained on, by which it is calibrated.
+        p: where to start `[D_p]`.
+
+    Attributes:
+        report: how sure the estimate is, and whether the material is like the trained ones; None at first.
+    """
+
+    def __init__(self, trained: Trained, known: str, p: ArrayLike):
+        self._trained, self._known, self._p = trained, known, p
+        self._estimator = NewtonEstimator(trained.model, p)
+        self._count = 0
+        self.report: Doubt | None = None
+
+    def update(self, s: ArrayLike, u: ArrayLike, *, at_rest: bool) -> np.ndarray:
+        """Take in one step and return the new estimate `[D_p]`.
+
+        Args:
+            s: state seen before the command `[D_s]`.
+            u: the command `[D_u]`.
+            at_rest: whether the cloth hung still before the first step.
+        """
+        if not self._count:
+            self._estimator = NewtonEstimator(self._trained.model, self._p, from_rest=at_rest)
+        p = self._estimator.update(s, u)
+        self._count += 1
+        future = calibration(self._trained.name, self._known)
+        if future.done() and self._count % REPORT_EVERY == 0:
+            self.report = future.result().doubt(self._estimator)
+        return p
