@@ -291,16 +291,17 @@ def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     """Share of steps whose distance is below each threshold (the curves of the paper's figure on control).
 
     Args:
-        distances: `[T]`.
+        distances: `[..., T]`.
         thresholds: `[N]`.
 
     Returns:
-        `[N]`, 0 to 1.
+        `[..., N]`, 0 to 1.
     """
-    distances, thresholds = check_array("distances", distances, ("T",)), check_array("thresholds", thresholds, ("N",))
-    if not len(distances):
+    distances = check_array("distances", distances, (..., "T"))
+    thresholds = check_array("thresholds", thresholds, ("N",))
+    if not distances.size:
         raise ValueError("distances are empty: a rate needs one at the least")
-    return (distances < thresholds[:, None]).mean(axis=1)
+    return (distances[..., None, :] < thresholds[:, None]).mean(axis=-1)
 
 
 def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

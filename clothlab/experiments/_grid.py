@@ -1,22 +1,24 @@
 """One shape for all experiments: a function from one case to one row, a grid of cases, a tidy table.
 
-    control = Experiment("control", run_one, cases, seconds=13)   # in the experiment's module
-    table = control.run(control.cases(models=[0], steps=24))      # a pandas.DataFrame, one row a case
+    cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))                  # in the experiment's module
+    CONTROL = Experiment("control", run_one, cases, seconds=13, rows=rows)
+    table = CONTROL.run(cases(model=0, steps=24))                               # a pandas.DataFrame, one row a case
     table.groupby(["target", "cloth"]).agg(...)
 
 A row holds the case's own parameters and what was measured: numbers, words, and arrays such as a distance at each step.
-So any row can be made anew: `experiment.run_one(**case)`. Tables are stored as CSV, arrays in them as JSON.
+So any row can be made anew: `run_one(**case)`. Tables are stored as CSV, arrays in them as JSON.
 """
 
+import functools
 import hashlib
 import inspect
 import io
+import itertools
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import joblib
 import numpy as np
@@ -28,11 +30,30 @@ import clothlab
 from clothlab import artifacts
 from clothlab._files import write_bytes
 from clothlab.artifacts import Folder
+from clothlab.experiments._rows import Row
 
 PAPER = "-paper"  # ending of tables, as of weights: the same with what the paper's amount of recordings teaches
 
 Case = dict[str, Any]  # parameters of `run_one`
-Row = dict[str, Any]  # what it found
+Tables = Mapping[str, pd.DataFrame]  # stored tables of one amount of recordings, by their experiments' names
+T = TypeVar("T")
+_kept: Path | None = None  # where the process that computes a row keeps what rows share
+
+
+def grid(**axes: Any) -> list[Case]:
+    """All combinations of the values of each parameter, the last one running fastest; words and numbers are one value.
+
+    `grid(cloth=["hard-1", "soft-1"], model=range(5), steps=250)` has ten cases.
+    """
+    lists = [
+        [values] if isinstance(values, str) or not isinstance(values, Iterable) else values for values in axes.values()
+    ]
+    return [dict(zip(axes, each, strict=True)) for each in itertools.product(*lists)]
+
+
+def over(**axes: Any) -> Callable[..., list[Case]]:
+    """The function from sizes to cases of a full grid: `over(cloth=CLOTHS, model=range(5))(model=0, steps=24)`."""
+    return lambda **sizes: grid(**(axes | sizes))
 
 
 @dataclass(frozen=True)
@@ -44,16 +65,18 @@ class Experiment:
         run_one: case → what was measured, `{column: number, word or array}`.
         cases: sizes → the grid of cases; the defaults are the full size.
         seconds: about how long one case takes on one core [s].
-        slow: whether it takes hours, so that it runs only when asked for by name.
-        paper: the sizes with which it runs on the paper's amount of recordings; none where it does not.
+        slow: whether all of it takes hours, so that it runs only when asked for by name.
+        paper: the sizes with which it also runs on the paper's amount of recordings; none where it does not.
+        rows: stored tables → its rows in `docs/results.md`, under the module's docstring: a question, then a paragraph.
     """
 
     name: str
-    run_one: Callable[..., Row]
+    run_one: Callable[..., dict[str, Any]]
     cases: Callable[..., list[Case]]
     seconds: float
     slow: bool = False
     paper: Mapping[str, Any] = field(default_factory=dict)
+    rows: Callable[[Tables], list[Row]] | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -66,7 +89,7 @@ class Experiment:
         """Run the cases, by default all, several at once.
 
         Args:
-            cases: parameters of `run_one`.
+            cases: parameters of `run_one`; those left out have its defaults.
             workers: processes; a `joblib.parallel_config` around the call chooses another backend, such as Dask.
             progress: show a progress bar.
             keep: folder where rows are kept, so that an interrupted run goes on where it stopped.
@@ -74,11 +97,11 @@ class Experiment:
         Returns:
             One row for each case, in their order.
         """
-        cases = self.cases() if cases is None else list(cases)
-        compute = _compute if keep is None else joblib.Memory(keep, verbose=0).cache(_compute, ignore=["run_one"])
-        jobs = (joblib.delayed(compute)(self.run_one, self.name, case, version()) for case in cases)
+        cases = [self.defaults | case for case in (self.cases() if cases is None else cases)]
+        compute = _cached(_compute, keep, ignore=["run_one", "keep"])
+        jobs = (joblib.delayed(compute)(self.run_one, keep, self.name, case, version()) for case in cases)
         rows = joblib.Parallel(n_jobs=workers, return_as="generator")(jobs)
-        rows = tqdm(rows, total=len(cases), desc=self.name, unit="run", disable=not progress)
+        rows = tqdm(rows, total=len(cases), desc=self.name, unit="case", disable=not progress)
         return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
@@ -93,27 +116,58 @@ class Experiment:
                 raise ValueError(f"{self.name} has no {column!r}; choose by {', '.join(self.keys)}")
             table = table[table[column] == value]
         if len(table) != 1:
-            choices = table[self.keys].head(20).to_string(index=False) if len(table) else "none"
-            raise ValueError(f"{len(table)} rows of {self.name} fit; name more of {', '.join(self.keys)}:\n{choices}")
-        case = {key: table.iloc[0][key] for key in self.keys}
-        here = pd.DataFrame([case | _compute(self.run_one, self.name, case, version())])
+            varied = [key for key in self.keys if table[key].nunique() > 1] if len(table) else self.keys
+            choices = f":\n{table[varied].head(20).to_string(index=False)}" if len(table) else ""
+            raise ValueError(f"{len(table)} rows of {self.name} fit; choose by {', '.join(varied)}{choices}")
+        case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
+        here = pd.DataFrame([case | _compute(self.run_one, None, self.name, case, version())])
         return pd.concat([table, here[table.columns]], keys=["stored", "here"]).droplevel(1)
 
+    @property
+    def defaults(self) -> Case:
+        parameters = inspect.signature(self.run_one).parameters.values()
+        return {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
 
-def _compute(run_one: Callable[..., Row], name: str, case: Case, version: str) -> Row:
+
+def shared(function: Callable[..., T]) -> Callable[..., T]:
+    """Decorate work that several cases share, such as a training: done once, and kept where their rows are kept."""
+
+    @functools.cache
+    def once(folder: Path | None, *arguments: Any) -> T:
+        return _cached(_shared, folder, ignore=["function"])(function, function.__qualname__, arguments, version())
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any) -> T:
+        return once(_kept, *arguments)
+
+    return wrapper
+
+
+def _shared(function: Callable[..., T], name: str, arguments: tuple, version: str) -> T:
+    return function(*arguments)
+
+
+def _cached(function: Callable[..., T], folder: Path | None, ignore: list[str]) -> Callable[..., T]:
+    return function if folder is None else joblib.Memory(folder, verbose=0).cache(function, ignore=ignore)
+
+
+def _compute(run_one: Callable[..., dict], keep: Path | None, name: str, case: Case, version: str) -> dict[str, Any]:
     """One row, on one core: cases run side by side, and matrices this small gain nothing from a second.
 
     The name and the version are there for the cache, to tell experiments apart and to know when code or data changed.
     """
-    threads = torch.get_num_threads()
+    global _kept
+    threads, before = torch.get_num_threads(), _kept
     torch.set_num_threads(1)
+    _kept = keep
     try:
         return run_one(**case)
     finally:
         torch.set_num_threads(threads)
+        _kept = before
 
 
-@cache
+@functools.cache
 def version() -> str:
     """Hash of the code and of the data that experiments read: work is done again when either changes."""
     digest = hashlib.sha256()
@@ -139,7 +193,7 @@ def load(name: str, *, data: Folder = None) -> pd.DataFrame:
         ValueError: a damaged or altered file.
     """
     content = artifacts.read_results(name, ".csv", data=data)
-    table = pd.read_csv(io.BytesIO(content), float_precision="round_trip", keep_default_na=False, na_values=[""])
+    table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
     for column in table.columns[table.dtypes == "str"]:
         if table[column].str.startswith("[").any():
             table[column] = table[column].map(_as_array, na_action="ignore")
@@ -156,3 +210,9 @@ def _as_text(value: Any) -> Any:
 
 def _as_array(text: str) -> np.ndarray:
     return np.asarray(json.loads(text))
+
+
+def _as_parameter(value: Any) -> Any:
+    """A stored parameter as `run_one` takes it: an empty field is None."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and np.isnan(value) else value

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+Interval = tuple[float, float]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -17,6 +19,8 @@ class Row:
         paper: the paper's figure, or what it says.
         at_least: smallest value that this project aims at.
         at_most: largest value that it aims at.
+        above: what the paper says holds where the value is above this.
+        below: the same, below this.
         note: in brackets behind the figure.
     """
 
@@ -25,10 +29,12 @@ class Row:
     value: float
     unit: str = ""
     spread: float | None = None
-    interval: tuple[float, float] | None = None
+    interval: Interval | None = None
     paper: str = "–"
     at_least: float | None = None
     at_most: float | None = None
+    above: float | None = None
+    below: float | None = None
     note: str = ""
 
     @property
@@ -41,6 +47,17 @@ class Row:
         )
 
     @property
+    def verdict(self) -> str:
+        """Whether what the paper says holds: "not told apart" where the 95 % interval leaves it open."""
+        if self.above is None and self.below is None:
+            return "–"
+        ends = {self._holds(end) for end in self.interval or (self.value,)}
+        return "not told apart" if len(ends) > 1 else {True: "holds", False: "does not hold"}[ends.pop()]
+
+    def _holds(self, value: float) -> bool:
+        return (self.above is None or value > self.above) and (self.below is None or value < self.below)
+
+    @property
     def aim(self) -> str:
         """The bounds in words."""
         if self.at_least is not None and self.at_most is not None:
@@ -50,11 +67,17 @@ class Row:
         return "–" if self.at_most is None else f"≤ {self.at_most:.2g}{self.unit}"
 
     @property
-    def here(self) -> str:
-        """The figure in words."""
+    def figure(self) -> str:
+        """The value with its spread or interval."""
         text = f"{self.value:.2f}{self.unit}"
         if self.spread is not None:
             text += f" ± {self.spread:.2f}"
         if self.interval is not None:
-            text += f" ({self.interval[0]:.2f} to {self.interval[1]:.2f}{self.unit})"
-        return f"{text} ({self.note})" if self.note else text
+            digits = 0 if self.unit == " %" else 2
+            text += f" ({self.interval[0]:.{digits}f} to {self.interval[1]:.{digits}f}{self.unit})"
+        return text
+
+    @property
+    def here(self) -> str:
+        """The figure and the note."""
+        return f"{self.figure} ({self.note})" if self.note else self.figure

@@ -1,14 +1,14 @@
-"""A claim is a condition on a record. Every **Finding** of the notebooks is followed by a cell that states it as one.
+"""A claim is a condition on a figure. Every **Finding** of the notebooks is followed by a cell that states it as one.
 
-A condition is a figure (a number made of arrays) and its bounds. It is checked on what is stored from a full-size run,
-and on the live run where that has the full size. To show that it can fail, it is fed noise, most of which it must
-refuse: a condition that noise passes says nothing.
+A condition is a number made of arrays, and its bounds. It is checked on what is stored from a full-size run, and on the
+live run where that has the full size. To show that it can fail, it is fed noise, most of which it must refuse.
 """
 
 import contextlib
 import os
 import warnings
 from collections.abc import Callable
+from operator import ge, gt, le, lt
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from clothlab.artifacts import Folder
 
 RECORD = "CLOTHLAB_RECORD_FINDINGS"  # environment variable: live figures are stored, as `make findings` does
 DRAWS = 40  # of noise
-REFUSED = 0.25  # share of them that a condition must refuse, at the least
-SYMBOLS = {"at_least": "≥", "above": ">", "at_most": "≤", "below": "<"}
+REFUSED = 0.25  # smallest share of them that a condition must refuse
+SYMBOLS = {"at_least": ("≥", ge), "above": (">", gt), "at_most": ("≤", le), "below": ("<", lt)}
 
 Figure = Callable[..., Any]
 
@@ -29,16 +29,10 @@ class ClaimError(AssertionError):
 
 
 class Findings:
-    """The claims of one notebook.
+    """The claims of one notebook, by its file's name without the ending, and the figures stored of a full-size run.
 
-    Args:
-        notebook: its file's name without the ending.
-        data: folder with the stored figures.
-        parameters: those of the notebook that say how large its live runs are. Live claims are checked on the live run
-            where these are as stored, which is the full size.
-
-    Raises:
-        ValueError: no name of a notebook, or damaged stored figures.
+    `parameters` are those of the notebook that say how large its live runs are: live claims are checked on the live run
+    where these are as stored.
     """
 
     def __init__(self, notebook: str, *, data: Folder = None, **parameters: Any):
@@ -47,7 +41,7 @@ class Findings:
         self.recording = bool(os.environ.get(RECORD))
         stored: dict[str, Any] = {"parameters": None, "figures": {}}
         if not self.recording:
-            with contextlib.suppress(KeyError):  # nothing was recorded yet; claims about stored records need nothing
+            with contextlib.suppress(KeyError):  # nothing was recorded yet; claims about stored tables need nothing
                 stored = artifacts.load_results(self.name, data=data)
         if not {"parameters", "figures"} <= set(stored):
             raise ValueError(f"data/results/{self.name}.json is damaged: record it anew with `make findings RECORD=1`")
@@ -55,7 +49,7 @@ class Findings:
         self.full_size = self.recording or stored["parameters"] == self.parameters
 
     def stored(self, claim: str, figure: Figure, /, **given: Any) -> None:
-        """Check a claim about a stored record, such as that of an experiment.
+        """Check a claim about a stored table, such as that of an experiment.
 
         Args:
             claim: what is claimed, a sentence.
@@ -71,17 +65,7 @@ class Findings:
         _must_hold(claim, "stored", figure, bounds, arrays)
 
     def live(self, claim: str, figure: Figure, /, **given: Any) -> None:
-        """Check a claim about what was measured in this notebook: on the stored figures, and here at full size.
-
-        Args:
-            claim: what is claimed, a sentence.
-            figure: a function of the arrays, which returns a number.
-            given: the bounds, as for `stored`; all others are the arrays that were measured, small ones.
-
-        Raises:
-            ClaimError: the claim does not hold, cannot fail, or has no stored figures.
-            ValueError: no bounds, or no arrays.
-        """
+        """Check a claim about what was measured in this notebook: on the stored figures, and here at full size."""
         bounds, arrays = _sorted_out(claim, given)
         if self.recording:
             self._figures[claim] = {name: _plain(array) for name, array in arrays.items()}
@@ -105,18 +89,12 @@ def _sorted_out(claim: str, given: dict[str, Any]) -> tuple[dict[str, float], di
 
 
 def _holds(value: float, bounds: dict[str, float]) -> bool:
-    tests = {
-        "at_least": lambda bound: value >= bound,
-        "above": lambda bound: value > bound,
-        "at_most": lambda bound: value <= bound,
-        "below": lambda bound: value < bound,
-    }
-    return all(tests[name](bound) for name, bound in bounds.items())
+    return all(SYMBOLS[name][1](value, bound) for name, bound in bounds.items())
 
 
 def _must_hold(claim: str, where: str, figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
     value = float(figure(**arrays))
-    wanted = " and ".join(f"{SYMBOLS[name]} {bound:.4g}" for name, bound in bounds.items())
+    wanted = " and ".join(f"{SYMBOLS[name][0]} {bound:.4g}" for name, bound in bounds.items())
     if not _holds(value, bounds):
         raise ClaimError(f"this does not hold: {claim}\n  {where}: {value:.4g}, claimed: {wanted}")
     print(f"✓ {claim}: {value:.3g} {where} ({wanted})")

@@ -1,113 +1,60 @@
-"""Which commands realise this picture? Control with the right p against random commands, hanging still, and an empty
-image (paper, "Simulation Experiment": the figure on control)."""
+"""Which commands produce the target image?
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import product
+Control with the right p against random commands, a cloth that hangs still, and an image without cloth (paper,
+"Simulation Experiment": the figure on control). Distances are in standard deviations of z, the smallest in each period
+of 8 steps; the arm swings up in the first period, which is left out.
+"""
+
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab._validation import Checked, setting
-from clothlab.analysis import best_per_period, empty_distance, success_rate, target_distance
-from clothlab.experiments._record import interleaved, new_trial, random_trial, run_jobs, trained
+from clothlab.analysis import best_per_period, empty_distance, median_best, target_distance
+from clothlab.experiments._grid import Experiment, Tables, over
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import new_trial, random_trial, trained
 from clothlab.simulation.cloth import cloth_name
 
-
-@dataclass(frozen=True)
-class Settings(Checked):
-    """Which cases; the defaults are the full size."""
-
-    weights: str = setting("torque")
-    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
-    targets: tuple[str, ...] = setting(("target-1", "target-2"))
-    cloths: tuple[str, ...] = setting((cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)))
-    steps: int = setting(250, "step", at_least=16)  # 50 s, as in the paper
-    first_random_seed: int = setting(7000, at_least=0)  # of the random commands: this + model
+TARGETS = ("target-1", "target-2")
+CLOTHS = (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15))
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One case.
-
-    Attributes:
-        target: its name.
-        cloth: name of the cloth in the hand.
-        model: seed of the training.
-        still: distance of the cloth that hangs still, with which every run begins [s.d. of z].
-        empty: distance of an image without cloth [s.d. of z].
-        control: distance at each step under control `[T]` [s.d. of z].
-        random: the same under random commands `[T]` [s.d. of z].
-    """
-
-    target: str
-    cloth: str
-    model: int
-    still: float
-    empty: float
-    control: np.ndarray
-    random: np.ndarray
-
-    def best(self, who: str) -> np.ndarray:
-        """Smallest distance of `"control"` or `"random"` in each period but the first [s.d. of z]."""
-        return best_per_period(getattr(self, who))
+def run_one(target: str, cloth: str, model: int, weights: str = "torque", steps: int = 250) -> dict[str, Any]:
+    """Distance at each step `[T]` [s.d. of z] under control and under random commands; 250 steps as in the paper."""
+    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
+    control = new_trial(learned.controller(mask, cloth), learned.arm, cloth, steps, model)
+    random = random_trial(learned.arm.name, cloth, steps, seed=7000 + model)
+    controlled, at_random = (target_distance(learned.autoencoder, trial, mask) for trial in (control, random))
+    return {
+        "still": float(controlled[0]),  # every run begins with the cloth hanging still
+        "empty": empty_distance(learned.autoencoder, mask),
+        "control": controlled.round(4),
+        "random": at_random.round(4),
+    }
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What was found.
-
-    Attributes:
-        settings: of the experiment.
-        runs: one for each target, cloth and training.
-    """
-
-    settings: Settings
-    runs: tuple[Run, ...]
-
-    def case(self, target: str, cloth: str) -> list[Run]:
-        """The runs with a target and a cloth, one for each training."""
-        return [run for run in self.runs if (run.target, run.cloth) == (target, cloth)]
-
-    def cases(self) -> dict[tuple[str, str], list[Run]]:
-        """The same by `(target, cloth)`."""
-        return {pair: self.case(*pair) for pair in product(self.settings.targets, self.settings.cloths)}
-
-    def rates(self, thresholds: ArrayLike) -> dict[tuple[str, str], dict[str, np.ndarray]]:
-        """Share of steps nearer than each threshold `[N]` [s.d. of z], by `(target, cloth)` and who, `[models, N]`.
-
-        Who is Control, Random, still and empty.
-        """
-        away = {
-            "Control": lambda run: run.control,
-            "Random": lambda run: run.random,
-            "still": lambda run: [run.still],
-            "empty": lambda run: [run.empty],
-        }
-        return {
-            pair: {who: np.array([success_rate(of(run), thresholds) for run in runs]) for who, of in away.items()}
-            for pair, runs in self.cases().items()
-        }
+def rows(tables: Tables) -> list[Row]:
+    """Best distance of a period under control over that under random commands."""
+    found = []
+    for (target, cloth), runs in tables["control"].groupby(["target", "cloth"], sort=False):
+        control, random = median_best(runs["control"]), median_best(runs["random"])
+        spread = np.std([np.median(best_per_period(each)) / random for each in runs["control"]])
+        still, empty = runs[["still", "empty"]].iloc[0]
+        found.append(
+            Row(
+                key=f"control/{target}/{cloth}",
+                label=f"{target}, {cloth}: best distance a period, median, over that of random commands",
+                value=control / random,
+                spread=float(spread),
+                paper="Control better",
+                below=1,
+                at_most=0.4,
+                note=f"{control:.2f} / {random:.2f}; hanging still {still:.2f}, empty image {empty:.2f}",
+            )
+        )
+    return found
 
 
-def run_one(settings: Settings, target: str, cloth: str, model: int) -> Run:
-    """Control with the right p, and random commands, on the same cloth and target."""
-    learned, mask = trained(f"{settings.weights}-{model}"), artifacts.load_target(target)
-    control = new_trial(learned.controller(mask, cloth), learned.arm, cloth, settings.steps, model)
-    random = random_trial(learned.arm.name, cloth, settings.steps, settings.first_random_seed + model)
-    away, chance = (target_distance(learned.autoencoder, trial, mask) for trial in (control, random))
-    empty = empty_distance(learned.autoencoder, mask)
-    return Run(target, cloth, model, float(away[0]), empty, away.round(4), chance.round(4))
-
-
-def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """Every target with every cloth and training."""
-    settings = settings or Settings()
-    jobs = [(settings, *case) for case in product(settings.targets, settings.cloths, settings.models)]
-    return Record(settings, tuple(run_jobs(run_one, jobs, workers=workers, progress=progress, what="control")))
-
-
-def merged(settings: Settings, records: Sequence[Record]) -> Record:
-    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
-    return Record(settings, interleaved([each.runs for each in records]))
+cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))
+CONTROL = Experiment("control", run_one, cases, seconds=13, paper={"weights": "torque-paper"}, rows=rows)

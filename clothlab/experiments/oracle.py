@@ -1,42 +1,51 @@
-"""Search for commands where nothing has to be learned: cross-entropy search over plans, and on the true simulator.
+"""How near can the cloth come to a target, and how fast can the hand move?
 
-What the simulator itself allows is the yardstick of every controller. A robot could not do this: it has no second
-world in which to try 220 plans before it sends one.
+Cross-entropy search on the true simulator: an oracle, which tries 220 plans in a copy of the scene before it sends one.
+It tells whether a controller falls short or the arm does, and what variable stiffness is good for at best.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
+import pandas as pd
+from attrs import evolve, frozen
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_array, setting
+from clothlab import artifacts
+from clothlab._validation import check_array
+from clothlab.analysis import best_per_period, late_median, target_distance
+from clothlab.experiments._grid import Case, Experiment, grid
+from clothlab.experiments._runs import RECORDINGS
 from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.policies import Policy
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.simulation.vision import check_mask
+from clothlab.trials import Trial, rollout, watch_motion
 
+PERIOD = ControlSettings.period
+POOL = 400  # recorded stretches, of which each search draws its starts
 Cost = Callable[[np.ndarray], np.ndarray]  # plans [N, T, D_u] → cost of each [N]
 
 
-@dataclass(frozen=True)
-class SearchSettings(Checked):
-    """How many plans are tried, and where."""
+@frozen
+class SearchSettings:
+    """How many plans are tried, and how widely they are drawn."""
 
-    starts: int = setting(60, at_least=1)  # plans that are tried first
-    remembered: int = setting(8, at_least=0)  # of these: the best of the search before; the others are recorded ones
-    rounds: int = setting(4, at_least=0)
-    tries: int = setting(40, at_least=1)  # plans drawn in each round
-    elite: int = setting(8, at_least=1)  # the best so far, around which a round draws
-    first_width: float = setting(0.1, "range of the command", above=0)  # least standard deviation of the first round
-    least_width: float = setting(0.02, "range of the command", above=0)  # and of the others
+    starts: int = 60  # plans that are tried first
+    remembered: int = 8  # of these: the best of the search before; the others are recorded ones
+    rounds: int = 4
+    tries: int = 40  # plans drawn in each round
+    elite: int = 8  # the best so far, around which a round draws
+    first_width: float = 0.1  # least standard deviation of the first round [range of the command]
+    least_width: float = 0.02  # and of the others
 
-    @property
-    def total(self) -> int:
-        """Number of plans tried."""
-        return self.starts + self.rounds * self.tries
+
+SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
 
 
 def cross_entropy(
@@ -48,7 +57,7 @@ def cross_entropy(
     *,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw plans around the best ones so far, again and again, and keep the best.
+    """Draw plans around the best ones so far, again and again, and keep the best (the cross-entropy method).
 
     The first round draws around the single best start, since starts that are good in different ways have a mean that is
     good in none. A command whose range is a point stays there.
@@ -62,18 +71,11 @@ def cross_entropy(
         rng: random numbers.
 
     Returns:
-        The best plans found, best first `[elite, T, D_u]` (fewer where fewer were tried); and the lowest cost after the
-        starts and after each round `[rounds + 1]`, which never rises.
-
-    Raises:
-        ValueError: no starts, or starts of another shape or not finite.
+        The best plans found, best first `[elite, T, D_u]`; and the lowest cost after the starts and after each round
+        `[rounds + 1]`, which never rises.
     """
-    settings = settings or SearchSettings()
-    lower = check_array("lower", lower, ("D_u",))
-    upper = check_array("upper", upper, lower.shape)
+    settings, lower, upper = settings or SearchSettings(), np.asarray(lower), np.asarray(upper)
     plans = np.clip(check_array("starts", starts, ("N", "T", len(lower))), lower, upper)
-    if not len(plans):
-        raise ValueError("a search needs starts: one plan at the least")
     costs, trace = cost(plans), []
     for left in reversed(range(settings.rounds + 1)):
         best = np.argsort(costs, kind="stable")[: settings.elite]
@@ -83,28 +85,21 @@ def cross_entropy(
             first = left == settings.rounds
             centre = plans[0] if first else plans.mean(axis=0)
             width = (settings.first_width if first else settings.least_width) * (upper - lower)
-            spread = np.maximum(plans.std(axis=0), width)
-            drawn = np.clip(rng.normal(centre, spread, (settings.tries, *centre.shape)), lower, upper)
+            deviation = np.maximum(plans.std(axis=0), width)
+            drawn = np.clip(rng.normal(centre, deviation, (settings.tries, *centre.shape)), lower, upper)
             plans, costs = np.concatenate([plans, drawn]), np.concatenate([costs, cost(drawn)])
     return plans, np.array(trace)
 
 
 def copy_state(env: ClothEnv, copy: ClothEnv) -> None:
-    """Put `copy` where `env` is, bit for bit; `env` is only read.
-
-    Raises:
-        ValueError: two scenes with different arms or cloths.
-    """
-    if (copy.arm, copy.cloth, copy.scene) != (env.arm, env.cloth, env.scene):
-        raise ValueError("a state fits only a scene with the same arm, cloth and time step")
+    """Put `copy`, a scene with the same arm, cloth and time step, where `env` is, bit for bit."""
     mujoco.mj_copyData(copy.data, copy.model, env.data)
 
 
-class SimulatorSearch(Policy):
-    """Knows the simulator: tries plans in a copy of the scene, and sends the one that ends nearest to the target.
+class SimulatorMPC(Policy):
+    """Tries plans in a copy of the scene at the beginning of each period, and sends the one that ends nearest.
 
-    What it sees plays no part: it reads the scene's true state, at the beginning of each period, and leaves it as it
-    is. A plan is judged by its last step alone, since each picture takes as long as four steps of physics.
+    A plan is judged by its last step alone, since each picture takes as long as four steps of physics.
 
     Args:
         env: the scene that is controlled.
@@ -115,15 +110,12 @@ class SimulatorSearch(Policy):
         settings: how much is tried.
         arm: one with other limits, such as `env.arm.with_stiffness(10)`.
 
-    Raises:
-        ValueError: a target of another size or without a cloth; plans of another shape, or none.
-
     Attributes:
-        trace: lowest distance ‖z_ref - z‖₂ at the period's end, after the starts and after each round, for each search
-            since the reset: a list of `[rounds + 1]` [s.d. of z].
+        trace: lowest distance at the period's end, after the starts and after each round, for each search since the
+            reset: a list of `[rounds + 1]` [s.d. of z].
     """
 
-    name = "simulator search"
+    name = "simulator MPC"
 
     def __init__(
         self,
@@ -138,8 +130,6 @@ class SimulatorSearch(Policy):
         self.env, self.autoencoder, self.arm = env, autoencoder, arm or env.arm
         self.settings = settings or SearchSettings()
         self.plans = check_array("plans", plans, ("N", "T", len(self.arm.command_names)))
-        if not self.plans.size:
-            raise ValueError("the search starts from recorded plans: one at the least, of one step at the least")
         self._copy = ClothEnv(env.arm, env.cloth, scene=env.scene)
         self.set_target(target)
         self.reset()
@@ -152,11 +142,6 @@ class SimulatorSearch(Policy):
         self._left: Iterator[np.ndarray] = iter(())
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next search on.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
-        """
         self.z_ref = encode(self.autoencoder, check_mask(mask))
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -168,8 +153,6 @@ class SimulatorSearch(Policy):
 
     def search(self) -> np.ndarray:
         """Look for the plan `[period, D_u]` that brings the scene as it is now nearest to the target."""
-        if self._copy.cloth != self.env.cloth:
-            self._copy.hold(self.env.cloth)
         remembered = self._elite[: min(self.settings.remembered, self.settings.starts)]
         drawn = min(self.settings.starts - len(remembered), len(self.plans))
         starts = np.concatenate([remembered, self._rng.choice(self.plans, drawn, replace=False)])
@@ -191,3 +174,116 @@ class SimulatorSearch(Policy):
     def close(self) -> None:
         """Release the copy's OpenGL context."""
         self._copy.close()
+
+
+def search_trial(
+    autoencoder: Autoencoder,
+    arm: Arm | str,
+    cloth: Cloth | str,
+    target: ArrayLike,
+    plans: ArrayLike,
+    periods: int,
+    *,
+    f_const: float | None = None,
+    search: SearchSettings | None = None,
+    seed: int = 0,
+) -> tuple[Trial, np.ndarray]:
+    """Realise a target with the simulator known; arguments as `SimulatorMPC`, `f_const` held [N] where it is given.
+
+    Returns:
+        The run of `periods` periods, and the predicted distances `[periods, rounds + 1]` (`SimulatorMPC.trace`).
+    """
+    env = ClothEnv(arm, cloth)
+    limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
+    policy = SimulatorMPC(env, autoencoder, target, plans, search, arm=limited)
+    try:
+        trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
+    finally:
+        policy.close()
+        env.close()
+    return trial, np.array(policy.trace)
+
+
+def run_one(
+    arm: str,
+    target: str,
+    cloth: str,
+    f_const: float | None,
+    remembers: bool,
+    seed: int,
+    periods: int = 16,
+    search: SearchSettings | None = None,
+) -> dict[str, Any]:
+    """Distance at each step `[T]`, and its predictions; without memory each search starts from recorded plans alone."""
+    autoencoder, _ = artifacts.load_autoencoder(arm)
+    plans = recorded_plans(artifacts.load_trials(RECORDINGS[arm]), PERIOD, POOL, seed=seed)
+    settings = search or SearchSettings()
+    settings = settings if remembers else evolve(settings, remembered=0)
+    mask = artifacts.load_target(target)
+    trial, trace = search_trial(
+        autoencoder, arm, cloth, mask, plans, periods, f_const=f_const, search=settings, seed=seed
+    )
+    return {"distance": target_distance(autoencoder, trial, mask).round(4), "trace": trace.round(4)}
+
+
+TASKS = (
+    *(("torque", t, c) for t in ("target-1", "target-2") for c in (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15))),
+    *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
+)
+TENSIONS = (10.0, 30.0, 70.0)  # [N] at which f_const is held
+
+
+def cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
+    """Every task with free stiffness, on the muscle arm with held stiffness too; one seed without memory."""
+    found = []
+    for tensions, remembers, chosen in (((None,), True, seeds), (TENSIONS, True, seeds), ((None,), False, (0,))):
+        for arm, target, cloth in TASKS:
+            if tensions == (None,) or get_arm(arm).has_stiffness:
+                axes = {"arm": arm, "target": target, "cloth": cloth, "f_const": tensions, "remembers": remembers}
+                found += grid(**axes, seed=chosen, **same)
+    return found
+
+
+def best_possible(table: pd.DataFrame) -> pd.Series:
+    """Best distance of a period with free stiffness, median of the last ten, mean over seeds, by target and cloth."""
+    free = table[table["f_const"].isna() & table["remembers"]]
+    last = free["distance"].map(lambda distance: late_median(best_per_period(distance)))
+    return last.groupby([free["target"], free["cloth"]], sort=False).mean()
+
+
+def run_speed(seed: int, foam: str = "hard-1", steps: int = 16, search: SearchSettings | None = None) -> dict[str, Any]:
+    """Peak speeds of the hand [m/s] from rest, with f_const held at 10, 30 and 70 N and free, and the commands for it.
+
+    The free search starts from the best plans of the others too: it may do all that they do.
+    """
+    arm, search = get_arm("muscle"), search or SPEED_SEARCH
+    home, env = ClothEnv(arm, foam), ClothEnv(arm, foam)
+
+    def slowness(plans: np.ndarray) -> np.ndarray:
+        peaks = []
+        for plan in plans:
+            copy_state(home, env)
+            peaks.append(watch_motion(env, plan).hand_speed.max())
+        return -np.array(peaks)
+
+    starts = recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed)
+    best, traces = [starts], []
+    for f_const in (*TENSIONS, None):
+        limited = arm if f_const is None else arm.with_stiffness(f_const)
+        lower, upper, rng = limited.command_lower, limited.command_upper, np.random.default_rng(seed)
+        begin = np.concatenate(best) if f_const is None else starts
+        plans, trace = cross_entropy(slowness, begin, lower, upper, search, rng=rng)
+        best.append(plans)
+        traces.append(-trace)
+    return {
+        "f_const": np.array([*TENSIONS, np.nan]),
+        "peak": np.array(traces)[:, -1],
+        "trace": np.array(traces).round(4),
+        "commands": np.array([plans[0] for plans in best[1:]]).round(4),
+    }
+
+
+ORACLE = Experiment("oracle", run_one, cases, seconds=120, slow=True)
+PEAK_SPEED = Experiment(
+    "peak_speed", run_speed, lambda seeds=range(3), **same: grid(seed=seeds, **same), seconds=600, slow=True
+)

@@ -1,71 +1,53 @@
-"""Does p sort the cloths by itself? (paper, "Simulation Experiment": the figure on parametric biases)."""
+"""Does p arrange the cloths by their material?
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+p is trained without labels. How well do C_damp and C_mass of a cloth follow from its p, by a smooth map fitted to the
+other eight (paper, "Simulation Experiment": the figure on parametric biases)?
+"""
+
+from typing import Any
 
 import numpy as np
 
-from clothlab._validation import Checked, setting
 from clothlab.analysis import MaterialReadout, principal_axes
-from clothlab.experiments._record import interleaved, run_jobs, trained
+from clothlab.experiments._grid import Experiment, Tables, over
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import trained
 from clothlab.simulation.cloth import CLOTHS
 
 
-@dataclass(frozen=True)
-class Settings(Checked):
-    """Which trainings; the defaults are the full size."""
-
-    weights: str = setting("torque")
-    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One training.
-
-    Attributes:
-        model: its seed.
-        r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
-        ratio_r2: the same of log (C_damp / C_mass).
-        linear_r2: as `r2`, of a straight map from p, `[2]`.
-        pca_share: share of the variance of p along PC1 and PC2, `[2]`.
-    """
-
-    model: int
-    r2: np.ndarray
-    ratio_r2: float
-    linear_r2: np.ndarray
-    pca_share: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What was found.
-
-    Attributes:
-        settings: of the experiment.
-        runs: one for each training.
-    """
-
-    settings: Settings
-    runs: tuple[Run, ...]
-
-
-def run_one(weights: str, model: int) -> Run:
-    """How well the trained p of one training explains the materials."""
+def run_one(model: int, weights: str = "torque") -> dict[str, Any]:
+    """Leave-one-cloth-out R² of the log material constants from the trained p of one training."""
     biases = trained(f"{weights}-{model}").biases
     readout = MaterialReadout.fit(biases, {name: CLOTHS[name] for name in biases})
-    share = principal_axes(biases).explained_variance_ratio_
-    return Run(model, readout.r2, readout.ratio_r2, readout.linear_r2, share)
+    return {
+        "r2": readout.r2,  # of log C_damp and log C_mass
+        "ratio_r2": readout.ratio_r2,  # of log (C_damp / C_mass)
+        "linear_r2": readout.linear_r2,  # as `r2`, of a straight map
+        "pca_share": principal_axes(biases).explained_variance_ratio_,  # of PC1 and PC2
+    }
 
 
-def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """The same for every training."""
-    settings = settings or Settings()
-    jobs = [(settings.weights, model) for model in settings.models]
-    return Record(settings, tuple(run_jobs(run_one, jobs, workers=1, progress=progress, what="self-organisation")))
+def rows(tables: Tables) -> list[Row]:
+    """R² of each constant."""
+    table = tables["self_organisation"]
+    ratio = f"of their ratio {table['ratio_r2'].mean():.2f} ± {table['ratio_r2'].std(ddof=0):.2f}"
+    return [
+        Row(
+            key=f"self_organisation/{name}",
+            label=f"log {name} from p, leave one cloth out: R²",
+            value=values.mean(),
+            spread=values.std(),
+            paper=paper,
+            above=0.5,
+            at_least=0.9,
+            note=ratio,
+        )
+        for name, values, paper in zip(
+            ("C_damp", "C_mass"), np.array([*table["r2"]]).T, ("in order along PC1", "not always in order"), strict=True
+        )
+    ]
 
 
-def merged(settings: Settings, records: Sequence[Record]) -> Record:
-    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
-    return Record(settings, interleaved([each.runs for each in records]))
+SELF_ORGANISATION = Experiment(
+    "self_organisation", run_one, over(model=range(5)), seconds=1, paper={"weights": "torque-paper"}, rows=rows
+)

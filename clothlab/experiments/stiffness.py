@@ -1,33 +1,21 @@
-"""Stiff when it helps: the paper's section "Actual Robot Experiment", on the simulated muscle arm with foams."""
+"""What is variable stiffness good for?
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams, whose springs, motors and material
+values are assumptions. Each period of the control starts from the best predicted of 200 recorded stretches of commands:
+with the paper's warm start alone the arm hardly moves.
+"""
+
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+import pandas as pd
 
 from clothlab import artifacts
-from clothlab._validation import Checked, setting
-from clothlab.analysis import (
-    best_per_period,
-    bias_error,
-    empty_distance,
-    nearest_material,
-    principal_axes,
-    success_rate,
-    target_distance,
-)
-from clothlab.experiments._record import (
-    RECORDINGS,
-    estimate_at_random,
-    interleaved,
-    new_trial,
-    random_trial,
-    run_jobs,
-    trained,
-)
+from clothlab.analysis import bias_error, empty_distance, median_best, nearest_material, success_rate, target_distance
+from clothlab.experiments._grid import Experiment, Tables, over
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial, random_trial, trained
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.estimation import estimate_bias
 from clothlab.simulation.arm import MuscleArm
@@ -36,10 +24,15 @@ from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, replay
 
 ARM = MuscleArm()
+POSTURE = (0.0, -np.pi / 2)  # of the ellipses [rad]: elbow at 90 degrees, as in the paper
+TENSIONS = (10.0, 30.0, 50.0, 70.0)  # of the ellipses [N]
 SPRINGS = {  # the second is as stiff as the first at about 30 N
     "nonlinear": ARM,
     "linear": replace(ARM, spring_linear=5000.0, spring_cubic=0.0),
 }
+EVALUATION = "muscle-evaluation"  # recorded, never trained on
+ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
+HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
 CORRECT, WRONG, FIXED, WARM, RANDOM = (
     "Correct",
     "Wrong",
@@ -49,13 +42,10 @@ CORRECT, WRONG, FIXED, WARM, RANDOM = (
 )
 CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 PAPERS = (CORRECT, WRONG, FIXED, RANDOM)  # those of them that the paper has
-QUANTITIES: dict[
-    str, tuple[Callable, int]
-] = {  # the paper's three, and the sign that it reports for Correct minus others
-    "rate below 0.5": (lambda run: run.rate, 1),
-    "minimum distance": (lambda run: run.distance.min(), -1),
-    "maximum distance": (lambda run: run.distance.max(), 1),
-}
+QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}  # sign of Correct minus another
+FIXED_TENSION = 10.0  # the paper's "w/o stiffness" [N]
+THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
+SPEED_STEPS = 100  # 20 s, in which the hand's peak speed is looked for
 VARIANTS: dict[str, dict[str, Any]] = {  # what the hand's speed may depend on, and the paper does not publish
     "as assumed": {},
     "motor speed 0.05 m/s": {"motor_speed": 0.05},
@@ -65,265 +55,216 @@ VARIANTS: dict[str, dict[str, Any]] = {  # what the hand's speed may depend on, 
 }
 
 
-@dataclass(frozen=True)
-class Settings(Checked):
-    """Which cases; the defaults are the full size."""
-
-    weights: str = setting("muscle")
-    models: tuple[int, ...] = setting((0, 1, 2, 3, 4), at_least=0)  # seeds of the trainings
-    posture: tuple[float, float] = setting((0.0, -np.pi / 2), "rad")  # of the ellipses: elbow at 90°, as in the paper
-    tensions: tuple[float, ...] = setting((10.0, 30.0, 50.0, 70.0), "N", above=0)  # of the ellipses
-    trials: str = setting("muscle-evaluation")  # recorded, never trained on
-    estimated: tuple[str, ...] = setting(("hard-1", "hard-2", "hard-3"))  # first and last are the ends of the scale
-    estimation_steps: int = setting(150, "step", at_least=12)  # 30 s
-    estimation_seed: int = setting(16000, at_least=0)  # of the commands: this + 100 model + number of the foam
-    conditions: tuple[str, ...] = setting(CONDITIONS)
-    cloths: tuple[str, ...] = setting(("hard-1", "soft-1"))  # each is the wrong one for the other
-    control_steps: int = setting(125, "step", at_least=16)  # 25 s
-    speed_steps: int = setting(100, "step", at_least=1)  # 20 s, in which the hand's peak speed is looked for
-    random_seed: int = setting(17000, at_least=0)  # of random commands: this + model
-    fixed_tension: float = setting(10.0, "N", above=0)  # the paper's "w/o stiffness"
-    threshold: float = setting(0.5, "s.d. of z", above=0)  # of the rate, the paper's
-
-
-@dataclass(frozen=True, eq=False)
-class Ellipse:
-    """One stiffness ellipse.
-
-    Attributes:
-        spring: which springs, of `SPRINGS`.
-        f_const: co-contraction [N].
-        area: [m²] for a push of 1 N.
-        semi_axes: longest first `[2]` [m].
-    """
-
-    spring: str
-    f_const: float
-    area: float
-    semi_axes: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """The estimate from a recorded trial that the training has not seen.
-
-    Attributes:
-        model: seed of the training.
-        cloth: name of the foam.
-        policy: who moved it.
-        nearest: the foam whose trained p is nearest in the end.
-        distance: to the right p [spreads of the trained p].
-    """
-
-    model: int
-    cloth: str
-    policy: str
-    nearest: str
-    distance: float
-
-
-@dataclass(frozen=True, eq=False)
-class Estimation:
-    """The estimate of a foam that is moved at random, from p = 0.
-
-    Attributes:
-        cloth: name of the foam.
-        model: seed of the training.
-        trace: p after each step `[T, D_p]`.
-        place: where the last one lies from the first trained foam of `Settings.estimated` (0) to the last (1).
-    """
-
-    cloth: str
-    model: int
-    trace: np.ndarray
-    place: float
-
-
-@dataclass(frozen=True, eq=False)
-class Control:
-    """One run under one condition.
-
-    Attributes:
-        condition: one of `CONDITIONS`.
-        cloth: name of the foam in the hand.
-        model: seed of the training.
-        empty: distance of an image without cloth [s.d. of z].
-        distance: to the target at each step `[T]` [s.d. of z]; the first is that of the foam hanging still.
-        rate: share of steps nearer than the threshold.
-        peak_hand_speed: for each of `VARIANTS` [m/s]; empty for the conditions whose speed nobody asks for.
-        commands: as sent `[T, 3]` [rad] [rad] [N]; of model 0.
-        theta: joint angles ten times a step `[10 T, 2]` [rad]; of model 0.
-    """
-
-    condition: str
-    cloth: str
-    model: int
-    empty: float
-    distance: np.ndarray
-    rate: float
-    peak_hand_speed: dict[str, float]
-    commands: np.ndarray
-    theta: np.ndarray
-
-    @property
-    def best(self) -> np.ndarray:
-        """Smallest distance in each period but the first [s.d. of z]."""
-        return best_per_period(self.distance)
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What was found.
-
-    Attributes:
-        settings: of the experiment.
-        ellipses: one for each kind of spring and tension.
-        pca_share: share of the variance of p along PC1 and PC2, `[models, 2]`.
-        held_out: one for each training and recorded trial.
-        estimation: one for each foam and training.
-        control: one for each condition, foam and training.
-    """
-
-    settings: Settings
-    ellipses: tuple[Ellipse, ...]
-    pca_share: np.ndarray
-    held_out: tuple[HeldOut, ...]
-    estimation: tuple[Estimation, ...]
-    control: tuple[Control, ...]
-
-    def case(self, condition: str, cloth: str) -> list[Control]:
-        """The runs of a condition with a foam, one for each training."""
-        return [run for run in self.control if (run.condition, run.cloth) == (condition, cloth)]
-
-    def estimates(self, model: int) -> dict[str, np.ndarray]:
-        """p over time of each foam that was estimated by one training, from p = 0 on `[T + 1, D_p]`, by a label."""
-        paths = {
-            f"estimate of {get_cloth(each.cloth).label}": each.trace for each in self.estimation if each.model == model
-        }
-        return {label: np.vstack([np.zeros(path.shape[1]), path]) for label, path in paths.items()}
-
-    def rates(self, thresholds: ArrayLike, conditions: Iterable[str] = PAPERS) -> dict[str, dict[str, np.ndarray]]:
-        """Share of steps nearer than each threshold `[N]` [s.d. of z], by foam's label and condition, `[models, N]`."""
-        return {
-            get_cloth(cloth).label: {
-                name: np.array([success_rate(run.distance, thresholds) for run in self.case(name, cloth)])
-                for name in conditions
-            }
-            for cloth in self.settings.cloths
-        }
-
-    def gap(self, measure: Callable[[Control], float], cloth: str, other: str) -> np.ndarray:
-        """A figure of a run under Correct minus that under another condition, for each training `[models]`."""
-        pairs = zip(self.case(CORRECT, cloth), self.case(other, cloth), strict=True)
-        return np.array([measure(a) - measure(b) for a, b in pairs])
-
-    def speed_gains(self) -> np.ndarray:
-        """Peak hand speed with optimised stiffness over that without, minus one, `[foams, models, variants]`."""
-        peaks = [
-            [[[*run.peak_hand_speed.values()] for run in self.case(name, cloth)] for cloth in self.settings.cloths]
-            for name in (CORRECT, FIXED)
-        ]
-        return np.divide(*np.array(peaks)) - 1
-
-    def area(self, spring: str, f_const: float) -> float:
-        """Area of a stiffness ellipse [m²]."""
-        return next(each.area for each in self.ellipses if (each.spring, each.f_const) == (spring, f_const))
-
-
-def run_ellipse(settings: Settings, spring: str, f_const: float) -> Ellipse:
-    """Push the hand from all sides."""
-    displacements = stiffness_ellipse(SPRINGS[spring], settings.posture, f_const)
+def push(spring: str, f_const: float) -> dict[str, Any]:
+    """Stiffness ellipse of the hand at a co-contraction [N]: area [m²] for a push of 1 N, semi-axes [m]."""
+    displacements = stiffness_ellipse(SPRINGS[spring], POSTURE, f_const)
     axes = np.linalg.svd(displacements, compute_uv=False) * np.sqrt(2 / len(displacements))
-    return Ellipse(spring, f_const, ellipse_area(displacements), axes)
+    return {"area": ellipse_area(displacements), "semi_axes": axes}
 
 
-def run_share(settings: Settings, model: int) -> np.ndarray:
-    """Share of the variance of p along PC1 and PC2 in one training, `[2]`."""
-    return principal_axes(trained(f"{settings.weights}-{model}").biases).explained_variance_ratio_
-
-
-def run_held_out(settings: Settings, model: int, number: int) -> HeldOut:
-    """Estimate p from one of the recorded trials that the training has not seen, by its number."""
-    learned, trial = trained(f"{settings.weights}-{model}"), artifacts.load_trials(settings.trials)[number]
+def estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[str, Any]:
+    """Estimate p from a recorded trial that the training has not seen, by its number."""
+    learned, trial = trained(f"{weights}-{model}"), artifacts.load_trials(EVALUATION)[number]
     p, _ = estimate_bias(learned.model, learned.sequences(trial))
-    name, nearest = trial.cloth.name, nearest_material(p, learned.biases)
-    return HeldOut(model, name, trial.policy, nearest, bias_error(p, name, learned.biases))
-
-
-def run_estimation(settings: Settings, cloth: str, model: int) -> Estimation:
-    """Estimate p of a foam from 0 while it is moved at random."""
-    learned = trained(f"{settings.weights}-{model}")
-    seed = settings.estimation_seed + 100 * model + settings.estimated.index(cloth)
-    p, trace = estimate_at_random(learned, cloth, settings.estimation_steps, seed)
-    first, last = (learned.biases[settings.estimated[end]] for end in (0, -1))
-    place = float((p - first) @ (last - first) / ((last - first) @ (last - first)))
-    return Estimation(cloth, model, trace.round(4), place)
-
-
-def run_control(settings: Settings, condition: str, cloth: str, model: int) -> Control:
-    """Distances to the target, commands, and the arm's motion under one of the paper's conditions."""
-    learned, mask = trained(f"{settings.weights}-{model}"), artifacts.load_target("muscle")
-    if condition == RANDOM:
-        trial = random_trial(learned.arm.name, cloth, settings.control_steps, settings.random_seed + model)
-    else:
-        trial = _controlled(settings, condition, cloth, model, mask)
-    distance = target_distance(learned.autoencoder, trial, mask)
-    asked = VARIANTS if condition in (CORRECT, FIXED, WARM) else {}
-    peaks = {
-        name: float(replay(trial[: settings.speed_steps], arm=replace(ARM, **change)).hand_speed.max())
-        for name, change in asked.items()
+    return {
+        "cloth": trial.cloth.name,
+        "policy": trial.policy,
+        "nearest": nearest_material(p, learned.biases),
+        "distance": bias_error(p, trial.cloth.name, learned.biases),  # to the right p [spreads of the trained p]
     }
-    keep = slice(None) if model == 0 else slice(0)
-    theta = replay(trial[keep], samples=10).theta if model == 0 else np.empty((0, 2))
-    return Control(
-        condition=condition,
-        cloth=cloth,
-        model=model,
-        empty=empty_distance(learned.autoencoder, mask),
-        distance=distance.round(4),
-        rate=float(success_rate(distance, [settings.threshold])[0]),
-        peak_hand_speed=peaks,
-        commands=trial.commands[keep].round(4),
-        theta=theta.round(4),
-    )
 
 
-def _controlled(settings: Settings, condition: str, cloth: str, model: int, mask: np.ndarray) -> Trial:
-    learned = trained(f"{settings.weights}-{model}")
-    other = next(each for each in settings.cloths if each != cloth)
+def estimate_moved(cloth: str, model: int, weights: str = "muscle", steps: int = 150) -> dict[str, Any]:
+    """Estimate p of a foam from 0 while it is moved at random, 30 s."""
+    learned = trained(f"{weights}-{model}")
+    seed = 16000 + 100 * model + ESTIMATED.index(cloth)
+    p, trace = estimate_at_random(learned, cloth, steps, seed)
+    first, last = (learned.biases[ESTIMATED[end]] for end in (0, -1))
+    # Where the last p lies from hard-1 (0) to hard-3 (1).
+    return {"trace": trace.round(4), "place": float((p - first) @ (last - first) / ((last - first) @ (last - first)))}
+
+
+def control_one(
+    condition: str,
+    cloth: str,
+    model: int,
+    weights: str = "muscle",
+    steps: int = 125,
+    fixed_tension: float = FIXED_TENSION,
+    speed_steps: int = SPEED_STEPS,
+) -> dict[str, Any]:
+    """Distances to the target, commands and the arm's motion under one of the paper's conditions; 25 s."""
+    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target("muscle")
+    if condition == RANDOM:
+        trial = random_trial(learned.arm.name, cloth, steps, 17000 + model)
+    else:
+        trial = _controlled(condition, cloth, model, weights, steps, fixed_tension)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    watched = VARIANTS if condition in (CORRECT, FIXED, WARM) else {}
+    return {
+        "empty": empty_distance(learned.autoencoder, mask),
+        "distance": distance.round(4),  # [T] [s.d. of z]; the first is that of the foam hanging still
+        "rate": float(success_rate(distance, [THRESHOLD])[0]),
+        # For each of VARIANTS [m/s].
+        "peak_hand_speed": [
+            float(replay(trial[:speed_steps], arm=replace(ARM, **change)).hand_speed.max())
+            for change in watched.values()
+        ],
+        # Of model 0: as sent [T, 3] [rad] [rad] [N], and joint angles ten times a step [10 T, 2] [rad].
+        "commands": trial.commands.round(4) if model == 0 else [],
+        "theta": replay(trial, interval=0.02).theta.round(4) if model == 0 else [],
+    }
+
+
+def _controlled(condition: str, cloth: str, model: int, weights: str, steps: int, fixed_tension: float) -> Trial:
+    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target("muscle")
+    other = next(each for each in HELD if each != cloth)
     plans = None if condition == WARM else recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), seed=model)
-    arm = learned.arm.with_stiffness(settings.fixed_tension) if condition == FIXED else learned.arm
+    arm = learned.arm.with_stiffness(fixed_tension) if condition == FIXED else learned.arm
     policy = learned.controller(mask, other if condition == WRONG else cloth, plans=plans, arm=arm)
-    return new_trial(policy, learned.arm, cloth, settings.control_steps, model)
+    return new_trial(policy, learned.arm, cloth, steps, model)
 
 
-def run(settings: Settings | None = None, *, workers: int = 1, progress: bool = False) -> Record:
-    """Everything, several at once."""
-    settings = settings or Settings()
-    options: dict[str, Any] = {"workers": workers, "progress": progress}
-    cases = [(settings, *each) for each in product(settings.conditions, settings.cloths, settings.models)]
-    foams = [(settings, *each) for each in product(settings.estimated, settings.models)]
-    pushes = [(settings, *each) for each in product(SPRINGS, settings.tensions)]
-    recorded = [
-        (settings, *each) for each in product(settings.models, range(len(artifacts.load_trials(settings.trials))))
+def with_quantities(table: pd.DataFrame) -> pd.DataFrame:
+    """`foam_control` with the paper's three quantities, by `QUANTITIES`."""
+    columns = table["rate"], table["distance"].map(np.min), table["distance"].map(np.max)
+    return table.assign(**dict(zip(QUANTITIES, columns, strict=True)))
+
+
+def gap(table: pd.DataFrame, quantity: str, cloth: str, other: str) -> np.ndarray:
+    """A column of `foam_control` under Correct minus that under another condition, for each training `[models]`."""
+    foam = table[table["cloth"] == cloth].pivot(index="model", columns="condition", values=quantity)
+    return (foam[CORRECT] - foam[other]).to_numpy()
+
+
+def speed_gains(table: pd.DataFrame) -> np.ndarray:
+    """Peak hand speed with optimised stiffness over that without, minus one, `[foams, models, variants]`."""
+    speeds = [np.stack(table[table["condition"] == name]["peak_hand_speed"]) for name in (CORRECT, FIXED)]
+    return np.divide(*speeds).reshape(len(HELD), -1, len(VARIANTS)) - 1
+
+
+def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
+    """p over time of each foam of `foam_estimation` by one training, from p = 0 on `[T + 1, D_p]`, by a label."""
+    found = table[table["model"] == model].set_index("cloth")["trace"].items()
+    return {f"estimate of {get_cloth(str(cloth)).label}": np.pad(trace, ((1, 0), (0, 0))) for cloth, trace in found}
+
+
+def push_rows(tables: Tables) -> list[Row]:
+    """How much co-contraction changes the stiffness."""
+    areas = tables["stiffness_ellipse"].pivot(index="spring", columns="f_const", values="area")
+    nonlinear, linear = areas.loc["nonlinear"], areas.loc["linear"]
+    return [
+        Row(
+            key="stiffness_ellipse",
+            label="stiffness ellipse: area at 10 N over that at 70 N",
+            value=nonlinear[10] / nonlinear[70],
+            paper="changes greatly",
+            above=2,
+            at_least=5,
+            note=f"with linear springs, 30 N over 70 N: {linear[30] / linear[70]:.2f}",
+        )
     ]
-    return Record(
-        settings=settings,
-        ellipses=tuple(run_jobs(run_ellipse, pushes, what="ellipses", **options)),
-        pca_share=np.array([run_share(settings, k) for k in settings.models]),
-        held_out=tuple(run_jobs(run_held_out, recorded, what="held-out foams", **options)),
-        estimation=tuple(run_jobs(run_estimation, foams, what="foams", **options)),
-        control=tuple(run_jobs(run_control, cases, what="control of foams", **options)),
-    )
 
 
-def merged(settings: Settings, records: Sequence[Record]) -> Record:
-    """One record from those of single trainings, in the order of `settings`, as `run` finds it for all of them."""
-    return Record(
-        settings=settings,
-        ellipses=records[0].ellipses,
-        pca_share=np.concatenate([each.pca_share for each in records]),
-        held_out=tuple(found for each in records for found in each.held_out),
-        estimation=interleaved([each.estimation for each in records]),
-        control=interleaved([each.control for each in records]),
-    )
+def recorded_rows(tables: Tables) -> list[Row]:
+    """How often the nearest trained p is that of the foam in the hand."""
+    table = tables["foam_recorded"]
+    return [
+        Row(
+            key="foam_recorded",
+            label="foams, recordings not trained on: the nearest trained p is the right one",
+            value=100 * (table["nearest"] == table["cloth"]).mean(),
+            unit=" %",
+            at_least=80,
+        )
+    ]
+
+
+def moved_rows(tables: Tables) -> list[Row]:
+    """Whether a foam that was never trained on lies where it belongs."""
+    places = tables["foam_estimation"].query("cloth == 'hard-2'")["place"]
+    return [
+        Row(
+            key="foam_estimation",
+            label=f"hard-2, never trained on, lies between hard-1 and hard-3: trainings of {len(places)}",
+            value=places.between(0, 1, inclusive="neither").sum(),
+            paper="yes",
+            above=len(places) / 2,
+            at_least=4 / 5 * len(places),
+        )
+    ]
+
+
+def control_rows(tables: Tables) -> list[Row]:
+    """Distance and success rate under each condition, and the gain in hand speed, for each foam."""
+    table = tables["foam_control"]
+    return [row for cloth, runs in table.groupby("cloth", sort=False) for row in _foam(str(cloth), runs)]
+
+
+def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
+    by_condition = dict([*runs.groupby("condition", sort=False)])
+    correct, random = (median_best(by_condition[name]["distance"]) for name in (CORRECT, RANDOM))
+    first = by_condition[CORRECT].iloc[0]
+    rates = {name: 100 * by_condition[name]["rate"] for name in CONDITIONS}
+    others = "; ".join(f"{name} {rates[name].mean():.2f} ± {rates[name].std(ddof=0):.2f}" for name in CONDITIONS[1:])
+    free, fixed = (np.array([*by_condition[name]["peak_hand_speed"]]) for name in (CORRECT, FIXED))
+    gain = 100 * (free.mean(axis=0) / fixed.mean(axis=0) - 1)
+    speeds = " / ".join(f"{speed[:, 0].mean():.2f} ± {speed[:, 0].std():.2f}" for speed in (free, fixed))
+    return [
+        Row(
+            key=f"foam_control/{cloth}/distance",
+            label=f"{cloth}: best distance a period, median, Correct over Random",
+            value=correct / random,
+            paper="Correct better",
+            below=1,
+            at_most=0.4,
+            note=f"{correct:.2f} / {random:.2f}; hanging still {first['distance'][0]:.2f}, "
+            f"empty image {first['empty']:.2f}",
+        ),
+        Row(
+            key=f"foam_control/{cloth}/rate",
+            label=f"{cloth}, Correct: steps nearer than {THRESHOLD}",
+            value=rates[CORRECT].mean(),
+            unit=" %",
+            spread=rates[CORRECT].std(ddof=0),
+            paper="higher than all others",
+            note=others,
+        ),
+        Row(
+            key=f"foam_control/{cloth}/speed",
+            label=f"{cloth}: gain in peak hand speed by optimised stiffness over {FIXED_TENSION:.0f} N",
+            value=gain[0],
+            unit=" %",
+            paper="+12 %",
+            note=f"{speeds} m/s; {gain.min():.0f} to {gain.max():.0f} % with other motors and friction",
+        ),
+    ]
+
+
+PAPER_SIZES = {"weights": "muscle-paper"}
+MODELS = range(5)
+ELLIPSE = Experiment("stiffness_ellipse", push, over(spring=SPRINGS, f_const=TENSIONS), seconds=2, rows=push_rows)
+FOAM_RECORDED = Experiment(
+    "foam_recorded",
+    estimate_recorded,
+    over(model=MODELS, number=range(8)),  # as many as EVALUATION has
+    seconds=7,
+    paper=PAPER_SIZES,
+    rows=recorded_rows,
+)
+FOAM_ESTIMATION = Experiment(
+    "foam_estimation",
+    estimate_moved,
+    over(cloth=ESTIMATED, model=MODELS),
+    seconds=4,
+    paper=PAPER_SIZES,
+    rows=moved_rows,
+)
+FOAM_CONTROL = Experiment(
+    "foam_control",
+    control_one,
+    over(condition=CONDITIONS, cloth=HELD, model=MODELS),
+    seconds=9,
+    paper=PAPER_SIZES,
+    rows=control_rows,
+)

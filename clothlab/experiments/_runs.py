@@ -1,0 +1,65 @@
+"""What several experiments need: trained weights, loaded once, and trials on fresh scenes."""
+
+from functools import cache
+
+import numpy as np
+
+from clothlab import artifacts
+from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.learning.trained import Trained
+from clothlab.policies import Policy, RandomPolicy
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.training_configs import RECIPES, recipe_of
+from clothlab.trials import Trial, rollout
+
+RECORDINGS = {arm: RECIPES[f"{arm}-paper"].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
+
+
+@cache
+def trained(name: str) -> Trained:
+    """`artifacts.load`, once in each process."""
+    return artifacts.load(name)
+
+
+@cache
+def _encoded(autoencoder_name: str, recordings: str) -> list[Sequences]:
+    autoencoder, _ = artifacts.load_autoencoder(autoencoder_name)
+    return [to_sequences(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
+
+
+def recorded_runs(learned: Trained) -> list[Sequences]:
+    """The recordings that weights learned from, as their model sees them, encoded once in each process.
+
+    Raises:
+        KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
+    """
+    return [run for name in recipe_of(learned).recordings for run in _encoded(learned.sees_with, name)]
+
+
+def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """A policy on a fresh scene."""
+    env = ClothEnv(arm, cloth)
+    try:
+        return rollout(env, policy, steps, seed=seed)
+    finally:
+        env.close()
+
+
+def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
+    """Random commands on a fresh scene."""
+    return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
+
+
+def estimate_at_random(
+    learned: Trained,
+    cloth: Cloth | str,
+    steps: int,
+    seed: int,
+    settings: EstimationSettings | NewtonSettings | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
+    trial = random_trial(learned.arm.name, cloth, steps, seed)
+    return estimate_bias(learned.model, learned.sequences(trial), settings=settings)

@@ -1,0 +1,323 @@
+"""Does learning from outcomes spread the cloth?
+
+Iterative learning control against the paper's controller, replay of the best recording, and random commands, on both
+arms. All have the same time for each command. A run has 31 periods of 8 steps; the arm swings up in the first, which is
+left out. Distances are in standard deviations of z, and most rows give them over the median of random commands.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab import artifacts
+from clothlab.analysis import LATE, best_per_period, difference_interval, late_median, target_distance
+from clothlab.experiments import ablations
+from clothlab.experiments._grid import PAPER, Case, Experiment, Tables, grid
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import RECORDINGS, recorded_runs, trained
+from clothlab.experiments.oracle import best_possible
+from clothlab.learning.autoencoder import encode
+from clothlab.learning.control import ControlSettings, nearest_plans, recorded_plans
+from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.learning.trained import Trained
+from clothlab.policies import Policy, RandomPolicy, ReplayPolicy
+from clothlab.simulation.cloth import cloth_name
+from clothlab.simulation.env import ClothEnv
+from clothlab.trials import MotionWatch, rollout
+
+LIGHT, HEAVY = cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)
+WRONG = {LIGHT: HEAVY, HEAVY: LIGHT, "hard-1": "soft-1", "soft-1": "hard-1"}  # cloth whose p is the wrong one
+TASKS = (
+    *(("torque", target, cloth) for target in ("target-1", "target-2") for cloth in (LIGHT, HEAVY)),
+    *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
+)
+SAMPLES = 50  # of the hand's motion in each step
+RANDOM, REPLAY, PAPERS = "random", "replay", "paper's controller"
+STARTS, ITERATIVE = "paper's controller, recorded starts", "iterative learning control"
+
+
+def _replay(learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray) -> Policy:
+    """The recorded plan that came nearest with this very cloth, again and again."""
+    runs = [run for run in recorded_runs(learned) if run.material == cloth]
+    plan = nearest_plans(runs, encode(learned.autoencoder, target), count=1)[0]
+    return ReplayPolicy(np.tile(plan, (100, 1)))
+
+
+def _recorded_starts(learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray) -> Policy:
+    trials = artifacts.load_trials(RECORDINGS[learned.sees_with.removesuffix(PAPER)])
+    return learned.controller(target, p, plans=recorded_plans(trials, seed=model))
+
+
+CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, str, int, np.ndarray], Policy]] = {
+    RANDOM: lambda learned, target, cloth, model, p: RandomPolicy(learned.arm),
+    REPLAY: _replay,
+    PAPERS: lambda learned, target, cloth, model, p: learned.controller(target, p),
+    STARTS: _recorded_starts,
+    ITERATIVE: lambda learned, target, cloth, model, p: learned.practice(target, p, recorded_runs(learned)),
+}
+
+
+def run_one(
+    controller: str,
+    p: str,
+    recordings: str,
+    f_const: float | None,
+    arm: str,
+    target: str,
+    cloth: str,
+    model: int,
+    repeat: int,
+    steps: int = 248,
+) -> dict[str, Any]:
+    """One run; the first repeat starts from the arm's home, the others from random postures.
+
+    Args:
+        controller: one of `CONTROLLERS`.
+        p: of the "right" cloth, of the "wrong" one, "zero", "estimated" from the wrong one, of a model without p
+            ("none"), or of one that knows C_damp and C_mass ("known").
+        recordings: that the model learned from, "all" or the "paper's" amount.
+        f_const: tension that every command has to send [N]; None: it is free, or the arm has none.
+        arm: its name.
+        target: name of the image to realise.
+        cloth: name of the cloth in the hand.
+        model: seed of the training.
+        repeat: number of the run.
+        steps: control steps.
+
+    Returns:
+        Distance of the hanging cloth (`still`), `best` distance of each period but the first `[P]` [s.d. of z], highest
+        `hand_speed` in each of these [m/s], distances that iterative learning control `predicted`, and the distance of
+        an estimated p to the right one over that at the start (`bias_ratio`).
+    """
+    learned, mask = _learned(arm, model, p, recordings), artifacts.load_target(target)
+    if f_const is not None:
+        learned = replace(learned, arm=learned.arm.with_stiffness(f_const))
+    right = learned.biases[cloth]
+    start = learned.biases[WRONG[cloth]] if p in ("wrong", "estimated") else right
+    start = np.zeros_like(right) if p == "zero" else start
+    policy = inner = CONTROLLERS[controller](learned, mask, cloth, model, start)
+    if p == "estimated":
+        policy = EstimatingPolicy(inner, BiasEstimator(learned.model, start), learned.autoencoder)
+    env = ClothEnv(arm, cloth)
+    watch = MotionWatch(env)
+    seed = 20_000 + 100 * model + repeat
+    try:
+        trial = rollout(env, policy, steps, seed=seed, random_start=repeat > 0, watch=watch, samples=SAMPLES)
+    finally:
+        env.close()
+    distance, period = target_distance(learned.autoencoder, trial, mask), ControlSettings.period * SAMPLES
+    speed = watch.motion().hand_speed[: steps * SAMPLES // period * period].reshape(-1, period).max(axis=1)
+    found = {
+        "seed": seed,
+        "still": float(distance[0]),
+        "best": best_per_period(distance).round(4),
+        "hand_speed": speed[1:].round(3),
+        "predicted": np.array(getattr(inner, "promises", []), dtype=np.float64).round(4),
+        "bias_ratio": None,
+    }
+    if isinstance(policy, EstimatingPolicy):
+        found["bias_ratio"] = float(np.linalg.norm(policy.trace[-1] - right) / np.linalg.norm(start - right))
+    return found
+
+
+def _learned(arm: str, model: int, p: str, recordings: str) -> Trained:
+    if p in ablations.MODELS:
+        return ablations.train(p, arm, model)
+    return trained(f"{arm}{PAPER if recordings == 'paper' else ''}-{model}")
+
+
+METHODS = (  # controller, p, recordings, f_const, runs for each training: four where a claim stands on it
+    (RANDOM, "right", "all", None, 4),
+    (RANDOM, "right", "paper", None, 1),
+    (REPLAY, "right", "all", None, 1),
+    *((PAPERS, p, "all", None, repeats) for p, repeats in {"right": 4, "zero": 1, "wrong": 4, "none": 1}.items()),
+    (PAPERS, "known", "all", None, 1),
+    (PAPERS, "right", "paper", None, 1),
+    (STARTS, "right", "all", None, 1),
+    *(
+        (ITERATIVE, p, "all", None, n)
+        for p, n in {"right": 4, "zero": 1, "wrong": 4, "estimated": 4, "none": 1}.items()
+    ),
+    (ITERATIVE, "right", "paper", None, 1),
+    (PAPERS, "right", "all", 10.0, 4),
+    (ITERATIVE, "right", "all", 10.0, 4),
+)
+
+
+def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
+    """Every method in every task with every training; foams have no C_damp and C_mass, the torque arm no stiffness."""
+    found = []
+    for (controller, p, recordings, f_const, repeats), (arm, target, cloth) in (
+        (method, task) for method in METHODS for task in TASKS
+    ):
+        if (p == "known" and arm == "muscle") or (f_const is not None and arm == "torque"):
+            continue
+        found += grid(
+            controller=controller,
+            p=p,
+            recordings=recordings,
+            f_const=f_const,
+            arm=arm,
+            target=target,
+            cloth=cloth,
+            model=models,
+            repeat=range(repeats),
+            **same,
+        )
+    return found
+
+
+def over_random(table: pd.DataFrame) -> pd.DataFrame:
+    """Add medians of the last ten periods (`last`) and of all (`all`), and both over random commands on the task."""
+    table = table.assign(
+        last=table["best"].map(late_median),
+        all=table["best"].map(np.median),
+        speed=[speed[LATE].max() for speed in table["hand_speed"]],
+    )
+    keys = ["arm", "target", "cloth", "recordings"]
+    random = table[table["controller"] == RANDOM].groupby(keys)["all"].median().rename("random")
+    table = table.join(random, on=keys)
+    return table.assign(last_ratio=table["last"] / table["random"], all_ratio=table["all"] / table["random"])
+
+
+def select(table: pd.DataFrame, controller: str, p: str = "right", f_const: float | None = None) -> pd.DataFrame:
+    """The runs of one method with what was learned from all recordings."""
+    chosen = (table["controller"] == controller) & (table["p"] == p) & (table["recordings"] == "all")
+    return table[chosen & (table["f_const"].isna() if f_const is None else table["f_const"] == f_const)]
+
+
+def paired(first: pd.DataFrame, second: pd.DataFrame, compare: Callable[[pd.DataFrame], pd.Series]) -> np.ndarray:
+    """Compare runs that have training and start in common: mean over tasks, `[models, repeats]`.
+
+    Args:
+        first: runs of one method, such as `select` gives them.
+        second: those of another.
+        compare: both side by side, with columns such as `last_1` and `last_2` → one number a row.
+    """
+    both = first.merge(second, on=["target", "cloth", "model", "repeat"], suffixes=("_1", "_2"))
+    return both.assign(value=compare(both)).groupby(["model", "repeat"])["value"].mean().unstack().to_numpy()
+
+
+def late_difference(both: pd.DataFrame) -> pd.Series:
+    """How much farther from the target the first of two methods stays, last ten periods, over random commands."""
+    return (both["last_1"] - both["last_2"]) / both["random_1"]
+
+
+def speed_gain(both: pd.DataFrame) -> pd.Series:
+    """Highest hand speed in the last ten periods under the first of two methods over the second's, minus one."""
+    return both["speed_1"] / both["speed_2"] - 1
+
+
+def periods_until(best: np.ndarray, distance: float) -> int:
+    """How many periods a run took until it was as near as `distance` [s.d. of z]; one more than all if never."""
+    near = np.append(np.asarray(best) <= distance, True)
+    return int(near.argmax()) + 2  # the first period is left out of `best`
+
+
+def rows(tables: Tables) -> list[Row]:
+    """Distances of each method, and differences between methods with their intervals."""
+    table = over_random(tables["iterative_control"])
+    return [*_by_target(table), *_by_method(table), *_differences(table), *_beside_oracle(table, tables)]
+
+
+def _by_target(table: pd.DataFrame) -> list[Row]:
+    found = []
+    for target, bound in {"target-1": 0.12, "target-2": 0.1, "muscle": 0.12}.items():
+        ratios = select(table, ITERATIVE).query("target == @target").groupby(["cloth", "model"])["last_ratio"].mean()
+        found.append(
+            Row(
+                key=f"iterative/{target}",
+                label=f"iterative learning control, {target}: last ten periods over random commands, median",
+                value=float(ratios.median()),
+                at_most=bound,
+                note=f"worst training {ratios.groupby('model').median().max():.2f}",
+            )
+        )
+    return found
+
+
+LABELS = {
+    REPLAY: "replay of the recording that came nearest",
+    "right": "right p",
+    "wrong": "wrong p",
+    "zero": "p = 0",
+    "estimated": "estimated p",
+    "none": "model without p",
+    "known": "C_damp and C_mass known (torque arm only)",
+}
+
+
+def _by_method(table: pd.DataFrame) -> list[Row]:
+    found = []
+    for controller, p, recordings, f_const, _ in METHODS:
+        if controller == RANDOM or recordings == "paper" or f_const is not None:
+            continue
+        ratios = select(table, controller, p).groupby(["target", "cloth", "model"])["last_ratio"].mean()
+        name = LABELS.get(controller, f"{controller}, {LABELS[p]}")
+        found.append(
+            Row(
+                key=f"method/{controller}/{p}",
+                label=f"{name}: last ten periods over random commands, median of all tasks",
+                value=float(ratios.median()),
+            )
+        )
+    return found
+
+
+def _differences(table: pd.DataFrame) -> list[Row]:
+    paper, iterative = select(table, PAPERS), select(table, ITERATIVE)
+    pairs = [
+        (f"{PAPERS} minus random commands", paper, select(table, RANDOM), "Correct better"),
+        (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), "Correct better"),
+        (f"{PAPERS} minus the same held at 10 N", paper, select(table, PAPERS, f_const=10.0), "Correct better"),
+        (f"{PAPERS} minus the same without p", paper, select(table, PAPERS, "none"), "–"),
+        (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), "–"),
+    ]
+    found = []
+    for label, first, second, says in pairs:
+        for arm in second["arm"].unique():
+            mean, *interval = difference_interval(paired(first[first["arm"] == arm], second, late_difference))
+            found.append(
+                Row(
+                    key=f"{label}/{arm}",
+                    label=f"{label}, {arm} arm: last ten periods over random commands",
+                    value=mean,
+                    interval=tuple(interval),
+                    paper=says,
+                    below=None if says == "–" else 0.0,
+                )
+            )
+    gains = paired(paper[paper["arm"] == "muscle"], select(table, PAPERS, f_const=10.0), speed_gain)
+    mean, low, high = (100 * each for each in difference_interval(gains))
+    label = f"{PAPERS}: gain in peak hand speed by free stiffness over 10 N"
+    speed = Row(key="speed gain", label=label, value=mean, unit=" %", interval=(low, high), paper="+12 %", above=0.0)
+    return [*found, speed]
+
+
+def _beside_oracle(table: pd.DataFrame, tables: Tables) -> list[Row]:
+    possible = best_possible(tables["oracle"])
+    runs = select(table, ITERATIVE).join(possible.rename("oracle"), on=["target", "cloth"])
+    over = runs["last"].groupby([runs["target"], runs["cloth"], runs["model"]]).mean()
+    over = over / over.index.droplevel("model").map(possible)
+    counts = np.array([periods_until(best, 2 * d) for best, d in zip(runs["best"], runs["oracle"], strict=True)])
+    never = 100 * float(np.mean(counts > len(runs["best"].iloc[0]) + 1))
+    return [
+        Row(
+            key="iterative over oracle",
+            label="iterative learning control: last ten periods over the oracle's, median",
+            value=float(over.median()),
+            at_most=1.5,
+        ),
+        Row(
+            key="periods until twice the oracle",
+            label="iterative learning control: periods until within twice the oracle's distance, median",
+            value=float(np.median(counts)),
+            note=f"never: {never:.0f} %",
+        ),
+    ]
+
+
+CONTROL = Experiment("iterative_control", run_one, cases, seconds=90, slow=True, rows=rows)

@@ -1,0 +1,83 @@
+"""Does iterative learning control realise targets that were not chosen by their results?
+
+Twenty held-out moments of the operator's recordings, and ten drawn shapes. Each has one run of 31 periods.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab import artifacts
+from clothlab.analysis import best_per_period, late_median, target_distance
+from clothlab.experiments._grid import Case, Experiment, Tables
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import new_trial, random_trial, recorded_runs, trained
+from clothlab.learning.autoencoder import iou
+from clothlab.simulation.cloth import cloth_name
+from clothlab.trials import Trial
+
+DRAWN_CLOTH = cloth_name(0.05, 0.10)  # in the hand where the target does not say which
+
+
+def run_one(target: str, model: int, seed: int, weights: str = "torque", steps: int = 248) -> dict[str, Any]:
+    """Iterative learning control beside random commands: best distance and IoU of each period but the first `[P]`."""
+    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
+    cloth = DRAWN_CLOTH if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
+    controlled = new_trial(learned.practice(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed)
+    random = random_trial(learned.arm.name, cloth, steps, seed)
+    distance, by_chance = (target_distance(learned.autoencoder, trial, mask) for trial in (controlled, random))
+    return {
+        "cloth": cloth,
+        "still": float(distance[0]),
+        "best": best_per_period(distance).round(4),
+        "random": best_per_period(by_chance).round(4),
+        "iou": _best_iou(controlled, mask).round(4),
+        "random_iou": _best_iou(random, mask).round(4),
+    }
+
+
+def _best_iou(trial: Trial, mask: np.ndarray) -> np.ndarray:
+    """Largest IoU in each period but the first."""
+    return 1 - best_per_period(1 - iou(trial.images, mask))
+
+
+def cases(sets: Iterable[str] = ("held-out", "drawn"), first: int | None = None, **same: Any) -> list[Case]:
+    """Every target of the sets, or the `first` of each; the five trainings take turns."""
+    names = [name for each in sets for name in list(artifacts.load_targets(each))[:first]]
+    return [{"target": name, "model": k % 5, "seed": 30_000 + k, **same} for k, name in enumerate(names)]
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """Add the target's set, and the last ten periods: over random commands (`ratio`), and IoU (`last_iou`)."""
+    return table.assign(
+        set=table["target"].str.partition("/")[0],
+        ratio=table["best"].map(late_median) / table["random"].map(np.median),
+        last_iou=table["iou"].map(late_median),
+    )
+
+
+def rows(tables: Tables) -> list[Row]:
+    """Medians over targets."""
+    table = summary(tables["target_generalization"])
+    held_out, drawn = (table[table["set"] == name] for name in ("held-out", "drawn"))
+    label = f"{len(held_out)} held-out targets: last ten periods over random commands"
+    return [
+        Row(key="held-out/median", label=f"{label}, median", value=float(held_out["ratio"].median()), at_most=0.2),
+        Row(
+            key="held-out/90",
+            label=f"{label}, 90th percentile",
+            value=float(held_out["ratio"].quantile(0.9)),
+            at_most=0.45,
+        ),
+        Row(
+            key="drawn/iou",
+            label=f"{len(drawn)} drawn shapes: IoU of the best image of a period, last ten periods, median",
+            value=float(drawn["last_iou"].median()),
+            note=f"{drawn['last_iou'].min():.2f} to {drawn['last_iou'].max():.2f}",
+        ),
+    ]
+
+
+TARGETS = Experiment("target_generalization", run_one, cases, seconds=120, slow=True, rows=rows)

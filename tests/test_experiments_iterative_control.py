@@ -1,0 +1,128 @@
+"""The comparison of controllers, and what stands on it: ablations, other targets, amounts of recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from clothlab import artifacts
+from clothlab.experiments import _runs, ablations, sample_complexity, target_generalization
+from clothlab.experiments import iterative_control as ic
+
+TASK = {"arm": "torque", "target": "target-2", "cloth": ic.LIGHT, "model": 0, "repeat": 0, "steps": 24}
+
+
+@pytest.fixture(autouse=True)
+def short_trials(monkeypatch):
+    """The first steps of the recorded trials, also in place of those that are left to `make data`."""
+    whole = artifacts.load_trials
+
+    def short(name, **options):
+        return [trial[:40] for trial in whole(name.removesuffix(artifacts.MORE), **options)]
+
+    monkeypatch.setattr(artifacts, "load_trials", short)
+    _runs._encoded.cache_clear()
+    yield
+    _runs._encoded.cache_clear()
+
+
+@pytest.fixture
+def one_epoch(monkeypatch):
+    whole = ablations.train_dpmpb
+    monkeypatch.setattr(
+        ablations, "train_dpmpb", lambda runs, recipe, **options: whole(runs, replace(recipe, epochs=1), **options)
+    )
+
+
+@pytest.mark.parametrize("controller", ic.CONTROLLERS)
+def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
+    row = ic.run_one(controller, "right", "all", None, **TASK)
+    assert row["best"].shape == row["hand_speed"].shape == (2,)
+    assert (row["hand_speed"] > 0).all()
+    assert len(row["predicted"]) == (3 if controller == ic.ITERATIVE else 0)
+
+
+def test_an_estimated_p_starts_from_the_wrong_one():
+    row = ic.run_one(ic.PAPERS, "estimated", "all", None, **TASK)
+    assert 0 < row["bias_ratio"] != 1
+    assert ic.run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"] is None
+
+
+def test_held_stiffness_is_sent_and_slows_nothing_on_the_torque_arm():
+    assert not any(case["f_const"] for case in ic.cases() if case["arm"] == "torque")
+    assert not any(case["p"] == "known" for case in ic.cases() if case["arm"] == "muscle")
+
+
+def test_repeats_start_from_other_postures():
+    first, second = (ic.run_one(ic.RANDOM, "right", "all", None, **TASK | {"repeat": k}) for k in (0, 1))
+    assert first["still"] != second["still"]
+
+
+def test_without_p_all_materials_are_one(one_epoch):
+    blind = ablations.train("none", "torque", 0)
+    assert blind.model.bias_size == 0
+    assert all(p.shape == (0,) for p in blind.biases.values())
+
+
+def test_known_constants_are_standardised_logarithms(one_epoch):
+    known = ablations.train("known", "torque", 0)
+    p = np.array(list(known.biases.values()))
+    assert np.allclose(p.mean(0), 0, atol=1e-6)
+    assert np.allclose(p.std(0), 1, atol=1e-6)
+    assert known.biases["damp0.03-mass0.05"][0] == known.biases["damp0.03-mass0.15"][0]
+
+
+def a_table(offset):
+    """Two methods on one task: random commands at 2, the paper's controller nearer by `offset` in each run."""
+    rows = []
+    for controller, value in ((ic.RANDOM, 2.0), (ic.PAPERS, 2.0 - offset)):
+        for case in ic.grid(model=range(2), repeat=range(3)):
+            best, speed = np.full(12, value + 0.1 * case["model"]), np.full(12, 1.0)
+            rows.append(
+                {"controller": controller, "p": "right", "recordings": "all", "f_const": np.nan, "arm": "torque"}
+                | {"target": "t", "cloth": "c", "best": best, "hand_speed": speed}
+                | case
+            )
+    return ic.over_random(pd.DataFrame(rows))
+
+
+def test_paired_differences_know_the_offset_and_are_over_random():
+    table = a_table(0.5)
+    differences = ic.paired(ic.select(table, ic.PAPERS), ic.select(table, ic.RANDOM), ic.late_difference)
+    assert differences.shape == (2, 3)
+    assert np.allclose(differences, -0.5 / 2.05)
+
+
+def test_periods_until_counts_the_period_that_is_left_out():
+    assert ic.periods_until(np.array([0.9, 0.4, 0.3]), 0.5) == 3
+    assert ic.periods_until(np.array([0.9, 0.8, 0.7]), 0.5) == 5
+
+
+def test_a_target_is_practised_with_its_own_cloth_and_the_trainings_take_turns():
+    cases = target_generalization.cases(first=3)
+    assert [case["model"] for case in cases] == [0, 1, 2, 3, 4, 0]
+    row = target_generalization.run_one(cases[0]["target"], 0, 30_000, steps=24)
+    assert row["cloth"] in cases[0]["target"]
+    assert row["iou"].shape == row["best"].shape == (2,)
+    assert ((row["iou"] >= 0) & (row["iou"] <= 1)).all()
+
+
+def test_amounts_are_parts_of_the_papers_recordings_or_whole_repeats(monkeypatch):
+    paper = artifacts.load_trials("train")
+    assert sum(map(len, sample_complexity.recordings("torque", 0.5))) * 2 == sum(map(len, paper))
+    assert len(sample_complexity.recordings("torque", 2.0)) == 2 * len(paper)
+    missing = artifacts.load_trials
+    monkeypatch.setattr(artifacts, "load_trials", lambda name, **_: missing(name)[: None if name == "train" else 1])
+    with pytest.raises(FileNotFoundError, match="make data"):
+        sample_complexity.recordings("torque", 2.0)
+
+
+def test_a_small_amount_is_learned_and_measured_from_end_to_end():
+    seen = sample_complexity.run_autoencoder("torque", 1.0, updates=5, moved_steps=20)
+    assert 0 <= seen["iou"] <= 1
+    assert seen["updates_done"] == seen["steps"] // 64  # one whole epoch
+    sizes = {"autoencoder_updates": 5, "updates": 1, "estimation_steps": 15, "control_steps": 16}
+    row = sample_complexity.run_model("torque", 1.0, 0, **sizes)
+    assert row["prediction"] > 0
+    assert row["iterative_last"].shape == row["random"].shape == (2,)
