@@ -115,6 +115,11 @@ def _distance_to(mask: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
 
 
+def focal_length(fovy: float, height: float = 1.0) -> float:
+    """Focal length of a pinhole camera with a vertical field of view [degree], in the unit of the picture's height."""
+    return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))
+
+
 def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: ArrayLike) -> np.ndarray:
     """Where in the world the pixels of a depth image are: a pinhole camera, read backwards.
 
@@ -134,7 +139,7 @@ def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: Array
     check_number("fovy", fovy, above=0, at_most=170)
     position, axes = check_array("position", position, (3,)), check_array("axes", axes, (3, 3))
     height, width = depth.shape
-    focal = 0.5 * height / np.tan(np.deg2rad(fovy) / 2)  # [pixel]
+    focal = focal_length(fovy, height)  # [pixel]
     right = (np.arange(width) + 0.5 - width / 2) / focal
     up = -(np.arange(height) + 0.5 - height / 2) / focal
     rays = np.stack([*np.broadcast_arrays(right, up[:, None]), -np.ones((height, width))], axis=-1)
