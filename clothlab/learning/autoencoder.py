@@ -5,16 +5,16 @@ A cloth mask becomes z, three numbers, and z becomes a mask again (paper, "Netwo
 
 import hashlib
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
-from tqdm.auto import tqdm
 
 from clothlab._validation import Checked, check_array, check_number, dimensions, setting
-from clothlab.learning._training import best_device, training
+from clothlab.learning._training import best_device, fit, training
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks
 
 CHANNELS = (1, 8, 16, 32, 64, 128)  # five 3×3 convolutions of stride 2; the paper does not give their widths
@@ -115,24 +115,17 @@ def _train(
     images: np.ndarray, settings: AutoencoderTraining, device: str, progress: bool
 ) -> tuple[Autoencoder, list[float]]:
     model = Autoencoder().to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    data = torch.as_tensor(images).unsqueeze(1).to(device)
-    batches = len(data) // settings.batch_size
-    optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
-    losses = []
-    bar = tqdm(range(settings.epochs), desc="autoencoder", disable=not progress, unit="epoch")
-    for _ in bar:
-        total = 0.0
-        for index in torch.randperm(len(data))[: batches * settings.batch_size].view(batches, -1):
-            batch = data[index.to(device)].float()
-            loss = nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            total += loss.item()
-        losses.append(total / batches)
-        bar.set_postfix(bce=f"{losses[-1]:.4f}")
+    data, size = torch.as_tensor(images).unsqueeze(1).to(device), settings.batch_size
+
+    def loss(index: Tensor) -> Tensor:
+        batch = data[index.to(device)].float()
+        return nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
+
+    def batches() -> Sequence[Tensor]:
+        return torch.randperm(len(data))[: len(data) // size * size].split(size)
+
+    options = {"epochs": settings.epochs, "learning_rate": settings.learning_rate}
+    losses = list(fit(model.parameters(), loss, batches, **options, bar="autoencoder" if progress else None))
     return model.cpu().eval(), losses
 
 

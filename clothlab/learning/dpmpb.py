@@ -9,10 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
-from tqdm.auto import tqdm
 
 from clothlab._validation import Checked, check_array, check_number, choose, setting
-from clothlab.learning._training import best_device, training
+from clothlab.learning._training import best_device, fit, training
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.simulation.env import Observation
 from clothlab.trials import Trial
@@ -247,28 +246,23 @@ def _train(
     fit_normalisation(model, runs)
     model.to(device)
 
+    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
+
+    def loss(index: Tensor) -> Tensor:
+        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+        return model.loss(predicted, s[index, 1:])
+
+    def batches() -> Sequence[Tensor]:
+        return torch.randperm(len(s), device=device).split(settings.batch_size)
+
     groups: list[dict[str, Any]] = [{"params": model.parameters()}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
-    optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
-    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
-    batches = -(-len(s) // settings.batch_size)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
+    options = {"epochs": settings.epochs, "learning_rate": settings.learning_rate}
     losses, path = [], [p.detach().cpu().numpy().copy()]
-    bar = tqdm(range(settings.epochs), desc="DPMPB", disable=not progress, unit="epoch")
-    for _ in bar:
-        total = 0.0
-        for index in torch.randperm(len(s), device=device).split(settings.batch_size):
-            predicted, _ = model(s[index, :-1], u[index], p[k[index]])
-            loss = model.loss(predicted, s[index, 1:])
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            total += loss.item() * len(index)
-        losses.append(total / len(s))
+    for mean_loss in fit(groups, loss, batches, **options, bar="DPMPB" if progress else None):
+        losses.append(mean_loss)
         path.append(p.detach().cpu().numpy().copy())
-        bar.set_postfix(mse=f"{losses[-1]:.4f}")
     trace = TrainingTrace(np.array(losses), dict(zip(materials_of(runs), np.stack(path, axis=1), strict=True)))
     return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
 
