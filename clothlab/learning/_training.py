@@ -21,6 +21,7 @@ def fit(
     *,
     epochs: int,
     learning_rate: float,
+    fused: bool = True,
     bar: str | None = None,
 ) -> Iterator[float]:
     """Minimise a loss by Adam, whose learning rate falls to zero along a cosine; yields the mean loss of each epoch.
@@ -32,9 +33,10 @@ def fit(
             many; where there are updates and no epochs, each update is an epoch of one batch.
         epochs: how many.
         learning_rate: at the start.
+        fused: one operation updates all parameters; faster, and it rounds differently.
         bar: title of a progress bar; None for none.
     """
-    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=True)
+    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
     schedule = None
     epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
     for _ in epoch_bar:
