@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.learning._training import training
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.dpmpb import LARGEST_SIZE, Sequences, to_sequences
+from clothlab.learning.dpmpb import Sequences, to_sequences
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
@@ -178,9 +178,9 @@ class Regressor(nn.Module):
 
     def __init__(self, state_size: int, command_size: int, hidden_size: int = 64):
         super().__init__()
-        state_size = check_number("state_size", state_size, int, at_least=1, at_most=LARGEST_SIZE)
-        command_size = check_number("command_size", command_size, int, at_least=0, at_most=LARGEST_SIZE)
-        hidden_size = check_number("hidden_size", hidden_size, int, at_least=1, at_most=LARGEST_SIZE)
+        state_size = check_number("state_size", state_size, int, at_least=1)
+        command_size = check_number("command_size", command_size, int, at_least=0)
+        hidden_size = check_number("hidden_size", hidden_size, int, at_least=1)
         self.gru = nn.GRU(state_size + command_size, hidden_size, batch_first=True)
         self.head = nn.Sequential(nn.Linear(hidden_size, hidden_size), nn.Tanh(), nn.Linear(hidden_size, 2))
         for name, size in (("", state_size + command_size), ("label_", 2)):
