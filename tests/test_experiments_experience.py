@@ -122,7 +122,7 @@ def test_the_record_survives_the_round_trip(kept, tmp_path):
 def test_what_is_measured_is_what_the_kept_weights_do(kept, short):
     folder, record = kept
     learned = artifacts.load("torque-x0_5-3", data=folder)
-    assert learned.sees_with == "torque-x0_5"
+    assert learned.autoencoder_name == "torque-x0_5"
     assert experience._prediction(learned) == pytest.approx(record.runs[0].prediction)
     biases = {name: p + 1 for name, p in learned.biases.items()}
     assert experience._prediction(replace(learned, biases=biases)) != pytest.approx(record.runs[0].prediction)

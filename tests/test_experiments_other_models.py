@@ -59,7 +59,7 @@ def test_with_constants_p_is_what_the_cloth_is_made_of(learned, runs):
 def test_the_recipes_other_settings_stay(learned, runs):
     told = with_constants(learned, runs, 0)
     assert len(told.losses) == 1
-    assert told.sees_with == learned.sees_with
+    assert told.autoencoder_name == learned.autoencoder_name
 
 
 def test_retraining_lowers_the_error_on_its_own_runs_and_leaves_the_first_model_alone(learned, runs):

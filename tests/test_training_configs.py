@@ -25,7 +25,7 @@ def test_the_weights_that_the_notebooks_start_from_are_stored():
 def test_a_recipe_is_for_the_arm_whose_weights_it_names(name):
     learned = artifacts.load(f"{name}-0")
     assert learned.arm.name == RECIPES[name].arm == {"table": "muscle-hand"}.get(name, name.removesuffix("-paper"))
-    assert learned.sees_with == sees_with(name)
+    assert learned.autoencoder_name == sees_with(name)
     assert len(learned.losses) == RECIPES[name].model.epochs
     assert recipe_of(learned) is RECIPES[name]
 
@@ -92,7 +92,7 @@ def test_a_robot_that_feels_learns_with_the_eyes_of_one_that_does_not(monkeypatc
     runs = seen_by("torque-feeling")
     train_model("torque-feeling", runs, 0)
     learned = artifacts.load("torque-feeling-0")
-    assert (learned.arm.name, learned.sees_with, learned.model.state_size) == ("torque-feeling", "torque", 9)
+    assert (learned.arm.name, learned.autoencoder_name, learned.model.state_size) == ("torque-feeling", "torque", 9)
     assert recipe_of(learned) is brief
     assert np.array_equal(learned.sequences(trial).s, runs[0].s)  # whichever of the two arms recorded it
     assert (data / "weights/dpmpb-torque-feeling-0.safetensors").is_file()

@@ -88,7 +88,7 @@ def run_one(settings: Settings, target: str, number: int) -> Run:
     """Practise one target, and move at random."""
     learned, mask = trained(f"{settings.weights}-{number % settings.models}"), artifacts.load_target(target)
     cloth = settings.drawn_cloth if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
-    policy = learned.practice(mask, cloth, seen_runs(learned))
+    policy = learned.iterative_controller(mask, cloth, seen_runs(learned))
     seed = settings.first_seed + number
     ours = new_trial(policy, learned.arm, cloth, settings.steps, seed)
     chance = random_trial(learned.arm.name, cloth, settings.steps, seed)

@@ -105,7 +105,7 @@ def from_recorded_starts(learned: Trained, target: np.ndarray, cloth: str) -> Po
 def by_practice(learned: Trained, target: np.ndarray, cloth: str) -> Policy:
     """Practice, which begins with plans of the paper's recordings: the same ones for all amounts."""
     runs = [learned.sequences(trial) for trial in artifacts.load_trials(ARMS[learned.arm.name].trials)]
-    return learned.practice(target, cloth, runs)
+    return learned.iterative_controller(target, cloth, runs)
 
 
 METHODS: dict[str, Method] = {  # who controls: another `Method` in a line of its own joins the experiment

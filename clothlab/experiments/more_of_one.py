@@ -124,7 +124,7 @@ def train_one(settings: Settings, extra: str, model: int, folder: Path) -> None:
         network, biases, trace = train_dpmpb(
             [*seen_runs(learned), *more], recipe_of(learned).model, seed=model, progress=False
         )
-        kept = Trained(name, learned.arm, learned.autoencoder, network, biases, trace.losses, learned.sees_with)
+        kept = Trained(name, learned.arm, learned.autoencoder, network, biases, trace.losses, learned.autoencoder_name)
         artifacts.save(kept, data=folder)
 
     matters = {each: getattr(settings, each) for each in ("weights", "repeats", "recorded_steps", "recorded_seed")}
@@ -165,7 +165,7 @@ def run(
     together: dict[str, Any] = {"workers": workers, "progress": progress}
     jobs = [(settings, extra, *job, folder) for extra, job in product(settings.extra, _recordings(settings))]
     run_jobs(record_one, jobs, what="recordings", **together)
-    eye = trained(f"{settings.weights}-{settings.models[0]}").sees_with
+    eye = trained(f"{settings.weights}-{settings.models[0]}").autoencoder_name
     artifacts.save_autoencoder(*artifacts.load_autoencoder(eye), eye, data=folder)  # weights are kept beside theirs
     to_train = [(settings, *pair, folder) for pair in product(settings.extra, settings.models)]
     run_jobs(train_one, to_train, what="trainings", **together)

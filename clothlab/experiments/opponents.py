@@ -17,7 +17,7 @@ from clothlab.learning._training import training
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlPolicy, Loss, Predict
 from clothlab.learning.dpmpb import DPMPB, Sequences, observe
-from clothlab.learning.frozen import FrozenEnsemble
+from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.policies import Policy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import Observation
@@ -82,27 +82,30 @@ class MeanLossPolicy(ControlPolicy):
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, with all members' memories."""
         super().reset(seed)
-        self._memories = self._ensemble.initial_memory()
+        self._memories = [self.model.initial_memory()] * len(self._models)
 
     def set_bias(self, p: ArrayLike) -> None:
         """Use another parametric bias `[D_p]` for the first model."""
         super().set_bias(p)
         models, biases = zip((self.model, self._p), *self._members, strict=True)
-        self._ensemble = FrozenEnsemble(models, biases)
+        self._models = list(map(FastDPMPB, models, biases))
 
     def _follow(self, observation: Observation) -> Tensor:
         if self._last is not None:
-            self._memories = self._ensemble.follow(*self._last, self._memories)
+            self._memories = [each.follow(*self._last, m) for each, m in zip(self._models, self._memories, strict=True)]
         self._s = super()._follow(observation)
         return self._s
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
         """Descend the mean loss."""
 
+        def each(u: Tensor) -> Tensor:
+            return torch.stack([f(self._s, u, m) for f, m in zip(self._models, self._memories, strict=True)])
+
         def mean(states: Tensor) -> Tensor:
             return loss(states.flatten(0, 1)).unflatten(0, states.shape[:2]).mean(0)
 
-        return super().search(lambda u: self._ensemble(self._s, u, self._memories), mean, start)
+        return super().search(each, mean, start)
 
 
 @dataclass(frozen=True)

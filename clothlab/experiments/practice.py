@@ -105,7 +105,7 @@ def seen_runs(learned: Trained) -> list[Sequences]:
     Raises:
         KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
     """
-    recordings, how = recipe_of(learned).recordings, (learned.sees_with, learned.arm.name)
+    recordings, how = recipe_of(learned).recordings, (learned.autoencoder_name, learned.arm.name)
     return [run for name in recordings for run in _seen(*how, name)]
 
 
@@ -144,7 +144,7 @@ def _ensemble(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy
 
 
 def _practice(learned: Trained, case: Case, model: int, p: np.ndarray) -> Policy:
-    return learned.practice(_target(case), p, seen_runs(learned))
+    return learned.iterative_controller(_target(case), p, seen_runs(learned))
 
 
 @cache
@@ -196,7 +196,7 @@ METHODS = {
 
 def aim(method: str, learned: Trained, target: str, cloth: str) -> Policy:
     """Who moves one of the nine cloths towards a target with the right p, by the name of the method."""
-    case = Case(learned.sees_with, target, cloth, cloth)
+    case = Case(learned.autoencoder_name, target, cloth, cloth)
     return METHODS[method].make(learned, case, 0, learned.biases[cloth])
 
 
@@ -317,7 +317,9 @@ def trained_here(make: Maker, arm: str, model: int, folder: Path) -> Trained:
     name = f"{make.__name__}-{stored.name}"
 
     def train() -> str:
-        artifacts.save_autoencoder(*artifacts.load_autoencoder(stored.sees_with), stored.sees_with, data=folder)
+        artifacts.save_autoencoder(
+            *artifacts.load_autoencoder(stored.autoencoder_name), stored.autoencoder_name, data=folder
+        )
         artifacts.save(replace(make(stored, seen_runs(stored), model), name=name), data=folder)
         return name
 

@@ -216,7 +216,7 @@ def run_one(settings: Settings, calibration: Calibration, name: str, model: int,
 
 def _look(estimator: Estimator, calibration: Calibration) -> tuple[Any, ...]:
     """What is known of an estimate now, in the order of `Run`."""
-    doubt, bare = calibration.doubt(estimator), estimator.covariance
+    doubt, bare = calibration.report(estimator), estimator.covariance
     if doubt is None or bare is None:
         raise ValueError("too little was seen to say how sure the estimate is")
     return estimator.p, bare, *doubt

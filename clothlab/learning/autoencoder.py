@@ -98,8 +98,8 @@ def train_autoencoder(
         def batches() -> Sequence[Tensor]:
             return torch.randperm(len(data))[: len(data) // size * size].split(size)
 
-        options = {"epochs": settings.epochs, "learning_rate": settings.learning_rate}
-        losses = list(fit(model.parameters(), loss, batches, **options, bar="autoencoder" if progress else None))
+        bar = "autoencoder" if progress else None
+        losses = list(fit(model.parameters(), loss, batches, settings.epochs, settings.learning_rate, bar=bar))
     return model.cpu().eval(), losses
 
 

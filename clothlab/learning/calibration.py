@@ -26,13 +26,13 @@ LENGTHS = (50, 100, 200)  # steps after which a calibration looks
 def inside(p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
     """Whether p `[D_p]` lies in the ellipse that a normal distribution fills with this share."""
     gap = np.asarray(p) - np.asarray(centre)
-    return bool(gap @ np.linalg.solve(covariance, gap) <= _radius(share, len(gap)) ** 2)
+    return bool(gap @ np.linalg.solve(np.asarray(covariance), gap) <= _radius(share, len(gap)) ** 2)
 
 
 def outline(centre: ArrayLike, covariance: ArrayLike, share: float = SHARE, points: int = 48) -> np.ndarray:
     """The edge of that ellipse in a plane, `[points, 2]`, its last point the first."""
     angle = np.linspace(0, 2 * np.pi, points)
-    lengths, axes = np.linalg.eigh(covariance)
+    lengths, axes = np.linalg.eigh(np.asarray(covariance))
     halves = axes * np.sqrt(lengths.clip(0))
     return np.asarray(centre) + _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)]) @ halves.T
 

@@ -284,7 +284,7 @@ class ControlPolicy(PlanningPolicy):
         return self._last is not None and self._t % self.settings.period == 0
 
     def _follow(self, observation: Observation) -> Tensor:
-        """Encode the state; memory follows what was observed, not what was predicted, and the plan moves one step on."""
+        """Encode the state; memory follows what was observed, not what was predicted; the plan moves on."""
         if self._last is not None:
             self._memory = self._predict.follow(*self._last, self._memory)
             self._u = torch.cat([self._u[1:], self._u[-1:]])  # the warm start; its last command twice

@@ -227,9 +227,8 @@ def _train(
     groups: list[dict[str, Any]] = [{"params": model.parameters()}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
-    options = {"epochs": settings.epochs, "learning_rate": settings.learning_rate}
-    losses, path = [], [p.detach().cpu().numpy().copy()]
-    for mean_loss in fit(groups, loss, batches, **options, bar="DPMPB" if progress else None):
+    losses, path, bar = [], [p.detach().cpu().numpy().copy()], "DPMPB" if progress else None
+    for mean_loss in fit(groups, loss, batches, settings.epochs, settings.learning_rate, bar=bar):
         losses.append(mean_loss)
         path.append(p.detach().cpu().numpy().copy())
     return losses, path
