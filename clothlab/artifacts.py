@@ -96,7 +96,7 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
 
 def save(trained: Trained, *, data: Folder = None) -> None:
     """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
-    about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
+    about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.autoencoder_name}
     about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
     p = check_array("p", list(trained.biases.values()), ("K", trained.model.bias_size), np.float32)
     _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=trained.losses, p=p)

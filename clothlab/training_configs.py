@@ -78,7 +78,7 @@ def recipe_of(learned: Trained) -> Recipe:
         KeyError: an arm and an autoencoder that no recipe has together; the message lists the choices.
     """
     pairs = {f"{recipe.arm} with {sees_with(name)}": recipe for name, recipe in RECIPES.items()}
-    return choose("recipe", f"{learned.arm.name} with {learned.sees_with}", pairs)
+    return choose("recipe", f"{learned.arm.name} with {learned.autoencoder_name}", pairs)
 
 
 def train_eyes(name: str, recipe: Recipe | None = None, *, progress: bool = False) -> None:
@@ -129,5 +129,7 @@ def train_model(
     recipe, eyes = recipe or choose("recipe", name, RECIPES), sees_with(name)
     autoencoder, _ = artifacts.load_autoencoder(eyes)
     model, biases, trace = train_dpmpb(runs, recipe.model, seed=seed, progress=progress)
-    learned = Trained(f"{name}-{seed}", get_arm(recipe.arm), autoencoder, model, biases, trace.losses, sees_with=eyes)
+    learned = Trained(
+        f"{name}-{seed}", get_arm(recipe.arm), autoencoder, model, biases, trace.losses, autoencoder_name=eyes
+    )
     artifacts.save(learned)

@@ -89,7 +89,7 @@ def test_weights_survive_the_round_trip(data, trained, trial):
     assert not torch.allclose(read.model(s, u, p)[0], DPMPB(7, 2)(s, u, p)[0])
     assert {name: p.tolist() for name, p in read.biases.items()} == {"a": [1.0, 2.0], "b": [-1.0, 0.5]}
     assert read.losses == pytest.approx([0.3, 0.2])
-    assert (read.name, read.arm, read.sees_with) == ("torque-0", trained.arm, "torque")
+    assert (read.name, read.arm, read.autoencoder_name) == ("torque-0", trained.arm, "torque")
     for network in (read.model, read.autoencoder):
         assert not network.training
         assert not any(parameter.requires_grad for parameter in network.parameters())

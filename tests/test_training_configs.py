@@ -24,7 +24,7 @@ def test_the_weights_that_the_notebooks_start_from_are_stored():
 def test_a_recipe_is_for_the_arm_whose_weights_it_names(name):
     learned = artifacts.load(f"{name}-0")
     assert learned.arm.name == RECIPES[name].arm == {"table": "muscle-hand"}.get(name, name.removesuffix("-paper"))
-    assert learned.sees_with == sees_with(name)
+    assert learned.autoencoder_name == sees_with(name)
     assert len(learned.losses) == RECIPES[name].model.epochs
     assert recipe_of(learned) is RECIPES[name]
 

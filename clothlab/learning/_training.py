@@ -18,9 +18,9 @@ def fit(
     parameters: Iterable[Any],
     loss: Callable[[Tensor], Tensor],
     batches: Callable[[], Sequence[Tensor]],
-    *,
     epochs: int,
     learning_rate: float,
+    *,
     fused: bool = True,
     bar: str | None = None,
 ) -> Iterator[float]:
