@@ -286,7 +286,7 @@ def test_a_cloth_that_cannot_be_simulated_is_refused_and_the_one_before_goes_on(
     session.step()
     before, state = session.env.cloth, session.env.data.qpos.copy()
     with pytest.raises(SimulationError, match=r"too light or too stiff .* \(0.05, 0.10\) stays in the hand"):
-        session.set_material(0.05, 1e-4)
+        session.set_material(0.05, 2e-3)
     assert session.env.cloth == before
     assert np.array_equal(session.env.data.qpos, state)
     assert session.step().step == 2
@@ -326,7 +326,7 @@ def test_a_p_that_the_model_cannot_use_changes_nothing(session, p):
 def test_a_stiffness_out_of_range_changes_nothing(session, f_const):
     session.set_arm("muscle")
     session.set_tension(40.0)
-    with pytest.raises(ValueError, match=r"a command|outside"):
+    with pytest.raises(ValueError, match=r"f_const|outside"):
         session.set_tension(f_const)
     assert session.tension == 40.0
     assert session.step().command[2] == 40.0

@@ -109,7 +109,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "hold": (lambda cloth: scene().hold(cloth), {"cloth": "damp0.05-mass0.10"}),
     "reset": (lambda seed: scene().reset(seed=seed), {"seed": 3}),
     "step": (lambda action: scene().step(action), {"action": THETA}),
-    "camera_picture": (lambda **given: scene().camera_picture(**given), {"height": 48, "width": 64, "view": "camera"}),
+    "camera_picture": (lambda **given: scene().camera_picture(**given), {"height": 48, "width": 64}),
     "rollout": (
         lambda **given: trials.rollout(scene(), policies.RandomPolicy("torque"), **given),
         {"steps": 1, "seed": 0, "samples": 5},

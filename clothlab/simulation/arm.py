@@ -190,7 +190,17 @@ class Arm(Checked, ABC):
             )
             parent = body
         self._add_actuators(spec)
-        hand = _add_hand(parent, [self.link_length, 0, 0], self.bar_length)
+        hand = parent.add_body(name="hand", pos=[self.link_length, 0, 0])
+        hand.add_geom(  # the bar across, to which the first row of the cloth is tied
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0, -self.bar_length / 2, 0, 0, self.bar_length / 2, 0],
+            size=[BAR_RADIUS, 0, 0],
+            mass=0.05,
+            rgba=_BAR_RGBA,
+            contype=0,
+            conaffinity=0,
+        )
+        hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
         return hand, SHOULDER_POSITION + np.array([2 * self.link_length, 0, 0])
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
@@ -375,19 +385,3 @@ def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
     if np.abs(u - nearest).max() > 1e-6:
         raise ValueError(f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; use numpy.clip")
     return nearest
-
-
-def _add_hand(parent: mujoco.MjsBody, position: ArrayLike, bar_length: float) -> mujoco.MjsBody:
-    """A hand with a bar across, to which the first row of the cloth is tied."""
-    hand = parent.add_body(name="hand", pos=position)
-    hand.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, -bar_length / 2, 0, 0, bar_length / 2, 0],
-        size=[BAR_RADIUS, 0, 0],
-        mass=0.05,
-        rgba=_BAR_RGBA,
-        contype=0,
-        conaffinity=0,
-    )
-    hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
-    return hand

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_number, choose, setting
+from clothlab._validation import Checked, check_number, setting
 from clothlab.simulation import vision
 from clothlab.simulation.arm import Arm, Camera, check_command, get_arm
 from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
@@ -76,16 +76,11 @@ class ClothEnv(gymnasium.Env):
 
     * action: the command `u`, `[D_u]`, in the arm's units; `env.arm.command_names` names them.
     * observation: `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`.
-    * reward: always 0. The paper's method has none. An episode never ends by itself.
-
-    Args:
-        arm: an arm or its name.
-        cloth: a cloth or its name.
-        scene: time step and start.
+    * reward: always 0; the paper's method has none. An episode never ends by itself.
 
     Attributes:
-        arm: the arm.
-        cloth: the cloth in its hand.
+        arm: the arm; `ClothEnv` takes an arm or its name.
+        cloth: the cloth in its hand; likewise.
         scene: time step and start.
         model: MuJoCo's model of the scene.
         data: MuJoCo's state of the scene.
@@ -210,12 +205,11 @@ class ClothEnv(gymnasium.Env):
     ) -> np.ndarray:
         """What the camera sees, `[height, width, 3]` uint8; or how far away that is, `[height, width]` float32 [m].
 
-        A `view` is the name of a camera of the scene, or one that is placed for this picture. A ValueError if the
-        picture is larger than `scene.picture_size`.
+        A `view` is another camera of the scene by its name, or one placed for this picture. A ValueError if the picture
+        is larger than `scene.picture_size`.
         """
-        if not isinstance(view, mujoco.MjvCamera):
-            view = choose("camera", view, {self.model.camera(k).name: k for k in range(self.model.ncam)})
-        (renderer := self.renderer(height, width)).update_scene(self.data, view)
+        renderer = self.renderer(height, width)
+        renderer.update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
         try:
