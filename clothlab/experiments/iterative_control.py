@@ -229,7 +229,7 @@ def _by_target(table: pd.DataFrame) -> list[Row]:
         ratios = select(table, ITERATIVE).query("target == @target").groupby(["cloth", "model"])["last_ratio"].mean()
         found.append(
             Row(
-                key=f"iterative/{target}",
+                key=f"iterative_control/{target}",
                 label=f"iterative learning control, {target}: last ten periods over random commands, median",
                 value=float(ratios.median()),
                 at_most=bound,
@@ -239,29 +239,30 @@ def _by_target(table: pd.DataFrame) -> list[Row]:
     return found
 
 
-LABELS = {
-    REPLAY: "replay of the recording that came nearest",
-    "right": "right p",
-    "wrong": "wrong p",
+VARIANTS = {
     "zero": "p = 0",
+    "wrong": "wrong p",
     "estimated": "estimated p",
-    "none": "model without p",
-    "known": "C_damp and C_mass known (torque arm only)",
+    "none": "without p",
+    "known": "C_damp and C_mass known, torque arm only",
 }
 
 
 def _by_method(table: pd.DataFrame) -> list[Row]:
+    def ratio(controller: str, p: str) -> float:
+        runs = select(table, controller, p)
+        return float(runs.groupby(["target", "cloth", "model"])["last_ratio"].mean().median())
+
     found = []
-    for controller, p, recordings, f_const, _ in METHODS:
-        if controller == RANDOM or recordings == "paper" or f_const is not None:
-            continue
-        ratios = select(table, controller, p).groupby(["target", "cloth", "model"])["last_ratio"].mean()
-        name = LABELS.get(controller, f"{controller}, {LABELS[p]}")
+    for controller in (REPLAY, PAPERS, STARTS, ITERATIVE):
+        tried = {p for name, p, *_ in METHODS if name == controller}
+        others = [f"{label} {ratio(controller, p):.2f}" for p, label in VARIANTS.items() if p in tried]
         found.append(
             Row(
-                key=f"method/{controller}/{p}",
-                label=f"{name}: last ten periods over random commands, median of all tasks",
-                value=float(ratios.median()),
+                key=f"iterative_control/{controller}",
+                label=f"{controller}: last ten periods over random commands, median of all tasks",
+                value=ratio(controller, "right"),
+                note="; ".join(others),
             )
         )
     return found
@@ -273,7 +274,6 @@ def _differences(table: pd.DataFrame) -> list[Row]:
         (f"{PAPERS} minus random commands", paper, select(table, RANDOM), "Correct better"),
         (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), "Correct better"),
         (f"{PAPERS} minus the same held at 10 N", paper, select(table, PAPERS, f_const=10.0), "Correct better"),
-        (f"{PAPERS} minus the same without p", paper, select(table, PAPERS, "none"), "–"),
         (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), "–"),
     ]
     found = []
@@ -282,7 +282,7 @@ def _differences(table: pd.DataFrame) -> list[Row]:
             mean, *interval = difference_interval(paired(first[first["arm"] == arm], second, late_difference))
             found.append(
                 Row(
-                    key=f"{label}/{arm}",
+                    key=f"iterative_control/{label}/{arm}",
                     label=f"{label}, {arm} arm: last ten periods over random commands",
                     value=mean,
                     interval=tuple(interval),
@@ -293,7 +293,15 @@ def _differences(table: pd.DataFrame) -> list[Row]:
     gains = paired(paper[paper["arm"] == "muscle"], select(table, PAPERS, f_const=10.0), speed_gain)
     mean, low, high = (100 * each for each in difference_interval(gains))
     label = f"{PAPERS}: gain in peak hand speed by free stiffness over 10 N"
-    speed = Row(key="speed gain", label=label, value=mean, unit=" %", interval=(low, high), paper="+12 %", above=0.0)
+    speed = Row(
+        key="iterative_control/speed",
+        label=label,
+        value=mean,
+        unit=" %",
+        interval=(low, high),
+        paper="+12 %",
+        above=0.0,
+    )
     return [*found, speed]
 
 
@@ -306,13 +314,13 @@ def _beside_oracle(table: pd.DataFrame, tables: Tables) -> list[Row]:
     never = 100 * float(np.mean(counts > len(runs["best"].iloc[0]) + 1))
     return [
         Row(
-            key="iterative over oracle",
+            key="iterative_control/oracle",
             label="iterative learning control: last ten periods over the oracle's, median",
             value=float(over.median()),
             at_most=1.5,
         ),
         Row(
-            key="periods until twice the oracle",
+            key="iterative_control/periods",
             label="iterative learning control: periods until within twice the oracle's distance, median",
             value=float(np.median(counts)),
             note=f"never: {never:.0f} %",

@@ -20,6 +20,12 @@ README = (  # keys of the README's rows
     "stiffness_ellipse",
     "foam_estimation",
     "foam_control/hard-1/distance",
+    "iterative_control/paper's controller minus the same with a wrong p/torque",
+    "iterative_control/paper's controller minus the same held at 10 N/muscle",
+    "iterative_control/speed",
+    "iterative_control/iterative learning control",
+    "table_setting/success",
+    "table_setting/difference",
 )
 HERE, BESIDE = "here", "here, from the paper's amount of recordings"
 

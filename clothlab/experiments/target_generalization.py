@@ -64,15 +64,20 @@ def rows(tables: Tables) -> list[Row]:
     held_out, drawn = (table[table["set"] == name] for name in ("held-out", "drawn"))
     label = f"{len(held_out)} held-out targets: last ten periods over random commands"
     return [
-        Row(key="held-out/median", label=f"{label}, median", value=float(held_out["ratio"].median()), at_most=0.2),
         Row(
-            key="held-out/90",
+            key="target_generalization/held-out/median",
+            label=f"{label}, median",
+            value=float(held_out["ratio"].median()),
+            at_most=0.2,
+        ),
+        Row(
+            key="target_generalization/held-out/90",
             label=f"{label}, 90th percentile",
             value=float(held_out["ratio"].quantile(0.9)),
             at_most=0.45,
         ),
         Row(
-            key="drawn/iou",
+            key="target_generalization/drawn/iou",
             label=f"{len(drawn)} drawn shapes: IoU of the best image of a period, last ten periods, median",
             value=float(drawn["last_iou"].median()),
             note=f"{drawn['last_iou'].min():.2f} to {drawn['last_iou'].max():.2f}",

@@ -113,3 +113,33 @@ def experience(record):
 def tables(name, record):
     """Rows of the tables that a record became."""
     return globals()[name](record)
+
+
+_OLD = "{}: last ten periods over Random's (95 %)"
+FIGURES = {
+    "iterative_control/speed": "gradient over gradient, without stiffness, muscle arm: gain in peak hand speed (95 %)",
+    "iterative_control/oracle": "practice: last ten periods over what search on the true simulator finds, median",
+    "iterative_control/periods": "practice: periods until within twice the possible, median",
+    "iterative_control/replay": "replay of the best recorded stretch, all cases: the same, last ten periods, median",
+    "iterative_control/paper's controller": "gradient, all cases: the same, last ten periods, median",
+    "iterative_control/paper's controller, recorded starts": "gradient, recorded starts, all cases: the same, "
+    "last ten periods, median",
+    "iterative_control/iterative learning control": "practice, all cases: the same, last ten periods, median",
+    "target_generalization/held-out/median": "practice, 20 held-out targets: last ten periods over Random's, median",
+    "target_generalization/held-out/90": "practice, 20 held-out targets: last ten periods over Random's, "
+    "90th percentile",
+    "target_generalization/drawn/iou": "practice, 10 drawn shapes: IoU of the best frame of a period, median of the "
+    "last ten",
+}
+for _target, _hands in {"target-1": "both cloths", "target-2": "both cloths", "muscle": "both foams"}.items():
+    FIGURES[f"iterative_control/{_target}"] = (
+        f"practice, {_target}, {_hands}: best distance a period over Random's, last ten periods, median"
+    )
+for _arm in ("torque", "muscle"):
+    for _new, _before in {
+        "paper's controller minus random commands": "gradient minus random",
+        "paper's controller minus the same with a wrong p": "gradient minus gradient, wrong p",
+        "paper's controller minus the same held at 10 N": "gradient minus gradient, without stiffness",
+        "iterative learning control minus the same with a wrong p": "practice minus practice, wrong p",
+    }.items():
+        FIGURES[f"iterative_control/{_new}/{_arm}"] = _OLD.format(f"{_before}, {_arm} arm")
