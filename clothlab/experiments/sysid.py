@@ -179,6 +179,5 @@ def train_regressor(
         def batches() -> list[Tensor]:
             return [torch.randperm(len(runs))[:BATCH]]
 
-        options = {"epochs": updates, "learning_rate": learning_rate, "fused": False}
-        losses = [*fit(model.parameters(), loss, batches, **options)]
+        losses = [*fit(model.parameters(), loss, batches, updates, learning_rate, fused=False)]
     return model.eval().requires_grad_(False), np.array(losses)

@@ -12,7 +12,7 @@ from clothlab.learning.control import ControlPolicy, ControlSettings
 from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.learning.iterative import IterativeLearningPolicy, IterativeLearningSettings
 from clothlab.simulation.arm import Arm, StateLayout
-from clothlab.trials import Trial, sensed_by
+from clothlab.trials import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Trained:
 
     def sequences(self, trial: Trial) -> Sequences:
         """States and commands of a recorded trial, as the model sees them."""
-        return to_sequences(self.autoencoder, sensed_by(trial, self.arm))
+        return to_sequences(self.autoencoder, trial)
 
     def controller(
         self,
