@@ -202,7 +202,7 @@ def test_a_table_keeps_words_arrays_and_what_is_not_there(counted, tmp_path):
     assert "[0.1, 1.0]" in (tmp_path / "results" / "counted.csv").read_text()
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EXPERIMENTS, "counted", experiment)
-        both = experiments.recompute("counted", number=1, data=tmp_path)
+        both = experiments.recompute("counted", number=1, word=None, data=tmp_path)
     same(both.loc[["stored"]], both.loc[["here"]])
 
 

@@ -114,7 +114,7 @@ class Experiment:
         for column, value in which.items():
             if column not in self.keys:
                 raise ValueError(f"{self.name} has no {column!r}; choose by {', '.join(self.keys)}")
-            table = table[table[column] == value]
+            table = table[table[column].isna() if value is None else table[column] == value]
         if len(table) != 1:
             varied = [key for key in self.keys if table[key].nunique() > 1] if len(table) else self.keys
             choices = f":\n{table[varied].head(20).to_string(index=False)}" if len(table) else ""
