@@ -70,9 +70,10 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
     newton, looks = NewtonEstimator(learned.model), []
     for t, step in enumerate(zip(run.s, run.u, strict=True), start=1):
         newton.update(*step)
-        if t in LENGTHS:
-            looks.append((newton.p, newton.covariance, *calibration.doubt(newton)))
-    estimate, bare, covariance, _, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
+        doubt: Any = calibration.doubt(newton) if t in LENGTHS else None
+        if doubt:
+            looks.append((newton.p, newton.covariance, doubt.covariance, doubt.unfamiliar, doubt.outside))
+    estimate, bare, covariance, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
     return {
         "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),
         "nearest": nearest_material(newton.p, learned.biases),

@@ -135,7 +135,7 @@ def _prediction_noise() -> Noise:
 
 def information(table: pd.DataFrame, sensors: str) -> np.ndarray:
     """F in one of `SENSOR_SETS` `[rows, N, 2, 2]`: a sum, since the noises of sensors are independent."""
-    return sum(np.stack([*table[each]]) for each in choose("set of sensors", sensors, SENSOR_SETS))
+    return np.sum([np.stack([*table[each]]) for each in choose("set of sensors", sensors, SENSOR_SETS)], axis=0)
 
 
 def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:

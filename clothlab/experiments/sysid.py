@@ -179,6 +179,6 @@ def train_regressor(
         def batches() -> list[Tensor]:
             return [torch.randperm(len(runs))[:BATCH]]
 
-        options = {"epochs": updates, "learning_rate": learning_rate, "fused": False}
-        losses = [*fit(model.parameters(), loss, batches, **options)]
-    return model.eval().requires_grad_(False), np.array(losses)
+        losses = fit(model.parameters(), loss, batches, epochs=updates, learning_rate=learning_rate, fused=False)
+        trace = np.array([*losses])
+    return model.eval().requires_grad_(False), trace
