@@ -70,11 +70,11 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
     newton, looks = NewtonEstimator(learned.model), []
     for t, step in enumerate(zip(run.s, run.u, strict=True), start=1):
         newton.update(*step)
-        if t in LENGTHS:
-            report = calibration.report(newton)
-            assert report is not None  # after so many steps there is one
-            looks.append((newton.p, newton.covariance, *report))
-    estimate, bare, covariance, _, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
+        report = calibration.report(newton) if t in LENGTHS else None
+        if report:
+            judged = (report.covariance, report.out_of_distribution, report.outside_hull)
+            looks.append((newton.p, newton.covariance, *judged))
+    estimate, bare, covariance, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
     return {
         "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),
         "nearest": nearest_material(newton.p, learned.biases),
