@@ -7,7 +7,7 @@ BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test notebooks browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test notebooks browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -31,6 +31,9 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
+
+budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they may be at most
+	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep ' of '
 
 test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	$(BIN)/pytest -m slow -rs --numprocesses=auto

@@ -23,35 +23,8 @@ import ctypes.util
 import importlib
 import os
 import sys
-from types import ModuleType
 
-__all__ = [
-    "analysis",
-    "artifacts",
-    "checks",
-    "datasets",
-    "experiments",
-    "lab",
-    "learning",
-    "plots",
-    "policies",
-    "simulation",
-    "table_scene",
-    "training_configs",
-    "trials",
-]
 __version__ = "0.2.0"
-
-
-def __getattr__(name: str) -> ModuleType:
-    """Import a module when it is first asked for: `import clothlab; clothlab.simulation.env.ClothEnv()`."""
-    if name in __all__:
-        return importlib.import_module(f"{__name__}.{name}")
-    raise AttributeError(f"clothlab has no {name!r}; it has {', '.join(__all__)}")
-
-
-def __dir__() -> list[str]:
-    return [*globals(), *__all__]
 
 
 def _choose_opengl() -> None:

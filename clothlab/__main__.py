@@ -18,7 +18,7 @@ ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
 
 
 def check_versions() -> list[str]:
-    """Compare what is installed with what `environment.txt` pins; return one line of advice for each difference."""
+    """Compare installed packages with `environment.txt`; return one line of advice for each difference."""
     shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
     print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
@@ -61,7 +61,7 @@ def check_files() -> list[str]:
         folder, verdict = data_folder(), check_data()
     except FileNotFoundError as error:
         return [str(error)]
-    counts = Counter(ok=0)  # the first to be said
+    counts = Counter(ok=0)  # named first
     counts.update(verdict.values())
     print(f"data      {folder}: " + ", ".join(f"{number} {word}" for word, number in counts.items()))
     if not verdict:
@@ -75,7 +75,7 @@ def check_files() -> list[str]:
 
 
 def doctor() -> int:
-    """Print what this machine has, and for whatever is wrong the line that mends it. Returns the exit status."""
+    """Print versions, drawing speed and state of the data, and a line of advice for each fault; the exit status."""
     advice = check_versions() + check_drawing() + check_files()
     for line in advice:
         print(f"  ✗ {line}")
@@ -98,7 +98,11 @@ def main() -> int:
         parser.error(f"{arguments.command} takes no options")
     if arguments.command == "doctor":
         return doctor()
-    write_checksums()
+    try:
+        write_checksums()
+    except OSError as error:
+        print(f"  ✗ {error}", file=sys.stderr)
+        return 1
     print(f"wrote {data_folder() / 'SHA256SUMS'}")
     return 0
 

@@ -18,17 +18,7 @@ import torch
 from numpy.typing import ArrayLike
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import (
-    LARGEST_PICTURE,
-    LARGEST_TEXT,
-    LEFT_OVER,
-    read_bytes,
-    read_json,
-    read_tensors,
-    reading,
-    sha256,
-    write_bytes,
-)
+from clothlab._files import LEFT_OVER, read_tensors, reading, sha256, write_bytes
 from clothlab._validation import check_array, check_name, check_number, choose
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB
@@ -51,18 +41,15 @@ Folder = str | Path | None  # None: wherever `data_folder` finds it
 
 
 def data_folder(data: Folder = None) -> Path:
-    """The folder given, or the one that `CLOTHLAB_DATA` names, or that of the clone that the package runs from.
-
-    Raises:
-        FileNotFoundError: there is none; the message says how to get it.
-    """
-    folder = Path(data or os.environ.get("CLOTHLAB_DATA") or Path(__file__).resolve().parents[1] / "data")
-    if not folder.is_dir():
+    """The folder given, or the one that `CLOTHLAB_DATA` names, or that of the clone that the package runs from."""
+    if data is None:
+        data = os.environ.get("CLOTHLAB_DATA") or Path(__file__).resolve().parents[1] / "data"
+    if not str(data) or not Path(data).is_dir():
         raise FileNotFoundError(
-            f"no data in {folder}: clone the repository, which has a folder data/, and run from there, or set "
+            f"no data in {str(data)!r}: clone the repository, which has a folder data/, and run from there, or set "
             "CLOTHLAB_DATA to that folder"
         )
-    return folder
+    return Path(data)
 
 
 def own_trials(data: Folder = None) -> Path:
@@ -109,7 +96,7 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
 
 def save(trained: Trained, *, data: Folder = None) -> None:
     """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
-    about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.sees_with}
+    about: dict[str, Any] = {"kind": "dpmpb", "arm": trained.arm.name, "sees_with": trained.autoencoder_name}
     about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
     p = check_array("p", list(trained.biases.values()), ("K", trained.model.bias_size), np.float32)
     _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=trained.losses, p=p)
@@ -209,7 +196,7 @@ def load_target(name: str, *, data: Folder = None) -> np.ndarray:
         folder = f"targets/{choose('set of targets', within, _sets('targets', data)).name}"
     path = _find(folder, "", ".png", "target", own, data)
     with reading(path, "target"):
-        return mask_from_file(read_bytes(path, LARGEST_PICTURE))
+        return mask_from_file(path.read_bytes())
 
 
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
@@ -240,13 +227,11 @@ def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) 
     """Write measured results as `data/results/NAME.json`.
 
     Raises:
-        ValueError: numbers that are not finite, or more than can be read again.
+        ValueError: numbers that are not finite.
         TypeError: what JSON has no word for.
     """
     text = json.dumps({"format": RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
     text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)  # a row of numbers on one line
-    if len(text) >= LARGEST_TEXT:
-        raise ValueError(f"results have less than {LARGEST_TEXT >> 20} MiB, or no one could read them again")
     write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
 
 
@@ -259,7 +244,7 @@ def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
     """
     path = _find("results", "", ".json", "results", name, data)
     with reading(path, "results"):
-        results = read_json(read_bytes(path, LARGEST_TEXT))
+        results = json.loads(path.read_bytes())
         if results.pop("format") != RESULTS_FORMAT:
             raise ValueError(f"its format is not {RESULTS_FORMAT}, this version's")
         return results
@@ -272,7 +257,7 @@ def read_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
         KeyError: unknown name; the message lists the choices.
         ValueError: an altered file.
     """
-    return read_bytes(_find("results", "", suffix, "results", name, data), LARGEST_TEXT)
+    return _find("results", "", suffix, "results", name, data).read_bytes()
 
 
 def write_checksums(data: Folder = None) -> None:
@@ -329,7 +314,7 @@ def _checksums(data: Path) -> tuple[dict[str, str], bool]:
     if not path.exists():
         return {}, False
     with reading(path, "list of hashes"):
-        return _parsed(read_bytes(path, LARGEST_TEXT).decode(errors="replace"))
+        return _parsed(path.read_bytes().decode(errors="replace"))
 
 
 @lru_cache(maxsize=1)  # of hundreds of trials, each is looked up in hundreds of lines
@@ -398,7 +383,7 @@ def _load_tensors(kind: str, name: str, data: Folder) -> tuple[Path, dict[str, A
     path = _find("weights", f"{kind}-", ".safetensors", f"{kind} weights", name, data)
     with reading(path, f"{kind} weights"):
         words, tensors = read_tensors(path)
-        about = read_json(words["clothlab"])
+        about = json.loads(words["clothlab"])
         if (about["format"], about["kind"]) != (WEIGHTS_FORMAT, kind):
             raise ValueError(f"its format is not {WEIGHTS_FORMAT}, this version's")
         _check_finite(tensors)

@@ -19,7 +19,6 @@ from scipy.stats import binom
 
 from clothlab.alt_text import describe
 from clothlab.analysis import Landscape, principal_axes
-from clothlab.experiments.fisher import check_information, principal_directions
 from clothlab.learning.calibration import outline
 from clothlab.learning.control import ControlSettings
 from clothlab.simulation.arm import Arm, MuscleArm
@@ -629,34 +628,6 @@ def bounds_over_time(panels: dict[str, dict[str, np.ndarray]], time: np.ndarray)
         ax.set(xscale="log", yscale="log", xlabel="time [s]", title=quantity)
     axes[0, 0].set_ylabel("least standard deviation of the log")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
-
-
-def information_ellipses(ellipses: dict[str, np.ndarray], longest: float = 10.0) -> Figure:
-    """Regions of one standard deviation around the true constants, dᵀ F d = 1: where they are long, little is known.
-
-    Args:
-        ellipses: Fisher information of (log C_damp, log C_mass) `{label: F [2, 2]}`.
-        longest: where an axis would be longer than so many times the longest short one, the ellipse is cut there: of a
-            direction that is not observed at all, it has no end.
-
-    Raises:
-        ValueError: no information matrices of two unknowns, or one without any information.
-    """
-    found = {label: principal_directions(check_information(f)) for label, f in ellipses.items()}
-    if not found or any(values.shape != (2,) or values[0] <= 0 for values, _ in found.values()):
-        raise ValueError("an ellipse needs information about two unknowns, [2, 2], and some in one direction at least")
-    reach = longest * max(values[0] ** -0.5 for values, _ in found.values())
-    figure, ((ax,),) = new_axes(size=(4.6, 4.2))
-    turn = np.linspace(0, 2 * np.pi, 400)
-    for k, (label, (values, rows)) in enumerate(found.items()):
-        half = np.minimum(1 / np.sqrt(np.maximum(values, reach**-2)), reach)
-        x, y = (np.stack([np.cos(turn), np.sin(turn)], axis=1) * half @ rows).T
-        ax.plot(x, y, STYLES[k % 4], color=COLOURS[k % 7], label=label)
-    ax.plot(0, 0, "k+", label="_truth")
-    ax.set(xlabel="error of log C_damp", ylabel="error of log C_mass", aspect="equal")
-    ax.locator_params(nbins=5)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     return figure
 
 

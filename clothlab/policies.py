@@ -1,4 +1,4 @@
-"""Policies that need no model: random commands, the scripted operator, replay; and what every policy is."""
+"""What a policy is, and those that need no model: random commands, the scripted operator, replay."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -12,20 +12,12 @@ from clothlab.simulation.env import Observation
 
 
 class Policy:
-    """Chooses commands; a subclass says how. What a policy has no use for, it does not listen to.
+    """Chooses commands: `policy(observation)` returns the command `[D_u]`. A policy may ignore target and bias."""
 
-    Attributes:
-        name: what recorded trials call it.
-    """
-
-    name = "policy"
+    name = "policy"  # in recorded trials
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run, before a new one.
-
-        Args:
-            seed: of the policy's own random numbers.
-        """
+        """Forget the last run, before a new one; `seed` is that of the policy's own random numbers."""
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from now on."""
@@ -39,7 +31,7 @@ class Policy:
 
 
 class Wrapper(Policy):
-    """A policy around another one, to which it passes on all that it is told; both begin anew."""
+    """A policy around another one, to which it passes everything on."""
 
     def __init__(self, policy: "Policy | Callable[[Observation], ArrayLike]"):
         self.policy = as_policy(policy)
@@ -47,7 +39,7 @@ class Wrapper(Policy):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """What recorded trials call it: as the policy within."""
+        """That of the policy inside."""
         return self.policy.name
 
     def reset(self, seed: int = 0) -> None:
@@ -75,22 +67,14 @@ class FunctionPolicy(Policy):
 
 
 def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
-    """Return a plain function as a policy; a policy as it is.
-
-    Raises:
-        TypeError: neither of them.
-    """
+    """Return a plain function as a policy, and a policy as it is."""
     if not callable(policy) or isinstance(policy, type):
         raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
     return policy if isinstance(policy, Policy) else FunctionPolicy(policy)
 
 
 class Timed(Wrapper):
-    """Measures how long each command takes to choose.
-
-    Attributes:
-        seconds: of each call since the reset [s].
-    """
+    """Measures how long each command takes to choose: `seconds` since the reset [s]."""
 
     def reset(self, seed: int = 0) -> None:
         super().reset(seed)
@@ -104,16 +88,7 @@ class Timed(Wrapper):
 
 
 class Noisy(Wrapper):
-    """Adds normal noise to the angles that another policy commands, kept in the arm's range.
-
-    Args:
-        policy: chooses the commands.
-        arm: gives their range.
-        sigma: standard deviation of the noise [rad].
-
-    Raises:
-        ValueError: a sigma that is negative or not finite.
-    """
+    """Adds normal noise of standard deviation `sigma` [rad] to commanded angles, kept in the arm's range."""
 
     def __init__(self, policy: Policy, arm: Arm, sigma: float):
         self.arm, self.sigma = get_arm(arm), check_number("sigma", sigma, at_least=0)
@@ -121,7 +96,7 @@ class Noisy(Wrapper):
 
     def reset(self, seed: int = 0) -> None:
         super().reset(seed)
-        self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy within draws
+        self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy inside draws
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = np.array(self.policy(observation), dtype=np.float64)
@@ -130,7 +105,7 @@ class Noisy(Wrapper):
 
 
 class ReplayPolicy(Policy):
-    """Sends recorded commands again, whatever it sees."""
+    """Sends recorded commands `[T, D_u]` again, whatever it sees."""
 
     name = "replay"
 
@@ -142,11 +117,6 @@ class ReplayPolicy(Policy):
         self._left = iter(self.commands)
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`.
-
-        Raises:
-            ValueError: more steps than recorded commands.
-        """
         u = next(self._left, None)
         if u is None:
             raise ValueError(f"only {len(self.commands)} commands were recorded: ask for no more steps than that")
@@ -154,12 +124,7 @@ class ReplayPolicy(Policy):
 
 
 class RandomPolicy(Policy):
-    """Uniform random commands, each held for a random number of steps (the paper's Random).
-
-    Args:
-        arm: gives the range of the commands.
-        longest_hold: a command is held for 1 to this many steps, so that slow and fast motions both occur.
-    """
+    """Uniform random commands, each held for 1 to `longest_hold` steps (the paper's Random): slow and fast motions."""
 
     name = "random"
 
@@ -168,7 +133,6 @@ class RandomPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        """Start anew; the same seed gives the same commands."""
         self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
         self._steps_left = 0
 
@@ -183,8 +147,7 @@ class RandomPolicy(Policy):
 class OperatorPolicy(Policy):
     """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly, throws it down fast to spread it.
 
-    Every swing draws its own height, depth, speeds and pauses, so that no two are alike. What the arm takes beside
-    joint angles (stiffness) is random, as in the paper.
+    Every swing draws its own height, depth, speeds and pauses. Stiffness commands are random, as in the paper.
     """
 
     name = "operator"
@@ -195,7 +158,6 @@ class OperatorPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        """Start anew; the same seed gives the same swings."""
         self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
         self._random.reset(seed)
         self._theta = self.arm.home_command[self.arm.angle_command]

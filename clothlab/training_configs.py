@@ -12,7 +12,7 @@ from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
 from clothlab.learning.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
 from clothlab.learning.trained import Trained
 from clothlab.simulation.arm import get_arm
-from clothlab.trials import Trial, sensed_by
+from clothlab.trials import Trial
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Recipe:
     model: ModelTraining
 
     def load_trials(self) -> list[Trial]:
-        """All trials to learn from, as the arm would have recorded them.
+        """All trials to learn from.
 
         Raises:
             KeyError: recordings beyond the paper's amount that are not here; the message says how to make them.
             ValueError: a damaged, altered or missing file.
         """
-        return [sensed_by(trial, self.arm) for name in self.recordings for trial in artifacts.load_trials(name)]
+        return [trial for name in self.recordings for trial in artifacts.load_trials(name)]
 
 
 # All sequences of the muscle arm fit into one batch, so that there is one step an epoch: larger steps make up for it.
@@ -55,8 +55,6 @@ RECIPES = {
     "muscle-paper": Recipe("muscle", ("muscle-train",), AutoencoderTraining(), PAPER_MUSCLE),
     "torque": Recipe("torque", ("train", "train-more"), MORE_SEEN, MORE),
     "muscle": Recipe("muscle", ("muscle-train", "muscle-train-more"), MORE_SEEN, replace(MORE, sequence_length=20)),
-    # The same camera, cloths and commands: torques follow from what the torque arm recorded.
-    "torque-feeling": Recipe("torque-feeling", ("train", "train-more"), "torque", MORE),
     "table": Recipe(
         "muscle-hand", ("table-throws", "table-random", "table-swings"), AutoencoderTraining(epochs=20), THROWS
     ),
@@ -80,7 +78,7 @@ def recipe_of(learned: Trained) -> Recipe:
         KeyError: an arm and an autoencoder that no recipe has together; the message lists the choices.
     """
     pairs = {f"{recipe.arm} with {sees_with(name)}": recipe for name, recipe in RECIPES.items()}
-    return choose("recipe", f"{learned.arm.name} with {learned.sees_with}", pairs)
+    return choose("recipe", f"{learned.arm.name} with {learned.autoencoder_name}", pairs)
 
 
 def train_eyes(name: str, recipe: Recipe | None = None, *, progress: bool = False) -> None:
@@ -131,5 +129,7 @@ def train_model(
     recipe, eyes = recipe or choose("recipe", name, RECIPES), sees_with(name)
     autoencoder, _ = artifacts.load_autoencoder(eyes)
     model, biases, trace = train_dpmpb(runs, recipe.model, seed=seed, progress=progress)
-    learned = Trained(f"{name}-{seed}", get_arm(recipe.arm), autoencoder, model, biases, trace.losses, sees_with=eyes)
+    learned = Trained(
+        f"{name}-{seed}", get_arm(recipe.arm), autoencoder, model, biases, trace.losses, autoencoder_name=eyes
+    )
     artifacts.save(learned)

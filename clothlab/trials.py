@@ -1,12 +1,8 @@
-"""Recorded runs, the one loop that records them, and the policies that need no model.
-
-A policy is called with an observation and returns the command. Random commands, the scripted operator, a person's
-sliders and the controller are all policies; a wrapper is a policy around another. `rollout` runs any of them.
-"""
+"""Recorded runs, the one loop that records them, and their files."""
 
 import io
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -14,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._files import read_arrays, read_json, reading, write_bytes
+from clothlab._files import reading, write_bytes
 from clothlab._validation import Checked, check_array, check_number
 from clothlab.policies import Policy, as_policy
 from clothlab.simulation.arm import Arm, check_command, get_arm
@@ -23,8 +19,6 @@ from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.simulation.vision import check_masks
 
 FORMAT = 1  # of trial files
-LONGEST = 18_000  # steps of a file: an hour, which fits into what a reader takes
-LARGEST_SAG = 0.12  # [rad] of an arm that hangs still, below its command
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +31,7 @@ class Trial(Checked):
         commands: commands `[T, D_u]`, float64, in the arm's units.
         cloth: the cloth in the hand.
         arm: name of the arm.
-        policy: what chose the commands, in a word.
+        policy: name of what chose the commands.
         seed: seed of the run.
     """
 
@@ -50,10 +44,9 @@ class Trial(Checked):
     seed: int
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together, and what is no cloth, no name or no seed."""
         images = check_masks(self.images)
-        if images.ndim != 3:
-            raise ValueError(f"images are [T, H, W], got the shape {list(images.shape)}")
+        if images.ndim != 3 or not len(images):
+            raise ValueError(f"images are [T, H, W] of at least one step, got the shape {list(images.shape)}")
         object.__setattr__(self, "images", images)
         arm = get_arm(self.arm)
         for name, width in (("robot", len(arm.state_names)), ("commands", len(arm.command_names))):
@@ -73,34 +66,10 @@ class Trial(Checked):
         return np.arange(len(self)) * CONTROL_PERIOD
 
     def __getitem__(self, steps: slice) -> "Trial":
-        """Return a stretch of the trial, `trial[:100]`."""
+        """Return a part of the trial, `trial[:100]`."""
         if not isinstance(steps, slice):
             raise TypeError(f"a trial is cut with a slice, such as trial[:100], not with {steps!r}")
         return replace(self, **{name: getattr(self, name)[steps] for name in ("images", "robot", "commands")})
-
-
-def sensed_by(trial: Trial, arm: Arm | str) -> Trial:
-    """The same run as an arm with other sensors would have recorded it: "torque" as "torque-feeling".
-
-    Nothing is simulated: what the other one senses must follow from what was recorded.
-
-    Args:
-        trial: a run that started from the arm's home.
-        arm: the other arm or its name; that of the trial returns the trial as it is.
-
-    Raises:
-        KeyError: unknown arm.
-        ValueError: it does not follow, or the run started elsewhere.
-    """
-    arm, recorded = get_arm(arm), get_arm(trial.arm)
-    if arm.name == recorded.name:
-        return trial
-    held = np.vstack([recorded.home_command, trial.commands[:-1]])
-    robot = arm.sensed_instead(trial.arm, trial.robot, held)
-    sag = trial.robot[0, recorded.sensed_angles] - recorded.home
-    if (np.abs(sag) > LARGEST_SAG).any():
-        raise ValueError("this run did not start from the arm's home: which command was held before it is not recorded")
-    return replace(trial, arm=arm.name, robot=robot)
 
 
 def rollout(
@@ -115,26 +84,18 @@ def rollout(
     samples: int = 5,
     progress: bool = False,
 ) -> Trial:
-    """Let a policy move the cloth and record what happens. Policy and environment are reset first.
+    """Let a policy move the cloth for `steps` steps and record what happens. Policy and environment are reset first.
 
     Args:
         env: the scene.
-        policy: chooses the command from each observation; a plain function will do.
-        steps: how many control steps to run.
-        seed: of the policy's random numbers and of the environment's start; stored in the trial, it says which trial
-            it is.
+        policy: a policy, or a function that returns the command for an observation.
+        steps: number of control steps.
+        seed: of the policy's random numbers and of the random start; stored in the trial.
         random_start: start from a random posture instead of the arm's home.
-        name: what to call the policy in the trial; by default its own name.
-        watch: called while each step goes by, as `ClothEnv.advance` has it.
-        samples: how often a step; 5 make a video of 25 pictures a second.
+        name: of the policy in the trial; by default its own.
+        watch: called without arguments `samples` times in each step, as in `ClothEnv.advance`.
+        samples: how often; 5 make a video of 25 pictures a second.
         progress: show a progress bar.
-
-    Returns:
-        The recorded run, of `steps` steps.
-
-    Raises:
-        ValueError: no steps, or a command that the arm refuses.
-        SimulationError: the physics diverged.
     """
     check_number("steps", steps, int, at_least=1)
     policy = as_policy(policy)
@@ -142,7 +103,7 @@ def rollout(
     observation, _ = env.reset(seed=seed, options={"random_start": random_start})
     rows = []
     for _ in tqdm(range(steps), desc=env.cloth.label, disable=not progress, unit="step"):
-        # Copies: a policy may go on changing what it was given and what it gave.
+        # Copies: a policy may change the arrays that it was given, or those that it returned.
         image, robot = observation["image"].astype(bool), observation["robot"].copy()
         u = check_command(env.arm, policy(observation))
         rows.append((image, robot, u))
@@ -152,28 +113,8 @@ def rollout(
     return Trial(images, robot, commands, env.cloth, env.arm.name, name or policy.name, seed)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """What the arm did in a trial, finer than the trial's steps and beyond what its sensors say.
-
-    Attributes:
-        time: `[N]` [s].
-        theta: joint angles `[N, 2]` [rad].
-        hand: position of the hand in the world `[N, 3]` [m].
-    """
-
-    time: np.ndarray
-    theta: np.ndarray
-    hand: np.ndarray
-
-    @property
-    def hand_speed(self) -> np.ndarray:
-        """Speed of the hand, `[N]` [m/s]."""
-        return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
-
-
 class MotionWatch:
-    """What to pass as `watch` to `rollout` or `ClothEnv.advance`, to know afterwards how the arm moved."""
+    """How an arm moves within the steps: pass it as `watch` to `rollout` or `ClothEnv.advance`."""
 
     def __init__(self, env: ClothEnv):
         self._env = env
@@ -183,77 +124,46 @@ class MotionWatch:
         data = self._env.data
         self._rows.append((data.time, *self._env.arm.angles(data), *data.site("hand").xpos))
 
-    def motion(self) -> Motion:
-        """All that was seen.
+    @property
+    def time(self) -> np.ndarray:
+        """Time of each of N samples, `[N]` [s]."""
+        return np.array(self._rows)[:, 0]
 
-        Raises:
-            ValueError: nothing was.
-        """
-        if not self._rows:
-            raise ValueError("a motion needs commands: one at the least")
-        time, theta, hand = np.split(np.array(self._rows), [1, 3], axis=1)
-        return Motion(time[:, 0], theta, hand)
+    @property
+    def theta(self) -> np.ndarray:
+        """Joint angles, `[N, 2]` [rad]."""
+        return np.array(self._rows)[:, 1:3]
 
+    @property
+    def hand(self) -> np.ndarray:
+        """Position of the hand in the world, `[N, 3]` [m]."""
+        return np.array(self._rows)[:, 3:]
 
-def watch_motion(env: ClothEnv, commands: Iterable[ArrayLike], *, interval: float = 0.004) -> Motion:
-    """Send commands to a scene as it stands, and watch the arm closely.
-
-    Args:
-        env: the scene, which is moved.
-        commands: `[T, D_u]`.
-        interval: between samples [s]; it divides the control period of 0.2 s.
-
-    Raises:
-        ValueError: no commands, one that the arm refuses, or an interval that does not divide the control period.
-    """
-    samples = round(CONTROL_PERIOD / check_number("interval", interval, at_least=env.scene.time_step))
-    if samples < 1 or env.scene.substeps % samples or abs(samples * interval - CONTROL_PERIOD) > 1e-9:
-        raise ValueError(f"interval must be whole time steps and divide {CONTROL_PERIOD} s: 0.004, for one")
-    watch = MotionWatch(env)
-    try:
-        commands = iter(commands)
-    except TypeError:
-        raise ValueError(f"commands are [T, D_u], got {commands!s:.80}") from None
-    for u in commands:
-        env.advance(u, watch, samples)
-    return watch.motion()
+    @property
+    def hand_speed(self) -> np.ndarray:
+        """Speed of the hand, `[N]` [m/s]."""
+        return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
 
 
-def replay(trial: Trial, *, arm: Arm | None = None, interval: float = 0.004) -> Motion:
-    """Send the commands of a trial again and watch the arm closely.
+def replay(trial: Trial, *, arm: Arm | None = None, samples: int = 50) -> MotionWatch:
+    """Send the commands of a trial again, to its own arm or another one, and watch the arm `samples` times a step.
 
-    Args:
-        trial: a run that started from the arm's home.
-        arm: another arm to send them to; by default the trial's own.
-        interval: between samples [s]; it divides the control period of 0.2 s.
-
-    Raises:
-        ValueError: the arm does not do again what the trial recorded, as after a random start; or an interval that does
-            not divide the control period.
+    A ValueError if its own arm does not move again as recorded, as after a random start.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
+    watch = MotionWatch(env)
     env.start(seed=trial.seed)
-
-    def compared() -> Iterator[np.ndarray]:
-        for u, recorded in zip(trial.commands, trial.robot, strict=True):
-            if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
-                raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
-            yield u
-
-    return watch_motion(env, compared(), interval=interval)
+    for u, recorded in zip(trial.commands, trial.robot, strict=True):
+        if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
+            raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
+        env.advance(u, watch, samples)
+    return watch
 
 
 def save_trial(trial: Trial, path: str | Path) -> None:
-    """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was.
-
-    Raises:
-        ValueError: a path that does not end in `.npz`, where no loader would look, or more than `LONGEST` steps, which
-            none would read.
-    """
+    """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was."""
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
-    if len(trial) > LONGEST:
-        raise ValueError(f"a trial's file has {LONGEST} steps at most, got {len(trial)}: save it in stretches")
     about = {"format": FORMAT, "cloth": asdict(trial.cloth)}
     about |= {name: getattr(trial, name) for name in ("arm", "policy", "seed")}
     content = io.BytesIO()
@@ -268,15 +178,9 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 
 
 def load_trial(path: str | Path) -> Trial:
-    """Read a trial.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: the file is damaged, is no trial, or was written by a newer version.
-    """
-    with reading(path, "trial"):
-        file = read_arrays(path, ("images", "robot", "commands", "about"))
-        about = read_json(str(file["about"]))
+    """Read a trial; a ValueError names the file if it is damaged, is no trial, or is of a newer version."""
+    with reading(path, "trial"), np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
+        about = json.loads(str(file["about"]))
         if about.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}, this version's")
         about["cloth"] = Cloth(**about["cloth"])

@@ -31,7 +31,7 @@ from clothlab.datasets import jobs, record_all
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
 from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
-from clothlab.learning.frozen import FrozenDPMPB
+from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.policies import Timed
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import get_cloth
@@ -146,7 +146,7 @@ def bench_solve_of(name: str, arm: Arm) -> None:
     model, tension = learned.model, learned.layout.tensions
     generator = torch.Generator().manual_seed(0)
     p = torch.as_tensor(next(iter(learned.biases.values())))
-    frozen = FrozenDPMPB(model, p)
+    frozen = FastDPMPB(model, p)
     lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
     mask = torch.as_tensor(period_mask(3, settings))
     problems = []
@@ -195,7 +195,10 @@ def bench_loop() -> None:
         learned, mask = artifacts.load(f"{name}-0"), artifacts.load_target(target)
         cloth, p = next(iter(learned.biases.items()))
         runs = [learned.sequences(trial) for trial in RECIPES[f"{name}-paper"].load_trials()]
-        policies = {"control": Timed(learned.controller(mask, p)), "practice": Timed(learned.practice(mask, p, runs))}
+        policies = {
+            "control": Timed(learned.controller(mask, p)),
+            "practice": Timed(learned.iterative_controller(mask, p, runs)),
+        }
         for who, policy in policies.items():
             with contextlib.closing(ClothEnv(learned.arm, cloth)) as env:
                 env.reset()

@@ -35,7 +35,7 @@ def main() -> None:
     pictures: list[np.ndarray] = []
     rollout(
         env,
-        learned.practice(target, CLOTH, runs),
+        learned.iterative_controller(target, CLOTH, runs),
         STEPS,
         watch=lambda: pictures.append(env.picture()),
         samples=PICTURES_PER_STEP,

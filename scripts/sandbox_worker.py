@@ -30,7 +30,7 @@ import psutil
 import torch
 
 CHECKS = "clothlab.checks"
-SETTABLE = ("z_ref", "practising", "exploring")  # what exercises ask to set on what a check lends to an answer
+SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on what a check lends to an answer
 FILE_BYTES = 10_000_000  # a file that an answer may write
 KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.Assign)
 

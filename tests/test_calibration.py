@@ -129,12 +129,12 @@ def test_outside_is_where_no_trained_material_is_around(calibration):
 
 def test_a_doubt_says_all_of_it_at_once(calibration):
     p, fit = settle(Toy(), toy_run(BIASES["c"], np.random.default_rng(6), 100, 0.1), [0, 0], ENDLESS)
-    doubt = calibration.doubt(SimpleNamespace(fit=fit, p=p))
+    doubt = calibration.report(SimpleNamespace(fit=fit, p=p))
     assert np.array_equal(doubt.covariance, calibration.covariance(fit))
     assert doubt.surprise == calibration.surprise(fit, p)
     assert doubt[2:] == (calibration.unfamiliar(fit, p), calibration.outside(p, doubt.covariance))
-    assert calibration.doubt(SimpleNamespace(fit=None, p=p)) is None
-    assert calibration.doubt(SimpleNamespace(fit=Fit(fit.errors, np.zeros_like(fit.slopes)), p=p)) is None
+    assert calibration.report(SimpleNamespace(fit=None, p=p)) is None
+    assert calibration.report(SimpleNamespace(fit=Fit(fit.errors, np.zeros_like(fit.slopes)), p=p)) is None
 
 
 @pytest.mark.parametrize(

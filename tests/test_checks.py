@@ -1168,7 +1168,7 @@ RIGHTS = {
     ],
     "practise_then_perform": [
         ("t < periods * period", "t // period < periods"),
-        ("policy.practising = t < periods * period", "policy.practising &= t < periods * period"),
+        ("policy.exploring = t < periods * period", "policy.exploring &= t < periods * period"),
     ],
     "falling_speed": [
         ("9.81", "9.80665"),

@@ -20,7 +20,7 @@ from clothlab.learning.control import (
 )
 from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
 from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
-from clothlab.learning.frozen import FrozenDPMPB
+from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.trials import rollout
 
@@ -99,7 +99,7 @@ def test_a_quadratic_is_descended_to_its_minimum():
 @pytest.mark.parametrize("seed", range(6))
 def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     generator = torch.Generator().manual_seed(seed)
-    frozen = FrozenDPMPB(model, torch.zeros(2, dtype=torch.float64))
+    frozen = FastDPMPB(model, torch.zeros(2, dtype=torch.float64))
     z_ref, s = (3 * torch.randn(size, generator=generator, dtype=torch.float64) for size in (3, 7))
     start = 2 * torch.randn(8, 2, generator=generator, dtype=torch.float64)  # mostly outside the range
     given = start.clone()

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.experiments.fisher import (
-    Noise,
-    cramer_rao,
-    fisher_information,
-    log_det,
-    principal_directions,
-    unbiased_information,
-)
+from clothlab.experiments.fisher import Noise, cramer_rao, fisher_information, unbiased_information
 
 RATIO, PRODUCT = (1, -1), (1, 1)
 
@@ -30,11 +23,6 @@ def autoregression(rng, rho, deviations, shape):
     return e * deviations
 
 
-def test_a_constant_is_known_to_the_noise_over_the_root_of_the_steps():
-    f = fisher_information(np.ones((100, 1, 1)), Noise([[0.25]]))
-    assert cramer_rao(f)[:, 0] == pytest.approx(0.5 / np.sqrt(np.arange(1, 101)))
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_the_bound_falls_with_the_root_of_time_when_the_motion_goes_on_as_it_is(rho):
     bound = cramer_rao(fisher_information(stationary(6400), Noise(white().covariance, rho)))
@@ -51,9 +39,8 @@ def test_the_bound_is_reached_by_weighted_least_squares_in_correlated_noise():
     rng, rho, deviations, x = np.random.default_rng(1), 0.7, np.array([0.2, 0.5]), np.array([0.3, -0.2])
     s, noise = stationary(60, 2), Noise(np.diag(deviations**2), rho)
     e = autoregression(rng, rho, deviations, (2000, 60))
-    rows = noise.whiten(s).reshape(-1, 2)
     sensed = np.stack([noise.whiten((s @ x + each)[..., None]).ravel() for each in e], axis=1)
-    errors = np.linalg.lstsq(rows, sensed, rcond=None)[0].T - x
+    errors = np.linalg.lstsq(noise.whiten(s).reshape(-1, 2), sensed, rcond=None)[0].T - x
     assert errors.mean(axis=0) == pytest.approx([0, 0], abs=0.005)
     assert errors.std(axis=0) == pytest.approx(cramer_rao(fisher_information(s, noise))[-1], rel=0.06)
 
@@ -64,7 +51,6 @@ def test_information_adds_up_over_independent_sensors():
     one = fisher_information(s[:, :2], Noise(np.diag(deviations[:2] ** 2), 0.3))
     other = fisher_information(s[:, 2:], Noise(np.diag(deviations[2:] ** 2), 0.3))
     assert one + other == pytest.approx(both)
-    assert (cramer_rao(both) <= cramer_rao(one) + 1e-12).all(), "another sensor never takes knowledge away"
 
 
 def test_units_change_nothing():
@@ -73,89 +59,48 @@ def test_units_change_nothing():
     assert fisher_information(s * scale[:, None], scaled) == pytest.approx(fisher_information(s, noise))
 
 
-def test_what_only_the_ratio_moves_says_nothing_of_the_product():
-    s = stationary()[..., :1] * RATIO
-    f = fisher_information(s, white())[-1]
-    damp, mass, ratio, product = cramer_rao(f, [(1, 0), (0, 1), RATIO, PRODUCT])
-    assert np.isinf([damp, mass, product]).all()
-    assert 0 < ratio < np.inf
-    values, directions = principal_directions(f)
-    assert values[1] == pytest.approx(0, abs=1e-9 * values[0])
-    assert np.abs(directions) == pytest.approx(np.full((2, 2), np.sqrt(0.5)))
-    assert directions[0] @ PRODUCT == pytest.approx(0, abs=1e-9)
-    assert log_det(np.diag([1.0, 0.0])) == -np.inf
-
-
 def test_the_bound_of_a_combination_is_that_of_the_inverse():
     f, a = np.array([[5.0, 2.0], [2.0, 1.0]]), np.array([[1.0, -1.0], [0.5, 2.0]])
     inverse = np.linalg.inv(f)
     assert cramer_rao(f) == pytest.approx(np.sqrt(np.diag(inverse)))
     assert cramer_rao(f, a) ** 2 == pytest.approx(np.diag(a @ inverse @ a.T))
-    assert log_det(f) == pytest.approx(0)
 
 
-@pytest.mark.parametrize("f", [np.zeros((2, 2)), -np.eye(2), np.diag([1.0, -1e-3]), np.diag([1e300, 1e-300])])
-def test_a_bound_is_never_no_number(f):
-    bound = cramer_rao([f, np.eye(2)], [(1, 0), (0, 1), RATIO, PRODUCT])
-    assert not np.isnan(bound).any()
-    assert np.isinf(bound[0, 1])
-    assert bound[1] == pytest.approx([1, 1, np.sqrt(2), np.sqrt(2)])
-    assert not np.isnan(log_det(f))
+def test_what_only_the_ratio_moves_says_nothing_of_the_product():
+    f = fisher_information(stationary()[..., :1] * RATIO, white())[-1]
+    damp, mass, ratio, product = cramer_rao(f, [(1, 0), (0, 1), RATIO, PRODUCT])
+    assert np.isinf([damp, mass, product]).all()
+    assert 0 < ratio < np.inf
+    assert np.isinf(cramer_rao(np.diag([1.0, -1e-3]))[1])  # as noise in measured sensitivities can leave it
 
 
 def test_noise_in_measured_sensitivities_is_not_taken_for_information():
     rng, truth = np.random.default_rng(2), stationary(300)
     noisy = truth + rng.normal(0, 2.0, (6, *truth.shape))
-    right, found = (fisher_information(truth, white())[-1], unbiased_information(noisy, white())[-1])
+    right, found = fisher_information(truth, white())[-1], unbiased_information(noisy, white())[-1]
     naive = fisher_information(noisy.mean(axis=0), white())[-1]
     assert np.diag(found) == pytest.approx(np.diag(right), rel=0.15)
     assert (np.diag(naive) > 1.5 * np.diag(right)).all()
-    assert unbiased_information([truth] * 3, white()) == pytest.approx(fisher_information(truth, white()))
 
 
-def test_noise_is_measured_with_its_correlation_and_what_is_stated_is_added():
+def test_noise_is_measured_with_its_correlation_and_stated_noise_is_added():
     e = autoregression(np.random.default_rng(3), 0.6, np.array([0.1, 2.0]), (20, 500))
-    noise = Noise.measured(e)
+    noise, more = Noise.measured(e), Noise.measured(e, [0.1, 2.0])
     assert noise.deviations == pytest.approx([0.1, 2.0], rel=0.05)
     assert noise.correlation == pytest.approx(0.6, abs=0.05)
-    more = Noise.measured(e, [0.1, 2.0])
     assert more.deviations == pytest.approx(np.sqrt(2) * noise.deviations, rel=0.05)
     assert more.correlation == pytest.approx(0.3, abs=0.05)
-    assert Noise.measured(np.zeros((2, 3, 1)), [0.5]).deviations == pytest.approx([0.5])
-
-
-@pytest.mark.parametrize(
-    ("covariance", "correlation", "message"),
-    [
-        ([[1.0, 2.0], [2.0, 1.0]], 0.0, "positive definite"),
-        ([[1.0, 0.5], [0.0, 1.0]], 0.0, "symmetric"),
-        ([[0.0]], 0.0, "positive definite"),
-        ([[1.0, 0.0]], 0.0, "square"),
-        ([[np.nan]], 0.0, "covariance is .* finite"),
-        ([[1.0]], 1.0, "correlation must be at most 0.99"),
-        ([[1.0]], -0.1, "correlation must be at least 0"),
-    ],
-)
-def test_what_is_no_noise_is_refused(covariance, correlation, message):
-    with pytest.raises(ValueError, match=message):
-        Noise(covariance, correlation)
 
 
 @pytest.mark.parametrize(
     ("use", "message"),
     [
+        (lambda: Noise([0.1, 0.2]), r"covariance is \[D, D\]"),
         (lambda: fisher_information(np.ones((4, 2, 2)), white()), r"values is \[T, 3, P\]"),
-        (lambda: fisher_information(np.full((4, 3, 2), np.inf), white()), "finite"),
-        (lambda: unbiased_information(np.ones((1, 4, 3, 2)), white()), "twice at the least, got 1"),
-        (lambda: cramer_rao(np.ones((2, 3))), r"symmetric, \[\.\.\., P, P\], got the shape \[2, 3\]"),
         (lambda: cramer_rao([[1.0, 2.0], [0.0, 1.0]]), "symmetric"),
         (lambda: cramer_rao(np.eye(2), [[1.0]]), r"combinations is \[K, 2\]"),
-        (lambda: principal_directions([[np.nan]]), "information is .* finite"),
-        (lambda: log_det(3.0), r"information is \[P, P\]"),
-        (lambda: Noise.measured(np.zeros((2, 3, 2)), [0.1, 0.0]), r"channels \[1\] have no noise"),
-        (lambda: Noise.measured(np.ones((2, 1, 2))), "two steps at the least"),
     ],
 )
-def test_what_has_no_information_is_refused_with_a_reason(use, message):
+def test_arrays_that_do_not_fit_are_refused(use, message):
     with pytest.raises(ValueError, match=message):
         use()

@@ -1,33 +1,11 @@
 """An interrupted write loses nothing, and leaves nothing that looks like a file."""
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from clothlab._files import LEFT_OVER, reading, sha256, write_bytes
-
-KILLED_AT_ANY_MOMENT = """
-import os, random, signal, sys, time
-from pathlib import Path
-from clothlab._files import write_bytes
-
-path = Path(sys.argv[1])
-random.seed(0)
-for _ in range(20):
-    child = os.fork()
-    if child == 0:
-        for n in range(1, 256):
-            write_bytes(path, bytes([n]) * 1_000_000)
-        os._exit(0)
-    time.sleep(random.uniform(0.0, 0.02))
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    content = path.read_bytes()
-    assert len(content) == 1_000_000 and len(set(content)) == 1, "neither the old file nor a new one"
-"""
+from clothlab._files import reading, sha256, write_bytes
 
 
 @pytest.fixture
@@ -56,26 +34,11 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(path, monkeyp
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_full_disk_leaves_the_old_file_and_nothing_else(path, full_disk):
-    with full_disk(), pytest.raises(OSError, match="File too large"):
+def test_a_full_disk_leaves_the_old_file_and_names_it(path, full_disk):
+    with full_disk(), pytest.raises(OSError, match=r"cannot write this file \(File too large\): '.*results.json'"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_killed_in_the_middle_it_leaves_the_old_file_and_what_no_pattern_finds(path, kill_writes):
-    kill_writes(path, 20)
-    assert path.read_bytes() == b"old"
-    left_over = set(path.parent.iterdir()) - {path}
-    assert len(left_over) == 20
-    assert {each.suffix for each in left_over} == {LEFT_OVER}
-    write_bytes(path, b"new")
-    assert path.read_bytes() == b"new"
-
-
-def test_killed_at_any_moment_the_file_is_whole(path):
-    write_bytes(path, b"o" * 1_000_000)
-    subprocess.run([sys.executable, "-c", KILLED_AT_ANY_MOMENT, str(path)], check=True)
 
 
 def test_of_two_writers_one_wins_whole(path):
@@ -88,21 +51,16 @@ def test_of_two_writers_one_wins_whole(path):
 
 @pytest.mark.parametrize("where", [".", "results.json/x"])
 def test_a_place_where_no_file_can_be_is_refused(path, where):
-    with pytest.raises(OSError, match=r"directory|exists"):
+    with pytest.raises(OSError, match=r"cannot write this file"):
         write_bytes(path.parent / where, b"new")
     assert list(path.parent.iterdir()) == [path]
     assert path.read_bytes() == b"old"
 
 
 def test_whatever_a_reader_says_of_a_damaged_file_is_one_kind_of_error(path):
-    with (
-        pytest.raises(ValueError, match=r"results.json is damaged or holds no results: 'format'"),
-        reading(path, "results"),
-    ):
+    expected = r"results.json is damaged or holds no results: 'format'"
+    with pytest.raises(ValueError, match=expected), reading(path, "results"):
         raise KeyError("format")
-
-
-def test_a_missing_file_is_not_a_damaged_one(path):
     with pytest.raises(FileNotFoundError), reading(path, "results"):
         path.with_name("none.json").read_bytes()
 

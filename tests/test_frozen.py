@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from clothlab.learning.dpmpb import DPMPB, Memory, predict
-from clothlab.learning.frozen import FrozenDPMPB, FrozenEnsemble
+from clothlab.learning.fast_rollout import FastDPMPB, FrozenEnsemble
 
 P = torch.tensor([0.3, -0.2], dtype=torch.float64)
 
@@ -39,13 +39,13 @@ def of_member(memory, k):
 
 def test_it_equals_the_plain_model(model, memory):
     s, u = numbers(7), numbers(30, 8, 2)
-    assert torch.allclose(FrozenDPMPB(model, P)(s, u, memory), predict(model, s, u, P, memory), rtol=0, atol=1e-12)
+    assert torch.allclose(FastDPMPB(model, P)(s, u, memory), predict(model, s, u, P, memory), rtol=0, atol=1e-12)
 
 
 def test_single_precision_is_enough(model, memory):
     s, u = numbers(7), numbers(30, 8, 2)
     exact = predict(model, s, u, P, memory)
-    frozen = FrozenDPMPB(model.float(), P.float())
+    frozen = FastDPMPB(model.float(), P.float())
     found = frozen(s.float(), u.float(), Memory(memory.h.float(), memory.c.float()))
     assert found.dtype == torch.float32
     assert (found - exact).abs().max() < 1e-5
@@ -54,12 +54,12 @@ def test_single_precision_is_enough(model, memory):
 def test_a_model_without_p_is_one_too(memory):
     model, nothing = DPMPB(7, 2, bias_size=0).double(), torch.zeros(0, dtype=torch.float64)
     s, u = numbers(7), numbers(3, 4, 2)
-    found = FrozenDPMPB(model, nothing)(s, u, memory)
+    found = FastDPMPB(model, nothing)(s, u, memory)
     assert torch.allclose(found, predict(model, s, u, nothing, memory), rtol=0, atol=1e-12)
 
 
 def test_its_gradients_equal_the_plain_ones(model, memory):
-    frozen = FrozenDPMPB(model, P)
+    frozen = FastDPMPB(model, P)
     inputs = numbers(7), numbers(4, 8, 2), *memory
     found = gradients(lambda s, u, h, c: frozen(s, u, Memory(h, c)), *inputs)
     expected = gradients(lambda s, u, h, c: predict(model, s, u, P, Memory(h, c)), *inputs)
@@ -69,21 +69,21 @@ def test_its_gradients_equal_the_plain_ones(model, memory):
 
 
 def test_gradients_on_the_state_alone_equal_the_plain_ones(model, memory):
-    frozen, s, u = FrozenDPMPB(model, P), numbers(7), numbers(4, 8, 2)
+    frozen, s, u = FastDPMPB(model, P), numbers(7), numbers(4, 8, 2)
     (found,) = gradients(lambda s: frozen(s, u, memory), s)
     (expected,) = gradients(lambda s: predict(model, s, u, P, memory), s)
     assert torch.allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_one_command_sequence_does_not_see_the_others(model, memory):
-    frozen, s, u = FrozenDPMPB(model, P), numbers(7), numbers(5, 8, 2)
+    frozen, s, u = FastDPMPB(model, P), numbers(7), numbers(5, 8, 2)
     (together,) = gradients(lambda u: frozen(s, u, memory)[1:2], u)
     assert together[1].abs().min() > 0
     assert not together[[0, 2, 3, 4]].any()
 
 
 def test_sequences_may_have_starts_of_their_own(model):
-    frozen, s, u = FrozenDPMPB(model, P), numbers(5, 7), numbers(5, 8, 2)
+    frozen, s, u = FastDPMPB(model, P), numbers(5, 7), numbers(5, 8, 2)
     memory = Memory(0.3 * numbers(2, 5, 30), 0.3 * numbers(2, 5, 30, seed=4))
     alone = [frozen(s[k], u[k : k + 1], Memory(*(part[:, k : k + 1] for part in memory))) for k in range(5)]
     assert torch.allclose(frozen(s, u, memory), torch.cat(alone), rtol=0, atol=1e-12)
@@ -91,7 +91,7 @@ def test_sequences_may_have_starts_of_their_own(model):
 
 
 def test_its_memory_follows_what_was_observed(model):
-    frozen, s, u = FrozenDPMPB(model, P), numbers(6, 7), numbers(6, 2)
+    frozen, s, u = FastDPMPB(model, P), numbers(6, 7), numbers(6, 2)
     memory = Memory(*(part.double() for part in model.initial_memory()))
     for k in range(6):
         memory = frozen.follow(s[k], u[k], memory)
@@ -101,7 +101,7 @@ def test_its_memory_follows_what_was_observed(model):
 
 
 def test_memories_of_several_runs_follow_together(model):
-    frozen, s, u = FrozenDPMPB(model, P), numbers(4, 7), numbers(4, 2)
+    frozen, s, u = FastDPMPB(model, P), numbers(4, 7), numbers(4, 2)
     memory = Memory(0.3 * numbers(2, 4, 30), 0.3 * numbers(2, 4, 30, seed=4))
     together = frozen.follow(s, u, memory)
     _, expected = model(s.unsqueeze(1), u.unsqueeze(1), P, memory)
@@ -116,7 +116,7 @@ def test_an_ensemble_is_each_of_its_members(ensemble, starts):
     together = FrozenEnsemble(models, p)(s, u, memory)
     assert together.shape == (3, 4, 8, 7)
     for k, model in enumerate(models):
-        alone = FrozenDPMPB(model, p[k])(s, u, of_member(memory, k))
+        alone = FastDPMPB(model, p[k])(s, u, of_member(memory, k))
         assert torch.allclose(together[k], alone, rtol=0, atol=1e-12)
 
 
@@ -132,7 +132,7 @@ def test_the_gradient_of_an_ensemble_is_the_sum_of_its_members(ensemble):
     models, p, memory = ensemble
     s, u, weights = numbers(7), numbers(4, 8, 2).requires_grad_(), numbers(3, 4, 8, 7, seed=6)
     together = FrozenEnsemble(models, p)(s, u, memory)
-    alone = [FrozenDPMPB(model, p[k])(s, u, of_member(memory, k)) for k, model in enumerate(models)]
+    alone = [FastDPMPB(model, p[k])(s, u, of_member(memory, k)) for k, model in enumerate(models)]
     (found,) = torch.autograd.grad((weights * together).sum(), u)
     (expected,) = torch.autograd.grad((weights * torch.stack(alone)).sum(), u)
     assert torch.allclose(found, expected, rtol=1e-9, atol=1e-12)

@@ -1,12 +1,10 @@
-"""Importing the package: cheap, lazy, and able to draw in whatever order."""
+"""Importing the package: cheap, and able to draw in whatever order."""
 
 import os
 import subprocess
 import sys
 
 import pytest
-
-import clothlab
 
 
 def run(code: str, **environment: str) -> str:
@@ -20,15 +18,9 @@ def test_importing_the_package_imports_neither_torch_nor_mujoco():
     assert run("import clothlab, sys; print({'torch', 'mujoco', 'numpy'} & set(sys.modules))") == "set()\n"
 
 
-def test_a_module_is_imported_when_it_is_asked_for_and_no_more_than_it_needs():
+def test_a_simulation_needs_no_learning_and_no_plots():
     code = "import sys, clothlab.simulation.env; print({'torch', 'sklearn', 'matplotlib'} & set(sys.modules))"
     assert run(code) == "set()\n"
-
-
-def test_an_unknown_module_lists_the_choices():
-    with pytest.raises(AttributeError, match="clothlab has no 'physics'; it has analysis, artifacts"):
-        clothlab.physics  # noqa: B018
-    assert {"analysis", "vision"} <= set(dir(clothlab))
 
 
 @pytest.mark.parametrize("first", ["import mujoco", "import clothlab"])

@@ -9,7 +9,7 @@ import torch
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.control import nearest_plans
 from clothlab.learning.dpmpb import DPMPB, Sequences
-from clothlab.learning.iterative import Attempt, Correction, PracticePolicy, PracticeSettings
+from clothlab.learning.iterative import Attempt, Correction, IterativeLearningPolicy, IterativeLearningSettings
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 
@@ -21,8 +21,8 @@ RUN = Sequences(RNG.normal(size=(40, 7)), RNG.uniform((-0.8, -1.6), (1.0, 0.0), 
 def practice(square):
     def make(runs=(RUN,), p=(0.0, 0.0), arm="torque", sizes=(7, 2), **change):
         torch.manual_seed(0)
-        settings = replace(PracticeSettings(iterations=2, starts=2), **change)
-        return PracticePolicy(DPMPB(*sizes).eval(), Autoencoder().eval(), arm, square, p, runs, settings)
+        settings = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
+        return IterativeLearningPolicy(DPMPB(*sizes).eval(), Autoencoder().eval(), arm, square, p, runs, settings)
 
     return make
 
@@ -63,7 +63,7 @@ def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_promise
 
 def test_the_correction_says_what_a_textbook_says():
     x, y = torch.tensor([[0.0], [1.0]]), torch.tensor([1.0, 2.0])
-    settings = PracticeSettings(noise=0.1)
+    settings = IterativeLearningSettings(noise=0.1)
     mean, variance = Correction(x, y[:, None, None], settings)(torch.tensor([[0.5]]))
     k, kernel = np.exp(-0.125) * np.ones(2), np.array([[1.1, np.exp(-0.5)], [np.exp(-0.5), 1.1]])
     scale = (settings.prior_count * settings.prior_error**2 + 5) / (settings.prior_count + 2)
@@ -205,4 +205,4 @@ def test_another_target_has_other_plans_to_begin_with(practice, square):
 @pytest.mark.parametrize("change", [{"lookahead": 0}, {"noise": 0.0}, {"caution": -1.0}, {"plan_scale": float("nan")}])
 def test_bad_settings_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
-        PracticeSettings(**change)
+        IterativeLearningSettings(**change)

@@ -37,15 +37,9 @@ def test_a_late_step_goes_on_with_the_last_plan(session):
     assert not session.step(solve=False).solved
 
 
-def test_an_arm_that_feels_can_be_steered(session):
-    session.set_arm("torque-feeling")
-    assert session.step().theta.shape == (2,)
-    assert session.env.observe()["robot"].shape == (6,)
-
-
 def test_only_arms_that_a_session_has_weights_for_can_be_chosen(session):
     assert views.fixtures(session, views.plane(session))["arms"] == list(SETUPS)
-    with pytest.raises(KeyError, match="unknown arm 'muscle-hand'; choose from torque, torque-feeling, muscle"):
+    with pytest.raises(KeyError, match="unknown arm 'muscle-hand'; choose from torque, muscle"):
         session.set_arm("muscle-hand")
 
 
@@ -215,7 +209,7 @@ def test_another_arm_brings_its_own_weights_cloth_and_target(session):
     assert set(before) & set(session.gallery) >= {"target-1", "target-2", "muscle", "recorded 1"}
     assert not np.array_equal(before["recorded 1"], session.gallery["recorded 1"])
     assert session.env.cloth.name in session.trained.biases
-    with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque, torque-feeling, muscle"):
+    with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque, muscle"):
         session.set_arm("octopus")
     session.step()
 
@@ -292,7 +286,7 @@ def test_a_cloth_that_cannot_be_simulated_is_refused_and_the_one_before_goes_on(
     session.step()
     before, state = session.env.cloth, session.env.data.qpos.copy()
     with pytest.raises(SimulationError, match=r"too light or too stiff .* \(0.05, 0.10\) stays in the hand"):
-        session.set_material(0.05, 1e-4)
+        session.set_material(0.05, 2e-3)
     assert session.env.cloth == before
     assert np.array_equal(session.env.data.qpos, state)
     assert session.step().step == 2
@@ -332,7 +326,7 @@ def test_a_p_that_the_model_cannot_use_changes_nothing(session, p):
 def test_a_stiffness_out_of_range_changes_nothing(session, f_const):
     session.set_arm("muscle")
     session.set_tension(40.0)
-    with pytest.raises(ValueError, match=r"a command|outside"):
+    with pytest.raises(ValueError, match=r"f_const|outside"):
         session.set_tension(f_const)
     assert session.tension == 40.0
     assert session.step().command[2] == 40.0
@@ -360,7 +354,7 @@ def test_unknown_names_list_the_choices(session):
         (lambda: session.set_driver("nobody"), "unknown driver 'nobody'; choose from control, iterative, manual"),
         (lambda: session.set_driver(["manual"]), "unknown driver"),
         (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
-        (lambda: LiveSession("octopus"), "unknown arm 'octopus'; choose from torque, torque-feeling, muscle"),
+        (lambda: LiveSession("octopus"), "unknown arm 'octopus'; choose from torque, muscle"),
     ):
         with pytest.raises(KeyError, match=message):
             call()

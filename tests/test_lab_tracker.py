@@ -40,13 +40,13 @@ def test_reports_come_now_and_then_and_grow_surer(learned, calibrated, run):
     first = next(k for k, report in enumerate(reports, start=1) if report is not None)
     assert first % REPORT_EVERY == 0
     assert np.trace(reports[-1].covariance) < np.trace(reports[first - 1].covariance)
-    assert not reports[-1].unfamiliar
+    assert not reports[-1].out_of_distribution
 
 
 def test_states_unlike_any_training_are_out_of_distribution(learned, calibrated, run):
     noise = np.random.default_rng(0).normal(size=run.s.shape).astype(np.float32)
     strange = replace(run, s=run.s + noise * learned.model.s_std.numpy())
-    assert follow(BiasTracker(learned, "evaluation", np.zeros(2)), strange, 60)[-1].unfamiliar
+    assert follow(BiasTracker(learned, "evaluation", np.zeros(2)), strange, 60)[-1].out_of_distribution
 
 
 def test_only_a_run_that_begins_at_rest_has_no_warm_up(learned, calibrated, run):

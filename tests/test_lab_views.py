@@ -10,7 +10,7 @@ import pytest
 from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.session import LiveSession
-from clothlab.learning.calibration import Doubt, inside
+from clothlab.learning.calibration import EstimateReport, inside
 from clothlab.simulation.arm import get_arm
 
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
@@ -51,7 +51,7 @@ def test_a_region_on_the_map_is_around_its_place():
 
 
 def test_doubts_are_shown_while_p_is_estimated_and_say_what_is_strange(session):
-    the_plane, known = views.plane(session), Doubt(0.01 * np.eye(2), 0.1, False, False)
+    the_plane, known = views.plane(session), EstimateReport(0.01 * np.eye(2), 0.1, False, False)
     nothing = {"region": [], "warning": ""}
     assert views.estimate_report(session, the_plane) == nothing
     session.tracker.report = known
@@ -63,7 +63,7 @@ def test_doubts_are_shown_while_p_is_estimated_and_say_what_is_strange(session):
     assert shown["warning"] == ""
     session.tracker.report = known._replace(outside=True)
     assert "outside the trained ones" in views.estimate_report(session, the_plane)["warning"]
-    session.tracker.report = known._replace(unfamiliar=True, surprise=np.log(2))
+    session.tracker.report = known._replace(out_of_distribution=True, log_error_ratio=np.log(2))
     assert "2.0 times the usual" in views.estimate_report(session, the_plane)["warning"]
     session.tracker.report, session.estimating = None, False
 

@@ -8,4 +8,3 @@ from clothlab.training_configs import RECIPES
 def test_only_those_without_borrowed_eyes_train_an_autoencoder():
     found = make_weights.autoencoders(list(RECIPES))
     assert found == ["torque-paper", "muscle-paper", "torque", "muscle", "table"]
-    assert make_weights.autoencoders(["muscle", "torque-feeling"]) == ["muscle"]

@@ -72,7 +72,6 @@ FIGURES = {
         },
         np.array([1.0, 10.0, 40.0]),
     ),
-    "information": lambda: plots.information_ellipses({"z": np.diag([4.0, 1.0]), "mask": np.diag([9.0, 0.0])}),
     "race": lambda: plots.race(RACE, np.array([5.0, 10.0]), {"bound": {"C_damp": np.array([0.02, 0.01])}}),
     "cloud": lambda: plots.cloud_views(CLOUD, {"edge": RNG.random((2, 3)), "bar": RNG.random((2, 3))}, most=20),
     "unmarked cloud": lambda: plots.cloud_views(CLOUD),
@@ -192,18 +191,6 @@ def test_what_falls_off_has_a_column_for_each_kind_of_displacement():
     assert plain.get_linestyle() != mended.get_linestyle()
     assert (shift.get_xlabel(), shift.get_ylabel(), turn.get_xlabel()) == ("shift [cm]", "rate", "turn [°]")
     assert [text.get_text() for text in turn.get_legend().get_texts()] == ["yaw"]
-
-
-def test_an_ellipse_has_one_standard_deviation_along_each_axis_and_an_end():
-    figure = plots.information_ellipses({"both": np.diag([100.0, 25.0]), "ratio": 100 * np.array([[1, -1], [-1, 1]])})
-    both, ratio, _ = figure.axes[0].lines
-    assert [np.ptp(each) / 2 for each in both.get_data()] == pytest.approx([0.1, 0.2], rel=1e-3)
-    x, y = ratio.get_data()
-    assert (x + y).max() / np.sqrt(2) == pytest.approx(1.0, rel=1e-3)  # cut at ten times 0.1
-    assert (x - y).max() / np.sqrt(2) == pytest.approx(1 / np.sqrt(200), rel=1e-3)
-    for nothing in ({}, {"z": np.zeros((2, 2))}, {"z": np.eye(3)}):
-        with pytest.raises(ValueError, match="information about two unknowns"):
-            plots.information_ellipses(nothing)
 
 
 def test_a_video_is_played_in_the_page(capsys, monkeypatch):

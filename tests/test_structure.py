@@ -1,4 +1,4 @@
-"""What keeps the project in shape: layers, names, units, sizes, files."""
+"""What keeps the project in shape: budgets, layers, names, units, files."""
 
 import ast
 import dataclasses
@@ -6,54 +6,129 @@ import importlib
 import inspect
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 import clothlab
+from clothlab._validation import Checked
 
 ROOT = Path(clothlab.__file__).parents[1]
 PACKAGE = ROOT / "clothlab"
-LAYERS = ["_validation", "_files", "alt_text", "simulation", "policies", "trials", "learning", "artifacts"]
-LAYERS += [
-    "table_scene",
-    "analysis",
-    "training_configs",
-    "datasets",
-    "experiments",
-    "plots",
-    "tasks",
-    "cluster",
-    "reproduce",
-    "lab",
-]
-LAYERS += ["checks", "__main__"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
+SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+LAYERS = ["_validation", "_files", "alt_text", "simulation", "policies", "trials", "learning", "artifacts"]
+LAYERS += ["table_scene", "analysis", "training_configs", "datasets", "experiments", "plots"]
+LAYERS += ["tasks", "cluster", "reproduce", "lab", "checks", "__main__", "scripts"]
+BUDGETS = {  # at most
+    "lines of clothlab": 12_000,
+    "lines of clothlab without experiments, lab, checks": 6_000,
+    "lines of scripts": 1_500,
+    "lines of tests": 10_000,
+    "rooms": 22,
+    "floors": 11,
+    "imports between rooms": 120,
+    "public names": 450,
+    "lines of the longest class": 200,
+    "lines of the longest function": 50,
+    "widest line": 120,
+}
+NOT_YET = {  # waits for other changes, with what is there now
+    "lines of clothlab": 21_000,
+    "lines of clothlab without experiments, lab, checks": 10_800,
+    "lines of scripts": 2_800,
+    "lines of tests": 18_600,
+    "floors": 12,
+    "public names": 940,
+    "lines of the longest class": 250,
+    "widest line": 140,
+}
+
+
+def room(path):
+    """The module or folder of the package that a file belongs to, or the scripts."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py") if path.is_relative_to(PACKAGE) else "scripts"
+
+
+@cache
+def tree(path):
+    return ast.parse(path.read_text())
 
 
 def imported(path):
-    """Layers that a file imports."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Rooms that a file imports."""
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothlab":
             parts = node.module.split(".")
-            yield from [parts[1]] if len(parts) > 1 else [alias.name for alias in node.names]
+            names = [parts[1]] if len(parts) > 1 else [alias.name for alias in node.names]
+            yield from (name for name in names if name != room(path) and not name.startswith("__"))
 
 
-def layer(path):
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+@cache
+def doors():
+    """Every pair of rooms of which the first imports the second."""
+    return {(room(path), name) for path in [*MODULES, *SCRIPTS] for name in imported(path)}
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_go_down_only(path):
-    if path == PACKAGE / "__init__.py":
-        assert not set(imported(path))
-    else:
-        below = LAYERS[: LAYERS.index(layer(path))]
-        assert set(imported(path)) <= {*below, layer(path)}
+@cache
+def floor_of(name):
+    return 1 + max((floor_of(below) for above, below in doors() if above == name), default=0)
 
 
-def test_every_module_has_its_layer():
-    assert {layer(path) for path in MODULES} - {"__init__"} == set(LAYERS)
+def lines(paths):
+    return sum(len(path.read_text().splitlines()) for path in paths)
+
+
+def public_names(path):
+    """Functions, classes and constants that a module defines without an underscore."""
+    for node in tree(path).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        names = [each.id for each in targets if isinstance(each, ast.Name)]
+        names += [node.name] if isinstance(node, ast.FunctionDef | ast.ClassDef) else []
+        yield from (name for name in names if not name.startswith("_"))
+
+
+def longest(kind):
+    return max(n.end_lineno - n.lineno + 1 for path in MODULES for n in ast.walk(tree(path)) if isinstance(n, kind))
+
+
+MEASURES = {
+    "lines of clothlab": lambda: lines(MODULES),
+    "lines of clothlab without experiments, lab, checks": lambda: lines(
+        path for path in MODULES if room(path) not in ("experiments", "lab", "checks")
+    ),
+    "lines of scripts": lambda: lines(SCRIPTS),
+    "lines of tests": lambda: lines(TESTS),
+    "rooms": lambda: len({room(path) for path in [*MODULES, *SCRIPTS]}),
+    "floors": lambda: max(floor_of(room(path)) for path in [*MODULES, *SCRIPTS]),
+    "imports between rooms": lambda: len(doors()),
+    "public names": lambda: sum(len(list(public_names(path))) for path in MODULES),
+    "lines of the longest class": lambda: longest(ast.ClassDef),
+    "lines of the longest function": lambda: longest(ast.FunctionDef),
+    "widest line": lambda: max(len(line) for path in [*MODULES, *SCRIPTS] for line in path.read_text().splitlines()),
+}
+
+
+@pytest.mark.parametrize("name", BUDGETS)
+def test_budget(name, request):
+    found = MEASURES[name]()
+    print(f"\n{name:54}{found:7,} of {BUDGETS[name]:7,}{'' if found <= BUDGETS[name] else '  too many'}")
+    assert found <= NOT_YET.get(name, BUDGETS[name])
+    if name in NOT_YET:
+        request.applymarker(pytest.mark.xfail(strict=False, reason=f"now at most {NOT_YET[name]:,}"))
+        assert found <= BUDGETS[name]
+
+
+def test_imports_go_down_only():
+    for path in [*MODULES, *SCRIPTS]:
+        below = [] if path == PACKAGE / "__init__.py" else LAYERS[: LAYERS.index(room(path))]
+        assert set(imported(path)) <= set(below), path
+
+
+def test_every_room_has_its_layer():
+    assert {room(path) for path in MODULES} - {"__init__"} | {"scripts"} == set(LAYERS)
 
 
 def name_of(path):
@@ -67,71 +142,42 @@ def public(module):
             yield name, item
 
 
-@pytest.mark.parametrize("path", [path for path in MODULES if path.stem != "__main__"], ids=name_of)
-def test_what_is_public_is_documented(path):
-    module = importlib.import_module(name_of(path))
-    assert module.__doc__
-    for name, item in public(module):
-        if inspect.isclass(item) or inspect.isfunction(item):
-            assert item.__doc__, f"{module.__name__}.{name}"
-        for method, each in vars(item).items() if inspect.isclass(item) else ():
-            if not method.startswith("_") and (inspect.isfunction(each) or isinstance(each, property)):
-                assert inspect.getdoc(getattr(item, method)), f"{module.__name__}.{name}.{method}"
-
-
-@pytest.mark.parametrize("name", clothlab.__all__)
-def test_modules_are_found_as_attributes(name):
-    assert getattr(clothlab, name) is importlib.import_module(f"clothlab.{name}")
-    assert name in dir(clothlab)
-
-
-def test_unknown_modules_list_the_choices():
-    with pytest.raises(AttributeError, match="clothlab has no 'alchemy'; it has analysis, artifacts"):
-        clothlab.alchemy  # noqa: B018
-
-
-def settings_classes():
+def documented():
+    """Every public class, function, method and property of the package, with its docstring."""
     for path in MODULES:
-        if path.stem == "__main__":
-            continue
-        module = importlib.import_module(name_of(path))
-        for _, item in public(module):
-            if dataclasses.is_dataclass(item) and issubclass(item, clothlab._validation.Checked):
-                yield item
+        if path.stem != "__main__":
+            module = importlib.import_module(name_of(path))
+            yield module.__name__, module.__doc__
+            for name, item in public(module):
+                if inspect.isclass(item) or inspect.isfunction(item):
+                    yield f"{module.__name__}.{name}", item.__doc__
+                for method, each in vars(item).items() if inspect.isclass(item) else ():
+                    if not method.startswith("_") and (inspect.isfunction(each) or isinstance(each, property)):
+                        yield f"{module.__name__}.{name}.{method}", inspect.getdoc(getattr(item, method))
 
 
-@pytest.mark.parametrize("cls", list(settings_classes()), ids=lambda cls: f"{cls.__module__}.{cls.__name__}")
-def test_every_number_of_a_setting_has_its_unit(cls):
-    for field in dataclasses.fields(cls):
-        if not isinstance(field.type, str) and "float" in str(field.type):
-            assert field.metadata.get("unit"), f"{cls.__name__}.{field.name} has no unit"
+def test_what_is_public_is_documented():
+    assert [name for name, text in documented() if not text] == []
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_rooms_stay_small(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        lines = getattr(node, "end_lineno", 0) - getattr(node, "lineno", 0) + 1
-        if isinstance(node, ast.ClassDef):
-            assert lines < 250, f"{node.name} has {lines} lines"
-        elif isinstance(node, ast.FunctionDef):
-            assert lines < 50, f"{node.name} has {lines} lines"
+def settings_classes(parent=Checked):
+    for cls in parent.__subclasses__():
+        yield cls
+        yield from settings_classes(cls)
+
+
+def test_every_number_of_a_setting_has_its_unit():
+    list(documented())  # which imports every module
+    for cls in settings_classes():
+        for field in dataclasses.fields(cls) if cls.__module__.startswith("clothlab") else ():
+            if not isinstance(field.type, str) and "float" in str(field.type):
+                assert field.metadata.get("unit"), f"{cls.__name__}.{field.name} has no unit"
 
 
 def test_nothing_asks_which_policy_or_arm_it_is_talking_to():
     for path in MODULES:
         for call in re.findall(r"isinstance\([^)]*\)", path.read_text()):
-            assert not re.search(r"ControlPolicy|MuscleArm|TorqueArm", call), f"{path.name}: {call}"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_every_module_has_its_tests(path):
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    if parts[-1] in ("__init__", "__main__"):
-        return
-    choices = [f"test_{name}.py" for name in ("_".join(p.strip("_") for p in parts), parts[-1].strip("_"), parts[0])]
-    tested = {"policies": "trials", "trained": "artifacts"}.get(parts[-1], parts[-1])
-    choices.append(f"test_{tested}.py")
-    assert any((ROOT / "tests" / name).exists() for name in choices), f"no tests/{choices[1]}"
+            assert not re.search(r"ControlPolicy|MuscleArm|TorqueArm|GripperArm", call), f"{path.name}: {call}"
 
 
 def pins(name):

@@ -9,7 +9,7 @@ import torch
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator
-from clothlab.learning.iterative import PracticeSettings
+from clothlab.learning.iterative import IterativeLearningSettings
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.table_scene.table_env import TableEnv
@@ -177,7 +177,7 @@ def test_recorded_throws_are_starts_with_their_release(learned, square):
 
 
 def test_what_a_recorded_throw_led_to_is_expected_of_it_again(learned, square):
-    exact = replace(PracticeSettings(), noise=1e-6)
+    exact = replace(IterativeLearningSettings(), noise=1e-6)
     thrower = policy(learned, square, practice=exact)
     thrower.set_bias(BIASES["hard-1"])
     z_ref = encode(learned[1], square)

@@ -3,13 +3,12 @@
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from clothlab import artifacts
 from clothlab.learning.autoencoder import AutoencoderTraining
 from clothlab.simulation.arm import get_arm
-from clothlab.training_configs import RECIPES, recipe_of, seen_by, sees_with, train_eyes, train_model
+from clothlab.training_configs import RECIPES, recipe_of, sees_with, train_eyes
 
 
 def stored(name):
@@ -25,7 +24,7 @@ def test_the_weights_that_the_notebooks_start_from_are_stored():
 def test_a_recipe_is_for_the_arm_whose_weights_it_names(name):
     learned = artifacts.load(f"{name}-0")
     assert learned.arm.name == RECIPES[name].arm == {"table": "muscle-hand"}.get(name, name.removesuffix("-paper"))
-    assert learned.sees_with == sees_with(name)
+    assert learned.autoencoder_name == sees_with(name)
     assert len(learned.losses) == RECIPES[name].model.epochs
     assert recipe_of(learned) is RECIPES[name]
 
@@ -43,15 +42,6 @@ def test_an_unknown_recipe_lists_the_choices():
         sees_with("pancakes")
     with pytest.raises(KeyError, match=r"'muscle with torque'; choose from torque with torque-paper"):
         recipe_of(replace(artifacts.load("torque-0"), arm=get_arm("muscle")))
-
-
-def test_recordings_are_loaded_as_the_arm_would_have_made_them():
-    plain, felt = (replace(RECIPES[name], recordings=("train",)).load_trials() for name in ("torque", "torque-feeling"))
-    assert {trial.arm for trial in felt} == {"torque-feeling"}
-    for a, b in zip(plain, felt, strict=True):
-        assert np.array_equal(a.robot, b.robot[:, :4])
-        assert np.array_equal(a.images, b.images)
-        assert 0.5 < np.abs(b.robot[:, 4:]).max() < 100  # [N m]
 
 
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
@@ -82,22 +72,6 @@ def data(tmp_path, monkeypatch):
     shutil.copy(artifacts.data_folder() / eye, tmp_path / eye)
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     return tmp_path
-
-
-def test_a_robot_that_feels_learns_with_the_eyes_of_one_that_does_not(monkeypatch, data, trial):
-    recipe = RECIPES["torque-feeling"]
-    brief = replace(recipe, model=replace(recipe.model, epochs=1, sequence_length=4))
-    monkeypatch.setitem(RECIPES, "torque-feeling", brief)
-    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial])
-    runs = seen_by("torque-feeling")
-    train_model("torque-feeling", runs, 0)
-    learned = artifacts.load("torque-feeling-0")
-    assert (learned.arm.name, learned.sees_with, learned.model.state_size) == ("torque-feeling", "torque", 9)
-    assert recipe_of(learned) is brief
-    assert np.array_equal(learned.sequences(trial).s, runs[0].s)  # whichever of the two arms recorded it
-    assert (data / "weights/dpmpb-torque-feeling-0.safetensors").is_file()
-    with pytest.raises(ValueError, match="'torque-feeling' sees with the autoencoder 'torque' and has none of its own"):
-        train_eyes("torque-feeling")
 
 
 def test_a_recipe_of_another_size_makes_weights_of_the_same_name(monkeypatch, data, trial):

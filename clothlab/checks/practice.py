@@ -68,11 +68,11 @@ class _Practising:
     """A policy that notes whether it practises in each step."""
 
     def __init__(self) -> None:
-        self.practising = True
+        self.exploring = True
         self.noted: list[tuple[int, bool]] = []
 
     def __call__(self, observation: int) -> np.ndarray:
-        self.noted.append((observation, bool(self.practising)))
+        self.noted.append((observation, bool(self.exploring)))
         return np.array([0.5, -observation / 100])
 
 

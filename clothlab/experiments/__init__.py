@@ -20,14 +20,18 @@ from clothlab._validation import choose
 from clothlab.artifacts import Folder
 from clothlab.experiments import (
     autoencoder_quality,
+    calibration_test,
+    camera_recalibration,
     control,
     estimation,
+    identifiability,
     iterative_control,
     joint_estimation_control,
     oracle,
     sample_complexity,
     self_organisation,
     stiffness,
+    sysid_benchmark,
     target_generalization,
 )
 from clothlab.experiments._grid import PAPER, Experiment, load, save
@@ -53,6 +57,13 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         target_generalization.TARGETS,
         sample_complexity.AUTOENCODERS,
         sample_complexity.MODELS,
+        identifiability.IDENTIFIABILITY,
+        sysid_benchmark.BENCHMARK,
+        calibration_test.CALIBRATION,
+        calibration_test.TEST,
+        camera_recalibration.POSE,
+        camera_recalibration.ESTIMATION,
+        camera_recalibration.CONTROL,
     )
 }
 

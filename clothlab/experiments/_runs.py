@@ -36,7 +36,7 @@ def recorded_runs(learned: Trained) -> list[Sequences]:
     Raises:
         KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
     """
-    return [run for name in recipe_of(learned).recordings for run in _encoded(learned.sees_with, name)]
+    return [run for name in recipe_of(learned).recordings for run in _encoded(learned.autoencoder_name, name)]
 
 
 def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:

@@ -47,7 +47,7 @@ def _replay(learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.
 
 
 def _recorded_starts(learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray) -> Policy:
-    trials = artifacts.load_trials(RECORDINGS[learned.sees_with.removesuffix(PAPER)])
+    trials = artifacts.load_trials(RECORDINGS[learned.autoencoder_name.removesuffix(PAPER)])
     return learned.controller(target, p, plans=recorded_plans(trials, seed=model))
 
 
@@ -56,7 +56,7 @@ CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, str, int, np.ndarray], Pol
     REPLAY: _replay,
     PAPERS: lambda learned, target, cloth, model, p: learned.controller(target, p),
     STARTS: _recorded_starts,
-    ITERATIVE: lambda learned, target, cloth, model, p: learned.practice(target, p, recorded_runs(learned)),
+    ITERATIVE: lambda learned, target, cloth, model, p: learned.iterative_controller(target, p, recorded_runs(learned)),
 }
 
 
@@ -109,13 +109,13 @@ def run_one(
     finally:
         env.close()
     distance, period = target_distance(learned.autoencoder, trial, mask), ControlSettings.period * SAMPLES
-    speed = watch.motion().hand_speed[: steps * SAMPLES // period * period].reshape(-1, period).max(axis=1)
+    speed = watch.hand_speed[: steps * SAMPLES // period * period].reshape(-1, period).max(axis=1)
     found = {
         "seed": seed,
         "still": float(distance[0]),
         "best": best_per_period(distance).round(4),
         "hand_speed": speed[1:].round(3),
-        "predicted": np.array(getattr(inner, "promises", []), dtype=np.float64).round(4),
+        "predicted": np.array(getattr(inner, "predicted_distances", []), dtype=np.float64).round(4),
         "bias_ratio": None,
     }
     if isinstance(policy, EstimatingPolicy):
@@ -285,7 +285,7 @@ def _differences(table: pd.DataFrame) -> list[Row]:
                     key=f"iterative_control/{label}/{arm}",
                     label=f"{label}, {arm} arm: last ten periods over random commands",
                     value=mean,
-                    interval=tuple(interval),
+                    interval=(interval[0], interval[1]),
                     paper=says,
                     below=None if says == "–" else 0.0,
                 )

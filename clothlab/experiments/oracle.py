@@ -25,9 +25,10 @@ from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.simulation.vision import check_mask
-from clothlab.trials import Trial, rollout, watch_motion
+from clothlab.trials import MotionWatch, Trial, rollout
 
 PERIOD = ControlSettings.period
+SAMPLES = 50  # of the hand's motion in each step
 POOL = 400  # recorded stretches, of which each search draws its starts
 Cost = Callable[[np.ndarray], np.ndarray]  # plans [N, T, D_u] → cost of each [N]
 
@@ -263,7 +264,10 @@ def run_speed(seed: int, foam: str = "hard-1", steps: int = 16, search: SearchSe
         peaks = []
         for plan in plans:
             copy_state(home, env)
-            peaks.append(watch_motion(env, plan).hand_speed.max())
+            watch = MotionWatch(env)
+            for u in plan:
+                env.advance(u, watch, SAMPLES)
+            peaks.append(watch.hand_speed.max())
         return -np.array(peaks)
 
     starts = recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed)

@@ -169,7 +169,7 @@ def _controlled(learned: Trained, model: int, steps: int) -> dict[str, np.ndarra
         policies = {
             "paper": learned.controller(mask, cloth),
             "starts": learned.controller(mask, cloth, plans=recorded_plans(trials)),
-            "iterative": learned.practice(mask, cloth, runs),
+            "iterative": learned.iterative_controller(mask, cloth, runs),
         }
         for name, policy in policies.items():
             best = best_per_period(

@@ -112,7 +112,7 @@ def control_one(
         ],
         # Of model 0: as sent [T, 3] [rad] [rad] [N], and joint angles ten times a step [10 T, 2] [rad].
         "commands": trial.commands.round(4) if model == 0 else [],
-        "theta": replay(trial, interval=0.02).theta.round(4) if model == 0 else [],
+        "theta": replay(trial, samples=10).theta.round(4) if model == 0 else [],
     }
 
 

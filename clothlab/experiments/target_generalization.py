@@ -25,7 +25,9 @@ def run_one(target: str, model: int, seed: int, weights: str = "torque", steps: 
     """Iterative learning control beside random commands: best distance and IoU of each period but the first `[P]`."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
     cloth = DRAWN_CLOTH if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
-    controlled = new_trial(learned.practice(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed)
+    controlled = new_trial(
+        learned.iterative_controller(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed
+    )
     random = random_trial(learned.arm.name, cloth, steps, seed)
     distance, by_chance = (target_distance(learned.autoencoder, trial, mask) for trial in (controlled, random))
     return {

@@ -104,7 +104,7 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Sequences],
     ):
-        self._iterative = trained.practice(target, p, runs, arm=arm)
+        self._iterative = trained.iterative_controller(target, p, runs, arm=arm)
         self._controllers = {
             "control": trained.controller(target, p, plans=plans, arm=arm),
             "iterative": self._iterative,
@@ -152,7 +152,7 @@ class Drivers:
         """
         if driver not in self._controllers:
             return Choice(self._policies[driver](observation), solved=False, predicted=None, period_ended=False)
-        controller, self._iterative.practising = self._controllers[driver], exploring
+        controller, self._iterative.exploring = self._controllers[driver], exploring
         before = len(controller.trace)
-        u = (controller if solve else controller.coast)(observation)
-        return Choice(u, len(controller.trace) > before, controller.promise, controller.period_ended)
+        u = (controller if solve else controller.step_without_solving)(observation)
+        return Choice(u, len(controller.trace) > before, controller.predicted_distance, controller.period_ended)

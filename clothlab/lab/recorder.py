@@ -9,9 +9,10 @@ import numpy as np
 
 from clothlab._validation import check_name
 from clothlab.simulation.env import Observation
-from clothlab.trials import LONGEST, Trial, save_trial
+from clothlab.trials import Trial, save_trial
 
 EVERY = 300  # control steps between two writes, one minute
+LONGEST = 18_000  # steps of a recording, an hour
 
 
 class Recorder:

@@ -43,7 +43,6 @@ class Setup(Checked):
 
 SETUPS = {
     "torque": Setup("torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
-    "torque-feeling": Setup("torque-feeling-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
     "muscle": Setup("muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"),
 }
 

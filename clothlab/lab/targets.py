@@ -4,13 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clothlab._files import LARGEST_PICTURE
 from clothlab.learning.autoencoder import Autoencoder, decode, encode
 from clothlab.simulation.vision import chamfer_distance, mask_from_file
 from clothlab.trials import Trial
 
-REFERENCE_EVERY = 20  # of the recorded images, one in so many serves as a yardstick for drawn ones
-LARGEST_FILE = LARGEST_PICTURE  # [byte] of an upload; the server would take messages of up to 10 MB
+REFERENCE_EVERY = 20  # of the recorded images, one in so many is compared with drawn ones
+LARGEST_FILE = 1 << 20  # [byte] of an upload; the server would take messages of up to 10 MB
 RECORDED_TARGETS = 7  # how many recorded images the gallery has
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab.learning.calibration import Calibration, Doubt, calibrate
+from clothlab.learning.calibration import Calibration, EstimateReport, calibrate
 from clothlab.learning.estimation import NewtonEstimator
 from clothlab.learning.trained import Trained
 
@@ -44,7 +44,7 @@ class BiasTracker:
         self._trained, self._known, self._p = trained, known, p
         self._estimator = NewtonEstimator(trained.model, p)
         self._count = 0
-        self.report: Doubt | None = None
+        self.report: EstimateReport | None = None
 
     def update(self, s: ArrayLike, u: ArrayLike, *, at_rest: bool) -> np.ndarray:
         """Take in one step and return the new estimate `[D_p]`.
@@ -60,5 +60,5 @@ class BiasTracker:
         self._count += 1
         future = calibration(self._trained.name, self._known)
         if future.done() and self._count % REPORT_EVERY == 0:
-            self.report = future.result().doubt(self._estimator)
+            self.report = future.result().report(self._estimator)
         return p

@@ -188,14 +188,14 @@ def estimate_report(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
 
     The region is empty, and the warning too, where there is nothing to say.
     """
-    doubt = session.tracker.report if session.estimating else None
-    if doubt is None:
+    report = session.tracker.report if session.estimating else None
+    if report is None:
         return {"region": [], "warning": ""}
-    warning = "p lies outside the trained ones." if doubt.outside else ""
-    if doubt.unfamiliar:
-        times = np.exp(doubt.surprise)
+    warning = "p lies outside the trained ones." if report.outside_hull else ""
+    if report.out_of_distribution:
+        times = np.exp(report.log_error_ratio)
         warning = f"The material is unlike the trained ones: squared prediction error {times:.1f} times the usual."
-    return {"region": the_plane.region(session.p, doubt.covariance), "warning": warning}
+    return {"region": the_plane.region(session.p, report.covariance), "warning": warning}
 
 
 def traces(session: LiveSession, history: Sequence[StepInfo]) -> list[dict[str, Any]]:

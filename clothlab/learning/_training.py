@@ -1,14 +1,57 @@
-"""What the trainings of all networks share."""
+"""What the trainings of all networks share: Adam along a cosine, seeds, and where to train."""
 
 import ctypes
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import torch
+from torch import Tensor
+from tqdm.auto import tqdm
 
 # glibc's parameters for `mallopt`, and their new values [byte].
-TRIM_THRESHOLD, MMAP_THRESHOLD = (-1, 512 * 2**20), (-3, 32 * 2**20)
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 512 * 2**20), (-3, 32 * 2**20)
+
+
+def fit(
+    parameters: Iterable[Any],
+    loss: Callable[[Tensor], Tensor],
+    batches: Callable[[], Sequence[Tensor]],
+    epochs: int,
+    learning_rate: float,
+    *,
+    fused: bool = True,
+    bar: str | None = None,
+) -> Iterator[float]:
+    """Minimise a loss by Adam, whose learning rate falls to zero along a cosine; yields the mean loss of each epoch.
+
+    Args:
+        parameters: tensors, or Adam's parameter groups, which may have learning rates `lr` of their own.
+        loss: of one batch.
+        batches: draws the batches of one epoch, such as `lambda: torch.randperm(n).split(64)`. Each epoch has equally
+            many; where there are updates and no epochs, each update is an epoch of one batch.
+        epochs: how many.
+        learning_rate: at the start.
+        fused: one operation updates all parameters; faster, and it rounds differently.
+        bar: title of a progress bar; None for none.
+    """
+    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
+    schedule = None
+    epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
+    for _ in epoch_bar:
+        drawn, total = batches(), 0.0
+        schedule = schedule or torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * len(drawn))
+        for batch in drawn:
+            value = loss(batch)
+            optimizer.zero_grad()
+            value.backward()
+            optimizer.step()
+            schedule.step()
+            total += value.item() * len(batch)
+        mean = total / sum(map(len, drawn))
+        epoch_bar.set_postfix(loss=f"{mean:.4f}")
+        yield mean
 
 
 @contextmanager
@@ -21,7 +64,7 @@ def training(seed: int) -> Iterator[None]:
 
 
 def best_device() -> str:
-    """Where to train unless told otherwise: a GPU where torch sees one."""
+    """Where to train by default: a GPU where torch sees one."""
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
@@ -33,5 +76,5 @@ def _keep_freed_memory() -> None:
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform.startswith("linux") else None
     if mallopt:
-        mallopt(*TRIM_THRESHOLD)
-        mallopt(*MMAP_THRESHOLD)
+        mallopt(*_TRIM_THRESHOLD)
+        mallopt(*_MMAP_THRESHOLD)

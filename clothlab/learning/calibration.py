@@ -1,7 +1,7 @@
-"""Knowing that one does not know: how sure an estimated p is, and whether its material is like any that was learned.
+"""How sure an estimated p is, and whether its material is like any that the model was trained on.
 
-The curvature of the loss (`Fit`) says how far p scatters from run to run. The model's own faults
-shift the lowest loss, however long a run is, and only runs with known materials can tell by how much: `calibrate`.
+The curvature of the loss (`Fit`) says how far p scatters from run to run. The model's own faults shift the lowest loss,
+however long a run is, and only runs with known materials can tell by how much: `calibrate`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
-from torch import Tensor
 
-from clothlab._validation import check_array, check_finite, check_mapping, check_number, choose
+from clothlab._validation import check_array, choose
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.estimation import Estimator, Fit, NewtonSettings
 
@@ -25,126 +24,77 @@ LENGTHS = (50, 100, 200)  # steps after which a calibration looks
 
 
 def inside(p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
-    """Whether p lies in the ellipse that a normal distribution fills with this share.
-
-    Args:
-        p: the point `[D_p]`.
-        centre: of the ellipse `[D_p]`.
-        covariance: `[D_p, D_p]`.
-        share: above 0, below 1.
-
-    Raises:
-        ValueError: sizes that do not fit, or numbers that are not finite.
-    """
-    centre = check_array("centre", centre, ("D_p",))
-    size = len(centre)
-    gap = check_array("p", p, (size,)) - centre
-    covariance = check_array("covariance", covariance, (size, size))
-    return bool(gap @ np.linalg.solve(covariance, gap) <= _radius(share, size) ** 2)
+    """Whether p `[D_p]` lies in the ellipse that a normal distribution fills with this share."""
+    gap = np.asarray(p) - np.asarray(centre)
+    return bool(gap @ np.linalg.solve(np.asarray(covariance), gap) <= _radius(share, len(gap)) ** 2)
 
 
 def outline(centre: ArrayLike, covariance: ArrayLike, share: float = SHARE, points: int = 48) -> np.ndarray:
-    """The edge of that ellipse in a plane, `[points, 2]`, its last point the first.
-
-    Args:
-        centre: `[2]`.
-        covariance: `[2, 2]`.
-        share: above 0, below 1.
-        points: of the edge.
-    """
-    centre, covariance = check_array("centre", centre, (2,)), check_array("covariance", covariance, (2, 2))
-    angle = np.linspace(0, 2 * np.pi, check_number("points", points, int, at_least=4))
-    lengths, axes = np.linalg.eigh(covariance)
+    """The edge of that ellipse in a plane, `[points, 2]`, its last point the first."""
+    angle = np.linspace(0, 2 * np.pi, points)
+    lengths, axes = np.linalg.eigh(np.asarray(covariance))
     halves = axes * np.sqrt(lengths.clip(0))
-    return centre + _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)]) @ halves.T
+    return np.asarray(centre) + _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)]) @ halves.T
 
 
 def _radius(share: float, size: int) -> float:
-    return float(np.sqrt(chi2.ppf(check_number("share", share, above=0, at_most=0.9999), size)))
+    return float(np.sqrt(chi2.ppf(share, size)))
 
 
-def settle(
+def fit_bias(
     model: DPMPB, run: Sequences, p: ArrayLike, settings: NewtonSettings | None = None, rounds: int = 4
 ) -> tuple[np.ndarray, Fit]:
-    """The p with the lowest loss over a whole run that begins at rest, and how it predicts.
+    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts.
 
-    Args:
-        model: trained network.
-        run: states and commands.
-        p: where to start `[D_p]`.
-        settings: `freedom` and `longest` count.
-        rounds: Gauss-Newton steps.
-
-    Raises:
-        ValueError: p of another size, not finite, or so large that nothing can be predicted with it.
+    It starts from p and takes so many Gauss-Newton steps; of the settings, `freedom` and `longest` count.
     """
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
-    fit = _predicting(model, s, u, found)
-    for _ in range(check_number("rounds", rounds, int, at_least=0)):
+    fit = Fit.of(model, s, u, found)
+    for _ in range(rounds):
         found = found + fit.step(settings.freedom, settings.longest)
-        fit = _predicting(model, s, u, found)
+        fit = Fit.of(model, s, u, found)
     return found, fit
 
 
-def _predicting(model: DPMPB, s: Tensor, u: Tensor, p: np.ndarray) -> Fit:
-    fit = Fit.of(model, s, u, p)
-    check_finite("what is predicted with this p", fit.errors)
-    return fit
-
-
-class Doubt(NamedTuple):
-    """What there is to say against an estimate."""
+class EstimateReport(NamedTuple):
+    """How sure an estimate is, and how familiar its material."""
 
     covariance: np.ndarray  # of p [D_p, D_p]
-    surprise: float  # log of the prediction error over the usual one
-    unfamiliar: bool  # whether that is too much
-    outside: bool  # whether the 90 % region lies beyond the trained p
+    log_error_ratio: float  # log of the prediction error over the usual one
+    out_of_distribution: bool  # whether that is too much
+    outside_hull: bool  # whether the 90 % region lies beyond the trained p
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What runs with known materials say about one training.
+    """What runs with known materials say about one training."""
 
-    Attributes:
-        floor: covariance of p that stays however long a run is `[D_p, D_p]`.
-        lengths: of the runs that were looked at [step], `[N]`.
-        scale: by which all covariance grows, so that 90 % regions held the right p in 90 % of these runs `[N]`.
-        limit: surprise that only the share `false_alarms` of these runs exceeded `[N]`.
-        biases: trained p of their materials `[K, D_p]`.
-        usual: log of their mean squared error in each sensor `[K, D_s]`.
-        false_alarms: that share.
-    """
-
-    floor: np.ndarray
-    lengths: np.ndarray
-    scale: np.ndarray
-    limit: np.ndarray
-    biases: np.ndarray
-    usual: np.ndarray
+    floor: np.ndarray  # covariance of p that stays however long a run is [D_p, D_p]
+    lengths: np.ndarray  # of the runs that were looked at [step], [N]
+    scale: np.ndarray  # by which covariance grows, so that 90 % regions held the right p in 90 % of these runs [N]
+    limit: np.ndarray  # log error ratio that only the share `false_alarms` of these runs exceeded [N]
+    biases: np.ndarray  # trained p of their materials [K, D_p]
+    usual: np.ndarray  # log of their mean squared error in each sensor [K, D_s]
     false_alarms: float
 
     def covariance(self, fit: Fit) -> np.ndarray:
-        """Covariance of an estimate `[D_p, D_p]`: what scatters and what the model does wrong.
-
-        Raises:
-            numpy.linalg.LinAlgError: as `Fit.covariance`.
-        """
+        """Covariance of an estimate `[D_p, D_p]`: what scatters and what the model does wrong."""
         return np.interp(len(fit.errors), self.lengths, self.scale) * (fit.covariance() + self.floor)
 
-    def surprise(self, fit: Fit, p: ArrayLike) -> float:
+    def log_error_ratio(self, fit: Fit, p: ArrayLike) -> float:
         """Log of the prediction error over what is usual for materials near p, mean of the sensors.
 
         0 is as usual, 0.7 twice the squared error.
         """
-        return _surprise(fit, np.asarray(p), self.biases, self.usual)
+        return _log_error_ratio(fit, np.asarray(p), self.biases, self.usual)
 
-    def unfamiliar(self, fit: Fit, p: ArrayLike) -> bool:
+    def out_of_distribution(self, fit: Fit, p: ArrayLike) -> bool:
         """Whether the material is predicted worse than any that the model was trained on; too early, it is not."""
         enough = len(fit.errors) >= self.lengths[0] - 1
-        return enough and self.surprise(fit, p) > float(np.interp(len(fit.errors), self.lengths, self.limit))
+        return enough and self.log_error_ratio(fit, p) > float(np.interp(len(fit.errors), self.lengths, self.limit))
 
-    def outside(self, p: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
+    def outside_hull(self, p: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
         """Whether the region around p lies beyond a side of the trained p: predicted well perhaps, but never seen."""
         sides = ConvexHull(self.biases).equations
         normals, offsets = sides[:, :-1], sides[:, -1]
@@ -152,8 +102,8 @@ class Calibration:
         gaps = normals @ np.asarray(p) + offsets
         return bool((gaps > _radius(share, normals.shape[1]) * widths).any())
 
-    def doubt(self, estimator: Estimator) -> Doubt | None:
-        """All of this about the current estimate, with one look; None where too little was seen."""
+    def report(self, estimator: Estimator) -> EstimateReport | None:
+        """All of this about the current estimate; None where too little was seen."""
         fit, p = estimator.fit, estimator.p
         if fit is None:
             return None
@@ -161,12 +111,12 @@ class Calibration:
             covariance = self.covariance(fit)
         except np.linalg.LinAlgError:
             return None
-        outside = self.outside(p, covariance)
-        return Doubt(covariance, self.surprise(fit, p), self.unfamiliar(fit, p), outside)
+        ratio, beyond = self.log_error_ratio(fit, p), self.outside_hull(p, covariance)
+        return EstimateReport(covariance, ratio, self.out_of_distribution(fit, p), beyond)
 
 
-def _surprise(fit: Fit, p: np.ndarray, biases: np.ndarray, usual: np.ndarray) -> float:
-    """See `Calibration.surprise`: between materials, what is usual passes smoothly from one's to the next's."""
+def _log_error_ratio(fit: Fit, p: np.ndarray, biases: np.ndarray, usual: np.ndarray) -> float:
+    """See `Calibration.log_error_ratio`: what is usual passes smoothly from one material to the next."""
     reach = 0.3 * np.sqrt(((biases - biases.mean(0)) ** 2).sum(1).mean())
     gaps = ((p - biases) ** 2).sum(1)
     weights = np.exp(-0.5 * (gaps - gaps.min()) / reach**2)
@@ -190,25 +140,19 @@ def calibrate(
         biases: trained p of each material.
         runs: begin at rest, at least two with each of their materials, none of which the model was trained on.
         lengths: of the beginnings to look at [step]; rising. Those longer than the shortest run are left out.
-        false_alarms: share of familiar runs that may be called unfamiliar.
+        false_alarms: share of familiar runs that may be called out of distribution.
         settings: of the estimator.
-
-    Raises:
-        KeyError: a material without a trained p; the message lists the choices.
-        ValueError: no lengths that fit, or only one run of a material.
     """
-    check_number("false_alarms", false_alarms, above=0, at_most=0.5)
     names = list(dict.fromkeys(run.material for run in runs))
-    chosen = [choose("material", name, check_mapping("trained p", biases)) for name in names]
     which = np.array([names.index(run.material) for run in runs])
     if not runs or (np.bincount(which) < 2).any():
         raise ValueError("a calibration needs at least two runs of each material")
-    known = check_array("trained p", chosen, ("K", model.bias_size))
+    known = np.array([choose("material", name, biases) for name in names], dtype=np.float64)
     lengths = [length for length in lengths if length <= min(map(len, runs))]
     if not lengths:
         raise ValueError(f"runs of {min(map(len, runs))} steps are too short to calibrate with")
     looks = [
-        [settle(model, run[:length], p, settings) for run, p in zip(runs, known[which], strict=True)]
+        [fit_bias(model, run[:length], p, settings) for run, p in zip(runs, known[which], strict=True)]
         for length in lengths
     ]
     gaps = np.array([[p - right for (p, _), right in zip(look, known[which], strict=True)] for look in looks])
@@ -223,14 +167,9 @@ def calibrate(
 
 
 def fit_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
-    """The covariance that, added to that of each run, makes how far estimates were off most likely.
+    """The covariance `[D_p, D_p]` that, added to that of each run, makes how far estimates were off most likely.
 
-    Args:
-        gaps: estimates minus right p `[N, D_p]`.
-        scatter: covariance of each `[N, D_p, D_p]`.
-
-    Returns:
-        `[D_p, D_p]`.
+    `gaps` are estimates minus right p `[N, D_p]`, `scatter` the covariance of each `[N, D_p, D_p]`.
     """
     size = gaps.shape[1]
     lower = np.tril_indices(size)
@@ -240,13 +179,13 @@ def fit_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
         root[lower] = x
         return root @ root.T
 
-    def unlikely(x: np.ndarray) -> float:
+    def negative_log_likelihood(x: np.ndarray) -> float:
         total = scatter + floor_of(x)
         squares = np.einsum("ni,nij,nj->n", gaps, np.linalg.inv(total), gaps)
         return float((np.log(np.linalg.det(total)) + squares).mean())
 
     start = np.linalg.cholesky(gaps.T @ gaps / len(gaps) / 2 + 1e-9 * np.eye(size))[lower]
-    return floor_of(minimize(unlikely, start, method="Nelder-Mead").x)
+    return floor_of(minimize(negative_log_likelihood, start, method="Nelder-Mead").x)
 
 
 def _upper(values: np.ndarray, share: float) -> float:
@@ -262,9 +201,9 @@ def _means(logs: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
 def _limit(
     look: list[tuple[np.ndarray, Fit]], logs: np.ndarray, which: np.ndarray, known: np.ndarray, false_alarms: float
 ) -> float:
-    """Surprise that few runs exceed, each judged by what the others call usual."""
-    surprises = []
+    """Log error ratio that few runs exceed, each judged by what is usual in the others."""
+    ratios = []
     for k, (p, fit) in enumerate(look):
         others = np.arange(len(look)) != k
-        surprises.append(_surprise(fit, p, known, _means(logs[others], which[others], len(known))))
-    return _upper(np.array(surprises), 1 - false_alarms)
+        ratios.append(_log_error_ratio(fit, p, known, _means(logs[others], which[others], len(known))))
+    return _upper(np.array(ratios), 1 - false_alarms)

@@ -12,7 +12,7 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.dpmpb import DPMPB, Sequences, observe
-from clothlab.learning.frozen import FrozenDPMPB
+from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.policies import Policy
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.env import Observation
@@ -20,7 +20,7 @@ from clothlab.simulation.vision import check_mask
 from clothlab.trials import Trial
 
 Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
-Loss = Callable[[Tensor], Tensor]  # predicted states → loss of each sequence [B]
+Loss = Callable[[Tensor], Tensor]  # predicted states, or commands → loss of each sequence [B]
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,12 @@ def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
 
     It shifts left by one each step, as in the paper's example (0,1,0,0) → (1,0,0,0) → (0,0,0,1).
     """
-    steps = check_number("t", t, int) + 1 + np.arange(settings.horizon)
+    steps = t + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
 
 def step_sizes(settings: ControlSettings) -> Tensor:
-    """Values of gamma to try, `[candidates]`.
-
-    0, which keeps the loss from rising, and the rest on a logarithmic scale.
-    """
+    """Values of gamma to try, `[candidates]`: 0, which keeps the loss from rising, and a logarithmic scale."""
     low, high = np.log10([settings.smallest_step, settings.largest_step])
     return torch.cat([torch.zeros(1), torch.logspace(low, high, settings.candidates - 1)])
 
@@ -75,6 +72,26 @@ def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension
     return loss
 
 
+def downhill(loss: Loss, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
+    """Losses `[B]` of plans `[B, T, D_u]`, and their normalised gradients `[B, T, D_u]`.
+
+    A gradient is taken, and its length is one, in units of `scale` `[D_u]`.
+    """
+    u = u.detach().requires_grad_()
+    losses = loss(u)
+    (g,) = torch.autograd.grad(losses.sum(), u)
+    g = g * scale
+    return losses.detach(), g / torch.linalg.vector_norm(g, dim=(1, 2), keepdim=True).clamp_min(1e-12)
+
+
+@torch.no_grad()
+def best_step(loss: Loss, u: Tensor, steps: Tensor, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
+    """The best of several steps `[K, B, T, D_u]` back from plans `[B, T, D_u]`, and their losses `[B]`."""
+    candidates = (u - steps).clamp(lower, upper)
+    losses = loss(candidates.flatten(0, 1)).unflatten(0, candidates.shape[:2])
+    return candidates[losses.argmin(0), torch.arange(len(u))], losses.amin(0)
+
+
 def optimise_commands(
     predict: Predict, loss: Loss, u: Tensor, lower: Tensor, upper: Tensor, scale: Tensor, settings: ControlSettings
 ) -> tuple[Tensor, np.ndarray]:
@@ -93,103 +110,68 @@ def optimise_commands(
         The best commands `[T, D_u]`, inside the range; and the loss at the start and after each iteration,
         `[iterations + 1]`.
     """
-    gamma = step_sizes(settings)[:, None, None] * scale
-    u = u.clamp(lower, upper)
-    trace = []
+
+    def loss_of(plans: Tensor) -> Tensor:
+        return loss(predict(plans))
+
+    gamma = step_sizes(settings)[:, None, None, None] * scale
+    plan, trace = u.clamp(lower, upper)[None], []
     for _ in range(settings.iterations):
-        u.requires_grad_()
-        start = loss(predict(u[None]))
-        (g,) = torch.autograd.grad(start.sum(), u)
-        with torch.no_grad():
-            g = g * scale  # the gradient with respect to u in units of `scale`
-            direction = g / torch.linalg.vector_norm(g).clamp_min(1e-12)
-            candidates = (u - gamma * direction).clamp(lower, upper)
-            losses = loss(predict(candidates))
-            best = losses.argmin()
-            trace.append(start.item())
-        u = candidates[best].clone()
-    return u.detach(), np.array([*trace, losses[best].item()])
-
-
-def shift_left(u: Tensor) -> Tensor:
-    """The warm start: last solution `[T, D_u]` one step on, its last command twice."""
-    return torch.cat([u[1:], u[-1:]])
+        start, direction = downhill(loss_of, plan, scale)
+        plan, best = best_step(loss_of, plan, gamma * direction, lower, upper)
+        trace.append(start.item())
+    return plan[0], np.array([*trace, best.item()])
 
 
 def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
-    """Stretches of the commands that somebody has sent before, `[count, horizon, D_u]`, drawn at random.
-
-    Raises:
-        ValueError: no trials, or trials shorter than a stretch.
-    """
+    """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
     check_number("count", count, int, at_least=1)
     if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
         raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
-    chosen = np.random.default_rng(check_number("seed", seed, int, at_least=0)).choice(
-        len(windows), count, replace=len(windows) < count
-    )
+    chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
     return windows[chosen].transpose(0, 2, 1)
 
 
 def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> np.ndarray:
     """Recorded commands after which the cloth was nearest to a target, `[count or fewer, horizon, D_u]`, best first.
 
-    What they led to was seen, not promised. No two of one run overlap by more than half.
-
-    Args:
-        runs: recorded runs, with one cloth or several.
-        z_ref: target `[D_z]`.
-        horizon: length of a plan [step].
-        count: how many.
-
-    Raises:
-        ValueError: no runs, or none that is longer than a plan.
+    Distances to `z_ref` `[D_z]` are seen, not predicted. No two plans of one run overlap by more than half.
     """
-    z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
-    check_number("horizon", horizon, int, at_least=1)
-    if any(len(z_ref) > run.s.shape[1] for run in runs):
-        raise ValueError(f"z_ref has more numbers than the states of the runs, {len(z_ref)}")
-    each = -(-check_number("count", count, int, at_least=1) // max(len(runs), 1))  # from each run
+    z_ref = np.asarray(z_ref, dtype=np.float32)
+    from_each = -(-count // max(len(runs), 1))
     found = []
     for run in runs:
-        away = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
-        for _ in range(min(each, len(away) // horizon)):
-            start = int(away.argmin())
-            found.append((float(away[start]), run.u[start : start + horizon]))
-            away[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
+        distance = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
+        for _ in range(min(from_each, len(distance) // horizon)):
+            start = int(distance.argmin())
+            found.append((float(distance[start]), run.u[start : start + horizon]))
+            distance[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
     if not found:
         raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
     return np.stack([u for _, u in sorted(found, key=lambda pair: pair[0])[:count]]).astype(np.float64)
 
 
-class AimingPolicy(Policy):
-    """What foresees with a model and aims at an image: the base of policies that plan.
+class PlanningPolicy(Policy):
+    """Base of policies that predict with a model and aim at an image.
 
-    Attributes:
-        model: trained network.
-        autoencoder: the one that the model was trained with.
-        arm: whose commands are sent.
-        layout: of the robot state.
-        lower: lowest commands `[D_u]`.
-        upper: highest commands `[D_u]`.
-        scale: standard deviation of each command in training `[D_u]`, in which a descent steps.
-        z_ref: the target, compressed `[D_z]`.
+    A subclass calls `set_target` and `set_bias` before it plans. Beside its arguments it has the `layout` of the state,
+    the range `lower` and `upper` of the commands, their standard deviations `scale` in training, in which a descent
+    steps, and the target `z_ref`.
     """
 
-    def _know(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm) -> None:
-        """Keep what the planning stands on, and refuse what does not belong together."""
-        self.model, self.autoencoder, self.arm = model, autoencoder, arm
-        self.layout = arm.layout(autoencoder.latent_size)
-        if (model.state_size, model.command_size) != (self.layout.size, len(arm.command_names)):
+    def __init__(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm | str):
+        self.model, self.autoencoder, self.arm = model, autoencoder, get_arm(arm)
+        self.layout = self.arm.layout(autoencoder.latent_size)
+        lower, upper = self.arm.command_lower, self.arm.command_upper
+        if (model.state_size, model.command_size) != (self.layout.size, len(lower)):
             raise ValueError(
-                f"the model has {model.state_size} states and {model.command_size} commands, the {arm.name} arm has "
-                f"{self.layout.size} and {len(arm.command_names)}; load the weights of this arm"
+                f"the model has {model.state_size} states and {model.command_size} commands, the {self.arm.name} arm "
+                f"has {self.layout.size} and {len(lower)}; load the weights of this arm"
             )
         # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
-        self.scale = model.u_std * torch.as_tensor(arm.command_upper > arm.command_lower)
-        self.lower = torch.as_tensor(arm.command_lower, dtype=torch.float32)
-        self.upper = torch.as_tensor(arm.command_upper, dtype=torch.float32)
+        self.scale = model.u_std * torch.as_tensor(upper > lower)
+        self.lower, self.upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (lower, upper))
 
     @property
     def p(self) -> np.ndarray:
@@ -197,24 +179,16 @@ class AimingPolicy(Policy):
         return self._p.numpy().copy()
 
     def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from the next solve on.
-
-        Raises:
-            ValueError: p of another size or not finite.
-        """
+        """Use another parametric bias `[D_p]` from the next solve on."""
         self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
-        self._frozen = FrozenDPMPB(self.model, self._p)
+        self._predict = FastDPMPB(self.model, self._p)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next solve on.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
-        """
+        """Aim at another image `[H, W]` from the next solve on."""
         self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
 
 
-class ControlPolicy(AimingPolicy):
+class ControlPolicy(PlanningPolicy):
     """Realises a target image again and again, once a period.
 
     Args:
@@ -228,12 +202,7 @@ class ControlPolicy(AimingPolicy):
             that the model likes best, where that beats the warm start. The paper has none and leaves open where
             the first solve starts.
 
-    Raises:
-        ValueError: a target of another size or without a cloth; a p of another size; a model of other sizes than
-            the arm's; plans of another shape.
-
-    Attributes:
-        trace: losses of each solve since the reset, a list of `[iterations + 1]`.
+    `trace` has the losses of each solve since the reset, `[iterations + 1]`.
     """
 
     name = "control"
@@ -248,8 +217,8 @@ class ControlPolicy(AimingPolicy):
         settings: ControlSettings | None = None,
         plans: ArrayLike | None = None,
     ):
+        super().__init__(model, autoencoder, arm)
         self.settings = settings or ControlSettings()
-        self._know(model, autoencoder, get_arm(arm))
         shape = (self.settings.horizon, len(self.lower))
         plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
@@ -271,7 +240,7 @@ class ControlPolicy(AimingPolicy):
         mask = torch.as_tensor(period_mask(self._t, self.settings))
 
         def predict(u: Tensor) -> Tensor:
-            return self._frozen(s, u, self._memory)
+            return self._predict(s, u, self._memory)
 
         def loss(states: Tensor) -> Tensor:
             return control_loss(states, self.z_ref, mask, self.layout.tensions, self.settings.tension_weight)
@@ -286,28 +255,19 @@ class ControlPolicy(AimingPolicy):
         return self._send(s)
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
-        """Look for better commands than `start`; overwrite it to look in another way.
-
-        Args:
-            predict: commands `[B, T, D_u]` → predicted states `[B, T, D_s]`.
-            loss: predicted states → loss of each sequence `[B]`.
-            start: where to start `[T, D_u]`.
-
-        Returns:
-            Commands `[T, D_u]` inside the range, and the trace of their loss.
-        """
+        """Better commands than `start` `[T, D_u]`, and the trace of their loss; overwrite it to search differently."""
         return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
-    def coast(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the last plan, `[D_u]`, without a solve: for when the time for one has run out.
+    def step_without_solving(self, observation: Observation) -> np.ndarray:
+        """Return the next command of the last plan, `[D_u]`: for when the time for a solve has run out.
 
         The first command after a reset needs a plan, and so a solve.
         """
         return self._send(self._follow(observation)) if self.trace else self(observation)
 
     @property
-    def promise(self) -> float | None:
-        """Distance that the model promises for the end of this period, if the rest of the plan is sent [s.d. of z].
+    def predicted_distance(self) -> float | None:
+        """Distance that the model predicts for the end of this period, if the rest of the plan is sent [s.d. of z].
 
         None before the first command, and where the period ends beyond the horizon.
         """
@@ -315,7 +275,7 @@ class ControlPolicy(AimingPolicy):
         if self._last is None or not ends.any():
             return None
         with torch.no_grad():
-            z = self._frozen(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)[0, -1, self.layout.z]
+            z = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)[0, -1, self.layout.z]
         return float(torch.linalg.vector_norm(self.z_ref - z))
 
     @property
@@ -324,10 +284,10 @@ class ControlPolicy(AimingPolicy):
         return self._last is not None and self._t % self.settings.period == 0
 
     def _follow(self, observation: Observation) -> Tensor:
-        """Encode the state; the recurrent state follows what was observed, not what was predicted."""
+        """Encode the state; memory follows what was observed, not what was predicted; the plan moves on."""
         if self._last is not None:
-            self._memory = self._frozen.follow(*self._last, self._memory)
-            self._u = shift_left(self._u)
+            self._memory = self._predict.follow(*self._last, self._memory)
+            self._u = torch.cat([self._u[1:], self._u[-1:]])  # the warm start; its last command twice
         return torch.as_tensor(observe(self.autoencoder, observation))
 
     def _send(self, s: Tensor) -> np.ndarray:

@@ -9,15 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
-from tqdm.auto import tqdm
 
 from clothlab._validation import Checked, check_array, check_number, choose, setting
-from clothlab.learning._training import best_device, training
+from clothlab.learning._training import best_device, fit, training
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.simulation.env import Observation
 from clothlab.trials import Trial
-
-LARGEST_SIZE = 100_000  # of a vector that goes into a network, or comes out of it
 
 
 class Memory(NamedTuple):
@@ -32,11 +29,6 @@ class DPMPB(nn.Module):
 
     It speaks physical units: means and standard deviations of `s` and `u` are buffers, set from the training data by
     `fit_normalisation`, and travel with the weights.
-
-    Args:
-        state_size: D_s.
-        command_size: D_u.
-        bias_size: D_p.
     """
 
     s_mean: Tensor
@@ -46,9 +38,9 @@ class DPMPB(nn.Module):
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
         super().__init__()
-        self.state_size = check_number("state_size", state_size, int, at_least=1, at_most=LARGEST_SIZE)
-        self.command_size = check_number("command_size", command_size, int, at_least=1, at_most=LARGEST_SIZE)
-        self.bias_size = check_number("bias_size", bias_size, int, at_least=0, at_most=LARGEST_SIZE)
+        self.state_size = check_number("state_size", state_size, int, at_least=1)
+        self.command_size = check_number("command_size", command_size, int, at_least=1)
+        self.bias_size = check_number("bias_size", bias_size, int, at_least=0)
         self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
         self.lstm = nn.LSTM(30, 30, num_layers=2, batch_first=True)
         self.fc_out = nn.Sequential(*_tanh_layers(30, 30, 100, 300), nn.Linear(300, state_size))
@@ -97,9 +89,9 @@ class _Tanh(nn.Module):
 
 
 def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
-    """Predict T steps ahead, one after another, each prediction being the next step's input.
+    """Predict states `[B, T, D_s]` with the model's own predictions as the next inputs.
 
-    The plain version of `clothlab.learning.frozen`, and the reference that it is tested and timed against.
+    The plain version of `FastDPMPB`, and the reference that it is tested and timed against.
 
     Args:
         model: network.
@@ -107,9 +99,6 @@ def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None
         u: commands `[B, T, D_u]`.
         p: parametric bias `[D_p]`.
         memory: recurrent state before this step, of batch 1.
-
-    Returns:
-        Predicted states `[B, T, D_s]`.
     """
     batch = len(u)
     if memory is not None:
@@ -138,44 +127,30 @@ class ModelTraining(Checked):
 
 @dataclass(frozen=True, eq=False)
 class TrainingTrace:
-    """What happened in a training.
+    """What happened in a training."""
 
-    Attributes:
-        losses: mean squared error of each epoch, in standard deviations, `[epochs]`.
-        biases: p of each material before the first epoch and after each, `{name: [epochs + 1, D_p]}`.
-    """
-
-    losses: np.ndarray
-    biases: dict[str, np.ndarray]
+    losses: np.ndarray  # mean squared error of each epoch, in standard deviations, [epochs]
+    biases: dict[str, np.ndarray]  # p of each material before the first epoch and after each, {name: [epochs + 1, D_p]}
 
 
 @dataclass(frozen=True, eq=False)
 class Sequences(Checked):
-    """One run as the model sees it.
+    """One run as the model sees it; runs of one material share one p."""
 
-    Attributes:
-        s: states `[T, D_s]`, z first.
-        u: commands `[T, D_u]`.
-        material: which p it shares: the name of its cloth.
-    """
-
-    s: np.ndarray
-    u: np.ndarray
+    s: np.ndarray  # states [T, D_s], z first
+    u: np.ndarray  # commands [T, D_u]
     material: str
 
     def __post_init__(self) -> None:
-        """Refuse what is not finite or does not belong together."""
         for name in ("s", "u"):
-            array = check_array(
-                f"{name} of a run of {self.material}", getattr(self, name), ("T", f"D_{name}"), np.float32
-            )
+            what = f"{name} of a run of {self.material}"
+            array = check_array(what, getattr(self, name), ("T", f"D_{name}"), np.float32)
             object.__setattr__(self, name, array)
-        if len(self.s) != len(self.u):
-            raise ValueError(f"a run has as many states as commands, got {len(self.s)} and {len(self.u)}")
+        if not len(self.s) == len(self.u) > 0:
+            raise ValueError(f"a run has as many states as commands, and some, got {len(self.s)} and {len(self.u)}")
         super().__post_init__()
 
     def __len__(self) -> int:
-        """Return the number of control steps T."""
         return len(self.s)
 
     def __getitem__(self, steps: slice) -> "Sequences":
@@ -184,10 +159,7 @@ class Sequences(Checked):
 
 
 def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
-    """State s = (z, robot state) of one observation, `[D_s]`, float32.
-
-    Here physics, in float64, meets learning, in float32.
-    """
+    """State s = (z, robot state) of one observation, `[D_s]`: physics in float64 becomes learning in float32."""
     return np.concatenate([encode(autoencoder, observation["image"]), observation["robot"]]).astype(np.float32)
 
 
@@ -214,63 +186,52 @@ def train_dpmpb(
     device: str | None = None,
     progress: bool = True,
 ) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
-    """Train the weights W and one p for each material together (eqs. 3 and 4).
+    """Train the weights W and one p for each material together (eqs. 3 and 4), p from zero.
 
     Args:
-        runs: recorded runs; those of one material share one p, which starts at zero. Give each run a material of its
-            own, and each gets its own p.
-        settings: epochs, batch, sequence length, learning rate.
-        known: p of each material `{name: [D_p]}`, to be used as it is; by default p is trained.
+        runs: recorded runs. Give each a material of its own, and each gets its own p.
+        settings: epochs, batch, sequence length, learning rates.
+        known: p of each material `{name: [D_p]}`, to be used as it is.
         seed: of weights and batches.
-        device: where to train; by default a GPU where torch sees one.
+        device: where to train; a GPU where torch sees one.
         progress: show a progress bar.
 
     Returns:
         The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
-
-    Raises:
-        KeyError: a material whose p is not among the known ones; the message lists them.
-        ValueError: no runs, runs shorter than a sequence, runs of unequal sizes, or a known p that is not `[D_p]`.
     """
-    settings = settings or ModelTraining()
+    settings, device = settings or ModelTraining(), device or best_device()
     _check_runs(runs, settings.sequence_length)
-    p = _first_biases(materials_of(runs), settings.bias_size, known)
-    device = device or best_device()
+    names = materials_of(runs)
+    p = _first_biases(names, settings.bias_size, known).to(device).requires_grad_(not known)
     with training(seed):
-        return _train(runs, settings, p.to(device).requires_grad_(not known), device, progress)
+        model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
+        fit_normalisation(model, runs)
+        losses, path = _train(model.to(device), p, runs, settings, device, progress)
+    trace = TrainingTrace(np.array(losses), dict(zip(names, np.stack(path, axis=1), strict=True)))
+    return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
 
 
 def _train(
-    runs: Sequence[Sequences], settings: ModelTraining, p: Tensor, device: str, progress: bool
-) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
-    model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
-    fit_normalisation(model, runs)
-    model.to(device)
+    model: DPMPB, p: Tensor, runs: Sequence[Sequences], settings: ModelTraining, device: str, progress: bool
+) -> tuple[list[float], list[np.ndarray]]:
+    """Train W and p `[K, D_p]` in place: the loss of each epoch, and p before the first and after each."""
+    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
+
+    def loss(index: Tensor) -> Tensor:
+        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+        return model.loss(predicted, s[index, 1:])
+
+    def batches() -> Sequence[Tensor]:
+        return torch.randperm(len(s), device=device).split(settings.batch_size)
 
     groups: list[dict[str, Any]] = [{"params": model.parameters()}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
-    optimizer = torch.optim.Adam(groups, lr=settings.learning_rate, fused=True)
-    s, u, k = (part.to(device) for part in stretches(runs, settings.sequence_length, settings.stride))
-    batches = -(-len(s) // settings.batch_size)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs * batches)
-    losses, path = [], [p.detach().cpu().numpy().copy()]
-    bar = tqdm(range(settings.epochs), desc="DPMPB", disable=not progress, unit="epoch")
-    for _ in bar:
-        total = 0.0
-        for index in torch.randperm(len(s), device=device).split(settings.batch_size):
-            predicted, _ = model(s[index, :-1], u[index], p[k[index]])
-            loss = model.loss(predicted, s[index, 1:])
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            total += loss.item() * len(index)
-        losses.append(total / len(s))
+    losses, path, bar = [], [p.detach().cpu().numpy().copy()], "DPMPB" if progress else None
+    for mean_loss in fit(groups, loss, batches, settings.epochs, settings.learning_rate, bar=bar):
+        losses.append(mean_loss)
         path.append(p.detach().cpu().numpy().copy())
-        bar.set_postfix(mse=f"{losses[-1]:.4f}")
-    trace = TrainingTrace(np.array(losses), dict(zip(materials_of(runs), np.stack(path, axis=1), strict=True)))
-    return model.cpu().eval(), {name: each[-1] for name, each in trace.biases.items()}, trace
+    return losses, path
 
 
 def materials_of(runs: Sequence[Sequences]) -> list[str]:
@@ -297,19 +258,12 @@ def _check_runs(runs: Sequence[Sequences], length: int) -> None:
 
 
 def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Overlapping stretches of runs, and which material each belongs to.
-
-    Args:
-        runs: recorded runs.
-        length: of a stretch [step].
-        stride: between the starts of neighbours [step].
+    """Overlapping stretches of runs, whose starts are `stride` steps apart.
 
     Returns:
-        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted in the
-        order in which materials first occur.
+        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted as by
+        `materials_of`.
     """
-    check_number("length", length, int, at_least=1)
-    check_number("stride", stride, int, at_least=1)
     materials = materials_of(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]

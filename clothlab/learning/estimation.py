@@ -4,7 +4,6 @@
 which also says how sure the estimate is.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +11,13 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab._validation import Checked, check_array, setting
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB, Sequences, observe
 from clothlab.policies import Policy, Wrapper
 from clothlab.simulation.env import Observation
 
-LARGEST_LOSS = 1e38  # nearly the largest number in single precision
-NO_LOSS = "this step is so far from what the model was trained on that there is no loss"
+_LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
 
 @dataclass(frozen=True)
@@ -32,12 +30,9 @@ class EstimationSettings(Checked):
     warmup: int = setting(10, "step", at_least=0)  # first steps of the memory, not in the loss
 
     def __post_init__(self) -> None:
-        """Refuse windows from which p would never move."""
         super().__post_init__()
         if self.window <= self.warmup:
-            raise ValueError(
-                f"EstimationSettings.window must be longer than the warmup of {self.warmup} steps, got {self.window}"
-            )
+            raise ValueError(f"the window must be longer than the warmup of {self.warmup} steps, got {self.window}")
 
 
 @dataclass(frozen=True)
@@ -51,46 +46,32 @@ class NewtonSettings(Checked):
     window: int = setting(200, "step", at_least=1)  # how far back the data reach
     warmup: int = setting(10, "step", at_least=0)  # of a window that begins in the middle of a motion
     least: int = setting(5, "step", at_least=2)  # predictions to judge before p moves
-    freedom: float = setting(10.0, "-", above=0)  # Student's t: the smaller, the less do the largest errors count
-    longest: float = setting(0.5, "-", above=0)  # way of p in one step
+    freedom: float = setting(10.0, "-", above=0)  # degrees of freedom of Student's t: fewer weigh outliers less
+    longest: float = setting(0.5, "-", above=0)  # largest step of p
     lag: int = setting(5, "step", at_least=0)  # over which errors may depend on each other
 
     def __post_init__(self) -> None:
-        """Refuse windows from which p would never move."""
         super().__post_init__()
         if self.window < self.warmup + self.least:
-            raise ValueError(
-                f"NewtonSettings.window must hold the warmup and {self.least} steps more, got {self.window}"
-            )
+            raise ValueError(f"the window must hold the warmup and {self.least} steps more, got {self.window}")
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How one p predicts a window, and what a small change of p would do.
+    """How one p predicts a window, and what a small change of p would do."""
 
-    Attributes:
-        errors: seen minus predicted next states `[T, D_s]` [s.d. of the state].
-        slopes: derivative of the predictions with respect to p `[T, D_s, D_p]`.
-    """
-
-    errors: np.ndarray
-    slopes: np.ndarray
+    errors: np.ndarray  # seen minus predicted next states [T, D_s] [s.d. of the state]
+    jacobian: np.ndarray  # derivative of the predictions with respect to p [T, D_s, D_p]
 
     @classmethod
     def of(cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0, nudge: float = 0.03) -> "Fit":
-        """Predict with p and with its neighbours, all in one pass; slopes are central differences.
+        """Predict with p and with its neighbours, `nudge` to both sides, all in one pass.
 
-        Args:
-            model: trained network.
-            s: states `[T + 1, D_s]`.
-            u: commands `[T + 1, D_u]`.
-            p: parametric bias `[D_p]`.
-            warmup: first steps, in which the memory fills, left out.
-            nudge: half the distance of two neighbours.
+        States `[T + 1, D_s]` and commands `[T + 1, D_u]` are seen; errors of the first `warmup` steps are left out.
         """
         p = np.asarray(p, dtype=np.float64)
-        ways = nudge * np.eye(len(p))
-        around = torch.as_tensor(np.concatenate([p[None], p + ways, p - ways]), dtype=s.dtype)
+        nudges = nudge * np.eye(len(p))
+        around = torch.as_tensor(np.concatenate([p[None], p + nudges, p - nudges]), dtype=s.dtype)
         with torch.no_grad():
             predicted, _ = model(s[:-1].expand(len(around), -1, -1), u[:-1].expand(len(around), -1, -1), around)
             scaled = (predicted / model.s_std)[:, warmup:].double().numpy()
@@ -104,36 +85,30 @@ class Fit:
         return float((self.errors**2).mean())
 
     def step(self, freedom: float = NewtonSettings.freedom, longest: float = np.inf) -> np.ndarray:
-        """How far p is from the lowest loss, by Gauss-Newton with the weights of Student's t, `[D_p]`.
+        """Gauss-Newton step to the lowest loss, with the weights of Student's t, `[D_p]`.
 
-        With endless `freedom` all errors weigh the same. Where the predictions hardly depend on p, p hardly moves; a
-        way longer than `longest` is cut to it.
+        Where the predictions hardly depend on p, p hardly moves; a step longer than `longest` is cut to it.
         """
-        freedom = check_number("freedom", freedom, above=0)
-        longest = longest if longest is np.inf else check_number("longest", longest, at_least=0)
         weight = (freedom + 1) / (freedom + self._sizes)
-        curvature = np.einsum("tdi,td,tdj->ij", self.slopes, weight, self.slopes)
-        pull = np.einsum("tdi,td,td->i", self.slopes, weight, self.errors)
-        way = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ pull
-        return way * min(1, longest / max(float(np.linalg.norm(way)), 1e-12))
+        curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, weight, self.jacobian)
+        gradient = np.einsum("tdi,td,td->i", self.jacobian, weight, self.errors)
+        step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
+        return step * min(1, longest / max(float(np.linalg.norm(step)), 1e-12))
 
     def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = NewtonSettings.lag) -> np.ndarray:
         """Covariance of p at the lowest loss, `[D_p, D_p]`.
 
         Curvature alone would be right if all errors were independent, equally large, and the model true. Between two
-        curvatures stands what the pull on p really scattered by, neighbouring steps included (Newey and West, 1987).
-
-        Raises:
-            numpy.linalg.LinAlgError: predictions that do not depend on every direction of p.
+        curvatures stands by how much gradients really scattered, neighbouring steps included (Newey and West, 1987). A
+        LinAlgError says that the predictions do not depend on every direction of p.
         """
-        freedom, lag = check_number("freedom", freedom, above=0), check_number("lag", lag, int, at_least=0)
         weight = (freedom + 1) / (freedom + self._sizes)
-        bend = weight * (freedom - self._sizes) / (freedom + self._sizes)  # derivative of weight times error
-        inverse = np.linalg.inv(np.einsum("tdi,td,tdj->ij", self.slopes, bend, self.slopes))
-        pulls = np.einsum("tdi,td,td->ti", self.slopes, weight, self.errors)
-        scatter = pulls.T @ pulls
-        for k in range(1, min(lag, len(pulls) - 1) + 1):
-            both = pulls[k:].T @ pulls[:-k]
+        slope = weight * (freedom - self._sizes) / (freedom + self._sizes)  # derivative of weight times error
+        inverse = np.linalg.inv(np.einsum("tdi,td,tdj->ij", self.jacobian, slope, self.jacobian))
+        gradients = np.einsum("tdi,td,td->ti", self.jacobian, weight, self.errors)
+        scatter = gradients.T @ gradients
+        for k in range(1, min(lag, len(gradients) - 1) + 1):
+            both = gradients[k:].T @ gradients[:-k]
             scatter += (1 - k / (lag + 1)) * (both + both.T)
         return inverse @ scatter @ inverse
 
@@ -144,7 +119,7 @@ class Fit:
 
 
 def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = EstimationSettings.warmup) -> Tensor:
-    """L(p) over a run: how far the model's next states are from those that were seen (eq. 4, with W fixed).
+    """L(p): how far the model's next states are from those that were seen (eq. 4, with W fixed).
 
     Args:
         model: trained network.
@@ -162,20 +137,11 @@ def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int =
     return torch.stack(losses).reshape(p.shape[:-1])
 
 
-class Estimator(ABC):
-    """Moves p whenever a control step has been observed.
+class Estimator:
+    """Moves p, from zero or a given one `[D_p]`, whenever a control step has been observed; subclasses say how."""
 
-    Args:
-        model: trained network.
-        p: parametric bias to start from `[D_p]`; zeros when left out, as at the start of training.
-        settings: how it moves, and how far back the data reach.
-
-    Raises:
-        ValueError: p of another size or not finite.
-    """
-
-    def __init__(self, model: DPMPB, p: ArrayLike | None, settings: EstimationSettings | NewtonSettings):
-        self._window, self.model = settings.window, model
+    def __init__(self, model: DPMPB, p: ArrayLike | None, window: int):
+        self._window, self.model = window, model
         self._start = check_array("p", np.zeros(model.bias_size) if p is None else p, (model.bias_size,), np.float32)
         self.reset()
 
@@ -190,31 +156,26 @@ class Estimator(ABC):
         return self._p.detach().numpy().copy()
 
     def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
-        """Take in one step and move p once.
+        """Take in one step, the state `[D_s]` before a command and the command `[D_u]`: the new estimate `[D_p]`.
 
-        Args:
-            s: state seen before the command, `[D_s]`.
-            u: the command, `[D_u]`.
-
-        Returns:
-            The new estimate `[D_p]`.
-
-        Raises:
-            ValueError: a state or a command of another size, not finite or absurdly large; the estimate stays.
+        A step that is refused, since it does not fit or has no finite loss, leaves the estimate as it is.
         """
         step = (
             check_array("s", s, (self.model.state_size,), np.float32),
             check_array("u", u, (self.model.command_size,), np.float32),
         )
         seen = [*self._seen, step][-self._window - 1 :]
-        self._move(seen)
+        warmup = self._warmup(len(seen))
+        if warmup is not None and not self._move(*_columns(seen), warmup) < _LARGEST_LOSS:
+            raise ValueError("this step is so far from what the model was trained on that there is no loss")
         self._seen = seen
         return self.p
 
     @property
     def fit(self) -> Fit | None:
-        """How an estimate predicts what is in the window; None before there is anything to judge."""
-        return self._judge(self._seen)
+        """How the estimate predicts what is in the window; None before there is anything to judge."""
+        warmup = self._warmup(len(self._seen))
+        return None if warmup is None else Fit.of(self.model, *_columns(self._seen), self.p, warmup)
 
     @property
     def covariance(self) -> np.ndarray | None:
@@ -225,62 +186,48 @@ class Estimator(ABC):
         except np.linalg.LinAlgError:
             return None
 
-    @abstractmethod
-    def _move(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Move p once by what was seen, or raise and leave it."""
+    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
+        """Move p once, unless the loss is not finite; returns the loss."""
+        raise NotImplementedError
 
-    @abstractmethod
-    def _judge(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> Fit | None:
-        """How the current p predicts what was seen."""
+    def _warmup(self, count: int) -> int | None:
+        """How many first steps are left out of so many; None where there is nothing to judge yet."""
+        raise NotImplementedError
+
+
+def _columns(seen: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Tensor, Tensor]:
+    """States `[T, D_s]` and commands `[T, D_u]`."""
+    s, u = (torch.as_tensor(np.stack(column)) for column in zip(*seen, strict=True))
+    return s, u
 
 
 class BiasEstimator(Estimator):
-    """Takes one step of momentum SGD on p whenever a control step has been observed: the paper's rule.
-
-    Args:
-        model: trained network.
-        p: parametric bias to start from `[D_p]`; zeros when left out, as at the start of training.
-        settings: rate, momentum, window.
-
-    Raises:
-        ValueError: p of another size or not finite.
-    """
+    """The paper's rule: one step of momentum SGD on p whenever a control step has been observed."""
 
     def __init__(self, model: DPMPB, p: ArrayLike | None = None, settings: EstimationSettings | None = None):
         self.settings = settings or EstimationSettings()
-        super().__init__(model, p, self.settings)
+        super().__init__(model, p, self.settings.window)
 
     def reset(self) -> None:
-        """Go back to the p it started from, and forget what was seen."""
         super().reset()
         self._optimizer = torch.optim.SGD([self._p], lr=self.settings.rate, momentum=self.settings.momentum)
 
-    def _move(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        if len(seen) > self.settings.warmup + 1:
-            self._optimizer.zero_grad()
-            loss = prediction_loss(self.model, *_columns(seen), self._p, self.settings.warmup)
-            if not loss.isfinite():
-                raise ValueError(NO_LOSS)
+    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
+        self._optimizer.zero_grad()
+        loss = prediction_loss(self.model, s, u, self._p, warmup)
+        if loss.isfinite():
             loss.backward(inputs=[self._p])
             self._optimizer.step()
+        return loss.item()
 
-    def _judge(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> Fit | None:
-        if len(seen) <= self.settings.warmup + 1:
-            return None
-        return Fit.of(self.model, *_columns(seen), self.p, self.settings.warmup)
+    def _warmup(self, count: int) -> int | None:
+        return self.settings.warmup if count > self.settings.warmup + 1 else None
 
 
 class NewtonEstimator(Estimator):
-    """Takes one Gauss-Newton step on p whenever a control step has been observed, and so follows the lowest loss.
+    """One Gauss-Newton step on p whenever a control step has been observed; p so follows the lowest loss.
 
-    Args:
-        model: trained network.
-        p: parametric bias to start from `[D_p]`; zeros when left out, as at the start of training.
-        settings: window, weights, longest move.
-        from_rest: whether the first step that it is given is that of a cloth that hangs still.
-
-    Raises:
-        ValueError: p of another size or not finite.
+    `from_rest` says whether the cloth hangs still before the first step that is given.
     """
 
     def __init__(
@@ -292,40 +239,24 @@ class NewtonEstimator(Estimator):
         from_rest: bool = True,
     ):
         self.settings, self._from_rest = settings or NewtonSettings(), from_rest
-        super().__init__(model, p, self.settings)
+        super().__init__(model, p, self.settings.window)
 
-    def _move(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        fit = self._judge(seen)
-        if fit is None:
-            return
-        if not fit.loss < LARGEST_LOSS:
-            raise ValueError(NO_LOSS)
-        self._p = torch.tensor(self.p + fit.step(self.settings.freedom, self.settings.longest), dtype=torch.float32)
+    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
+        fit = Fit.of(self.model, s, u, self.p, warmup)
+        if fit.loss < _LARGEST_LOSS:
+            step = fit.step(self.settings.freedom, self.settings.longest)
+            self._p = torch.tensor(self.p + step, dtype=torch.float32)
+        return fit.loss
 
-    def _judge(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> Fit | None:
-        whole = self._from_rest and len(seen) <= self._window
-        warmup = 0 if whole else self.settings.warmup
-        if len(seen) - 1 - warmup < self.settings.least:
-            return None
-        return Fit.of(self.model, *_columns(seen), self.p, warmup)
-
-
-def _columns(seen: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Tensor, Tensor]:
-    """States `[T, D_s]` and commands `[T, D_u]`."""
-    s, u = (torch.as_tensor(np.stack(column)) for column in zip(*seen, strict=True))
-    return s, u
+    def _warmup(self, count: int) -> int | None:
+        warmup = 0 if self._from_rest and count <= self._window else self.settings.warmup
+        return warmup if count - 1 - warmup >= self.settings.least else None
 
 
 class EstimatingPolicy(Wrapper):
-    """Any policy, while p is estimated from what it does; the policy is told each new estimate.
+    """Any policy, while p is estimated from what it does; the policy is given each new estimate.
 
-    Args:
-        policy: chooses the commands.
-        estimator: starts from a p and improves it.
-        autoencoder: the one that the estimator's model was trained with.
-
-    Attributes:
-        trace: the estimate after each step, a list of `[D_p]`.
+    The autoencoder is the one that the estimator's model was trained with; `trace` has the estimate after each step.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
@@ -352,26 +283,17 @@ def estimate_bias(
     p: ArrayLike | None = None,
     settings: EstimationSettings | NewtonSettings | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run the online estimation over a recorded run, as if it were happening.
+    """Run the online estimation over a recorded run, from zeros or a given p `[D_p]`.
 
-    Args:
-        model: trained network.
-        run: states and commands.
-        p: where to start `[D_p]`; zeros when left out.
-        settings: of momentum SGD, as by default, or of Gauss-Newton: they say which.
+    The settings say which one: of momentum SGD, as by default, or of Gauss-Newton.
 
     Returns:
         The final p `[D_p]` and its trace: p after each step, `[T, D_p]`.
     """
-    estimator = new_estimator(model, p, settings)
+    estimator: Estimator
+    if isinstance(settings, NewtonSettings):
+        estimator = NewtonEstimator(model, p, settings)
+    else:
+        estimator = BiasEstimator(model, p, settings)
     trace = np.stack([estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)])
     return trace[-1], trace
-
-
-def new_estimator(
-    model: DPMPB, p: ArrayLike | None = None, settings: EstimationSettings | NewtonSettings | None = None
-) -> Estimator:
-    """The estimator that these settings are made for; momentum SGD when left out."""
-    if isinstance(settings, NewtonSettings):
-        return NewtonEstimator(model, p, settings)
-    return BiasEstimator(model, p, settings)

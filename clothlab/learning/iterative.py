@@ -1,8 +1,8 @@
-"""Practice: control that learns from its own outcomes.
+"""Iterative learning control: a policy that learns from its own outcomes.
 
-The model promises where a plan leads, and the best of many promises is one that errs most kindly. So a plan is sent
-unchanged for one period, and what it missed, outcome minus promise, is learned by a Gaussian process over plans and the
-states that they start from. The next plan is the one whose corrected promise is best,
+The model predicts where a plan leads, and the plan with the best prediction is one whose error is in its favour. So a
+plan is sent unchanged for one period, and its residual, outcome minus prediction, is learned by a Gaussian process over
+plans and the states that they start from. The next plan is the one whose corrected prediction is best,
 
     z(u) = h(s, u, p) + mean(u),    E‖z_ref - z‖² = ‖z_ref - z(u)‖² + D_z variance(u),
 
@@ -20,14 +20,14 @@ from torch import Tensor
 
 from clothlab._validation import Checked, setting
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import ControlPolicy, ControlSettings, nearest_plans
+from clothlab.learning.control import ControlPolicy, ControlSettings, best_step, downhill, nearest_plans
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import Observation
 
 
 @dataclass(frozen=True)
-class PracticeSettings(Checked):
+class IterativeLearningSettings(Checked):
     """How much is tried, and how far an outcome teaches."""
 
     lookahead: int = setting(3, "period", at_least=1)  # a plan must be good when it is repeated, too
@@ -41,55 +41,42 @@ class PracticeSettings(Checked):
     recent: int = setting(5, "period", at_least=1)  # the best of so many outcomes says how good they are
     plan_scale: float = setting(1.0, "s.d. of u", above=0)  # how far from a plan its outcome still teaches
     state_scale: float = setting(3.0, "s.d. of s", above=0)  # and how far from its start
-    prior_error: float = setting(0.55, "s.d. of z", above=0)  # of a promise, before any outcome is known
+    prior_error: float = setting(0.55, "s.d. of z", above=0)  # of a prediction, before any outcome is known
     prior_count: float = setting(2.0, "period", above=0)  # how many outcomes that prior is worth
-    noise: float = setting(0.03, above=0)  # variance of what does not repeat, over that of all that promises miss
+    noise: float = setting(0.03, above=0)  # variance of what does not repeat, over that of all residuals
     remembered: int = setting(60, "period", at_least=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One period: a plan, where it started, and where it led.
+    """One period: a plan, where it started, and where it led."""
 
-    Attributes:
-        s: state at its start `[D_s]`.
-        memory: recurrent state there.
-        u: the plan `[T, D_u]`.
-        z: what was seen after each command `[T, D_z]`.
-    """
-
-    s: Tensor
-    memory: Memory
-    u: Tensor
-    z: Tensor
+    s: Tensor  # state at its start [D_s]
+    memory: Memory  # recurrent state there
+    u: Tensor  # the plan [T, D_u]
+    z: Tensor  # what was seen after each command [T, D_z]
 
 
-class Correction:
-    """Gaussian process of what promises miss, with one squared-exponential kernel for all steps and axes of z.
+class ResidualModel:
+    """Gaussian process of residuals, with one squared-exponential kernel for all steps and axes of z.
 
     Args:
         x: features of the plans that were tried `[N, D]`, in units of the kernel's length.
-        missed: outcome minus promise `[N, T, D_z]`.
+        residuals: outcome minus prediction `[N, T, D_z]`.
         settings: prior and noise.
-
-    Attributes:
-        variance: of a promise's error far from all that was tried [(s.d. of z)²].
     """
 
-    def __init__(self, x: Tensor, missed: Tensor, settings: PracticeSettings):
-        self._x, self._shape, self._prior = x, missed.shape[1:], settings.prior_count
+    def __init__(self, x: Tensor, residuals: Tensor, settings: IterativeLearningSettings):
+        self._x, self._shape = x, residuals.shape[1:]
         kernel = _kernel(x, x) + settings.noise * torch.eye(len(x), dtype=x.dtype)
         self._inverse = torch.linalg.inv(kernel)
-        self._weights = self._inverse @ missed.flatten(1)
-        squares = missed.square().mean(dim=(1, 2)).sum()
+        self._weights = self._inverse @ residuals.flatten(1)
+        squares = residuals.square().mean(dim=(1, 2)).sum()
+        # Of a prediction's error far from all that was tried [(s.d. of z)²].
         self.variance = (settings.prior_count * settings.prior_error**2 + squares) / (settings.prior_count + len(x))
 
     def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """What plans with features x `[B, D]` will probably miss.
-
-        Returns:
-            Mean `[B, T, D_z]` and variance `[B]`.
-        """
+        """Mean `[B, T, D_z]` and variance `[B]` of the residuals of plans with features x `[B, D]`."""
         k = _kernel(x, self._x)
         known = ((k @ self._inverse) * k).sum(1)
         return (k @ self._weights).unflatten(1, self._shape), self.variance * (1 - known).clamp_min(0)
@@ -99,8 +86,8 @@ def _kernel(a: Tensor, b: Tensor) -> Tensor:
     return torch.exp(-0.5 * (a[:, None] - b).square().sum(-1))
 
 
-class PracticePolicy(ControlPolicy):
-    """Realises a target image once a period, and learns from each period what the model's promises miss.
+class IterativeLearningPolicy(ControlPolicy):
+    """Realises a target image once a period, and learns from each period how the model's predictions err.
 
     A plan is chosen at the start of a period and sent unchanged. What was learned is about the model and the cloth, not
     about the target: it stays when the target changes.
@@ -116,17 +103,12 @@ class PracticePolicy(ControlPolicy):
         settings: how much is tried, and how far an outcome teaches.
         control: period, range of step sizes.
 
-    Raises:
-        ValueError: as `ControlPolicy`, or no recorded run that is longer than a period.
-
-    Attributes:
-        practising: whether new plans are tried; else the best known one is sent again.
-        attempts: the periods so far.
-        promises: expected distance of each plan sent, one a period [s.d. of z].
-        trace: the best of the expected distances at the start of each solve since the reset, and after each iteration.
+    While `exploring`, it tries new plans; else it sends the best known one again. `attempts` has the periods so far,
+    `predicted_distances` what was expected of each [s.d. of z], and `trace` the best expected distances at the start of
+    each solve since the reset and after each iteration.
     """
 
-    name = "practice"
+    name = "iterative"
 
     def __init__(
         self,
@@ -136,28 +118,23 @@ class PracticePolicy(ControlPolicy):
         target: ArrayLike,
         p: ArrayLike,
         runs: Sequence[Sequences],
-        settings: PracticeSettings | None = None,
+        settings: IterativeLearningSettings | None = None,
         control: ControlSettings | None = None,
     ):
-        self.practice, self.practising, self._runs = settings or PracticeSettings(), True, runs
-        self._promise: float | None = None
+        self.learning, self.exploring, self._runs = settings or IterativeLearningSettings(), True, runs
         super().__init__(model, autoencoder, arm, target, p, control)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next period on; what was learned stays.
-
-        Raises:
-            ValueError: another shape, or no cloth in it.
-        """
+        """Aim at another image `[H, W]` from the next period on; what was learned stays."""
         super().set_target(mask)
-        self._promise = None
-        plans = nearest_plans(self._runs, self.z_ref, self.settings.period, self.practice.recorded)
+        self._predicted_distance: float | None = None
+        plans = nearest_plans(self._runs, self.z_ref, self.settings.period, self.learning.recorded)
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory, plan and what was learned."""
         self.attempts: list[Attempt] = []
-        self.promises: list[float] = []
+        self.predicted_distances: list[float] = []
         self.resume(seed)
 
     def resume(self, seed: int = 0) -> None:
@@ -165,67 +142,59 @@ class PracticePolicy(ControlPolicy):
         super().reset(seed)
         self._seen: list[Tensor] = []
         self._begun: tuple[Tensor, Memory, Tensor] | None = None  # where the period started, and its plan
-        self._promise = None
+        self._predicted_distance = None
 
     @property
-    def promise(self) -> float | None:
+    def predicted_distance(self) -> float | None:
         """Expected distance of the plan being sent [s.d. of z]; None before there is one for the present target."""
-        return self._promise
+        return self._predicted_distance
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        return self._go_on(observation, self._plan)
+        return self._step(observation, self._plan)
 
-    def coast(self, observation: Observation) -> np.ndarray:
+    def step_without_solving(self, observation: Observation) -> np.ndarray:
         """Return the next command of the plan, `[D_u]`, without a solve: where a period begins, it is sent once more.
 
         The first command after a reset needs a plan, and so a solve.
         """
-        return self._go_on(observation, self._plan if self._begun is None else self._repeat)
+        return self._step(observation, self._plan if self._begun is None else self._repeat)
 
-    def _go_on(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
+    def _step(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
         s = self._follow(observation)
         self._seen.append(s[self.layout.z])
         if self._t % self.settings.period == 0:
             if self._begun is not None:
                 attempt = Attempt(*self._begun, torch.stack(self._seen))
-                self.attempts = [*self.attempts, attempt][-self.practice.remembered :]
-            self._u, promise = choose_plan(s)
+                self.attempts = [*self.attempts, attempt][-self.learning.remembered :]
+            self._u, self._predicted_distance = choose_plan(s)
             self._begun = (s, self._memory, self._u)
-            self.promises.append(promise)
-            self._seen, self._promise = [], promise
+            self.predicted_distances.append(self._predicted_distance)
+            self._seen = []
         return self._send(s)
 
-    def correction(self) -> Correction | None:
-        """What the promises of the present p missed in the attempts so far; None before the first outcome."""
+    def residual_model(self) -> ResidualModel | None:
+        """How predictions with the present p erred in the attempts so far; None before the first outcome."""
         if not self.attempts:
             return None
         s, u, z = (torch.stack([getattr(each, name) for each in self.attempts]) for name in ("s", "u", "z"))
-        memory = Memory(
-            *(torch.cat(part, dim=1) for part in zip(*(each.memory for each in self.attempts), strict=True))
-        )
+        parts = zip(*(each.memory for each in self.attempts), strict=True)
         with torch.no_grad():
-            promised = self._frozen(s, u, memory)[..., self.layout.z]
-            return Correction(self._features(s, u), z - promised, self.practice)
+            predicted = self._predict(s, u, Memory(*(torch.cat(part, dim=1) for part in parts)))[..., self.layout.z]
+            return ResidualModel(self._features(s, u), z - predicted, self.learning)
 
-    def expected(self, s: Tensor, u: Tensor, correction: Correction | None) -> Tensor:
-        """Expected distance to the target when plans are sent from here, again and again [s.d. of z].
+    def expected_distance(self, s: Tensor, u: Tensor, residuals: ResidualModel | None) -> Tensor:
+        """Expected distance to the target when plans `[B, T, D_u]` are sent from s `[D_s]`, again and again.
 
-        Args:
-            s: state `[D_s]`.
-            u: plans `[B, T, D_u]`.
-            correction: what promises miss.
-
-        Returns:
-            Root mean square over the periods looked ahead, each with its best step, `[B]`.
+        Root mean square over the periods looked ahead, each with its best step, `[B]` [s.d. of z].
         """
-        ahead, period, z = self.practice.lookahead, self.settings.period, self.layout.z
+        ahead, period, z = self.learning.lookahead, self.settings.period, self.layout.z
         caution = self._caution() * len(self.z_ref)
-        states = self._frozen(s, u.repeat(1, ahead, 1), self._memory).unflatten(1, (ahead, period))
+        states = self._predict(s, u.repeat(1, ahead, 1), self._memory).unflatten(1, (ahead, period))
         start, total = s.expand(len(u), -1), torch.zeros(len(u))
         for k in range(ahead):
-            predicted, variance = states[:, k, :, z], torch.tensor(self.practice.prior_error**2)
-            if correction is not None:
-                mean, variance = correction(self._features(start, u))
+            predicted, variance = states[:, k, :, z], torch.tensor(self.learning.prior_error**2)
+            if residuals is not None:
+                mean, variance = residuals(self._features(start, u))
                 predicted = predicted + mean
             squares = (predicted - self.z_ref).square().sum(-1).amin(1) + caution * variance
             total = total + squares / ahead
@@ -234,28 +203,36 @@ class PracticePolicy(ControlPolicy):
 
     def _caution(self) -> float:
         """Weight of the variance: `caution`, less by (aim / best recent outcome)² as long as that is poor."""
-        how = self.practice
-        away = [torch.linalg.vector_norm(each.z - self.z_ref, dim=1).min() for each in self.attempts[-how.recent :]]
-        best = float(min(away, default=torch.tensor(math.inf)))
-        return max(how.least_caution, how.caution * min(1.0, (how.aim / max(best, 1e-9)) ** 2))
+        settings = self.learning
+        recent = self.attempts[-settings.recent :]
+        distances = [float(torch.linalg.vector_norm(each.z - self.z_ref, dim=1).min()) for each in recent]
+        best = min(distances, default=math.inf)
+        return max(settings.least_caution, settings.caution * min(1.0, (settings.aim / max(best, 1e-9)) ** 2))
 
     def _features(self, s: Tensor, u: Tensor) -> Tensor:
-        plan = (u / self.model.u_std).flatten(1) / self.practice.plan_scale
-        return torch.cat([plan, s / self.model.s_std / self.practice.state_scale], dim=1)
+        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
+        return torch.cat([plan, s / self.model.s_std / self.learning.state_scale], dim=1)
 
     def _plan(self, s: Tensor) -> tuple[Tensor, float]:
-        correction = self.correction()
+        residuals = self.residual_model()
+
+        def loss(plans: Tensor) -> Tensor:
+            return self.expected_distance(s, plans, residuals)
+
         tried = [attempt.u for attempt in self.attempts]
         starts = torch.stack(tried) if tried else self._plans[:0]
-        if self.practising or not tried:
+        if self.exploring or not tried:
             starts = torch.cat([starts, self._plans, self._u[None]])
         with torch.no_grad():
-            losses = self.expected(s, starts, correction)
-        best = losses.argsort()[: self.practice.starts if self.practising else 1]
+            losses = loss(starts)
+        best = losses.argsort()[: self.learning.starts if self.exploring else 1]
         u, losses = starts[best], losses[best]
         trace = [losses.min().item()]
-        for _ in range(self.practice.iterations if self.practising else 0):
-            u, losses = self._descend(s, u, correction)
+        sizes = torch.cat([torch.zeros(1), torch.logspace(-2.5, math.log10(self.settings.largest_step), 8)])
+        for _ in range(self.learning.iterations if self.exploring else 0):
+            _, direction = downhill(loss, u, self.scale)
+            steps = sizes[:, None, None, None] * (direction * self.scale)
+            u, losses = best_step(loss, u, steps, self.lower, self.upper)
             trace.append(losses.min().item())
         self.trace.append(np.array(trace))
         return u[losses.argmin()], trace[-1]
@@ -264,17 +241,4 @@ class PracticePolicy(ControlPolicy):
         """The plan of the period that just ended, and what is expected of it from here."""
         u = self.attempts[-1].u
         with torch.no_grad():
-            return u, float(self.expected(s, u[None], self.correction()))
-
-    def _descend(self, s: Tensor, u: Tensor, correction: Correction | None) -> tuple[Tensor, Tensor]:
-        """One step down the gradient for each plan `[B, T, D_u]`, of the best of several sizes; and their losses."""
-        u = u.clone().requires_grad_()
-        (g,) = torch.autograd.grad(self.expected(s, u, correction).sum(), u)
-        with torch.no_grad():
-            g = g * self.scale
-            direction = g / torch.linalg.vector_norm(g, dim=(1, 2), keepdim=True).clamp_min(1e-12) * self.scale
-            sizes = torch.cat([torch.zeros(1), torch.logspace(-2.5, math.log10(self.settings.largest_step), 8)])
-            tries = (u - sizes[:, None, None, None] * direction).clamp(self.lower, self.upper)
-            losses = self.expected(s, tries.flatten(0, 1), correction).unflatten(0, tries.shape[:2])
-            best = losses.argmin(0)
-            return tries[best, torch.arange(len(u))], losses.amin(0)
+            return u, float(self.expected_distance(s, u[None], self.residual_model()))

@@ -1,4 +1,4 @@
-"""All that belongs together after a training: arm, autoencoder, model, and p of each material."""
+"""What belongs together after a training: arm, autoencoder, model, and p of each material."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,32 +10,22 @@ from clothlab._validation import choose
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.control import ControlPolicy, ControlSettings
 from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
-from clothlab.learning.iterative import PracticePolicy, PracticeSettings
+from clothlab.learning.iterative import IterativeLearningPolicy, IterativeLearningSettings
 from clothlab.simulation.arm import Arm, StateLayout
-from clothlab.trials import Trial, sensed_by
+from clothlab.trials import Trial
 
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What belongs together: an arm, the autoencoder of what its camera sees, a model, and p of each material.
+    """An arm, the autoencoder of what its camera sees, a model, and p of each material."""
 
-    Attributes:
-        name: of the weights, such as `torque-0`.
-        arm: the arm.
-        autoencoder: image ↔ z.
-        model: the DPMPB that was trained on its z.
-        biases: trained p of each material, `{name: [D_p]}`.
-        losses: mean squared error of each epoch of the model's training, `[epochs]`.
-        sees_with: name of the autoencoder.
-    """
-
-    name: str
+    name: str  # of the weights, such as torque-0
     arm: Arm
     autoencoder: Autoencoder
-    model: DPMPB
-    biases: dict[str, np.ndarray]
-    losses: np.ndarray
-    sees_with: str
+    model: DPMPB  # trained on the z of this autoencoder
+    biases: dict[str, np.ndarray]  # trained p of each material, {name: [D_p]}
+    losses: np.ndarray  # mean squared error of each epoch of the model's training, [epochs]
+    autoencoder_name: str
 
     @property
     def layout(self) -> StateLayout:
@@ -43,12 +33,8 @@ class Trained:
         return self.arm.layout(self.autoencoder.latent_size)
 
     def sequences(self, trial: Trial) -> Sequences:
-        """States and commands of a recorded trial, as the model sees them.
-
-        Raises:
-            ValueError: a trial of an arm from which it does not follow what this one would have sensed.
-        """
-        return to_sequences(self.autoencoder, sensed_by(trial, self.arm))
+        """States and commands of a recorded trial, as the model sees them."""
+        return to_sequences(self.autoencoder, trial)
 
     def controller(
         self,
@@ -59,36 +45,24 @@ class Trained:
         *,
         arm: Arm | None = None,
     ) -> ControlPolicy:
-        """A controller with this model.
+        """A `ControlPolicy` with this model; p may be the name of a trained material.
 
-        Args:
-            target: mask `[H, W]`.
-            p: parametric bias `[D_p]`, or the name of a trained material.
-            settings: the paper's constants.
-            plans: starts, as `ControlPolicy` has them.
-            arm: one with other limits, such as `arm.with_stiffness(10)`.
+        `arm` is one with other limits, such as `arm.with_stiffness(10)`.
         """
         return ControlPolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), settings, plans)
 
-    def practice(
+    def iterative_controller(
         self,
         target: ArrayLike,
         p: ArrayLike | str,
         runs: Sequence[Sequences],
-        settings: PracticeSettings | None = None,
+        settings: IterativeLearningSettings | None = None,
         *,
         arm: Arm | None = None,
-    ) -> PracticePolicy:
-        """A controller with this model that learns from its outcomes.
-
-        Args:
-            target: mask `[H, W]`.
-            p: parametric bias `[D_p]`, or the name of a trained material.
-            runs: recordings to begin with, as `sequences` gives them.
-            settings: how much is tried, and how far an outcome teaches.
-            arm: one with other limits, such as `arm.with_stiffness(10)`.
-        """
-        return PracticePolicy(self.model, self.autoencoder, arm or self.arm, target, self._bias(p), runs, settings)
+    ) -> IterativeLearningPolicy:
+        """An `IterativeLearningPolicy` with this model, likewise; `runs` are recordings, as `sequences` gives them."""
+        arm, p = arm or self.arm, self._bias(p)
+        return IterativeLearningPolicy(self.model, self.autoencoder, arm, target, p, runs, settings)
 
     def _bias(self, p: ArrayLike | str) -> ArrayLike:
         return choose("material", p, self.biases) if isinstance(p, str) else p

@@ -1,25 +1,26 @@
-"""Robot arms: their MuJoCo elements, how a command reaches the actuators, and what the robot feels of itself.
+"""Robot arms: their MuJoCo elements, how a command reaches the actuators, and what the robot senses of itself.
 
-Every arm is an `Arm`. Nothing above this module asks which one it is talking to: the sizes of the command and of the
-robot state, where angles, tensions and stiffness lie in them, and where the camera stands are the arm's to say.
+Code above this module never asks which `Arm` it has: an arm says how large its command and its robot state are, where
+angles, tensions and stiffness lie in them, and where the camera stands.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.simulation.muscle import MUSCLES, Muscles
 
 JOINTS = ("shoulder", "elbow")
 SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
-SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
-BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
 BAR_RADIUS = 0.008  # [m]
+_SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
+_BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Camera(Checked):
     position: tuple[float, float, float] = setting(unit="m")
     target: tuple[float, float, float] = setting(unit="m")
     fovy: float = setting(unit="degree", above=0, at_most=170)  # vertical field of view
-    roll: float = setting(0.0, "degree")  # turn about the line of sight; the picture turns clockwise
+    roll: float = setting(0.0, "degree")  # turn about the line of sight; positive turns the picture clockwise
 
     @property
     def axes(self) -> np.ndarray:
@@ -39,7 +40,7 @@ class Camera(Checked):
         right = np.cross([0.0, 0.0, 1.0], backward)
         right /= np.linalg.norm(right)
         level = np.array([right, np.cross(backward, right), backward])
-        return _turn(np.deg2rad([0.0, 0.0, self.roll])) @ level
+        return _turned((0.0, 0.0, self.roll)) @ level
 
     def moved(self, shift: ArrayLike = (0, 0, 0), turn: ArrayLike = (0, 0, 0)) -> "Camera":
         """The same camera elsewhere.
@@ -48,12 +49,9 @@ class Camera(Checked):
             shift: to its right, upward and backward `[3]` [m].
             turn: about these axes, as one rotation vector `[3]` [degree]: up (pitch), to the left (yaw), and
                 counterclockwise (roll).
-
-        Raises:
-            ValueError: no three finite numbers, or a camera that would look straight up or down.
         """
         shift, turn = check_array("shift", shift, (3,)), check_array("turn", turn, (3,))
-        axes = _turn(np.deg2rad(turn)) @ self.axes
+        axes = _turned(turn) @ self.axes
         position = np.add(self.position, shift @ self.axes)
         target = position - axes[2] * np.linalg.norm(np.subtract(self.position, self.target))
         if abs(axes[2, 2]) > 0.999:
@@ -63,13 +61,9 @@ class Camera(Checked):
         return replace(level, roll=float(np.rad2deg(np.arctan2(axes[0] @ up, axes[0] @ right))))
 
 
-def _turn(vector: np.ndarray) -> np.ndarray:
-    """Axes `[3, 3]`, one in a row, that result from turning by a rotation vector `[3]` [rad] in their own frame."""
-    quaternion, matrix = np.empty(4), np.empty(9)
-    angle = np.linalg.norm(vector)
-    mujoco.mju_axisAngle2Quat(quaternion, vector / max(angle, 1e-12), angle)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3).T
+def _turned(turn: ArrayLike) -> np.ndarray:
+    """Axes `[3, 3]`, one in a row, turned by a rotation vector `[3]` [degree] in their own frame."""
+    return Rotation.from_rotvec(turn, degrees=True).as_matrix().T
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ class StateLayout:
 
     names: tuple[str, ...]  # what each number of `s` is, with its unit
     z: slice  # the latent image
-    robot: slice  # what the robot feels of itself
+    robot: slice  # the robot state
     tensions: slice  # the muscle tensions [N]; empty for an arm without muscles
 
     @property
@@ -115,7 +109,6 @@ class Arm(Checked, ABC):
     closed_command = slice(0, 0)  # where it lies in `u` for how much of the period the hand is closed, if it can open
 
     def __post_init__(self) -> None:
-        """Refuse ranges that do not rise, and a home outside."""
         super().__post_init__()
         if not all(a <= b <= c for a, b, c in zip(self.lower, self.home, self.upper, strict=True)):
             raise ValueError(f"{self.home} is not from {self.lower} to {self.upper}: home, lower and upper of an arm")
@@ -125,35 +118,35 @@ class Arm(Checked, ABC):
         """Whether the arm takes a stiffness command."""
         return self.stiffness_command.stop > self.stiffness_command.start
 
-    def with_stiffness(self, f_const: float) -> "Arm":
-        """The same arm with its stiffness command fixed at `f_const` [N].
-
-        Raises:
-            ValueError: outside the arm's range, or an arm without a stiffness command.
-        """
+    def with_stiffness(self, f_const: float) -> Self:
+        """The same arm with its stiffness command fixed at `f_const` [N]."""
         raise ValueError(f"the {self.name} arm has no stiffness to set")
 
     def layout(self, latent_size: int) -> StateLayout:
-        """Where things lie in `s`, for a z of so many numbers."""
-        check_number("latent_size", latent_size, int, at_least=1)
+        """Where things lie in `s`, for a z of `latent_size` numbers."""
         names = (*(f"z{n + 1} [s.d.]" for n in range(latent_size)), *self.state_names)
         tensions = slice(self.tensions.start + latent_size, self.tensions.stop + latent_size)
         return StateLayout(names, slice(0, latent_size), slice(latent_size, len(names)), tensions)
 
     @property
-    def home_command(self) -> np.ndarray:
-        """The command that a scene starts with, `[D_u]`: the cloth hangs in front of the camera."""
-        return np.array(self.home)
+    def _beyond_angles(self) -> list[tuple[float, float, float]]:
+        """Lower bound, home and upper bound of the commands after θ_ref."""
+        return []
 
     @property
     def command_lower(self) -> np.ndarray:
         """Smallest command, `[D_u]`."""
-        return np.array(self.lower)
+        return np.array([*self.lower, *(lower for lower, _, _ in self._beyond_angles)])
+
+    @property
+    def home_command(self) -> np.ndarray:
+        """The command that a scene starts with, `[D_u]`: the cloth hangs in front of the camera."""
+        return np.array([*self.home, *(home for _, home, _ in self._beyond_angles)])
 
     @property
     def command_upper(self) -> np.ndarray:
         """Largest command, `[D_u]`."""
-        return np.array(self.upper)
+        return np.array([*self.upper, *(upper for _, _, upper in self._beyond_angles)])
 
     @abstractmethod
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
@@ -167,35 +160,13 @@ class Arm(Checked, ABC):
     def state(self, data: mujoco.MjData) -> np.ndarray:
         """What the robot's own sensors say, `[D_r]`."""
 
-    def sensed_instead(self, arm: str, robot: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """What this arm would have sensed in a run that another one recorded, where that follows from the recording.
-
-        Args:
-            arm: name of the one that recorded it.
-            robot: what that one sensed `[T, D_r]`, in its units.
-            held: the command that was held when it did `[T, D_u]`: the one before that of the same step.
-
-        Returns:
-            Robot states `[T, D_r]`.
-
-        Raises:
-            ValueError: it does not follow.
-        """
-        raise ValueError(f"what the {self.name} arm senses does not follow from a recording of the {arm} arm")
-
     @abstractmethod
     def _add_actuators(self, spec: mujoco.MjSpec) -> None: ...
 
     def add_to(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody | None = None) -> tuple[mujoco.MjsBody, np.ndarray]:
-        """Build the arm into a scene.
+        """Add the arm to a scene, on a body at the world's origin or on the world itself.
 
-        Args:
-            spec: the scene under construction; changed in place.
-            parent: the body that carries the shoulder, at the world's origin when every joint is at zero; the world
-                itself by default.
-
-        Returns:
-            The hand's body, and its position in the world when every joint is at zero `[3]` [m].
+        Returns the hand's body, and its position in the world when every joint is at zero `[3]` [m].
         """
         parent = spec.worldbody if parent is None else parent
         for i, joint in enumerate(JOINTS):
@@ -213,31 +184,41 @@ class Arm(Checked, ABC):
                 fromto=[0, 0, 0, self.link_length, 0, 0],
                 size=[0.035 - 0.008 * i, 0, 0],
                 mass=self.link_masses[i],
-                rgba=SKIN_RGBA,
+                rgba=_SKIN_RGBA,
                 contype=0,
                 conaffinity=0,
             )
             parent = body
         self._add_actuators(spec)
-        hand = _add_hand(parent, [self.link_length, 0, 0], self.bar_length)
+        hand = parent.add_body(name="hand", pos=[self.link_length, 0, 0])
+        hand.add_geom(  # the bar across, to which the first row of the cloth is tied
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0, -self.bar_length / 2, 0, 0, self.bar_length / 2, 0],
+            size=[BAR_RADIUS, 0, 0],
+            mass=0.05,
+            rgba=_BAR_RGBA,
+            contype=0,
+            conaffinity=0,
+        )
+        hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
         return hand, SHOULDER_POSITION + np.array([2 * self.link_length, 0, 0])
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        """Joint angles θ `[..., 2]` [rad] that follow from what the robot senses of itself, `[..., D_r]`."""
-        return check_array("robot", robot, (..., len(self.state_names)))[..., self.sensed_angles]
+        """Joint angles θ `[..., 2]` [rad] that follow from the robot state `[..., D_r]`."""
+        return np.asarray(robot)[..., self.sensed_angles]
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
-        """Joint angles θ, `[2]` [rad]. A muscle arm does not sense them; figures show them all the same."""
+        """Joint angles θ, `[2]` [rad]. A muscle arm does not sense them; figures show them."""
         return np.array([data.joint(joint).qpos[0] for joint in JOINTS])
 
-    def hand(self, theta: np.ndarray) -> np.ndarray:
+    def hand(self, theta: ArrayLike) -> np.ndarray:
         """Where the hand is from the shoulder, (forward, up) `[2]` [m], for joint angles θ `[2]` [rad]."""
-        reach = np.cumsum(theta)
+        reach = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
         return self.link_length * np.array([np.cos(reach).sum(), -np.sin(reach).sum()])
 
-    def hand_jacobian(self, theta: np.ndarray) -> np.ndarray:
-        """∂hand/∂θ, `[2, 2]` [m/rad]."""
-        reach = np.cumsum(theta)
+    def hand_jacobian(self, theta: ArrayLike) -> np.ndarray:
+        """∂hand/∂θ, `[2, 2]` [m/rad], at joint angles θ `[2]` [rad]."""
+        reach = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
         columns = [[-np.sin(reach[j:]).sum(), -np.cos(reach[j:]).sum()] for j in range(2)]
         return self.link_length * np.array(columns).T
 
@@ -288,32 +269,8 @@ class TorqueArm(Arm):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeelingArm(TorqueArm):
-    """The same arm, which also senses the torques of its servos.
-
-    A servo pulls with `τ = kp (θ_ref - θ) - kv θ'`, so that the simulated torque adds nothing that commands, angles and
-    velocities, all of them free of noise, do not say together. It says it louder: in standard deviations, by which a
-    model is trained, an error of the angle is about 30 times as large in the torque that follows from it.
-    """
-
-    name: str = "torque-feeling"
-
-    state_names = (*TorqueArm.state_names, "τ shoulder [N m]", "τ elbow [N m]")
-
-    def state(self, data: mujoco.MjData) -> np.ndarray:
-        """Joint angles, velocities and servo torques, `[6]` [rad] [rad/s] [N m]."""
-        return np.concatenate([super().state(data), [data.actuator(joint).force[0] for joint in JOINTS]])
-
-    def sensed_instead(self, arm: str, robot: np.ndarray, held: np.ndarray) -> np.ndarray:
-        if arm != TorqueArm.name:
-            return super().sensed_instead(arm, robot, held)
-        theta, velocity = np.split(robot, 2, axis=1)
-        return np.hstack([robot, self.servo_stiffness * (held - theta) - self.servo_damping * velocity])
-
-
-@dataclass(frozen=True, kw_only=True)
 class MuscleArm(Muscles, Arm):
-    """An arm pulled by six muscles: `u = (θ_ref [2], f_const)`. All that it senses are tensions and muscle lengths."""
+    """An arm pulled by six muscles: `u = (θ_ref [2], f_const)`. It senses tensions and muscle lengths only."""
 
     name: str = "muscle"
     # At the robot's head, to the right of its left arm.
@@ -328,21 +285,16 @@ class MuscleArm(Muscles, Arm):
     tensions = slice(0, len(MUSCLES))
     stiffness_command = slice(len(JOINTS), len(JOINTS) + 1)
 
-    def with_stiffness(self, f_const: float) -> "MuscleArm":
-        check_command(self, [*self.home, f_const])
+    def with_stiffness(self, f_const: float) -> Self:
+        u = self.home_command
+        u[self.stiffness_command] = check_number("f_const", f_const)
+        check_command(self, u)
         return replace(self, tension_range=(f_const, f_const))
 
     @property
-    def command_lower(self) -> np.ndarray:
-        return np.array([*self.lower, self.tension_range[0]])
-
-    @property
-    def command_upper(self) -> np.ndarray:
-        return np.array([*self.upper, self.tension_range[1]])
-
-    @property
-    def home_command(self) -> np.ndarray:
-        return np.array([*self.home, np.clip(self.home_tension, *self.tension_range)])
+    def _beyond_angles(self) -> list[tuple[float, float, float]]:
+        low, high = self.tension_range
+        return [(low, min(max(self.home_tension, low), high), high)]
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         inputs = int(mujoco.mjtCtrlInput.mjINPUT_POS) | int(mujoco.mjtCtrlInput.mjINPUT_FF)
@@ -372,10 +324,10 @@ class MuscleArm(Muscles, Arm):
             motor.set_to_pid(kp=self.motor_stiffness, kv=self.motor_damping, slewmax=self.motor_speed, ctrlspec=inputs)
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        *theta, f_const = u
+        theta, f_const = u[:2], u[2]
         for joint, angle in zip(JOINTS, theta, strict=True):
             data.joint(joint).qpos[0] = angle
-        lengths = self.body_image(np.array(theta), np.full(len(MUSCLES), f_const))
+        lengths = self.body_image(theta, np.full(len(MUSCLES), f_const))
         for name, length, sent in zip(MUSCLES, lengths, self.sent_length(u), strict=True):
             data.joint(name).qpos[0] = -length
             # The set-point that the speed limit moves is a state of its own: left at zero, it would jerk the arm.
@@ -387,7 +339,7 @@ class MuscleArm(Muscles, Arm):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        f, lengths = np.split(check_array("robot", robot, (..., len(self.state_names))), 2, axis=-1)
+        f, lengths = np.split(np.asarray(robot), 2, axis=-1)
         # The body image, read backwards, by least squares over the muscles that pull: a slack one says nothing.
         taut = (f > 0).astype(np.float64)
         squares = np.einsum("mi,...m,mj->...ij", self.moment_arms, taut, self.moment_arms)
@@ -401,11 +353,10 @@ class MuscleArm(Muscles, Arm):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandArm(MuscleArm):
-    """The same arm, whose hand opens when the command says so, in a scene where there is something to let go of.
+class GripperArm(MuscleArm):
+    """The muscle arm with a gripper: one more number in `u` says for how much of the control period it is closed.
 
-    The command has one number more: for how much of the control period the hand is closed. A plan with a release time
-    is so a plan like any other, and a model learns from 1, …, 1, 0.4, 0, …, 0 when the cloth was let go.
+    A throw is a plan that ends in 1, …, 1, 0.4, 0, …, 0: the gripper lets go after 0.4 of a period.
     """
 
     name: str = "muscle-hand"
@@ -413,66 +364,24 @@ class HandArm(MuscleArm):
     command_names = (*MuscleArm.command_names, "hand closed [period]")
     closed_command = slice(len(MuscleArm.command_names), len(MuscleArm.command_names) + 1)
 
-    def with_stiffness(self, f_const: float) -> "HandArm":
-        check_command(self, [*self.home, f_const, 1.0])
-        return replace(self, tension_range=(f_const, f_const))
-
     @property
-    def command_lower(self) -> np.ndarray:
-        return np.append(super().command_lower, 0.0)
-
-    @property
-    def command_upper(self) -> np.ndarray:
-        return np.append(super().command_upper, 1.0)
-
-    @property
-    def home_command(self) -> np.ndarray:
-        return np.append(super().home_command, 1.0)
-
-    def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        super().reset(data, u[: self.closed_command.start])
-
-    def sent_length(self, u: np.ndarray) -> np.ndarray:
-        return super().sent_length(u[: self.closed_command.start])
+    def _beyond_angles(self) -> list[tuple[float, float, float]]:
+        return [*super()._beyond_angles, (0.0, 1.0, 1.0)]
 
 
-ARMS: dict[str, Arm] = {arm.name: arm for arm in (TorqueArm(), MuscleArm(), FeelingArm(), HandArm())}
+ARMS: dict[str, Arm] = {arm.name: arm for arm in (TorqueArm(), MuscleArm(), GripperArm())}
 
 
 def get_arm(arm: Arm | str) -> Arm:
-    """Return the arm of that name; an arm is returned as it is.
-
-    Raises:
-        KeyError: unknown name; the message lists the choices.
-    """
+    """Return the arm of that name; an arm is returned as it is."""
     return arm if isinstance(arm, Arm) else choose("arm", arm, ARMS)
 
 
 def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
-    """Return `u` as float64 `[D_u]`, a copy.
-
-    Raises:
-        ValueError: wrong shape, not finite, or outside the arm's range by more than rounding.
-    """
+    """Return a copy of `u` as float64 `[D_u]`; a ValueError if it is outside the arm's range by more than rounding."""
     lower, upper = arm.command_lower, arm.command_upper
     u = check_array(f"a command of the {arm.name} arm", u, lower.shape)
     nearest = u.clip(lower, upper)
     if np.abs(u - nearest).max() > 1e-6:
         raise ValueError(f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; use numpy.clip")
     return nearest
-
-
-def _add_hand(parent: mujoco.MjsBody, position: ArrayLike, bar_length: float) -> mujoco.MjsBody:
-    """A hand with a bar across, to which the first row of the cloth is tied."""
-    hand = parent.add_body(name="hand", pos=position)
-    hand.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, -bar_length / 2, 0, 0, bar_length / 2, 0],
-        size=[BAR_RADIUS, 0, 0],
-        mass=0.05,
-        rgba=BAR_RGBA,
-        contype=0,
-        conaffinity=0,
-    )
-    hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
-    return hand

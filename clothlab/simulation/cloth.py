@@ -7,26 +7,25 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from clothlab._validation import Checked, check_number, choose, setting
+from clothlab._validation import Checked, choose, setting
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
 
-FRONT_RGBA = (0.85, 0.07, 0.10, 1.0)
-BACK_RGBA = (0.10, 0.25, 0.65, 1.0)
+_FRONT_RGBA = (0.85, 0.07, 0.10, 1.0)
+_BACK_RGBA = (0.10, 0.25, 0.65, 1.0)
 
 
 @dataclass(frozen=True)
 class Cloth(Checked):
     """A rectangular cloth: a grid of point masses joined by springs, its first row held by the hand.
 
-    The paper varies `damping` and `mass`. Everything else stays fixed and is this project's choice: the paper does
-    not give it.
+    The paper varies `damping` and `mass`. It does not give the other values, which are this project's choice.
     """
 
     name: str
     damping: float = setting(0.05, "N s/m", at_least=0)  # C_damp: drag on each point mass
-    mass: float = setting(0.10, "kg", above=0)  # C_mass: the whole cloth
+    mass: float = setting(0.10, "kg", at_least=1e-3, at_most=10)  # C_mass: the whole cloth
     length: float = setting(0.50, "m", above=0)  # from the hand to the free edge
     width: float = setting(0.40, "m", above=0)  # along the hand bar
     rows: int = setting(6, at_least=2, at_most=100)  # point masses along the length
@@ -58,7 +57,6 @@ class Cloth(Checked):
 
 def cloth_name(damping: float, mass: float) -> str:
     """Name of a simulated cloth, such as `damp0.03-mass0.10`, from C_damp [N s/m] and C_mass [kg]."""
-    damping, mass = check_number("damping", damping, at_least=0), check_number("mass", mass, above=0)
     return f"damp{damping:.2f}-mass{mass:.2f}"
 
 
@@ -81,35 +79,26 @@ SHEETS = {
     "soft": FoamSheet(thickness=0.005, density=30.0, modulus=0.3e6),
     "hard": FoamSheet(thickness=0.002, density=120.0, modulus=3.0e6),
 }
-AIR_DENSITY = 1.2  # [kg/m³]
-DRAG_COEFFICIENT = 1.2  # of a plate across the wind
-SWING_SPEED = 2.0  # [m/s], at which the air's drag, which grows with the square of the speed, is made linear
-BEND = 1.0  # [rad] between neighbouring rows, at which a bending spring stores what the bent sheets do
+_AIR_DENSITY = 1.2  # [kg/m³]
+_DRAG_COEFFICIENT = 1.2  # of a plate across the wind
+_SWING_SPEED = 2.0  # [m/s], at which the air's drag, which grows with the square of the speed, is made linear
+_BEND = 1.0  # [rad] between neighbouring rows, at which a bending spring stores what the bent sheets do
 
 
 def foam(kind: str, sheets: int) -> Cloth:
-    """A cloth of foam sheets lying loose on each other: mass and stiffness grow with their number, the drag does not.
-
-    Args:
-        kind: `soft` or `hard`.
-        sheets: how many.
-
-    Raises:
-        KeyError: unknown kind; the message lists the choices.
-        ValueError: no sheets.
-    """
+    """A cloth of loose `soft` or `hard` foam sheets: mass and stiffness grow with their number, the drag does not."""
     sheet = choose("foam", kind, SHEETS)
     base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
     area, spacing = base.length * base.width, base.length / (base.rows - 1)
-    drag = AIR_DENSITY * DRAG_COEFFICIENT * area * SWING_SPEED / 2
+    drag = _AIR_DENSITY * _DRAG_COEFFICIENT * area * _SWING_SPEED / 2
     # A column of sheet bent by an angle φ between two rows stores E t³/12 · φ²/2 · column width / spacing, and the
-    # spring across them, which the bend shortens by spacing · φ²/4, stores k/2 · (that)². Equal at φ = BEND.
+    # spring across them, which the bend shortens by spacing · φ²/4, stores k/2 · (that)². Equal at φ = _BEND.
     rigidity = sheet.modulus * sheet.thickness**3 / 12 * base.width / base.columns
     return replace(
         base,
         mass=sheets * sheet.density * sheet.thickness * area,
         damping=drag / (base.rows * base.columns),
-        bending=sheets * 16 * rigidity / (spacing**3 * BEND**2),
+        bending=sheets * 16 * rigidity / (spacing**3 * _BEND**2),
         stiffness=sheets * 60.0,  # real foam stretches less, but so light a cloth would need a smaller time step
         spring_damping=sheets * 0.05,
     )
@@ -119,11 +108,7 @@ FOAMS = {cloth.name: cloth for cloth in (*(foam("soft", n) for n in (1, 2)), *(f
 
 
 def get_cloth(cloth: Cloth | str) -> Cloth:
-    """Return the cloth of that name; a cloth is returned as it is.
-
-    Raises:
-        KeyError: unknown name; the message lists the choices.
-    """
+    """Return the cloth of that name; a cloth is returned as it is."""
     return cloth if isinstance(cloth, Cloth) else choose("cloth", cloth, CLOTHS | FOAMS)
 
 
@@ -139,7 +124,7 @@ def add_cloth(
     hand_position: np.ndarray,
     *,
     front_forward: bool = True,
-    back_rgba: tuple[float, ...] = BACK_RGBA,
+    back_rgba: tuple[float, ...] = _BACK_RGBA,
 ) -> None:
     """Hang the cloth from a hand.
 
@@ -148,10 +133,9 @@ def add_cloth(
     damping in the springs.)
 
     Args:
-        spec: the scene under construction; changed in place.
-        cloth: what to hang.
-        hand: the body that holds the first row. Its frame must be parallel to the world's when every joint is at zero.
-            None leaves that row as free as the others.
+        spec: the scene, which is changed.
+        cloth: the cloth.
+        hand: the body that holds the first row, parallel to the world when every joint is at zero; None lets it fall.
         hand_position: where `hand`, or the middle of a free first row, is in the world when every joint is at zero [m].
         front_forward: whether the red front looks away from the robot, or towards it.
         back_rgba: colour of the other side.
@@ -159,10 +143,17 @@ def add_cloth(
     hanging = _hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
         for name, offset in zip(row, hanging[i], strict=True):
-            _add_point(spec, cloth, name, hand if i == 0 else None, offset, hand_position)
+            if i == 0 and hand is not None:
+                body = hand.add_body(name=name, pos=offset)
+            else:
+                body = _add_free_body(spec, cloth, name, hand_position + offset)
+            # A sphere gives the point its mass; it neither collides nor shows: the surface is drawn by a skin.
+            sphere = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [0.005, 0, 0], "contype": 0, "conaffinity": 0}
+            body.add_geom(mass=cloth.point_mass, group=4, **sphere)
+            body.add_site(name=name, size=[0.001, 0, 0], group=4)
     for a, b, stiffness in springs(cloth, held=hand is not None):
         _add_spring(spec, cloth, a, b, stiffness)
-    front_and_back = (FRONT_RGBA, back_rgba)
+    front_and_back = (_FRONT_RGBA, back_rgba)
     _add_surface(spec, cloth, hand_position + hanging, front_and_back if front_forward else front_and_back[::-1])
 
 
@@ -173,35 +164,19 @@ def _hanging_points(cloth: Cloth) -> np.ndarray:
     return np.stack(np.broadcast_arrays(0.0, y, z[:, None]), axis=-1)
 
 
-def _add_point(
-    spec: mujoco.MjSpec,
-    cloth: Cloth,
-    name: str,
-    hand: mujoco.MjsBody | None,
-    offset: np.ndarray,
-    hand_position: np.ndarray,
-) -> None:
-    if hand is not None:
-        body = hand.add_body(name=name, pos=offset)
-    else:
-        body = spec.worldbody.add_body(name=name, pos=hand_position + offset)
-        for axis_name, axis in zip("xyz", np.eye(3), strict=True):
-            body.add_joint(
-                name=f"{name}_{axis_name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, damping=[cloth.damping, 0, 0]
-            )
-    # A sphere gives the point its mass; it neither collides nor shows: the surface is drawn by a skin.
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], mass=cloth.point_mass, contype=0, conaffinity=0, group=4
-    )
-    body.add_site(name=name, size=[0.001, 0, 0], group=4)
+def _add_free_body(spec: mujoco.MjSpec, cloth: Cloth, name: str, position: np.ndarray) -> mujoco.MjsBody:
+    body = spec.worldbody.add_body(name=name, pos=position)
+    for axis_name, axis in zip("xyz", np.eye(3), strict=True):
+        body.add_joint(
+            name=f"{name}_{axis_name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, damping=[cloth.damping, 0, 0]
+        )
+    return body
 
 
 def springs(cloth: Cloth, *, held: bool = True) -> Iterator[tuple[str, str, float]]:
     """Yield `(point, point, stiffness [N/m])` for structural, shear and bending springs.
 
-    Args:
-        cloth: gives grid and stiffnesses.
-        held: whether the first row is built into a rigid bar, so that springs within it would do nothing.
+    Without those within the first row if it is `held` in a rigid bar, where they would do nothing.
     """
     names = point_names(cloth)
     kinds = [(cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]), (cloth.bending, [(2, 0), (0, 2)])]

@@ -3,39 +3,21 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_number, choose, setting
+from clothlab._validation import Checked, check_number, setting
 from clothlab.simulation import vision
 from clothlab.simulation.arm import Arm, Camera, check_command, get_arm
 from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
-# Not implicitfast: that treats the springs' damping as if each neighbour stood still, which adds up to 14 % to the
-# inertia of a light cloth (notebook 01). A smaller shadowclip leaves speckles on the floor. The cylinder holds the arm.
-WORLD = """
-<mujoco model="clothlab">
-  <option integrator="Euler"/>
-  <visual>
-    <map shadowclip="6"/>
-    <headlight ambient="0.45 0.45 0.45" diffuse="0.3 0.3 0.3"/>
-  </visual>
-  <asset>
-    <texture name="sky" type="skybox" builtin="flat" rgb1="0.93 0.95 0.97" rgb2="0.93 0.95 0.97"
-      width="16" height="16"/>
-  </asset>
-  <worldbody>
-    <light type="directional" pos="0 0 3" dir="-0.3 0.4 -1" diffuse="0.35 0.35 0.35"/>
-    <geom type="plane" size="0 0 0.1" rgba="0.95 0.95 0.93 1" contype="0" conaffinity="0"/>
-    <geom type="cylinder" fromto="0 0 0 0 0 1" size="0.03" rgba="0.55 0.56 0.58 1" contype="0" conaffinity="0"/>
-  </worldbody>
-</mujoco>
-"""
-NO_CLOTH_IN_VIEW = -float(np.hypot(vision.HEIGHT, vision.WIDTH))  # [pixel] no two pixels are further apart
+WORLD = Path(__file__).with_name("world.xml")
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 Observation = dict[str, np.ndarray]  # {"image": cloth mask [H, W], "robot": robot state [D_r]}
 
@@ -53,7 +35,6 @@ class Scene(Checked):
     picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0, at_most=4096)  # height and width, for people
 
     def __post_init__(self) -> None:
-        """Refuse time steps that do not fill a control period."""
         super().__post_init__()
         if abs(self.substeps * self.time_step - CONTROL_PERIOD) > 1e-9:
             raise ValueError(f"Scene.time_step must divide the control period of {CONTROL_PERIOD} s: 0.002, for one")
@@ -66,8 +47,8 @@ class Scene(Checked):
 
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of arm, cloth, camera, light and floor; `.to_xml()` shows it as MJCF."""
-    scene = scene or Scene()
-    spec = mujoco.MjSpec.from_string(WORLD)
+    scene = Scene() if scene is None else scene
+    spec = mujoco.MjSpec.from_file(str(WORLD))
     spec.option.timestep = scene.time_step
     spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
     spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
@@ -82,65 +63,38 @@ def add_camera(spec: mujoco.MjSpec, camera: Camera, parent: mujoco.MjsBody | Non
     parent = spec.worldbody if parent is None else parent
     target = parent.add_body(name="camera_target", pos=camera.target)
     target.add_site(size=[0.001, 0, 0], group=4)
-    how = {"mode": mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY, "targetbody": target.name}
+    direction = {"mode": mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY, "targetbody": target.name}
     if camera.roll:  # MuJoCo keeps a camera upright that follows a body
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
-        how = {"quat": quaternion}
-    parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **how)
+        direction = {"quat": quaternion}
+    parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **direction)
 
 
 class ClothEnv(gymnasium.Env):
     """A robot arm that holds a cloth in front of a camera.
 
     * action: the command `u`, `[D_u]`, in the arm's units; `env.arm.command_names` names them.
-    * observation: `{"image": cloth mask [H, W], "robot": robot state [D_r]}`.
-    * reward: minus the chamfer distance [pixel] to `target`, and minus the image's diagonal where no cloth is in view;
-      0 without a target. The paper's method never reads it.
-
-    An episode has no natural end: `terminated` and `truncated` stay false. Reset draws nothing at random unless
-    `options={"random_start": True}` asks for a random posture; the cloth then hangs still before the episode starts.
-
-    Args:
-        arm: an arm or its name.
-        cloth: a cloth or its name.
-        target: mask `[H, W]` that the reward compares with.
-        scene: time step and start.
-        render_mode: `"rgb_array"` makes Gymnasium's `render` return what `picture` does.
-
-    Raises:
-        KeyError: unknown arm or cloth.
-        ValueError: a target of another shape or with no cloth in it, or an unknown render mode.
-        SimulationError: this cloth cannot be simulated with this time step.
+    * observation: `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`.
+    * reward: always 0; the paper's method has none. An episode never ends by itself.
 
     Attributes:
-        arm: the arm.
-        cloth: the cloth in its hand.
+        arm: the arm; `ClothEnv` takes an arm or its name.
+        cloth: the cloth in its hand; likewise.
         scene: time step and start.
-        model: MuJoCo's model of all that.
-        data: MuJoCo's state of it.
+        model: MuJoCo's model of the scene.
+        data: MuJoCo's state of the scene.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 (Gymnasium's own name and type)
     cloth: Cloth
     model: mujoco.MjModel
     data: mujoco.MjData
 
     def __init__(
-        self,
-        arm: Arm | str = "torque",
-        cloth: Cloth | str = "damp0.05-mass0.10",
-        *,
-        target: ArrayLike | None = None,
-        scene: Scene | None = None,
-        render_mode: str | None = None,
+        self, arm: Arm | str = "torque", cloth: Cloth | str = "damp0.05-mass0.10", *, scene: Scene | None = None
     ):
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"unknown render_mode {render_mode!r}; choose from None, rgb_array")
         self.arm = get_arm(arm)
-        self.scene = scene or Scene()
-        self.target = None if target is None else vision.check_mask(target)
-        self.render_mode = render_mode
+        self.scene = Scene() if scene is None else scene
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
         self.hold(cloth)
 
@@ -156,12 +110,7 @@ class ClothEnv(gymnasium.Env):
     def hold(self, cloth: Cloth | str) -> None:
         """Put another cloth into the hand, hanging still at the arm's home; `reset` comes next.
 
-        Args:
-            cloth: a cloth or its name.
-
-        Raises:
-            KeyError: unknown cloth.
-            SimulationError: this cloth cannot be simulated with this time step; the one before stays in the hand.
+        The one before stays in the hand if this one is unknown, or diverges with this time step (`SimulationError`).
         """
         before = {name: vars(self).get(name) for name in ("cloth", "model", "data")}
         cloth = get_cloth(cloth)
@@ -177,15 +126,7 @@ class ClothEnv(gymnasium.Env):
             self.close()  # the renderers know the surface of the last one; making new ones takes longer than a step
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
-        """Begin an episode without looking at it: `reset` without the observation.
-
-        Args:
-            seed: for `random_start`; the same seed gives the same episode, bit for bit.
-            random_start: draw the posture from the command range instead of the arm's home.
-
-        Raises:
-            SimulationError: the physics diverged.
-        """
+        """Begin an episode without looking at it: `reset` without the observation."""
         super().reset(seed=None if seed is None else check_number("seed", seed, int, at_least=0))
         u = self.arm.home_command
         if random_start:
@@ -213,34 +154,23 @@ class ClothEnv(gymnasium.Env):
                     self.data.joint(f"{name}_{axis}").qpos[0] = value
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[Observation, dict]:
-        """Start an episode with the cloth hanging still.
+        """Start an episode with the cloth hanging still; return the observation and an empty info.
 
         Args:
             seed: for `random_start`; the same seed gives the same episode, bit for bit.
             options: `{"random_start": True}` draws the posture from the command range instead of the arm's home.
-
-        Returns:
-            Observation and an empty info, as Gymnasium has it.
-
-        Raises:
-            SimulationError: the physics diverged.
-            TypeError: an option of another name.
         """
-        self.start(seed=seed, **options or {})
+        self.start(seed=seed, **({} if options is None else options))
         return self.observe(), {}
 
     def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
-        """Hold the command `[D_u]` for one control period, without looking: all that moves a cloth stands on this.
+        """Hold the command `[D_u]` for one control period, without looking; `step`, `rollout` and all else use this.
 
         Args:
-            u: the command.
-            watch: called without arguments while the period goes by, with positions up to date. Watching changes
-                nothing, so that a run that is watched is the same bit for bit.
-            samples: how often to call it, evenly; the last time at the end of the period.
-
-        Raises:
-            ValueError: a command of another shape, not finite or out of range, or more samples than time steps.
-            SimulationError: the physics diverged.
+            u: the command; a ValueError if it is out of range.
+            watch: called without arguments `samples` times in the period, evenly, the last time at its end. It must not
+                change the scene; then a run that is watched is the same, bit for bit.
+            samples: how often.
         """
         check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps)
         self.arm.command(self.data, check_command(self.arm, u))
@@ -257,26 +187,13 @@ class ClothEnv(gymnasium.Env):
         return {"image": vision.cloth_mask(self.camera_picture()).astype(np.int8), "robot": self.arm.state(self.data)}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict]:
-        """Hold the command `[D_u]` for one control period, and look.
-
-        Raises:
-            ValueError: a command of another shape, not finite or out of range.
-            SimulationError: the physics diverged.
-        """
+        """Hold the command `[D_u]` for one control period, and look."""
         self.advance(action)
-        observation, reward = self.observe(), 0.0
-        if self.target is not None:
-            seen = observation["image"].any()
-            reward = -vision.chamfer_distance(observation["image"], self.target) if seen else NO_CLOTH_IN_VIEW
-        return observation, reward, False, False, {}
+        return self.observe(), 0.0, False, False, {}
 
     def picture(self) -> np.ndarray:
         """The scene for people, `[h, w, 3]` uint8, of the size `scene.picture_size`."""
         return self.camera_picture(*self.scene.picture_size)
-
-    def render(self) -> np.ndarray | None:
-        """Gymnasium's name for `picture`; None unless `render_mode` asks for pictures."""
-        return self.picture() if self.render_mode else None
 
     def camera_picture(
         self,
@@ -288,15 +205,11 @@ class ClothEnv(gymnasium.Env):
     ) -> np.ndarray:
         """What the camera sees, `[height, width, 3]` uint8; or how far away that is, `[height, width]` float32 [m].
 
-        A `view` is the name of a camera of the scene, or one that is placed for this picture.
-
-        Raises:
-            RuntimeError: no OpenGL on this machine; the message says what to install.
-            ValueError, KeyError: a picture larger than `scene.picture_size`, or a camera that is not there.
+        A `view` is another camera of the scene by its name, or one placed for this picture. A ValueError if the picture
+        is larger than `scene.picture_size`.
         """
-        if not isinstance(view, mujoco.MjvCamera):
-            view = choose("camera", view, {self.model.camera(k).name: k for k in range(self.model.ncam)})
-        (renderer := self.renderer(height, width)).update_scene(self.data, view)
+        renderer = self.renderer(height, width)
+        renderer.update_scene(self.data, view)
         if depth:
             renderer.enable_depth_rendering()
         try:
@@ -307,12 +220,7 @@ class ClothEnv(gymnasium.Env):
         return picture
 
     def renderer(self, height: int, width: int) -> mujoco.Renderer:
-        """MuJoCo's renderer of that size [pixel], made when it is first asked for.
-
-        Raises:
-            RuntimeError: no OpenGL on this machine; the message says what to install.
-            ValueError: a size that is none, or larger than `scene.picture_size`.
-        """
+        """MuJoCo's renderer of that size [pixel], made when it is first asked for."""
         size = height, width = check_number("height", height, int), check_number("width", width, int)
         room = self.model.vis.global_
         if not (1 <= height <= room.offheight and 1 <= width <= room.offwidth):
@@ -333,15 +241,11 @@ class ClothEnv(gymnasium.Env):
 
     def _simulate(self, steps: int) -> None:
         mujoco.mj_step(self.model, self.data, steps)
-        warnings = self.data.warning
-        if any(warnings[kind].number for kind in _DIVERGED):
+        if any(self.data.warning[kind].number for kind in _DIVERGED):
             raise SimulationError(
                 f"the simulation of cloth {self.cloth.label} diverged; use a smaller time_step than "
                 f"{self.scene.time_step} s, a heavier cloth or a softer one"
             )
-
-
-_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 def _shape(cloth: Cloth) -> tuple:
@@ -372,12 +276,3 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return renderer
-
-
-_MIDDLE = "damp0.05-mass0.10"
-_CLOTHS = {"torque": _MIDDLE, "muscle": "soft-1", "torque-feeling": _MIDDLE, "muscle-hand": "soft-1"}
-for _arm, _cloth in _CLOTHS.items():
-    # gymnasium.make("clothlab.simulation.env:clothlab/Torque-v0")
-    gymnasium.register(
-        f"clothlab/{_arm.title()}-v0", "clothlab.simulation.env:ClothEnv", kwargs={"arm": _arm, "cloth": _cloth}
-    )

@@ -2,8 +2,8 @@
 
 A muscle's motor reels in `s` [m] of wire; its spring is stretched by `e = s + Gθ` [m], where G holds the moment arms
 (flexors, which raise, positive). The spring pulls with `f = k₁e + k₃e³` [N] and never pushes. The motor is under
-muscle stiffness control: `clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. All that the robot senses are
-tensions f and muscle lengths `l = -s`.
+muscle stiffness control: `clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. The robot senses tensions f and
+muscle lengths `l = -s`, nothing else.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_array, check_finite, check_number, setting
+from clothlab._validation import Checked, check_array, setting
 
 MUSCLES = (
     "shoulder flexor",
@@ -27,15 +27,14 @@ MUSCLES = (
 class Muscles(Checked):
     """Six muscles that pull on shoulder and elbow.
 
-    The paper publishes none of these numbers but the range of f_const: they are assumptions, and notebook 02 shows what
-    hangs on them.
+    The paper gives only the range of f_const; the other values are assumptions, whose effect notebook 02 shows.
     """
 
     shoulder_moment_arm: float = setting(0.040, "m", above=0)
     elbow_moment_arm: float = setting(0.030, "m", above=0)
     biarticular_moment_arms: tuple[float, float] = setting((0.030, 0.030), "m", at_least=0)
     spring_linear: float = setting(456.5, "N/m", above=0)  # k₁
-    spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)  # k₃; 0 makes the linear-spring control
+    spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)  # k₃; 0 makes the springs linear
     motor_stiffness: float = setting(3e4, "N/m", above=0)  # K
     motor_damping: float = setting(250.0, "N s/m", at_least=0)  # D
     motor_speed: float = setting(0.10, "m/s", above=0)  # how fast s_send can move
@@ -45,7 +44,6 @@ class Muscles(Checked):
     tension_range: tuple[float, float] = setting((10.0, 70.0), "N", above=0)  # of f_const; the paper's
 
     def __post_init__(self) -> None:
-        """Refuse what no muscle has."""
         super().__post_init__()
         low, high = self.tension_range
         if not self.tension_bias < low <= high < self.tension_max:
@@ -63,8 +61,7 @@ class Muscles(Checked):
     def tension(self, elongation: ArrayLike) -> np.ndarray:
         """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
         e = np.maximum(check_array("elongation", elongation, (...,)), 0.0)
-        with np.errstate(over="ignore"):
-            return check_finite("tension", self.spring_linear * e + self.spring_cubic * e**3)
+        return self.spring_linear * e + self.spring_cubic * e**3
 
     def spring_stiffness(self, tension: ArrayLike) -> np.ndarray:
         """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de = k₁ + 3k₃e²."""
@@ -73,12 +70,10 @@ class Muscles(Checked):
     def elongation(self, tension: ArrayLike, more_stiffness: float = 0.0) -> np.ndarray:
         """Inverse of `tension`: stretch [m] at which the springs pull with `tension` [N].
 
-        Args:
-            tension: [N].
-            more_stiffness: of a linear spring beside this one [N/m].
+        `more_stiffness` [N/m] is that of a linear spring in parallel.
         """
         tension = check_array("tension", tension, (...,))
-        linear = self.spring_linear + check_number("more_stiffness", more_stiffness, at_least=0)
+        linear = self.spring_linear + more_stiffness
         cubic = self.spring_cubic
         if cubic == 0:
             return tension / linear
@@ -87,26 +82,22 @@ class Muscles(Checked):
         return 2 * a * np.sinh(np.arcsinh(tension / (2 * cubic * a**3)) / 3)
 
     def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
-        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2): geometry minus what the springs give.
+        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m] from the length at θ = 0, f = 0.
 
         Args:
             theta: joint angles `[..., 2]` [rad].
             tension: f `[..., 6]` [N].
-
-        Returns:
-            l `[..., 6]` [m], counted from the length at θ = 0 without tension.
         """
         theta = check_array("theta", theta, (..., self.moment_arms.shape[1]))
         return theta @ self.moment_arms.T - self.elongation(check_array("tension", tension, (..., len(MUSCLES))))
 
     def sent_length(self, u: np.ndarray) -> np.ndarray:
-        """The command path u = (θ_ref, f_const) → l_ref → l_send, `[6]` [m].
+        """The command path u = (θ_ref, f_const, …) → l_ref → l_send, `[6]` [m].
 
         l_send is shorter than l_ref by what the motors' own stiffness gives under f_const.
         """
-        *theta_ref, f_const = u
-        f = np.full(len(MUSCLES), f_const)
-        return self.body_image(np.array(theta_ref), f) - (f - self.tension_bias) / self.motor_stiffness
+        f = np.full(len(MUSCLES), u[2])
+        return self.body_image(u[:2], f) - (f - self.tension_bias) / self.motor_stiffness
 
     def static_tension(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] under the command `u` until nothing moves.

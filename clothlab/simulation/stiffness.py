@@ -1,65 +1,25 @@
-"""How stiff the hand is: the body image that muscles follow, static postures, and the stiffness ellipse."""
-
-import warnings
-from collections.abc import Callable
+"""How stiff the hand is: static postures, and the stiffness ellipse."""
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import root
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.neural_network import MLPRegressor
-from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_finite, check_number
+from clothlab._validation import check_array, check_number
 from clothlab.simulation.arm import MuscleArm, check_command
 
-SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
-
-
-def learn_body_image(
-    theta: np.ndarray, tension: np.ndarray, length: np.ndarray, *, seed: int = 0
-) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Fit a network to sensed l = h(θ, f), as the paper does on the real robot (its eq. 2).
-
-    Args:
-        theta: joint angles `[N, 2]` [rad].
-        tension: f `[N, 6]` [N].
-        length: l `[N, 6]` [m].
-        seed: of the network's weights.
-
-    Returns:
-        A function like `MuscleArm.body_image`. It is to be trusted near the data alone.
-    """
-    inputs, outputs = StandardScaler(), StandardScaler()
-    network = MLPRegressor(
-        hidden_layer_sizes=(64, 64),
-        activation="tanh",
-        learning_rate_init=0.005,
-        max_iter=600,
-        n_iter_no_change=600,
-        random_state=seed,
-    )
-    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):  # it is to run all its epochs
-        network.fit(inputs.fit_transform(np.hstack([theta, tension])), outputs.fit_transform(length))
-
-    def body_image(theta: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        x = np.hstack([np.atleast_2d(theta), np.atleast_2d(tension)])
-        return outputs.inverse_transform(network.predict(inputs.transform(x)))
-
-    return body_image
+_SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
 
 
 def static_posture(arm: MuscleArm, u: ArrayLike, force: ArrayLike) -> np.ndarray:
     """Joint angles `[2]` [rad] at which the muscles balance a force `[2]` [N] (forward, up) on the hand, no gravity.
 
-    Raises:
-        ValueError: a command outside the arm's range, or a force that pushes a joint to its stop.
+    A ValueError if the command is out of range, or the force pushes a joint to its stop.
     """
     u, force = check_command(arm, u), check_array("a force on the hand", force, (2,))
 
     def torque(theta: np.ndarray) -> np.ndarray:
-        if not np.isfinite(theta).all():  # a solver that finds no balance ends there
+        if not np.isfinite(theta).all():  # where a solver ends that finds no balance
             return np.full(2, np.nan)
         return arm.hand_jacobian(theta).T @ force - arm.moment_arms.T @ arm.static_tension(theta, u)
 
@@ -82,15 +42,11 @@ def stiffness_ellipse(
         arm: a muscle arm.
         theta_ref: posture `[2]` [rad].
         f_const: co-contraction [N].
-        force: [N].
+        force: [N]; a ValueError if it pushes a joint to its stop.
         directions: how many, evenly around.
 
     Returns:
         Displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
-
-    Raises:
-        ValueError: a posture or an f_const outside the arm's range, a force that is no positive number or pushes a
-            joint to its stop, or fewer than three directions.
     """
     theta_ref = check_array("theta_ref", theta_ref, (len(arm.home),))
     u = check_command(arm, [*theta_ref, check_number("f_const", f_const)])
@@ -109,7 +65,7 @@ def stiffness_ellipse(
         push = force * np.array([np.cos(angle), np.sin(angle)])
         static_posture(arm, u, push)  # which refuses what the muscles cannot hold
         data.body("hand").xfrc_applied[[0, 2]] = push
-        mujoco.mj_step(model, data, round(SETTLING_TIME / model.opt.timestep))
+        mujoco.mj_step(model, data, round(_SETTLING_TIME / model.opt.timestep))
         displacements.append((data.site("hand").xpos - start)[[0, 2]])
     return np.array(displacements)
 
@@ -117,15 +73,11 @@ def stiffness_ellipse(
 def ellipse_area(displacements: ArrayLike) -> float:
     """Area [m²] of the ellipse on which displacements `[N, 2]` [m] lie, made by equal forces evenly around.
 
-    The polygon through N points of an ellipse is smaller than the ellipse by a factor that depends on N alone, so that
-    the area does not hang on how many directions were tried.
-
-    Raises:
-        ValueError: another shape, not finite, or fewer than three points.
+    The polygon through N such points is smaller than the ellipse by a factor that depends on N alone.
     """
     x, y = check_array("displacements", displacements, ("N", 2)).T
     if len(x) < 3:
         raise ValueError(f"an ellipse takes three points or more, got {len(x)}")
     polygon = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
     corner = 2 * np.pi / len(x)
-    return float(check_finite("area", polygon * corner / np.sin(corner)))
+    return float(polygon * corner / np.sin(corner))

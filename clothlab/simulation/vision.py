@@ -1,10 +1,12 @@
 """From a camera picture to a cloth mask, and the distance between two masks (paper, "Experimental Setup")."""
 
+import io
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from PIL import Image
 
-from clothlab._files import picture_size
 from clothlab._validation import check_array, check_number
 
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
@@ -21,9 +23,6 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
 
     Returns:
         Mask `[H, W]`, bool. It is empty when only the back of the cloth shows, or none of it.
-
-    Raises:
-        ValueError: not a colour picture of 8 bits, or another aspect.
     """
     rgb = np.asarray(rgb)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:
@@ -41,15 +40,8 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
 
 
 def check_masks(images: ArrayLike) -> np.ndarray:
-    """Return masks as bool `[..., H, W]`.
-
-    Raises:
-        ValueError: another shape, or numbers beside 0 and 1, as in a grey picture or a reconstruction.
-    """
-    try:
-        images = np.asarray(images)
-    except (ValueError, TypeError, RuntimeError):  # rows of several lengths, for one
-        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got {images!s:.80}") from None
+    """Return masks as bool `[..., H, W]`; a ValueError for another shape, or a grey picture or reconstruction."""
+    images = np.asarray(images)
     if images.shape[-2:] != (HEIGHT, WIDTH):
         raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape {list(images.shape)}")
     if images.dtype == bool:
@@ -63,11 +55,7 @@ def check_masks(images: ArrayLike) -> np.ndarray:
 
 
 def check_mask(mask: ArrayLike) -> np.ndarray:
-    """Return one mask as bool `[H, W]`.
-
-    Raises:
-        ValueError: as `check_masks`, several masks, or no cloth in it.
-    """
+    """Return one mask as bool `[H, W]`; a ValueError as in `check_masks`, or if there is no cloth in it."""
     mask = check_masks(mask)
     if mask.ndim != 2:
         raise ValueError(f"one cloth image is [{HEIGHT}, {WIDTH}], got the shape {list(mask.shape)}")
@@ -77,34 +65,22 @@ def check_mask(mask: ArrayLike) -> np.ndarray:
 
 
 def mask_from_file(content: bytes) -> np.ndarray:
-    """Read a target `[H, W]` from a picture file: bright is cloth.
-
-    Raises:
-        ValueError: not a picture, another size, or no cloth in it.
-    """
-    height, width = picture_size(content)
-    if (height, width) != (HEIGHT, WIDTH):  # before anything is unpacked
-        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {width}×{height}")
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    if picture is None:
-        raise ValueError("this file is not a picture: use PNG or JPEG")
-    return check_mask(picture > 127)
+    """Read a target `[H, W]` from a PNG or JPEG file of that size: bright is cloth."""
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG", "JPEG"]) as picture:
+            size = picture.size
+            grey = np.asarray(picture.convert("L")) if size == (WIDTH, HEIGHT) else None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow says of a damaged file
+        raise ValueError("this file is not a picture: use PNG or JPEG") from None
+    if grey is None:
+        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {size[0]}×{size[1]}")
+    return check_mask(grey > 127)
 
 
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
-    """Symmetric chamfer distance between two masks (paper, section "Simulation Experiment").
+    """Symmetric chamfer distance [pixel] between two masks `[H, W]` (paper, section "Simulation Experiment").
 
     The mean distance from a pixel of one cloth to the nearest pixel of the other, in both directions, averaged.
-
-    Args:
-        a: mask `[H, W]`.
-        b: mask `[H, W]`.
-
-    Returns:
-        Distance [pixel]; 0 exactly when the masks are equal.
-
-    Raises:
-        ValueError: another shape, or no cloth in one of them.
     """
     a, b = check_mask(a), check_mask(b)
     return float((_distance_to(b)[a].mean() + _distance_to(a)[b].mean()) / 2)
@@ -115,26 +91,25 @@ def _distance_to(mask: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
 
 
+def focal_length(fovy: float, height: float = 1.0) -> float:
+    """Focal length of a pinhole camera with a vertical field of view [degree], in the unit of the picture's height."""
+    return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))
+
+
 def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: ArrayLike) -> np.ndarray:
-    """Where in the world the pixels of a depth image are: a pinhole camera, read backwards.
+    """Where in the world the pixels of a depth image are, `[h, w, 3]` [m]: a pinhole camera, read backwards.
 
     Args:
-        depth: how far each pixel's surface is from the camera along the line of sight's axis `[h, w]` [m].
+        depth: distance of each pixel's surface from the camera along its line of sight `[h, w]` [m].
         fovy: vertical field of view [degree].
         position: of the camera in the world `[3]` [m].
         axes: what is right, up and backward for the camera, in the world: rows of `[3, 3]`.
-
-    Returns:
-        Points `[h, w, 3]` [m].
-
-    Raises:
-        ValueError: no depth image, a field of view that no lens has, or arrays of other shapes.
     """
     depth = check_array("a depth image", depth, ("h", "w"))
     check_number("fovy", fovy, above=0, at_most=170)
     position, axes = check_array("position", position, (3,)), check_array("axes", axes, (3, 3))
     height, width = depth.shape
-    focal = 0.5 * height / np.tan(np.deg2rad(fovy) / 2)  # [pixel]
+    focal = focal_length(fovy, height)  # [pixel]
     right = (np.arange(width) + 0.5 - width / 2) / focal
     up = -(np.arange(height) + 0.5 - height / 2) / focal
     rays = np.stack([*np.broadcast_arrays(right, up[:, None]), -np.ones((height, width))], axis=-1)

@@ -100,7 +100,7 @@ class Furniture(Checked):
 
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene, furniture: Furniture) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of the table's scene; `.to_xml()` shows it as MJCF."""
-    spec = mujoco.MjSpec.from_string(WORLD)
+    spec = mujoco.MjSpec.from_file(str(WORLD))
     spec.option.timestep = scene.time_step
     spec.visual.global_.offheight, spec.visual.global_.offwidth = scene.picture_size
     for geom in spec.worldbody.geoms:

@@ -15,10 +15,10 @@ from torch import Tensor
 
 from clothlab._validation import Checked, check_number, choose, setting
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import AimingPolicy, ControlSettings, optimise_commands
+from clothlab.learning.control import ControlSettings, PlanningPolicy, optimise_commands
 from clothlab.learning.dpmpb import DPMPB, Sequences, observe
-from clothlab.learning.frozen import FrozenDPMPB
-from clothlab.learning.iterative import Correction, PracticeSettings
+from clothlab.learning.fast_rollout import FastDPMPB
+from clothlab.learning.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.policies import Policy, RandomPolicy, Wrapper
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.env import Observation
@@ -262,7 +262,7 @@ class Attempt:
     ended: int
 
 
-class ThrowPolicy(AimingPolicy):
+class ThrowPolicy(PlanningPolicy):
     """Throws a cloth so that a target image is realised when it has come to lie; the end alone counts.
 
     Each attempt waits until the cloth hangs still and chooses a plan, commands and a release time: the best of recorded
@@ -305,10 +305,10 @@ class ThrowPolicy(AimingPolicy):
         runs: Sequence[Sequences],
         biases: Mapping[str, ArrayLike],
         settings: ThrowSettings | None = None,
-        practice: PracticeSettings | None = None,
+        practice: IterativeLearningSettings | None = None,
     ):
-        self.settings, self.practice = settings or ThrowSettings(), practice or PracticeSettings()
-        self._know(model, autoencoder, _hand(arm))
+        self.settings, self.practice = settings or ThrowSettings(), practice or IterativeLearningSettings()
+        super().__init__(model, autoencoder, _hand(arm))
         self.lower[-1], self.upper[-1] = self.settings.release  # in the last column of a plan is the release time
         self.scale[-1] = 1.0
         self.set_target(target)
@@ -336,18 +336,18 @@ class ThrowPolicy(AimingPolicy):
         closed = (plans[:, :1, -1] - torch.arange(plans.shape[1])).clamp(0, 1)
         return torch.cat([plans[..., :-1], closed[..., None]], dim=-1)
 
-    def expected(self, s: Tensor, plans: Tensor, correction: Correction) -> Tensor:
+    def expected(self, s: Tensor, plans: Tensor, correction: ResidualModel) -> Tensor:
         """Expected distance of the cloth to the target after each of the plans `[B, T, D_u]`, `[B]` [s.d. of z]."""
         u = self.commands(plans)
-        z = self._frozen(s, u, self.model.initial_memory())[:, -1, self.layout.z]
+        z = self._predict(s, u, self.model.initial_memory())[:, -1, self.layout.z]
         missed, variance = correction(self._features(s, u))
         squares = (z + missed[:, 0] - self.z_ref).square().sum(-1)
         return (squares + self.settings.caution * len(self.z_ref) * variance).clamp_min(1e-12).sqrt()
 
-    def correction(self) -> Correction:
+    def correction(self) -> ResidualModel:
         """What the model's promises for the end missed, in recorded throws and in the attempts so far."""
         tried, missed = zip(self._recorded, *self._held, strict=True)
-        return Correction(torch.cat(tried), torch.cat(missed)[:, None], self.practice)
+        return ResidualModel(torch.cat(tried), torch.cat(missed)[:, None], self.practice)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = torch.as_tensor(observe(self.autoencoder, observation))
@@ -365,7 +365,7 @@ class ThrowPolicy(AimingPolicy):
             if not self.released:
                 self._plan, self._resting = None, self.settings.rest - 1
                 return self._home(closed=True)
-        self._memory = self._frozen.follow(s, u, self._memory)
+        self._memory = self._predict.follow(s, u, self._memory)
         self._step += 1
         self.done = self._step == self.settings.steps
         return u.double().numpy()
@@ -393,7 +393,7 @@ class ThrowPolicy(AimingPolicy):
         promised = []
         with torch.no_grad():
             for k, p in enumerate(own):
-                states = FrozenDPMPB(self.model, p)(s[k, 0], u[k : k + 1, :steps], self.model.initial_memory())
+                states = FastDPMPB(self.model, p)(s[k, 0], u[k : k + 1, :steps], self.model.initial_memory())
                 promised.append(states[:, -1, self.layout.z])
         features = torch.cat([self._features(s[k, 0], u[k : k + 1, :steps], p) for k, p in enumerate(own)])
         self._recorded = features, s[:, steps, self.layout.z] - torch.cat(promised)
@@ -430,8 +430,8 @@ class ThrowPolicy(AimingPolicy):
         assert self._plan is not None
         with torch.no_grad():
             u, z = self.commands(self._plan[None]), self.layout.z
-            promise = self._frozen(self._began, u, self.model.initial_memory())[0, -1, z]
-            now = self._frozen(s, u[:, self._step :], self._memory)[0, -1, z]
+            promise = self._predict(self._began, u, self.model.initial_memory())[0, -1, z]
+            now = self._predict(s, u[:, self._step :], self._memory)[0, -1, z]
         away = float(torch.linalg.vector_norm(now - self.z_ref))  # what a promise from the start missed is seen by now
         number = len(self.attempts) + 1
         last = number >= self.settings.attempts

@@ -1,0 +1,136 @@
+"""Do the regions of estimated p hold the right p as often as they say, and are unknown cloths noticed?
+
+Gauss-Newton estimates p from 0. What its regions and alarms stand on (`clothlab.learning.calibration`) is learned from
+development runs with the nine cloths, which all trainings share; each run of the test has commands of its own.
+"""
+
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab.analysis import nearest_material
+from clothlab.experiments._grid import Case, Experiment, Tables, over, shared
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import random_trial, trained
+from clothlab.experiments.estimation import BETWEEN
+from clothlab.learning.calibration import LENGTHS, Calibration, calibrate, inside
+from clothlab.learning.estimation import NewtonEstimator
+from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.trials import Trial
+
+ARM = "torque"
+# Beyond the trained values on every side that can be simulated: with half of the lowest of both, it diverges.
+BEYOND = {
+    f"damp{damping:.3f}-mass{mass:.3f}": Cloth(f"damp{damping:.3f}-mass{mass:.3f}", damping=damping, mass=mass)
+    for damping, mass in ((0.015, 0.05), (0.015, 0.3), (0.05, 0.3), (0.12, 0.05), (0.12, 0.15), (0.12, 0.3))
+}
+OTHER_SIZES = {
+    "short": Cloth("short", length=0.35),
+    "long": Cloth("long", length=0.70),
+    "narrow": Cloth("narrow", width=0.20),
+}
+KINDS = {"trained": CLOTHS, "between": BETWEEN, "beyond": BEYOND, "another size": OTHER_SIZES}
+ALL = {name: cloth for cloths in KINDS.values() for name, cloth in cloths.items()}
+
+
+@cache
+def _development_trials() -> list[Trial]:
+    """Four runs with each of the nine cloths."""
+    return [
+        random_trial(ARM, cloth, LENGTHS[-1], seed=46_000 + 30 * repeat + number)
+        for repeat, (number, cloth) in product(range(4), enumerate(CLOTHS))
+    ]
+
+
+@shared
+def _calibration(model: int) -> Calibration:
+    learned = trained(f"{ARM}-{model}")
+    runs = [learned.sequences(trial) for trial in _development_trials()]
+    return calibrate(learned.model, learned.biases, runs)
+
+
+def calibrate_one(model: int) -> dict[str, Any]:
+    """What the development runs say about one training: the fields of a `Calibration`."""
+    return dict(vars(_calibration(model)))
+
+
+def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> dict[str, Any]:
+    """Estimate p of one cloth: the nearest material in the end, and what is known after each of `LENGTHS`.
+
+    That is the estimate `[N, D_p]`, its covariance by the curvature of the loss alone (`bare`) and calibrated
+    `[N, D_p, D_p]`, and whether the cloth is called unfamiliar or its region lies outside the trained p `[N]`.
+    """
+    learned, calibration = trained(f"{ARM}-{model}"), _calibration(model)
+    seed = 56_000 + 200 * model + 30 * repeat + [*ALL].index(cloth)
+    run = learned.sequences(random_trial(ARM, ALL[cloth], steps, seed))
+    newton, looks = NewtonEstimator(learned.model), []
+    for t, step in enumerate(zip(run.s, run.u, strict=True), start=1):
+        newton.update(*step)
+        if t in LENGTHS:
+            report = calibration.report(newton)
+            assert report is not None  # after so many steps there is one
+            looks.append((newton.p, newton.covariance, *report))
+    estimate, bare, covariance, _, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
+    return {
+        "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),
+        "nearest": nearest_material(newton.p, learned.biases),
+        "estimate": estimate.round(4),
+        "bare": bare.round(7),
+        "covariance": covariance.round(7),
+        "unfamiliar": unfamiliar,
+        "outside": outside,
+    }
+
+
+def coverage(table: pd.DataFrame, column: str = "covariance") -> np.ndarray:
+    """Share of runs with trained cloths whose 90 % region, by a column of covariances, holds the right p `[N]`."""
+    held = []
+    for _, run in table[table.kind == "trained"].iterrows():
+        right = trained(f"{ARM}-{run.model}").biases[run.cloth]
+        held.append([inside(right, *region) for region in zip(run.estimate, run[column], strict=True)])
+    return np.mean(held, axis=0)
+
+
+def cases(**sizes: Any) -> list[Case]:
+    """Every cloth with every training: four runs with each trained cloth, two with each other one."""
+    every = over(cloth=ALL, model=range(5), repeat=range(4))(**sizes)
+    return [case for case in every if case["cloth"] in CLOTHS or case["repeat"] < 2]
+
+
+def rows(tables: Tables) -> list[Row]:
+    """Accuracy, coverage of the regions, and alarms by kind of cloth."""
+    table, end = tables["calibration_test"], f"{LENGTHS[-1] * CONTROL_PERIOD:g} s"
+    known = table[table.kind == "trained"]
+    held, bare = (100 * coverage(table, column)[-1] for column in ("covariance", "bare"))
+    found = [
+        Row(
+            key="calibration_test/nearest",
+            label=f"p by Gauss-Newton, {end}: nearest trained p is the right one",
+            value=100 * float((known.nearest == known.cloth).mean()),
+            unit=" %",
+            at_least=97,
+        ),
+        Row(
+            key="calibration_test/coverage",
+            label=f"90 % regions hold the right p after {end}",
+            value=held,
+            unit=" %",
+            at_least=85,
+            at_most=95,
+            note=f"{bare:.0f} % by curvature alone",
+        ),
+    ]
+    for kind, runs in table.groupby("kind", sort=False):
+        error, outside = (np.array([each[-1] for each in runs[column]]) for column in ("unfamiliar", "outside"))
+        label = f"cloths, {kind}: called unfamiliar by the error of prediction"
+        note = f"{100 * (error | outside).mean():.0f} % by that or by the place of p"
+        found.append(Row(key=f"calibration_test/{kind}", label=label, value=100 * error.mean(), unit=" %", note=note))
+    return found
+
+
+CALIBRATION = Experiment("calibration", calibrate_one, over(model=range(5)), seconds=240, slow=True)
+TEST = Experiment("calibration_test", run_one, cases, seconds=8, slow=True, rows=rows)

@@ -1,0 +1,147 @@
+"""What does a moved camera cost, and how much of it does recalibration bring back?
+
+A camera is moved by some centimetres along its own axes or turned by some degrees about them, one at a time, and both
+at once in directions drawn at random. Everything is judged from the old pose: the same run is simulated again with the
+camera there. The method is `clothlab.experiments.recalibration`.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from clothlab import artifacts
+from clothlab.analysis import best_per_period, late_median, nearest_material, target_distance
+from clothlab.experiments._grid import Case, Experiment, Tables, over
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import new_trial, trained
+from clothlab.experiments.iterative_control import CONTROLLERS, HEAVY, ITERATIVE, LIGHT, PAPERS
+from clothlab.experiments.recalibration import RecalibratedPolicy, Recalibration, recalibrate, take_views
+from clothlab.learning.estimation import NewtonSettings, estimate_bias
+from clothlab.policies import RandomPolicy, ReplayPolicy
+from clothlab.simulation.arm import Camera, get_arm
+from clothlab.simulation.cloth import CLOTHS
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.vision import HEIGHT
+
+ARM, TARGET = "torque", "target-2"  # of the arm five trainings
+UNMOVED, BOTH = "unmoved", "both"
+SHIFTS, TURNS = ("right", "up", "backward"), ("pitch", "yaw", "roll")  # along and about the camera's own axes
+SHIFT_SIZES, TURN_SIZES = (0.01, 0.05, 0.2), (1.0, 3.0, 10.0)  # [m] [degree]
+BOTH_SHIFT, BOTH_TURN, DRAWS = 0.05, 3.0, (0.0, 1.0, 2.0)  # [m] [degree], and numbers of the drawn directions
+POSES = [(UNMOVED, 0.0), *product(SHIFTS, SHIFT_SIZES), *product(TURNS, TURN_SIZES), *product([BOTH], DRAWS)]
+
+
+def moved(camera: Camera, direction: str, size: float) -> Camera:
+    """The camera in one of `POSES`: moved by a size [m] or [degree], or in both ways with the draw of that number."""
+    if direction == UNMOVED:
+        return camera
+    if direction == BOTH:
+        drawn = np.random.default_rng(53_000 + int(size)).normal(size=(2, 3))
+        return camera.moved(*drawn * ([[BOTH_SHIFT], [BOTH_TURN]] / np.linalg.norm(drawn, axis=1, keepdims=True)))
+    shift, turn = ([size * (name == direction) for name in names] for names in (SHIFTS, TURNS))
+    return camera.moved(shift, turn)
+
+
+@cache
+def _recalibration(direction: str, size: float) -> tuple[Recalibration, int]:
+    """What is found in a pose, and from how many pictures."""
+    arm = get_arm(ARM)
+    env = ClothEnv(replace(arm, camera=moved(arm.camera, direction, size)))
+    try:
+        views = take_views(env)
+    finally:
+        env.close()
+    return recalibrate(arm, views), len(views)
+
+
+def find_pose(direction: str, size: float) -> dict[str, Any]:
+    """How well the camera's pose is found: residual [pixel], error of the position [m] and of the turn [degree]."""
+    (found, views), right = _recalibration(direction, size), moved(get_arm(ARM).camera, direction, size)
+    cosine = (np.trace(found.camera.axes @ right.axes.T) - 1) / 2
+    return {
+        "views": views,
+        "residual": found.residual * HEIGHT,
+        "shift_error": float(np.linalg.norm(np.subtract(found.camera.position, right.position))),
+        "turn_error": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))),
+    }
+
+
+def estimate(
+    direction: str, size: float, recalibrated: bool, model: int, cloth: str, steps: int = 200
+) -> dict[str, Any]:
+    """Estimate p of one cloth from what the moved camera sees: the material whose trained p is nearest."""
+    learned = trained(f"{ARM}-{model}")
+    arm = replace(learned.arm, camera=moved(learned.arm.camera, direction, size))
+    seed = 50_000 + 20 * model + [*CLOTHS].index(cloth)  # the same for every pose
+    trial = new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
+    if recalibrated:
+        trial = _recalibration(direction, size)[0].trial(trial)
+    p, _ = estimate_bias(learned.model, learned.sequences(trial), settings=NewtonSettings())
+    return {"nearest": nearest_material(p, learned.biases)}
+
+
+def control(
+    direction: str, size: float, recalibrated: bool, controller: str, model: int, cloth: str, steps: int = 200
+) -> dict[str, Any]:
+    """Aim with the moved camera: best distance of each period but the first, from the old pose [s.d. of z]."""
+    learned, mask = trained(f"{ARM}-{model}"), artifacts.load_target(TARGET)
+    arm = replace(learned.arm, camera=moved(learned.arm.camera, direction, size))
+    policy = CONTROLLERS[controller](learned, mask, cloth, model, learned.biases[cloth])
+    if recalibrated:
+        policy = RecalibratedPolicy(policy, _recalibration(direction, size)[0])
+    trial = new_trial(policy, arm, cloth, steps, model)
+    if arm != learned.arm:
+        trial = new_trial(ReplayPolicy(trial.commands), learned.arm, cloth, steps, model)
+    return {"best": best_per_period(target_distance(learned.autoencoder, trial, mask)).round(4)}
+
+
+def _cases(**axes: Any) -> Callable[..., list[Case]]:
+    """A grid with the unmoved camera and with those shifted and turned at once, as they are and recalibrated."""
+    every = over(**axes, direction=(UNMOVED, BOTH), size=DRAWS, recalibrated=(False, True))
+    return lambda **sizes: [case for case in every(**sizes) if case["direction"] == BOTH or case["size"] == 0]
+
+
+def rows(tables: Tables) -> list[Row]:
+    """Cameras shifted and turned at once, over the unmoved one."""
+    estimates, runs = tables["camera_estimation"], tables["camera_control"]
+    right = (estimates.nearest == estimates.cloth).groupby([estimates.direction, estimates.recalibrated]).mean()
+    last = runs.best.map(late_median).groupby([runs.controller, runs.direction, runs.recalibrated]).mean()
+    found = []
+    for recalibrated, label in ((False, "as it is"), (True, "recalibrated")):
+        where = f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}"
+        found.append(
+            Row(
+                key=f"camera_control/{label}/nearest",
+                label=f"{where}: nearest-material rate over the unmoved camera's",
+                value=right[BOTH, recalibrated] / right[UNMOVED, False],
+                at_least=0.9 if recalibrated else None,
+            )
+        )
+        for controller in last.index.unique("controller"):
+            distance = last[controller, BOTH, recalibrated]
+            found.append(
+                Row(
+                    key=f"camera_control/{label}/{controller}",
+                    label=f"{where}: {controller}, {TARGET}, last ten periods over the unmoved camera's",
+                    value=distance / last[controller, UNMOVED, False],
+                    at_most=1.1 if recalibrated else None,
+                    note=f"{distance:.2f} s.d.",
+                )
+            )
+    return found
+
+
+POSE = Experiment("camera_pose", find_pose, lambda: [{"direction": d, "size": size} for d, size in POSES], seconds=3)
+ESTIMATION = Experiment("camera_estimation", estimate, _cases(model=range(5), cloth=CLOTHS), seconds=6, slow=True)
+CONTROL = Experiment(
+    "camera_control",
+    control,
+    _cases(controller=(PAPERS, ITERATIVE), model=range(3), cloth=(LIGHT, HEAVY)),
+    seconds=40,
+    slow=True,
+    rows=rows,
+)

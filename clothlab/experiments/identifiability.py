@@ -1,0 +1,155 @@
+"""How well can C_damp and C_mass of a cloth be known from what the robot senses?
+
+The same commands are sent to scenes whose cloths differ in one constant by a factor exp(±0.05). The differences of what
+is sensed are its sensitivities, and the Cramér-Rao bound follows from them: that of an observer who knows all of the
+simulator but the two constants.
+
+The noise of z is measured: each scene is run four times with a camera that is turned by parts of a pixel and commands
+that are disturbed by 1e-6 rad, and what scatters beyond what is proportional to the turn is noise. Joint states are
+exact in the simulator, so their noise is stated. "z as predicted" has the network's one-step prediction error for its
+noise: the bound of an observer who knows no better than the network how a cloth moves.
+"""
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import ArrayLike
+
+from clothlab import artifacts
+from clothlab._validation import choose
+from clothlab.experiments._grid import Experiment, over
+from clothlab.experiments._runs import trained
+from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.fisher import Noise, cramer_rao, unbiased_information
+from clothlab.learning.autoencoder import encode
+from clothlab.learning.estimation import EstimationSettings
+from clothlab.policies import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy
+from clothlab.simulation.arm import Camera, TorqueArm
+from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
+from clothlab.simulation.vision import HEIGHT, focal_length
+from clothlab.trials import rollout
+
+WEIGHTS, RECORDINGS = "torque-0", "evaluation"  # whose autoencoder sees, and on what its network's errors are measured
+TIMES = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40], dtype=float)  # [s]
+MOTIONS = {"random": RandomPolicy, "operator": OperatorPolicy}
+CONSTANTS = ("damping", "mass")  # F is about their logarithms
+QUANTITIES = {"C_damp": (1, 0), "C_mass": (0, 1), "C_damp / C_mass": (1, -1), "C_damp · C_mass": (1, 1)}
+PREDICTED = "z as predicted"  # by the network
+SENSOR_SETS = {"z": ("z",), "z + joints": ("z", "joints"), PREDICTED: (PREDICTED,)}
+# Angles as of an encoder of 12 bits, whose rounding has a standard deviation of 2π/4096/√12; velocities as of a
+# difference of angles, filtered.
+JOINT_NOISE = [5e-4, 5e-4, 0.02, 0.02]  # [rad] [rad/s]
+STEP = 0.05  # half the difference of the logarithms
+REPEATS = 4  # of each scene: a mean and two slopes are fitted
+DISTURBANCE = 1e-6  # [rad] of start and commands
+LEAST = 1e-5  # share of the best direction's information below which a measured one counts as none
+
+
+def vary(cloth: Cloth, constant: str, step: float) -> Cloth:
+    """The cloth with one constant, `damping` or `mass`, multiplied by exp(step)."""
+    return replace(cloth, **{constant: getattr(cloth, constant) * np.exp(step)})
+
+
+def run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, Any]:
+    """Fisher information of the logarithms in each sensor, up to each of `TIMES` `[N, 2, 2]`, and the noise of z."""
+    autoencoder, arm = trained(WEIGHTS).autoencoder, TorqueArm()
+    held, commands = (CLOTHS | BETWEEN)[cloth], _commands(motion, seed, steps)
+    turns, z, joints = [], [], []
+    for repeat in range(REPEATS):
+        rng = np.random.default_rng(repeat)
+        turns.append(rng.uniform(-0.5, 0.5, 2))  # [pixel]
+        home = tuple(arm.home + rng.normal(0, DISTURBANCE, len(arm.home)))
+        env = ClothEnv(replace(arm, camera=_turned(arm.camera, *turns[-1]), home=home), held)
+        policy = Noisy(ReplayPolicy([*commands, commands[-1]]), env.arm, DISTURBANCE)
+        for constant, sign in product(CONSTANTS, (-1, 1)):
+            env.hold(vary(held, constant, sign * STEP))
+            trial = rollout(env, policy, steps + 1, seed=repeat)
+            z.append(encode(autoencoder, trial.images[1:]))  # after each command: the first look is before the first
+            joints.append(trial.robot[1:])
+        env.close()
+    times = TIMES[steps * CONTROL_PERIOD + 1e-9 >= TIMES]
+    index = np.round(times / CONTROL_PERIOD).astype(int) - 1
+    noise, slopes = _noise_and_slopes(z, np.array(turns))
+    information = {
+        "z": unbiased_information(slopes, noise),
+        PREDICTED: unbiased_information(slopes, _prediction_noise()),
+    }
+    joint_noise, slopes = _noise_and_slopes(joints, np.array(turns), JOINT_NOISE)
+    information["joints"] = unbiased_information(slopes, joint_noise)
+    found = {sensor: f[index].round(3) for sensor, f in information.items()}
+    return {"time": times, **found, "noise": noise.deviations}
+
+
+def _commands(motion: str, seed: int, steps: int) -> np.ndarray:
+    """The commands of a motion `[steps, D_u]`, which do not depend on what is seen."""
+    policy = MOTIONS[motion](TorqueArm())
+    policy.reset(seed)
+    return np.array([policy({}) for _ in range(steps)])
+
+
+def _turned(camera: Camera, across: float, up: float) -> Camera:
+    """The camera turned by parts of a pixel of its image."""
+    distance = np.linalg.norm(np.subtract(camera.target, camera.position))
+    pixel = distance / focal_length(camera.fovy, HEIGHT)  # [m] at the target
+    return replace(camera, target=tuple(camera.target + pixel * np.array([across, up]) @ camera.axes[:2]))
+
+
+def _noise_and_slopes(runs: list[np.ndarray], turns: np.ndarray, stated: ArrayLike = 0.0) -> tuple[Noise, np.ndarray]:
+    """Noise of a sensor, and its sensitivities in each repeat `[R, T, D, 2]`, from the runs of all scenes."""
+    values = np.array(runs, np.float64)
+    values = np.moveaxis(values.reshape(REPEATS, len(CONSTANTS), 2, *values.shape[1:]), 0, 2)  # [2, 2, R, T, D]
+    noise = Noise.measured(_residuals(values.reshape(-1, *values.shape[2:]), turns), stated)
+    return noise, np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * STEP)
+
+
+def _residuals(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """What scatters over repeats `[S, R, T, D]` beyond what is proportional to the turns `[R, 2]`: `[S R, T, D]`.
+
+    It is enlarged for what the means and the slopes have fitted.
+    """
+    fitted = np.column_stack([np.ones(len(turns)), turns])
+    residuals = np.tensordot(np.eye(len(turns)) - fitted @ np.linalg.pinv(fitted), repeats, axes=(1, 1)).swapaxes(0, 1)
+    left = len(turns) - np.linalg.matrix_rank(fitted)
+    return np.sqrt(len(turns) / left) * residuals.reshape(-1, *repeats.shape[2:])
+
+
+@cache
+def _prediction_noise() -> Noise:
+    """How far the network's z, a step ahead and with the right p, is from the z that comes."""
+    learned, errors = trained(WEIGHTS), []
+    for trial in artifacts.load_trials(RECORDINGS):
+        run, p = learned.sequences(trial), torch.as_tensor(learned.biases[trial.cloth.name])
+        s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+        with torch.no_grad():
+            predicted, _ = learned.model(s[None, :-1], u[None, :-1], p[None])
+        errors.append((predicted[0] - s[1:])[EstimationSettings.warmup :, learned.layout.z].numpy())
+    shortest = min(map(len, errors))
+    return Noise.measured(np.array([each[:shortest] for each in errors], np.float64))
+
+
+def information(table: pd.DataFrame, sensors: str) -> np.ndarray:
+    """F in one of `SENSOR_SETS` `[rows, N, 2, 2]`: a sum, since the noises of sensors are independent."""
+    return np.sum([np.stack([*table[each]]) for each in choose("set of sensors", sensors, SENSOR_SETS)], axis=0)
+
+
+def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:
+    """Cramér-Rao bounds: the least standard deviation of the logarithm of each of `QUANTITIES`; infinite if unknown.
+
+    A row for each row of the table and each time, with `cloth`, `motion`, `seed`, `time` [s] and the quantities.
+    """
+    found = cramer_rao(information(table, sensors), [*QUANTITIES.values()], tolerance=LEAST)  # [rows, N, 4]
+    keys = table[["cloth", "motion", "seed"]]
+    long = keys.loc[keys.index.repeat(found.shape[1])].reset_index(drop=True)
+    long["time"] = np.concatenate([*table["time"]])
+    long[[*QUANTITIES]] = found.reshape(-1, len(QUANTITIES))
+    return long
+
+
+cases = over(cloth=(*CLOTHS, *BETWEEN), motion=MOTIONS, seed=(7000, 7001, 7002))
+IDENTIFIABILITY = Experiment("identifiability", run_one, cases, seconds=40, slow=True)

@@ -1,0 +1,138 @@
+"""Which method finds C_damp and C_mass of a cloth, and how soon?
+
+p is compared with the simulation fitted by `mujoco.sysid`, once with the true springs and once with springs 30 % too
+soft in stretch and 50 % too stiff in bending, and with a network trained on the constants of the recorded cloths.
+All get the same runs with random commands, without the name of the cloth.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab._validation import choose
+from clothlab.analysis import MaterialReadout
+from clothlab.experiments._grid import Case, Experiment, Tables, over, shared
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import random_trial, recorded_runs, trained
+from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.identifiability import PREDICTED, QUANTITIES, bounds
+from clothlab.experiments.sysid import Regressor, fit_simulation, logs, simulator, train_regressor
+from clothlab.learning.dpmpb import Sequences
+from clothlab.learning.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
+from clothlab.simulation.env import CONTROL_PERIOD
+
+ARM = "torque"
+OUTSIDE = {  # the trained range, by a factor of 1.5
+    "outside-light": Cloth("outside-light", damping=DAMPINGS[0] / 1.5, mass=MASSES[0] / 1.5),
+    "outside-heavy": Cloth("outside-heavy", damping=DAMPINGS[-1] * 1.5, mass=MASSES[-1] * 1.5),
+}
+GROUPS = {"trained": CLOTHS, "between": BETWEEN, "outside": OUTSIDE}
+ALL = CLOTHS | BETWEEN | OUTSIDE
+ROUGH = Cloth("rough", stiffness=0.7 * Cloth.stiffness, bending=1.5 * Cloth.bending)
+
+Identify = Callable[[Sequences], np.ndarray]  # a run → (log C_damp, log C_mass)
+
+
+def _by_p(model: int, rule: EstimationSettings | NewtonSettings | None = None) -> Identify:
+    """p, estimated online from 0, and read off by a smooth map fitted to the trained cloths."""
+    learned, rule = trained(f"{ARM}-{model}"), rule or NewtonSettings()
+    readout = MaterialReadout.fit(learned.biases, CLOTHS)
+    return lambda run: np.log(readout(estimate_bias(learned.model, run, settings=rule)[0]))
+
+
+def _by_fit(model: int, cloth: Cloth | None = None) -> Identify:
+    """The simulation, fitted to the same states that the model sees, each in its standard deviation."""
+    learned = trained(f"{ARM}-{model}")
+
+    def identify(run: Sequences) -> np.ndarray:
+        with simulator(learned.arm, learned.autoencoder, cloth) as simulate:
+            return fit_simulation(simulate, run, learned.model.s_std.numpy())
+
+    return identify
+
+
+@shared
+def _network(model: int) -> Regressor:
+    """A network trained on the same recordings as the model and the constants of their cloths."""
+    constants = {name: logs(cloth) for name, cloth in CLOTHS.items()}
+    return train_regressor(recorded_runs(trained(f"{ARM}-{model}")), constants, seed=model)[0]
+
+
+METHODS: dict[str, Callable[[int], Identify]] = {  # by the number of a training
+    "p": _by_p,
+    "p by momentum": partial(_by_p, rule=EstimationSettings()),
+    "sysid": _by_fit,
+    "sysid-rough": partial(_by_fit, cloth=ROUGH),
+    "network": lambda model: _network(model).identify,
+}
+
+
+@lru_cache(maxsize=2)
+def _sensed(cloth: str, model: int, steps: int) -> Sequences:
+    """A run with random commands, the same for all methods, without the name of the cloth."""
+    seed = 31_000 + 100 * model + [*ALL].index(cloth)
+    run = trained(f"{ARM}-{model}").sequences(random_trial(ARM, ALL[cloth], steps, seed))
+    return replace(run, material="unknown")
+
+
+def run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, Any]:
+    """Ask a method after an eighth, a quarter, half and all of a run, each time from the beginning.
+
+    Errors are of log C_damp and log C_mass `[N, 2]`; seconds are of computation for each answer, of one core `[N]` [s].
+    """
+    identify, run = choose("method", method, METHODS)(model), _sensed(cloth, model, steps)
+    counts, errors, seconds = steps // np.array([8, 4, 2, 1]), [], []
+    for count in counts:
+        start = time.process_time()  # of all threads, so that no method looks cheap that keeps several cores busy
+        errors.append(identify(run[:count]) - logs(ALL[cloth]))
+        seconds.append(time.process_time() - start)
+    return {
+        "group": next(group for group, cloths in GROUPS.items() if cloth in cloths),
+        "time": counts * CONTROL_PERIOD,
+        "error": np.array(errors).round(5),
+        "seconds": np.array(seconds).round(6),
+    }
+
+
+def errors(table: pd.DataFrame, quantity: str) -> np.ndarray:
+    """Absolute errors of the logarithm of one of `QUANTITIES`, `[rows, times]`."""
+    return np.abs(np.stack([*table["error"]]) @ choose("quantity", quantity, QUANTITIES))
+
+
+def over_bound(table: pd.DataFrame, identifiability: pd.DataFrame, sensors: str, quantity: str) -> np.ndarray:
+    """Errors in the end over the Cramér-Rao bounds of the same cloths under random commands, where there are any."""
+    known = bounds(identifiability[identifiability.motion == "random"], sensors)
+    known = known[known.time == table["time"].iloc[0][-1]].groupby("cloth")[quantity].median()
+    ratios = errors(table, quantity)[:, -1] / table.cloth.map(known).to_numpy()
+    return ratios[~np.isnan(ratios)]
+
+
+def cases(**sizes: Any) -> list[Case]:
+    """Every cloth with every training by every method; fitting a simulation takes minutes, and has one training."""
+    every = over(cloth=ALL, model=range(5), method=METHODS)(**sizes)
+    return [case for case in every if case["model"] == 0 or not case["method"].startswith("sysid")]
+
+
+def rows(tables: Tables) -> list[Row]:
+    """How far p is from the bound, and how the methods compare."""
+    table, ratio, found = tables["sysid_benchmark"], "C_damp / C_mass", []
+    start, *_, end = table["time"].iloc[0]
+    observers = {"z + joints": "of an observer who knows the simulator", PREDICTED: "… who predicts as the network"}
+    for sensors, who in observers.items():
+        value = np.median(over_bound(table[table.method == "p"], tables["identifiability"], sensors, ratio))
+        label = f"p after {end:g} s: error of {ratio} over the Cramér-Rao bound {who}, median"
+        found.append(Row(key=f"sysid_benchmark/over-bound/{sensors}", label=label, value=float(value), at_most=3))
+    for method, runs in table[table.group == "trained"].groupby("method", sort=False):
+        early, late = 100 * np.median(errors(runs, ratio)[:, [0, -1]], axis=0)
+        label, note = f"{method}: median error of {ratio} after {end:g} s", f"{early:.1f} % after {start:g} s"
+        found.append(Row(key=f"sysid_benchmark/{method}", label=label, value=late, unit=" %", note=note))
+    return found
+
+
+BENCHMARK = Experiment("sysid_benchmark", run_one, cases, seconds=30, slow=True, rows=rows)

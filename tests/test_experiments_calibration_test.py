@@ -1,0 +1,70 @@
+"""What the table of the calibration's test counts, of runs that are known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from clothlab.experiments import calibration_test, load
+from clothlab.experiments._runs import trained
+from clothlab.experiments.calibration_test import ALL, KINDS, coverage, rows, run_one
+from clothlab.learning.calibration import Calibration
+from clothlab.simulation.cloth import CLOTHS
+
+NAME = "damp0.03-mass0.15"
+
+
+@pytest.fixture(scope="module")
+def table():
+    right = trained("torque-0").biases[NAME]
+
+    def row(off, wide, unfamiliar, cloth=NAME, kind="trained"):
+        return {
+            "cloth": cloth,
+            "model": 0,
+            "kind": kind,
+            "nearest": NAME if off == 0 else "another",
+            "estimate": right[None] + (off, 0.0),
+            "bare": np.array([0.01 * np.eye(2)]),
+            "covariance": np.array([wide * np.eye(2)]),
+            "unfamiliar": np.array([unfamiliar]),
+            "outside": np.array([True]),
+        }
+
+    return pd.DataFrame([row(0.0, 0.01, False), row(0.5, 1.0, True), row(0.0, 1.0, True, "long", "another size")])
+
+
+def test_regions_cover_what_they_hold(table):
+    assert coverage(table) == pytest.approx([1.0])
+    assert coverage(table, "bare") == pytest.approx([0.5])  # half a unit off, with a deviation of 0.1
+
+
+def test_rows_give_accuracy_coverage_and_alarms_by_kind(table):
+    found = rows({"calibration_test": table})
+    assert [row.value for row in found] == pytest.approx([50, 100, 50, 100])
+    assert [row.note for row in found[1:]] == ["50 % by curvature alone", *["100 % by that or by the place of p"] * 2]
+
+
+def test_every_cloth_lies_where_its_kind_says():
+    dampings, masses = ({getattr(c, name) for c in CLOTHS.values()} for name in ("damping", "mass"))
+    for cloth in KINDS["between"].values():
+        assert min(dampings) < cloth.damping < max(dampings)
+        assert min(masses) < cloth.mass < max(masses)
+    for cloth in KINDS["beyond"].values():
+        assert not (min(dampings) <= cloth.damping <= max(dampings) and min(masses) <= cloth.mass <= max(masses))
+
+
+def test_development_and_test_share_no_seed():
+    known = {46_000 + 30 * repeat + number for repeat in range(4) for number in range(len(CLOTHS))}
+    cases = calibration_test.cases()
+    tested = {56_000 + 200 * c["model"] + 30 * c["repeat"] + [*ALL].index(c["cloth"]) for c in cases}
+    assert not known & tested
+    assert len(tested) == len(cases) == 9 * 5 * 4 + 14 * 5 * 2
+
+
+def test_a_run_is_looked_at_after_each_length(monkeypatch):
+    stored = load("calibration").iloc[0].drop("model")
+    monkeypatch.setattr(calibration_test, "_calibration", lambda model: Calibration(**stored))
+    row = run_one(NAME, 0, 0, steps=50)
+    assert row["nearest"] in CLOTHS
+    assert row["bare"].shape == row["covariance"].shape == (1, 2, 2)
+    assert np.linalg.det(row["covariance"][0]) > np.linalg.det(row["bare"][0])

@@ -1,0 +1,80 @@
+"""The benchmark: all methods get the same runs without the cloth's name; errors are of logarithms."""
+
+import mujoco.sysid
+import numpy as np
+import pandas as pd
+import pytest
+
+from clothlab.experiments import sysid_benchmark
+from clothlab.experiments.sysid import logs
+from clothlab.experiments.sysid_benchmark import ALL, GROUPS, METHODS, ROUGH, cases, errors, over_bound, run_one
+from clothlab.simulation.cloth import CLOTHS
+
+MIDDLE = CLOTHS["damp0.05-mass0.10"]
+
+
+def test_methods_get_the_same_run_and_not_the_name_of_its_cloth(monkeypatch):
+    given = []
+
+    def make(model):
+        return lambda run: given.append(run) or logs(MIDDLE) + 1 / len(run)
+
+    monkeypatch.setitem(METHODS, "guess", make)
+    row = run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    assert [len(run) for run in given] == [2, 4, 8, 16] * 2
+    assert np.array_equal(given[3].s, given[7].s)
+    assert {run.material for run in given} == {"unknown"}
+    cloth = ALL["damp0.03-mass0.15"]
+    expected = np.log(MIDDLE.damping / cloth.damping) + 1 / np.array([2, 4, 8, 16])
+    assert row["error"][:, 0] == pytest.approx(expected, abs=1e-4)
+    assert row["time"] == pytest.approx([0.4, 0.8, 1.6, 3.2])
+    assert row["group"] == "trained"
+
+
+@pytest.mark.skipif(not hasattr(mujoco.sysid, "optimize"), reason="packages of mujoco.sysid are missing")
+def test_the_simulation_is_fitted_with_the_springs_that_it_has(monkeypatch):
+    fit = sysid_benchmark.fit_simulation
+    monkeypatch.setattr(sysid_benchmark, "fit_simulation", lambda *run: fit(*run, cells=1, max_iters=1))
+    run = sysid_benchmark._sensed("between-light", 0, 4)
+    right, again, rough = (METHODS[name](0)(run) for name in ("sysid", "sysid", "sysid-rough"))
+    assert np.array_equal(right, again)
+    assert not np.array_equal(right, rough)
+    assert ROUGH.stiffness < MIDDLE.stiffness
+
+
+def test_p_answers_in_logarithms_of_the_constants():
+    row = run_one("p", MIDDLE.name, 0, steps=48)
+    assert np.abs(row["error"][-1]).max() < 1
+
+
+def test_a_product_errs_by_both_constants():
+    table = pd.DataFrame({"error": [np.array([[0.1, 0.2]]), np.array([[-0.1, 0.3]])]})
+    assert errors(table, "C_damp · C_mass") == pytest.approx(np.array([[0.3], [0.2]]))
+    assert errors(table, "C_damp / C_mass") == pytest.approx(np.array([[0.1], [0.4]]))
+    with pytest.raises(KeyError, match="unknown quantity 'C_mess'; choose from C_damp"):
+        errors(table, "C_mess")
+
+
+def test_errors_are_compared_with_the_bound_of_the_same_cloth():
+    f, time = np.stack([np.eye(2)] * 2), np.array([2.0, 4.0])
+    known = [
+        {"cloth": cloth, "motion": motion, "seed": 1, "time": time, "z": size * f / 2, "joints": size * f / 2}
+        for cloth, motion, size in (("a", "random", 200), ("b", "random", 800), ("b", "operator", 1))
+    ]
+    last = {"a": (0.3, 0.1), "b": (0.0, 0.1), "without a bound": (9.0, 0.0)}
+    runs = [{"cloth": cloth, "time": time, "error": np.array([(5.0, 5.0), e])} for cloth, e in last.items()]
+    over = over_bound(pd.DataFrame(runs), pd.DataFrame(known), "z + joints", "C_damp / C_mass")
+    assert over == pytest.approx([0.2 / 0.1, 0.1 / 0.05])
+
+
+def test_fitting_has_one_training_and_groups_hold_different_cloths():
+    found = cases()
+    assert len(found) == 16 * (3 * 5 + 2)
+    assert {case["model"] for case in found if case["method"].startswith("sysid")} == {0}
+    known = np.array([logs(cloth) for cloth in CLOTHS.values()])
+    for cloth in GROUPS["between"].values():
+        assert (known.min(axis=0) < logs(cloth)).all()
+        assert (logs(cloth) < known.max(axis=0)).all()
+    for cloth in GROUPS["outside"].values():
+        assert ((logs(cloth) < known.min(axis=0)) | (logs(cloth) > known.max(axis=0))).all()
