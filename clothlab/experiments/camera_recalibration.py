@@ -114,14 +114,14 @@ def rows(tables: Tables) -> list[Row]:
     return [
         Row(
             key=f"camera_control/{label}/{column}",
-            label=f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}: {what} over the unmoved camera's",
+            label=f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}: {of} over the unmoved camera's",
             value=over_unmoved.loc[recalibrated, column],
             at_least=0.9 if recalibrated and column == "nearest" else None,
             at_most=1.1 if recalibrated and column != "nearest" else None,
             note="" if column == "nearest" else f"{found.loc[(BOTH, recalibrated), column]:.2f} s.d.",
         )
         for recalibrated, label in ((False, "as it is"), (True, "recalibrated"))
-        for column, what in {
+        for column, of in {
             "nearest": "nearest-material rate",
             **{name: f"{name}, {TARGET}, last ten periods" for name in (PAPERS, ITERATIVE)},
         }.items()
