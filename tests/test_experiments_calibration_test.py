@@ -26,8 +26,8 @@ def table():
             "estimate": right[None] + (off, 0.0),
             "bare": np.array([0.01 * np.eye(2)]),
             "covariance": np.array([wide * np.eye(2)]),
-            "unfamiliar": np.array([unfamiliar]),
-            "outside": np.array([True]),
+            "out_of_distribution": np.array([unfamiliar]),
+            "outside_hull": np.array([True]),
         }
 
     return pd.DataFrame([row(0.0, 0.01, False), row(0.5, 1.0, True), row(0.0, 1.0, True, "long", "another size")])

@@ -107,32 +107,25 @@ def _cases(**axes: Any) -> Callable[..., list[Case]]:
 
 def rows(tables: Tables) -> list[Row]:
     """Cameras shifted and turned at once, over the unmoved one."""
-    estimates, runs = tables["camera_estimation"], tables["camera_control"]
-    right = (estimates.nearest == estimates.cloth).groupby([estimates.direction, estimates.recalibrated]).mean()
-    last = runs.best.map(late_median).groupby([runs.controller, runs.direction, runs.recalibrated]).mean()
-    found = []
-    for recalibrated, label in ((False, "as it is"), (True, "recalibrated")):
-        where = f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}"
-        found.append(
-            Row(
-                key=f"camera_control/{label}/nearest",
-                label=f"{where}: nearest-material rate over the unmoved camera's",
-                value=right[BOTH, recalibrated] / right[UNMOVED, False],
-                at_least=0.9 if recalibrated else None,
-            )
+    estimates, runs, where = tables["camera_estimation"], tables["camera_control"], ["direction", "recalibrated"]
+    found = runs.assign(last=runs.best.map(late_median)).pivot_table("last", where, "controller", sort=False)
+    found["nearest"] = (estimates.nearest == estimates.cloth).groupby([estimates[key] for key in where]).mean()
+    over_unmoved = (found / found.loc[UNMOVED, False]).loc[BOTH]
+    return [
+        Row(
+            key=f"camera_control/{label}/{column}",
+            label=f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}: {of} over the unmoved camera's",
+            value=over_unmoved.loc[recalibrated, column],
+            at_least=0.9 if recalibrated and column == "nearest" else None,
+            at_most=1.1 if recalibrated and column != "nearest" else None,
+            note="" if column == "nearest" else f"{found.loc[(BOTH, recalibrated), column]:.2f} s.d.",
         )
-        for controller in last.index.unique("controller"):
-            distance = last[controller, BOTH, recalibrated]
-            found.append(
-                Row(
-                    key=f"camera_control/{label}/{controller}",
-                    label=f"{where}: {controller}, {TARGET}, last ten periods over the unmoved camera's",
-                    value=distance / last[controller, UNMOVED, False],
-                    at_most=1.1 if recalibrated else None,
-                    note=f"{distance:.2f} s.d.",
-                )
-            )
-    return found
+        for recalibrated, label in ((False, "as it is"), (True, "recalibrated"))
+        for column, of in {
+            "nearest": "nearest-material rate",
+            **{name: f"{name}, {TARGET}, last ten periods" for name in (PAPERS, ITERATIVE)},
+        }.items()
+    ]
 
 
 POSE = Experiment("camera_pose", find_pose, lambda: [{"direction": d, "size": size} for d, size in POSES], seconds=3)

@@ -34,10 +34,12 @@ def get_cloth(name: str) -> Cloth:
     return choose("cloth", name, CLOTHS | BETWEEN)
 
 
-def run_one(cloth: str, model: int, repeat: int = 0, weights: str = "torque", steps: int = 200) -> dict[str, Any]:
+def run_one(
+    cloth: str, model: int, repeat: int = 0, weights: str = "torque", steps: int = 200, first_seed: int = 6000
+) -> dict[str, Any]:
     """Estimate p of one cloth from 0; each repeat has other random commands."""
     learned, right = trained(f"{weights}-{model}"), get_cloth(cloth)
-    seed = 6000 + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(cloth)
+    seed = first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(cloth)
     p, trace = estimate_at_random(learned, right, steps, seed)
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
     return {

@@ -59,7 +59,9 @@ def vary(cloth: Cloth, constant: str, step: float) -> Cloth:
 def run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, Any]:
     """Fisher information of the logarithms in each sensor, up to each of `TIMES` `[N, 2, 2]`, and the noise of z."""
     autoencoder, arm = trained(WEIGHTS).autoencoder, TorqueArm()
-    held, commands = (CLOTHS | BETWEEN)[cloth], _commands(motion, seed, steps)
+    held, mover = (CLOTHS | BETWEEN)[cloth], MOTIONS[motion](arm)
+    mover.reset(seed)
+    commands = [mover({}) for _ in range(steps)]  # which do not depend on what is seen
     turns, z, joints = [], [], []
     for repeat in range(REPEATS):
         rng = np.random.default_rng(repeat)
@@ -75,22 +77,11 @@ def run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, A
         env.close()
     times = TIMES[steps * CONTROL_PERIOD + 1e-9 >= TIMES]
     index = np.round(times / CONTROL_PERIOD).astype(int) - 1
-    noise, slopes = _noise_and_slopes(z, np.array(turns))
-    information = {
-        "z": unbiased_information(slopes, noise),
-        PREDICTED: unbiased_information(slopes, _prediction_noise()),
-    }
-    joint_noise, slopes = _noise_and_slopes(joints, np.array(turns), JOINT_NOISE)
-    information["joints"] = unbiased_information(slopes, joint_noise)
-    found = {sensor: f[index].round(3) for sensor, f in information.items()}
+    slopes, noise = _slopes_and_noise(z, np.array(turns))
+    measured = {"z": (slopes, noise), PREDICTED: (slopes, _prediction_noise())}
+    measured["joints"] = _slopes_and_noise(joints, np.array(turns), JOINT_NOISE)
+    found = {sensor: unbiased_information(*each)[index].round(3) for sensor, each in measured.items()}
     return {"time": times, **found, "noise": noise.deviations}
-
-
-def _commands(motion: str, seed: int, steps: int) -> np.ndarray:
-    """The commands of a motion `[steps, D_u]`, which do not depend on what is seen."""
-    policy = MOTIONS[motion](TorqueArm())
-    policy.reset(seed)
-    return np.array([policy({}) for _ in range(steps)])
 
 
 def _turned(camera: Camera, across: float, up: float) -> Camera:
@@ -100,12 +91,12 @@ def _turned(camera: Camera, across: float, up: float) -> Camera:
     return replace(camera, target=tuple(camera.target + pixel * np.array([across, up]) @ camera.axes[:2]))
 
 
-def _noise_and_slopes(runs: list[np.ndarray], turns: np.ndarray, stated: ArrayLike = 0.0) -> tuple[Noise, np.ndarray]:
-    """Noise of a sensor, and its sensitivities in each repeat `[R, T, D, 2]`, from the runs of all scenes."""
+def _slopes_and_noise(runs: list[np.ndarray], turns: np.ndarray, stated: ArrayLike = 0.0) -> tuple[np.ndarray, Noise]:
+    """Sensitivities of a sensor in each repeat `[R, T, D, 2]`, and its noise, from the runs of all scenes."""
     values = np.array(runs, np.float64)
     values = np.moveaxis(values.reshape(REPEATS, len(CONSTANTS), 2, *values.shape[1:]), 0, 2)  # [2, 2, R, T, D]
     noise = Noise.measured(_residuals(values.reshape(-1, *values.shape[2:]), turns), stated)
-    return noise, np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * STEP)
+    return np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * STEP), noise
 
 
 def _residuals(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:

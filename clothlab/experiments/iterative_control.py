@@ -147,7 +147,7 @@ METHODS = (  # controller, p, recordings, f_const, runs for each training: four 
 )
 
 
-def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
+def cases(model: int | Iterable[int] = range(5), **same: Any) -> list[Case]:
     """Every method in every task with every training; foams have no C_damp and C_mass, the torque arm no stiffness."""
     found = []
     for (controller, p, recordings, f_const, repeats), (arm, target, cloth) in (
@@ -163,7 +163,7 @@ def cases(models: Iterable[int] = range(5), **same: Any) -> list[Case]:
             arm=arm,
             target=target,
             cloth=cloth,
-            model=models,
+            model=model,
             repeat=range(repeats),
             **same,
         )

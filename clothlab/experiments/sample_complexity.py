@@ -5,7 +5,6 @@ control. Only the recordings differ: every autoencoder and every model has the s
 """
 
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +23,7 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.artifacts import MORE
-from clothlab.experiments._grid import Case, Experiment, grid, shared
+from clothlab.experiments._grid import Experiment, over, shared
 from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial, random_trial
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, decode, encode, iou, train_autoencoder
 from clothlab.learning.control import recorded_plans
@@ -181,16 +180,6 @@ def _controlled(learned: Trained, model: int, steps: int) -> dict[str, np.ndarra
     return {name: np.array(values) for name, values in found.items()}
 
 
-def cases(arms: Iterable[str] = ("torque", "muscle"), amounts: Iterable[float] = AMOUNTS, **same: Any) -> list[Case]:
-    """Every amount on every arm."""
-    return grid(arm=arms, amount=amounts, **same)
-
-
-AUTOENCODERS = Experiment("sample_complexity_autoencoder", run_autoencoder, cases, seconds=600, slow=True)
-MODELS = Experiment(
-    "sample_complexity",
-    run_model,
-    lambda models=range(2), **sizes: cases(model=models, **sizes),
-    seconds=900,
-    slow=True,
-)
+AXES: dict[str, Any] = {"arm": ("torque", "muscle"), "amount": AMOUNTS}
+AUTOENCODERS = Experiment("sample_complexity_autoencoder", run_autoencoder, over(**AXES), seconds=600, slow=True)
+MODELS = Experiment("sample_complexity", run_model, over(**AXES, model=range(2)), seconds=900, slow=True)

@@ -152,8 +152,8 @@ def train_regressor(
         runs: recorded runs, longer than the `WARMUP`.
         constants: (log C_damp, log C_mass) of each material, `{name: [2]}`.
         seed: of weights, windows and batches.
-        updates: of the weights, each with a batch of runs.
-        window: steps of each of these runs, from a random start; the network answers after every step of them.
+        updates: each with windows of some runs from random starts, after every step of which the network answers.
+        window: length of these [step].
         hidden_size: of both layers.
         learning_rate: at the start; it falls to zero along a cosine.
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab._validation import choose
 from clothlab.analysis import MaterialReadout
 from clothlab.experiments._grid import Case, Experiment, Tables, over, shared
 from clothlab.experiments._rows import Row
@@ -86,7 +85,7 @@ def run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, 
 
     Errors are of log C_damp and log C_mass `[N, 2]`; seconds are of computation for each answer, of one core `[N]` [s].
     """
-    identify, run = choose("method", method, METHODS)(model), _sensed(cloth, model, steps)
+    identify, run = METHODS[method](model), _sensed(cloth, model, steps)
     counts, errors, seconds = steps // np.array([8, 4, 2, 1]), [], []
     for count in counts:
         start = time.process_time()  # of all threads, so that no method looks cheap that keeps several cores busy
@@ -102,7 +101,7 @@ def run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, 
 
 def errors(table: pd.DataFrame, quantity: str) -> np.ndarray:
     """Absolute errors of the logarithm of one of `QUANTITIES`, `[rows, times]`."""
-    return np.abs(np.stack([*table["error"]]) @ choose("quantity", quantity, QUANTITIES))
+    return np.abs(np.stack([*table["error"]]) @ QUANTITIES[quantity])
 
 
 def over_bound(table: pd.DataFrame, identifiability: pd.DataFrame, sensors: str, quantity: str) -> np.ndarray:

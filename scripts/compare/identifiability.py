@@ -96,12 +96,13 @@ def cameras(record):
 
 def uncertainty(record):
     """Calibrations; runs with the last of their estimates."""
-    columns, rows = ("cloth", "model", "estimate", "bare", "covariance", "unfamiliar", "outside"), []
+    columns, rows = ("cloth", "model", "estimate", "bare", "covariance"), []
     for run in record["runs"]:
         number = run["seed"] - 56_000 - 200 * run["model"] - [*calibration_test.ALL].index(run["cloth"])
         assert number % 30 == 0
         biases = trained(f"torque-{run['model']}").biases
         last = {"nearest": nearest_material(run["newton"][-1], biases)}
+        last |= {"out_of_distribution": run["unfamiliar"], "outside_hull": run["outside"]}
         rows.append({key: run[key] for key in columns} | {"repeat": number // 30} | last)
     calibrations = [{"model": k} | each for k, each in zip(range(5), record["calibrations"], strict=True)]
     return {"calibration": calibrations, "calibration_test": rows}

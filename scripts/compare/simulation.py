@@ -23,7 +23,10 @@ def tables(name, record):
         repeats = [k % settings["repeats"] for k in range(len(record["runs"]))]
         dropped = [{key: value for key, value in run.items() if key != "seed"} for run in record["runs"]]
         found = {
-            base: [same("weights", "steps") | run | {"repeat": k} for run, k in zip(dropped, repeats, strict=True)]
+            base: [
+                same("weights", "steps", "first_seed") | run | {"repeat": k}
+                for run, k in zip(dropped, repeats, strict=True)
+            ]
         }
     elif base == "control":
         found = {base: [same("weights", "steps") | run for run in record["runs"]]}
