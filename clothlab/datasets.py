@@ -16,7 +16,14 @@ from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.table_scene.table_env import TableEnv
-from clothlab.table_scene.throwing import OperatorThrow, RandomThrow, Swing, judged, look_at_spread, was_spread
+from clothlab.table_scene.throwing import (
+    ExcitationPolicy,
+    OperatorThrow,
+    RandomThrow,
+    label_spread,
+    see_cloth_pose,
+    was_spread,
+)
 from clothlab.trials import Trial, rollout, save_trial
 
 _POLICIES = {
@@ -24,7 +31,7 @@ _POLICIES = {
     "operator": OperatorPolicy,
     "random-throw": RandomThrow,
     "throw": OperatorThrow,
-    "swing": Swing,
+    "swing": ExcitationPolicy,
 }
 _TRAINED_FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")  # hard-2 is kept for the estimation of an unknown foam
 _REPEATED_SEED = 1_000_000  # added to a throw's seed each time that it is repeated
@@ -95,8 +102,8 @@ def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Tri
 
 def _throw(env: TableEnv, policy: Policy, steps: int, seed: int) -> Trial:
     trial = rollout(env, policy, steps, seed=seed)
-    seen = None if env.held else look_at_spread(env)
-    return judged(trial, seen is not None and seen.success)
+    seen = None if env.held else see_cloth_pose(env)
+    return label_spread(trial, seen is not None and seen.spread)
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def test_a_throw_is_recorded_with_what_came_of_it_and_repeated_if_it_spread_the_
     throws, run = replace(DATASETS["table-throws"], steps=2), {"cloth": "hard-1", "policy": "throw", "seed": 7}
     looked = []
     monkeypatch.setattr(
-        "clothlab.datasets.look_at_spread", lambda env: looked.append(env.held) or SimpleNamespace(success=True)
+        "clothlab.datasets.see_cloth_pose", lambda env: looked.append(env.held) or SimpleNamespace(spread=True)
     )
     (held,) = record_run(throws, **run)
     assert (held.arm, held.policy, held.commands.shape) == ("muscle-hand", "operator", (2, 4))
