@@ -19,7 +19,14 @@ from clothlab.simulation.cloth import CLOTHS, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import HEIGHT, WIDTH
 from clothlab.table_scene.table_env import TableEnv
-from clothlab.table_scene.throwing import OperatorThrow, RandomThrow, Swing, judged, look_at_spread, was_spread
+from clothlab.table_scene.throwing import (
+    ExcitationPolicy,
+    OperatorThrow,
+    RandomThrow,
+    label_spread,
+    see_cloth_pose,
+    was_spread,
+)
 from clothlab.trials import Trial, rollout, save_trial
 
 POLICIES = {
@@ -27,7 +34,7 @@ POLICIES = {
     "operator": OperatorPolicy,
     "random-throw": RandomThrow,
     "throw": OperatorThrow,
-    "swing": Swing,
+    "swing": ExcitationPolicy,
 }
 
 
@@ -147,8 +154,8 @@ def record_throw(path: Path, recording: Recording, cloth: str, policy: str, seed
 def thrown(env: TableEnv, policy: Policy, steps: int, seed: int) -> Trial:
     """A throw, and what came of it."""
     trial = rollout(env, policy, steps, seed=seed)
-    seen = None if env.held else look_at_spread(env)
-    return judged(trial, seen is not None and seen.success)
+    seen = None if env.held else see_cloth_pose(env)
+    return label_spread(trial, seen is not None and seen.spread)
 
 
 def record_all(todo: list[Job], folder: Path, workers: int, progress: bool = True) -> None:

@@ -25,7 +25,7 @@ from clothlab.simulation.arm import Arm, MuscleArm
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.stiffness import static_posture
-from clothlab.table_scene.depth import PointCloud
+from clothlab.table_scene.perception import PointCloud
 from clothlab.trials import Trial
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

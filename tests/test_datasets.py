@@ -68,7 +68,7 @@ def test_a_throw_is_recorded_with_what_came_of_it(tmp_path, monkeypatch):
     throws = replace(RECORDINGS["table-throws"], steps=2)
     verdicts = []
     monkeypatch.setattr(
-        "clothlab.datasets.look_at_spread", lambda env: verdicts.append(env.held) or SimpleNamespace(success=True)
+        "clothlab.datasets.see_cloth_pose", lambda env: verdicts.append(env.held) or SimpleNamespace(spread=True)
     )
     record_all([(Path("held.npz"), throws, "hard-1", "throw", 7)], tmp_path, workers=1, progress=False)
     held = load_trial(tmp_path / "held.npz")

@@ -416,17 +416,17 @@ def test_the_table_is_set_beside_the_session_until_the_panel_closes(panel, new_s
     async def main():
         panel.observe(lambda change: send(panel, "table drawn", frame=change["new"]["number"]), "table")
         send(panel, "table drawn", frame=panel.table["number"])
-        send(panel, "set the table", how="lay it slowly")
+        send(panel, "set the table", method="lay it slowly")
         while panel.table["phases"][0][1] != "running":
             await asyncio.sleep(0.01)
-        send(panel, "set the table", how="lay it slowly")
+        send(panel, "set the table", method="lay it slowly")
         assert "already: stop it first" in says(panel)
         assert not panel.running  # the live session has a time of its own
-        send(panel, "stop the episode")
+        send(panel, "stop the task")
         while panel.table["running"]:
             await asyncio.sleep(0.01)
         assert panel.table["phases"][0][1] == "stopped"
-        send(panel, "set the table", how="lay it slowly")
+        send(panel, "set the table", method="lay it slowly")
         assert len(robots()) == 1
         other = LivePanel(new_session())  # as running the cell again
         assert not robots()

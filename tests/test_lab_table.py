@@ -1,4 +1,4 @@
-"""Setting the table behind a button: what is shown of an episode, and that it can be stopped at any time."""
+"""Setting the table behind a button: what is shown of a task, and that it can be stopped at any time."""
 
 import asyncio
 import json
@@ -8,175 +8,40 @@ import time
 import numpy as np
 import pytest
 
-from clothlab.experiments import table_setting
 from clothlab.lab import table
-from clothlab.lab.messages import Messages
-from clothlab.lab.table import SIZE, SPREADERS, TableRun, TableSection, conclusion, verdict
-from clothlab.table_scene.table_env import Placement, Spread, TableEnv
+from clothlab.lab.table import SIZE, SPREADERS, TableSection, conclusion, verdict
+from clothlab.table_scene import task
+from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv
 from clothlab.table_scene.task import PHASES, Outcome
 
-SLOW_HAND = "lay it slowly"
-BLACK = np.zeros((6, 8, 3), np.uint8)
-LIES, STANDS = Spread(1.0, 0.97, -2.0, np.zeros(3)), Placement(1.25, 0.011, True)
-GOOD = Outcome("", "", True, None, LIES, STANDS, 0.003, 330)
-MISSED = Outcome("look", "it is turned", True, None, Spread(1.0, 1.0, 40.0, np.zeros(3)), None, None, 200)
+SLOW = "lay it slowly"
+POSE, STANDS = ClothPose(1.0, 0.97, -2.0, np.zeros(3)), Placement(1.25, 0.011, True)
+GOOD = Outcome("", "", True, None, POSE, STANDS, 0.003, 330)
+MISSED = Outcome("look", "it is turned", True, None, ClothPose(1.0, 1.0, 40.0, np.zeros(3)), None, None, 200)
 
 
 def threads():
     return [thread for thread in threading.enumerate() if thread.name == "setting the table"]
 
 
-def until(condition, seconds=5.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 class Fake:
-    """An episode without a robot: so many control periods a phase."""
+    """A task without a robot: so many control periods a phase."""
 
     def __init__(self, outcome=GOOD, periods=3, error=None):
-        self.outcome, self.periods, self.error, self.steps, self.begun = outcome, periods, error, 0, []
+        self.outcome, self.periods, self.error, self.steps = outcome, periods, error, 0
 
-    def __call__(self, watch, progress):
+    def __call__(self, method, seed, watch, progress):
         progress("")
         for phase in PHASES:
             progress(phase)
-            self.begun.append(phase)
             for _ in range(self.periods):
                 self.steps += 1
-                watch(lambda: np.full_like(BLACK, self.steps))
+                watch(lambda: np.full((6, 8, 3), self.steps, np.uint8))
             if self.error is not None:
                 raise self.error
             if phase == self.outcome.failed:
                 break
         return self.outcome
-
-
-@pytest.fixture(autouse=True)
-def no_thread_is_left():
-    yield
-    until(lambda: not threads())
-
-
-@pytest.fixture
-def begin():
-    """Begins a run of a fake episode, and ends it when the test is over."""
-    runs = []
-
-    def begin(fake):
-        runs.append(TableRun(fake, Messages()))
-        return runs[-1]
-
-    yield begin
-    for run in runs:
-        run.stop(wait=True)
-
-
-def watched(run):
-    """Takes each picture, and notes how far the run is."""
-    shown = []
-    while run.alive:
-        if run.take() is not None or not shown:
-            shown.append(run.marks())
-        time.sleep(0.001)
-    return [*shown, run.marks()]
-
-
-def test_each_phase_is_waiting_then_running_then_done(begin):
-    shown = watched(begin(Fake()))
-    for k in range(len(PHASES)):
-        each = [marks[k] for marks in shown]
-        assert [mark for n, mark in enumerate(each) if n == 0 or mark != each[n - 1]][-2:] == ["running", "done"]
-    for marks in shown[:-1]:
-        assert marks.count("running") <= 1
-        assert marks == sorted(marks, key=["done", "running", "waiting"].index)
-    assert shown[-1] == ["done"] * len(PHASES)
-
-
-def test_an_episode_waits_until_its_pictures_are_taken(begin):
-    fake = Fake()
-    run = begin(fake)
-    until(lambda: fake.steps == 2)  # one that waits to be taken, and the next
-    time.sleep(0.05)
-    assert fake.steps == 2
-    assert np.all(run.take() == 1)
-    until(lambda: fake.steps == 3)
-
-
-def test_who_is_stopped_within_a_phase_moves_for_one_period_at_most(begin):
-    fake = Fake(periods=1000)
-    run = begin(fake)
-    until(lambda: run.take() is not None and fake.steps > 5)
-    run.stop()
-    after = fake.steps
-    until(lambda: not run.alive)
-    assert fake.steps <= after + 1
-    assert run.marks() == ["stopped"] + ["waiting"] * 6
-    assert (run.outcome, run.messages.errors) == (None, [])
-    run.stop(wait=True)  # twice is once
-
-
-def test_who_waits_for_a_picture_to_be_taken_can_be_stopped(begin):
-    fake = Fake()
-    run = begin(fake)
-    until(lambda: fake.steps == 2)
-    run.stop(wait=True)
-    assert not run.alive
-    assert fake.steps == 2
-
-
-def test_a_stop_while_it_gets_ready_is_heard(begin):
-    ready = threading.Event()
-
-    def play(watch, progress):
-        ready.wait(5)
-        progress("")
-        return GOOD
-
-    run = begin(play)
-    assert run.marks() == ["waiting"] * len(PHASES)
-    run.stop()
-    ready.set()
-    until(lambda: not run.alive)
-    assert run.outcome is None
-
-
-def test_the_phase_that_failed_is_marked_and_those_after_it_wait(begin):
-    fake = Fake(MISSED)
-    assert watched(begin(fake))[-1] == ["done", "done", "done", "failed", "waiting", "waiting", "waiting"]
-    assert fake.begun[-1] == "look"
-
-
-@pytest.mark.parametrize(
-    ("error", "kind", "faults"), [(ValueError("no such cloth"), "mistake", 0), (ZeroDivisionError("oh"), "fault", 1)]
-)
-def test_an_error_is_a_message_in_the_phase_where_it_happened(begin, error, kind, faults):
-    run = begin(Fake(error=error))
-    assert watched(run)[-1][0] == "failed"
-    assert run.messages.shown["kind"] == kind
-    assert str(error) in run.messages.shown["text"]
-    assert "Traceback" not in run.messages.shown["text"]
-    assert len(run.messages.errors) == faults
-
-
-def test_what_became_of_cloth_and_basket_is_said_in_words():
-    assert verdict(GOOD) == [
-        {
-            "text": "cloth spread: 100% of its points flat on the table, area 97% of the flat cloth's, turned by 2°",
-            "good": True,
-        },
-        {"text": "basket placed: tilted by 1.2°, 1.1 cm off the cloth's centre, cloth dragged by 0.3 cm", "good": True},
-    ]
-    assert [line["good"] for line in verdict(MISSED)] == [False]
-    assert "not spread" in verdict(MISSED)[0]["text"]
-    fallen = Outcome("", "", True, None, LIES, Placement(80.0, 0.5, False), 0.003, 330)
-    assert "not placed: not on the table, tilted by 80.0°" in verdict(fallen)[1]["text"]
-    assert verdict(Outcome("fetch cloth", "no cloth in view", False, None, None, None, None, 9)) == []
-    assert conclusion(GOOD) == "the table is set, after 66 s of the robot's time"
-    assert conclusion(MISSED) == "“look” failed after 40 s of the robot's time: it is turned"
-    assert "but it is not" in conclusion(fallen)
 
 
 class Page:
@@ -192,8 +57,11 @@ class Page:
         if not self.gone and len(self.frames) > 1:
             self.section.drawn = news["number"]
 
-    def last(self, what):
-        return self.frames[-1][what]
+    def last(self, key):
+        return self.frames[-1][key]
+
+    def marks(self):
+        return [mark for _, mark in self.last("phases")]
 
     async def until(self, condition, seconds=10.0):
         end = time.monotonic() + seconds
@@ -201,94 +69,146 @@ class Page:
             assert time.monotonic() < end, self.frames[-1]
             await asyncio.sleep(0.01)
 
+    async def finish(self):
+        await self.until(lambda: not self.last("running"))
+
 
 @pytest.fixture
 def visit(monkeypatch):
-    """Calls an async function with a page, whose section plays a fake episode, in an event loop."""
+    """Calls an async function with a page, whose section runs a fake task, in an event loop."""
 
     def visit(act, fake=None, **about):
         async def main():
             page = Page(**about)
             if fake is not None:
-                monkeypatch.setattr(table, "play", lambda how, seed, watch, progress: fake(watch, progress))
+                monkeypatch.setattr(table, "play", fake)
             try:
                 await act(page)
             finally:
                 page.section.close()
             return page
 
-        return asyncio.run(main())
+        page = asyncio.run(main())
+        assert not threads()
+        return page
 
     return visit
+
+
+async def run_through(page):
+    page.section.start(SLOW)
+    await page.finish()
 
 
 def test_phases_go_by_and_the_verdict_comes_last(visit):
     async def act(page):
         assert (page.last("running"), page.last("choices")) == (False, list(SPREADERS))
-        page.section.start(SLOW_HAND, seed=7)
+        page.section.start(SLOW, seed=7)
         assert page.last("running")
-        assert page.last("message")["text"].startswith("episode 7;")
-        await page.until(lambda: not page.last("running"))
+        assert page.last("message")["text"].startswith("task 7;")
+        await page.finish()
 
     page = visit(act, Fake())
+    for news in page.frames:
+        marks = [mark for _, mark in news["phases"]]
+        assert marks.count("running") <= 1
+        assert marks == sorted(marks, key=["done", "running", "waiting"].index)
     ran = [name for news in page.frames for name, mark in news["phases"] if mark == "running"]
     assert list(dict.fromkeys(ran)) == list(PHASES)
-    assert {mark for _, mark in page.last("phases")} == {"done"}
+    assert page.marks() == ["done"] * len(PHASES)
     assert page.last("message")["text"] == conclusion(GOOD)
     assert page.last("verdict") == verdict(GOOD)
     assert page.last("picture")[:2] == b"\xff\xd8"
     assert [news["number"] for news in page.frames] == list(range(1, len(page.frames) + 1))
 
 
-def test_a_second_start_is_refused_until_the_first_episode_is_over(visit):
+def test_a_task_waits_until_its_pictures_are_taken(visit):
+    fake = Fake()
+
+    async def act(page):
+        page.section.start(SLOW)
+        await page.until(lambda: fake.steps == 2)  # one that waits to be taken, and the next
+        await asyncio.sleep(0.2)
+        assert fake.steps == 2
+
+    visit(act, fake, gone=True)
+
+
+def test_the_phase_that_failed_is_marked_and_those_after_it_wait(visit):
+    page = visit(run_through, Fake(MISSED))
+    assert page.marks() == ["done", "done", "done", "failed", "waiting", "waiting", "waiting"]
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "faults"), [(ValueError("no such cloth"), "mistake", 0), (ZeroDivisionError("oh"), "fault", 1)]
+)
+def test_an_error_is_a_message_in_the_phase_where_it_happened(visit, error, kind, faults):
+    page = visit(run_through, Fake(error=error))
+    assert page.marks()[0] == "failed"
+    assert page.last("message")["kind"] == kind
+    assert str(error) in page.last("message")["text"]
+    assert len(page.errors) == faults
+
+
+def test_a_stop_ends_the_task_within_a_control_period_and_another_may_begin(visit):
+    fake = Fake(periods=1000)
+
     async def act(page):
         section = page.section
-        section.start(SLOW_HAND)
+        section.start(SLOW)
         with pytest.raises(ValueError, match="already: stop it first"):
-            section.start(SLOW_HAND)
-        assert len(threads()) == 1
+            section.start(SLOW)
+        await page.until(lambda: fake.steps > 5)
         section.stop()
+        after = fake.steps
         assert page.last("message")["text"] == "stopped"
-        await page.until(lambda: not page.last("running"))
-        assert page.last("phases")[0][1] == "stopped"
+        await page.finish()
+        assert fake.steps <= after + 1
+        assert page.marks() == ["stopped"] + ["waiting"] * 6
         section.stop()  # twice is once
-        section.start(SLOW_HAND)
-        await page.until(lambda: page.last("phases")[0][1] == "running")
+        section.start(SLOW)
+        await page.until(lambda: page.marks()[0] == "running")
         with pytest.raises(KeyError, match="unknown way to spread the cloth 'iron it'; choose from throw it, lay it"):
             section.start("iron it")
 
-    visit(act, Fake(periods=1000))
+    visit(act, fake)
 
 
-def test_closed_while_it_runs_it_leaves_no_thread(visit):
+def test_a_stop_while_it_gets_ready_is_heard(visit):
+    ready = threading.Event()
+
+    def play(method, seed, watch, progress):
+        ready.wait(5)
+        progress("")
+        return GOOD
+
     async def act(page):
-        page.section.start(SLOW_HAND)
-        await page.until(lambda: len(page.frames) > 5)
-        page.section.close()
-        assert not threads()
-        page.section.close()  # twice is once
+        page.section.start(SLOW)
+        page.section.stop()
+        ready.set()
+        await page.finish()
+        assert page.last("verdict") == []
 
-    visit(act, Fake(periods=1000))
+    visit(act, play)
 
 
 def test_a_page_that_is_gone_stops_the_robot(visit, monkeypatch):
     monkeypatch.setattr(table, "PATIENCE", 3)
 
     async def act(page):
-        page.section.start(SLOW_HAND)
+        page.section.start(SLOW)
         await page.until(lambda: not page.section.running)
         await asyncio.sleep(0.2)
 
     page = visit(act, Fake(), gone=True)
     assert "does not answer" in page.last("message")["text"]
-    assert not page.last("running")
 
 
 def test_a_busy_kernel_is_not_a_page_that_is_gone(visit, monkeypatch):
     monkeypatch.setattr(table, "PATIENCE", 3)
 
     async def act(page):
-        page.section.start(SLOW_HAND)
+        page.section.start(SLOW)
         await page.until(lambda: len(page.frames) > 3)
         page.gone = True
         await page.until(lambda: page.section._unseen > 0)
@@ -300,12 +220,11 @@ def test_a_busy_kernel_is_not_a_page_that_is_gone(visit, monkeypatch):
     visit(act, Fake(periods=1000))
 
 
-def test_a_fault_of_ours_is_kept_and_ends_the_episode(visit, monkeypatch):
+def test_a_fault_of_ours_is_kept_and_ends_the_task(visit, monkeypatch):
     async def act(page):
-        page.section.start(SLOW_HAND)
+        page.section.start(SLOW)
         monkeypatch.setattr(table, "encoded", lambda *_: 1 / 0)
-        await page.until(lambda: not page.last("running"))
-        assert not threads()
+        await page.finish()
         assert page.last("message")["kind"] == "fault"
 
     assert "ZeroDivisionError" in visit(act, Fake()).errors[0]
@@ -314,43 +233,38 @@ def test_a_fault_of_ours_is_kept_and_ends_the_episode(visit, monkeypatch):
 def test_without_an_event_loop_nothing_begins():
     page = Page()
     with pytest.raises(RuntimeError, match="no running event loop"):
-        page.section.start(SLOW_HAND)
+        page.section.start(SLOW)
     assert not threads()
 
 
-def test_without_weights_the_robot_says_so_and_lays_the_cloth_slowly(visit, monkeypatch):
-    def missing(name):
-        raise KeyError(f"unknown dpmpb weights {name!r}; choose from torque-0")
-
-    monkeypatch.setattr(table_setting, "trained", missing)
-    monkeypatch.setattr(table_setting, "play", lambda *_, **__: GOOD)
-
-    async def act(page):
-        page.section.start("throw it")
-        await page.until(lambda: not page.last("running"))
-        assert page.last("message")["kind"] == "mistake"
-        assert "needs the weights table-0, which are not there: run `make train`" in page.last("message")["text"]
-        page.section.start(SLOW_HAND)
-        await page.until(lambda: page.last("verdict"))
-
-    assert visit(act).errors == []
+def test_what_became_of_cloth_and_basket_is_said_in_words():
+    cloth, basket = verdict(GOOD)
+    assert cloth == {"text": "cloth spread: 100% of it flat on the table, 97% of its area, turned by 2°", "good": True}
+    text = "basket placed: tilted by 1.2°, 1.1 cm off the cloth's centre, cloth dragged by 0.3 cm"
+    assert basket == {"text": text, "good": True}
+    assert [line["good"] for line in verdict(MISSED)] == [False]
+    fallen = Outcome("", "", True, None, POSE, Placement(80.0, 0.5, False), 0.003, 330)
+    assert "not placed: not on the table, tilted by 80.0°" in verdict(fallen)[1]["text"]
+    assert conclusion(GOOD) == "the table is set, after 66 s of the robot's time"
+    assert conclusion(MISSED) == "“look” failed after 40 s of the robot's time: it is turned"
+    assert "it is not" in conclusion(fallen)
 
 
 def test_what_throwing_needs_is_loaded_before_the_robot_moves(monkeypatch):
     done = []
-    for name in ("trained", "good_throws", "target"):
-        monkeypatch.setattr(table_setting, name, lambda *_, name=name: done.append(name))
-    monkeypatch.setattr(table_setting, "play", lambda *_, **__: done.append("play"))
-    table.play("throw it", 0, None, lambda phase: done.append("told" + phase))
-    assert done == ["trained", "told", "good_throws", "told", "target", "told", "play"]
+    monkeypatch.setattr(table, "_load", lambda name: done.append(name))
+    for name in ("successful_throws", "spread_target", "run_task"):
+        monkeypatch.setattr(task, name, lambda *_, name=name, **__: done.append(name))
+    table.play("throw it", 0, None, lambda phase: done.append("progress"))
+    assert done == ["table-0", "successful_throws", "spread_target", "progress", "run_task"]
 
 
 def test_a_robot_that_moves_is_seen_and_stopped_and_leaves_no_opengl(visit, monkeypatch):
     scenes = []
-    monkeypatch.setattr(table_setting, "TableEnv", lambda *arguments: scenes.append(TableEnv(*arguments)) or scenes[-1])
+    monkeypatch.setattr(task, "TableEnv", lambda *arguments: scenes.append(TableEnv(*arguments)) or scenes[-1])
 
     async def act(page):
-        page.section.start(SLOW_HAND, seed=1)
+        page.section.start(SLOW, seed=1)
         await page.until(lambda: len({news["picture"] for news in page.frames}) > 4, 30)
         assert page.last("phases")[0] == ("fetch cloth", "running")
         assert len(scenes[0]._renderers) == 2

@@ -11,7 +11,7 @@ from clothlab import plots
 from clothlab.analysis import Landscape, principal_axes
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS
-from clothlab.table_scene.depth import PointCloud
+from clothlab.table_scene.perception import PointCloud
 
 RNG = np.random.default_rng(0)
 BIASES = {name: RNG.normal(size=2) for name in CLOTHS}

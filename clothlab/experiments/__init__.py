@@ -32,6 +32,7 @@ from clothlab.experiments import (
     self_organisation,
     stiffness,
     sysid_benchmark,
+    table_setting,
     target_generalization,
 )
 from clothlab.experiments._grid import PAPER, Experiment, load, save
@@ -64,6 +65,9 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         camera_recalibration.POSE,
         camera_recalibration.ESTIMATION,
         camera_recalibration.CONTROL,
+        table_setting.TASK,
+        table_setting.MATERIAL,
+        table_setting.BORDER,
     )
 }
 

@@ -45,7 +45,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         frame: pictures, traces and p. None is sent until the browser has drawn the last one, so that a slow
             browser skips frames and never queues them.
         ellipse: PNG.
-        table: what there is to see of an episode of setting the table, which is no part of the session.
+        table: what there is to see of a task of setting the table, which is no part of the session.
     """
 
     _esm = views.javascript("text", "traces", "target", "map", "gamepad", "table", "style", "panel")
@@ -234,7 +234,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
             "play": self._playback.start,
             "live": lambda: None,
             "set the table": self._setting.start,
-            "stop the episode": self._setting.stop,
+            "stop the task": self._setting.stop,
         }
 
     def _set_arm(self, name: str) -> None:

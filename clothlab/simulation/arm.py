@@ -298,8 +298,9 @@ class MuscleArm(Muscles, Arm):
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         inputs = int(mujoco.mjtCtrlInput.mjINPUT_POS) | int(mujoco.mjtCtrlInput.mjINPUT_FF)
+        rotors = spec.body("rotors") or spec.worldbody  # a scene may have a place for them among its coordinates
         for name, arms in zip(MUSCLES, self.moment_arms, strict=True):
-            rotor = spec.worldbody.add_body(name=name, mass=1e-3, inertia=[1e-6] * 3, explicitinertial=True)
+            rotor = rotors.add_body(name=name, mass=1e-3, inertia=[1e-6] * 3, explicitinertial=True)
             rotor.add_joint(
                 name=name,
                 type=mujoco.mjtJoint.mjJNT_SLIDE,

@@ -140,7 +140,7 @@ def add_cloth(
         front_forward: whether the red front looks away from the robot, or towards it.
         back_rgba: colour of the other side.
     """
-    hanging = _hanging_points(cloth)
+    hanging = hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
         for name, offset in zip(row, hanging[i], strict=True):
             if i == 0 and hand is not None:
@@ -157,7 +157,7 @@ def add_cloth(
     _add_surface(spec, cloth, hand_position + hanging, front_and_back if front_forward else front_and_back[::-1])
 
 
-def _hanging_points(cloth: Cloth) -> np.ndarray:
+def hanging_points(cloth: Cloth) -> np.ndarray:
     """Where the points are below the hand when the cloth hangs unstretched, `[rows, columns, 3]` [m]."""
     y = np.linspace(-0.5, 0.5, cloth.columns) * cloth.width
     z = np.linspace(0.0, -cloth.length, cloth.rows)

@@ -1,6 +1,6 @@
-"""The scene of the table as an environment: an arm on a base, contacts, a hand that grasps; and how well it went.
+"""The table scene as an environment: a base that drives, contacts, a hand that grasps; and how the cloth really lies.
 
-Nothing here knows what a robot could see: `depth`, `recognition` and `reaching` do.
+What the robot itself can see is in `perception`.
 """
 
 from collections.abc import Callable, Iterable
@@ -14,17 +14,44 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, choose
 from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.cloth import Cloth, point_names
+from clothlab.simulation.cloth import Cloth, hanging_points, point_names
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene
-from clothlab.table_scene.scene import Furniture, build_spec, hanging_points, place_basket, place_rack
+from clothlab.table_scene.scene import Furniture, build_spec, place_basket, place_rack
 
 STARTS = ("rack", "hand")  # where the cloth hangs at the start
-FLAT = 0.015  # [m] above the table's top, what lies on it
-PIXEL = 0.001  # [m] with which areas are measured
+_ON_TOP = 0.015  # [m] a point so near the table's top, in height, lies on it
+_PIXEL = 0.001  # [m] with which areas are measured
 
 
 class GraspError(RuntimeError):
     """The hand closed on nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClothPose:
+    """How a cloth lies: measured by its points, or as a camera sees it, without what the arm hides."""
+
+    flat: float  # share of its points, or of its seen surface, that lies on the table's top
+    area: float  # what it covers seen from above, over the flat cloth's area
+    angle: float  # of its length from straight ahead, counterclockwise [degree]; a camera sees a rectangle: -45 to 45
+    centre: np.ndarray  # mean of its points, or middle of the rectangle that is seen `[3]` [m]
+    back_up: bool = True  # whether a camera sees its back, as when its far edge went forward
+
+    @property
+    def fault(self) -> str:
+        """Why the cloth is not spread: 85 % of it flat on the table, 85 % of its area, 15°; empty if it is."""
+        if self.flat < 0.85:
+            return "it does not lie flat on the table"
+        if self.area < 0.85:
+            return "it is folded or hangs over the edge"
+        if not self.back_up:
+            return "it lies the wrong way round"
+        return "it is turned" if abs(self.angle) > 15.0 else ""
+
+    @property
+    def spread(self) -> bool:
+        """Whether the cloth is spread."""
+        return not self.fault
 
 
 class TableEnv(ClothEnv):
@@ -32,31 +59,15 @@ class TableEnv(ClothEnv):
 
     As `ClothEnv`, with these differences:
 
-    * a command may have one number more, the place where the base should be at the end of the control period [m];
-      without it the base stays. What knows nothing of a base can so command the arm all the same.
-    * the cloth hangs from the rack, or from the hand, at the start; `grasp` and `release` take and let go. So does a
-      command of an arm whose hand opens on command, such as `muscle-hand`.
-    * `reset` and `start` draw the places of rack and basket, and how a cloth is held that begins in the hand, within
-      the ranges of the furniture.
-
-    Args:
-        arm: an arm or its name; its home becomes the furniture's start posture.
-        cloth: a cloth or its name.
-        furniture: what stands where.
-        start_in: `"rack"`, far from the table, or `"hand"`, above the table with the base at 0, to practise spreading.
-        scene: time step and start.
-        options: as `ClothEnv` has them.
-
-    Raises:
-        KeyError: unknown arm, cloth or start.
-        SimulationError: this cloth cannot be simulated with this time step.
-
-    Attributes:
-        furniture: what stands where.
-        command: the arm's last command `[D_u]`.
+    * A command may have one number more: the place where the base should be at the end of the control period [m].
+      Without it the base stays, so that policies that know no base work here too.
+    * At the start the cloth hangs from the `"rack"`, far from the table, or is in the `"hand"` above it. `grasp` and
+      `release` take it and let go; a command of an arm whose hand opens on command lets go within the period.
+    * `reset` and `start` draw the places of rack and basket, and how a cloth is held that begins in the hand.
+    * The arm's home is the furniture's start posture. A camera named `"room"` shows the whole scene.
     """
 
-    command: np.ndarray
+    command: np.ndarray  # the arm's last one `[D_u]`
 
     def __init__(
         self,
@@ -70,7 +81,7 @@ class TableEnv(ClothEnv):
     ):
         self.furniture = furniture or Furniture()
         self.start_in = choose("start", start_in, {name: name for name in STARTS})
-        self._release_in: int | None = None
+        self._release_in: int | None = None  # time steps until the hand opens
         self._base_path: np.ndarray = np.empty(0)
         arm = replace(get_arm(arm), home=self.furniture.start_posture)
         super().__init__(arm, cloth, scene=scene, **options)
@@ -93,25 +104,11 @@ class TableEnv(ClothEnv):
 
     @property
     def hand(self) -> np.ndarray:
-        """Where the middle of the bar is `[3]` [m]. A robot does not know; it sees it, or feels its angles."""
+        """Where the middle of the bar is `[3]` [m]; the robot only sees it, or computes it from what it senses."""
         return self.data.site("hand").xpos.copy()
 
-    def advance(
-        self,
-        u: ArrayLike,
-        watch: Callable[[], None] | None = None,
-        samples: int = 1,
-        *,
-        release_after: float | None = None,
-    ) -> None:
-        """Hold the command for one control period, as `ClothEnv.advance` does.
-
-        Args:
-            u: the arm's command `[D_u]`, or that and the place of the base at the end `[D_u + 1]` [m], to which it
-                is led evenly.
-            watch: called while the period goes by.
-            samples: how often.
-            release_after: let go within the period, so long after its beginning [s], whatever the command says.
+    def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
+        """Hold the command `[D_u]`, or that and a place of the base `[D_u + 1]`, as `ClothEnv.advance` does.
 
         Raises:
             ValueError: a command of another shape, not finite or out of range; a base too fast or out of its range.
@@ -119,36 +116,23 @@ class TableEnv(ClothEnv):
         """
         size = len(self.arm.command_names)
         u = np.array(u, dtype=np.float64)
-        if release_after is not None:
-            check_number("release_after", release_after, at_least=0, at_most=CONTROL_PERIOD)
         if u.shape == (size + 1,):
             self._send_base(u[size])
             u = u[:size]
-        if release_after is None and u.shape == (size,):
-            release_after = self._opening(u)
-        if release_after is not None:
-            self._release_in = round(release_after / self.scene.time_step)
+        closed = u[self.arm.closed_command] if u.shape == (size,) else np.empty(0)
+        opens = closed.size and 0 <= closed[0] < 1 and self.held
+        if opens:
+            self._release_in = round(float(closed[0]) * CONTROL_PERIOD / self.scene.time_step)
         try:
             super().advance(u, watch, samples)
             self.command = u
         finally:
             self._release_in, self._base_path = None, np.empty(0)
-        if release_after is not None:
+        if opens:
             self.release()
 
-    def _opening(self, u: np.ndarray) -> float | None:
-        """How long after the beginning of the period the command opens the hand [s]; None where it stays as it is."""
-        closed = u[self.arm.closed_command]
-        opens = closed.size and 0 <= closed[0] < 1 and self.held
-        return float(closed[0]) * CONTROL_PERIOD if opens else None
-
     def grasp(self) -> tuple[str, ...]:
-        """Close the hand on what is nearest to the bar: an edge of the cloth, or the handle of the basket.
-
-        What is taken is drawn to the bar, where it is along it; clips of the rack let go of it.
-
-        Returns:
-            What is now in the hand: names of points of the cloth, or `("basket",)`.
+        """Close the hand on the nearest edge of the cloth, or the basket's handle; what is now in the hand.
 
         Raises:
             GraspError: something is in the hand already, or nothing is within reach; the message says how far it is.
@@ -163,15 +147,14 @@ class TableEnv(ClothEnv):
                 f"nothing within {100 * self.furniture.reach:g} cm of the hand; nearest is {nearest}, "
                 f"{100 * distances[nearest]:.1f} cm away"
             )
-        row = nearest.rsplit("_", 1)[0]  # all of the same edge: that and no other thing is taken
+        row = nearest.rsplit("_", 1)[0]  # points of the same edge, and no other thing
         self.hold_fast(name for name in places if name.startswith(row) and distances[name] <= self.furniture.reach)
         return self.held
 
     def hold_fast(self, names: Iterable[str]) -> None:
-        """Tie things to the bar, where they are along it, however far away; what else was in the hand falls out.
+        """Tie points of the cloth's first or last row, or `basket`, to the bar, however far away; release all else.
 
-        Args:
-            names: points of the cloth's first or last row, or `basket`.
+        Clips of the rack let go of them.
         """
         self.release()
         places = self._graspable()
@@ -188,11 +171,7 @@ class TableEnv(ClothEnv):
             self._tie(f"grip_{name}", False)
 
     def place_cloth(self, points: ArrayLike) -> None:
-        """Put the points of the cloth somewhere, at rest.
-
-        Args:
-            points: `[rows, columns, 3]` [m] in the world.
-        """
+        """Put the points of the cloth `[rows, columns, 3]` [m] somewhere in the world, at rest."""
         points = check_array("points", points, (self.cloth.rows, self.cloth.columns, 3))
         for i, row in enumerate(point_names(self.cloth)):
             for j, name in enumerate(row):
@@ -201,12 +180,12 @@ class TableEnv(ClothEnv):
                     self.data.joint(f"{name}_{axis}").qvel[0] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
-    def lies(self) -> "Spread":
-        """How the cloth lies."""
-        return spread(self.cloth, self.furniture, self.cloth_points())
+    def cloth_pose(self) -> ClothPose:
+        """How the cloth lies on the table."""
+        return measure_pose(self.cloth, self.furniture, self.cloth_points())
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
-        """Begin an episode, as `ClothEnv.start` does; what begins in the hand waits longer: a soft arm sags."""
+        """Begin an episode, as `ClothEnv.start` does; a cloth in the hand waits longer, because a soft arm sags."""
         super().start(seed=seed, random_start=random_start)
         if self.start_in == "hand":
             self._simulate(round(self.np_random.uniform(*self.furniture.wait) / self.scene.time_step))
@@ -225,7 +204,7 @@ class TableEnv(ClothEnv):
         place_rack(data, furniture, self.np_random)
         place_basket(data, furniture, self.np_random)
         in_hand, u = self.start_in == "hand", u.copy()
-        base = 0.0 if in_hand else max(furniture.base_range[0], furniture.rack_place - furniture.look_ahead)
+        base = 0.0 if in_hand else self.model.body("rack").pos[0] - furniture.look_ahead
         data.joint("base").qpos[0] = data.actuator("base").ctrl[0] = base
         if not in_hand:
             u[self.arm.angle_command] = furniture.look_posture
@@ -259,12 +238,12 @@ class TableEnv(ClothEnv):
         if abs(goal - self.base_goal) > farthest + 1e-9:
             raise ValueError(
                 f"the base moves by {farthest:g} m in a control step at most, from {self.base_goal:.3f} to {goal:.3f} "
-                "it is farther; `reaching.drive` goes step by step"
+                "it is farther; `RobotDriver.drive` goes step by step"
             )
         self._base_path = np.linspace(self.base_goal, goal, self.scene.substeps + 1)[1:]
 
     def _simulate(self, steps: int) -> None:
-        """As in other scenes, but that the base is led and the hand may open on the way."""
+        """As in other scenes, but the base follows its path and the hand may open."""
         if not len(self._base_path) and self._release_in is None:
             super()._simulate(steps)
             return
@@ -278,89 +257,48 @@ class TableEnv(ClothEnv):
             super()._simulate(1)
 
 
-def room_picture(env: TableEnv, height: int = 270, width: int = 480) -> np.ndarray:
-    """The whole scene as a visitor sees it, who stands to the robot's right `[height, width, 3]` uint8.
-
-    Raises:
-        RuntimeError: no OpenGL on this machine; the message says what to install.
-        ValueError: a picture larger than `scene.picture_size`.
-    """
-    visitor = mujoco.MjvCamera()
-    visitor.azimuth, visitor.elevation, visitor.distance = 122, -20, 2.9
-    visitor.lookat[:] = (env.furniture.rack_place + env.furniture.near + env.furniture.depth / 2) / 2, 0, 0.72
-    return env.camera_picture(height, width, view=visitor)
-
-
-@dataclass(frozen=True)
-class Spread:
-    """How well a cloth lies on the table.
-
-    Attributes:
-        flat: part of the cloth's points that lie on the table, within `FLAT` of its top.
-        area: what the cloth covers, seen from above, as a part of the flat cloth's area.
-        angle: from where its length should point, straight ahead, to where it does, counterclockwise [degree].
-        centre: the mean of its points in the world `[3]` [m].
-    """
-
-    flat: float
-    area: float
-    angle: float
-    centre: np.ndarray
-
-    @property
-    def success(self) -> bool:
-        """Whether that is a cloth spread out: flat and area 85 %, angle within 15°."""
-        return self.flat >= 0.85 and self.area >= 0.85 and abs(self.angle) <= 15.0
-
-
-def spread(cloth: Cloth, furniture: Furniture, points: ArrayLike) -> Spread:
-    """Measure how a cloth lies, from its points `[rows, columns, 3]` [m] in the world."""
+def measure_pose(cloth: Cloth, furniture: Furniture, points: ArrayLike) -> ClothPose:
+    """Measure how a cloth lies from its points `[rows, columns, 3]` [m] in the world."""
     points = check_array("points", points, (cloth.rows, cloth.columns, 3))
     x, y, z = np.moveaxis(points, -1, 0)
     above = (furniture.near <= x) & (x <= furniture.far) & (np.abs(y) <= furniture.width / 2)
-    flat = float(np.mean(above & (np.abs(z - furniture.height) <= FLAT)))
+    flat = float(np.mean(above & (np.abs(z - furniture.height) <= _ON_TOP)))
     ahead = points[-1].mean(axis=0) - points[0].mean(axis=0)
     angle = float(np.rad2deg(np.arctan2(ahead[1], ahead[0])))
-    return Spread(flat, _covered(points[..., :2]) / (cloth.length * cloth.width), angle, points.mean(axis=(0, 1)))
+    return ClothPose(flat, _covered(points[..., :2]) / (cloth.length * cloth.width), angle, points.mean(axis=(0, 1)))
 
 
 def _covered(places: np.ndarray) -> float:
     """Area under a grid of points, seen from above `[rows, columns, 2]` [m], in m²; what lies double counts once."""
-    pixels = np.round((places - places.min(axis=(0, 1))) / PIXEL).astype(np.int32)
+    pixels = np.round((places - places.min(axis=(0, 1))) / _PIXEL).astype(np.int32)
     width, height = pixels.max(axis=(0, 1)) + 1
     picture = np.zeros((height, width), np.uint8)
     for i, j in np.ndindex(places.shape[0] - 1, places.shape[1] - 1):
         a, b, c, d = pixels[i, j], pixels[i, j + 1], pixels[i + 1, j + 1], pixels[i + 1, j]
         for triangle in ((a, b, c), (a, c, d)):
             cv2.fillConvexPoly(picture, np.array(triangle), 1)
-    return float(picture.sum()) * PIXEL**2
+    return float(picture.sum()) * _PIXEL**2
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How the basket stands.
+    """How the basket stands."""
 
-    Attributes:
-        tilt: from upright [degree].
-        off_centre: from its middle to the cloth's, level [m].
-        on_table: whether it stands on the table at all.
-    """
-
-    tilt: float
-    off_centre: float
-    on_table: bool
+    tilt: float  # from upright [degree]
+    off_centre: float  # from its middle to the cloth's, level [m]
+    on_table: bool  # whether it stands on the table at all
 
     @property
     def success(self) -> bool:
-        """Whether that is a basket placed: on the table, tilted by 5° at most, 4 cm off the cloth's centre at most."""
+        """Whether the basket is placed: on the table, tilted by 5° at most, 4 cm off the cloth's centre at most."""
         return self.on_table and self.tilt <= 5.0 and self.off_centre <= 0.04
 
 
-def placement(env: TableEnv) -> Placement:
-    """Measure how the basket stands, now."""
+def measure_placement(env: TableEnv) -> Placement:
+    """Measure how the basket stands now."""
     basket, furniture = env.data.body("basket"), env.furniture
     off = basket.xpos[:2] - env.cloth_points().mean(axis=(0, 1))[:2]
     above = furniture.near <= basket.xpos[0] <= furniture.far and abs(basket.xpos[1]) <= furniture.width / 2
-    on_table = above and abs(basket.xpos[2] - furniture.height) <= FLAT and "basket" not in env.held
+    on_table = above and abs(basket.xpos[2] - furniture.height) <= _ON_TOP and "basket" not in env.held
     tilt = np.rad2deg(np.arccos(np.clip(basket.xmat.reshape(3, 3)[2, 2], -1, 1)))
     return Placement(float(tilt), float(np.linalg.norm(off)), bool(on_table))

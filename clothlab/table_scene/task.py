@@ -1,168 +1,125 @@
-"""Setting the table, from point cloud to basket: the phases of an episode, each a short function of a `Mover`.
+"""Setting the table, phase by phase (paper, "Integrated Table Setting Experiment").
 
-What the robot decides by, it has sensed: where cloth and basket are, whether the cloth lies spread. What really became
-of them, `table.spread` and `table.placement` say, for whoever judges the robot (paper, "Integrated Table Setting
-Experiment").
+The robot decides by what it senses. What really became of cloth and basket is measured besides.
 """
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
+from clothlab import artifacts
+from clothlab.analysis import nearest_material
+from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator
+from clothlab.learning.trained import Trained
 from clothlab.policies import Policy
 from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
-from clothlab.table_scene.perception import LaidCloth, NotInView, SeenSpread, find_bar, find_laid_cloth
-from clothlab.table_scene.servoing import MissedError, Mover, OutOfReachError, take
-from clothlab.table_scene.table_env import GraspError, Placement, Spread, placement
-from clothlab.table_scene.throwing import look_at_spread
+from clothlab.table_scene.perception import NotVisibleError, find_cloth_centre
+from clothlab.table_scene.scene import HANDLE_HEIGHT
+from clothlab.table_scene.servoing import AHEAD_LOW, CLEAR, MissedError, RobotDriver, grasp
+from clothlab.table_scene.table_env import ClothPose, GraspError, Placement, TableEnv, measure_placement
+from clothlab.table_scene.throwing import (
+    ExcitationPolicy,
+    ThrowPolicy,
+    ThrowSettings,
+    laid_by_hand,
+    see_cloth_pose,
+    was_spread,
+)
 
-STILL = 12  # control steps after which a cloth hangs still
-LONGEST = 120  # control steps of all attempts to throw it
-CLEAR = 0.08  # [m] of a basket above the table, while it is carried
-FAILURES = (NotInView, MissedError, OutOfReachError, GraspError, SimulationError)  # beside `NotSpreadError`
+ARM, FOAM = "muscle-hand", "hard-1"  # of the robot, and in its hand
+THROWS = "table-throws"  # the recorded throws
+TARGET_AHEAD = 0.66  # [m] of a cloth that is spread: so near that the basket can be put on its middle
+EXCITATION = 20  # control steps of the motion from which p is estimated
+NOISE = 0.002  # [m] of the depth image at 1 m
+PHASES = ("fetch cloth", "go to table", "spread cloth", "look", "fetch basket", "carry basket", "put basket")
 
-Spreader = Callable[[Mover], None]  # spreads the cloth in the hand, or lets it fall
+Spreader = Callable[[RobotDriver], object]  # spreads the cloth in the hand, or lets it fall
 
 
 class NotSpreadError(RuntimeError):
     """The cloth does not lie as it should, as far as the robot sees."""
 
 
-def fetch_cloth(mover: Mover) -> None:
-    """See the cloth on the rack, approach it, grasp it.
-
-    Raises:
-        NotInView, MissedError, OutOfReachError: as `reaching.take`.
-    """
-    take(mover, "cloth")
+_FAILURES = (NotVisibleError, MissedError, GraspError, SimulationError, NotSpreadError)
 
 
-def go_to_table(mover: Mover) -> None:
+def go_to_table(driver: RobotDriver) -> None:
     """Lift the cloth, drive in front of the table, and wait until it hangs still."""
-    env = mover.env
-    mover.glide(env.arm.hand(np.array(env.furniture.start_posture)))
-    mover.drive(0.0)
-    for _ in range(STILL):
-        mover.send(env.arm.home_command)
+    env = driver.env
+    driver.move_straight(env.arm.hand(np.array(env.furniture.start_posture)))
+    driver.drive(0.0)
+    for _ in range(12):
+        driver.send(env.arm.home_command)
 
 
-def throw(mover: Mover, policy: Policy, steps: int = LONGEST, done: Callable[[], bool] = lambda: False) -> None:
+def throw(driver: RobotDriver, policy: Policy, steps: int = 120, done: Callable[[], bool] = lambda: False) -> None:
     """Let a policy swing and throw the cloth, for so many control steps or until it is `done`."""
     for _ in range(steps):
-        mover.send(policy(mover.env.observe()))
+        driver.send(policy(driver.env.observe()))
         if done():
             break
 
 
-def see_spread(mover: Mover) -> SeenSpread:
-    """Look whether the cloth lies spread.
-
-    Raises:
-        NotSpreadError: it does not; the message says in which way.
-    """
-    env = mover.env
-    seen = look_at_spread(env, height=mover.settings.height, watch=mover.watch)
-    mover.command_angles(env.furniture.start_posture)
+def see_spread(driver: RobotDriver) -> ClothPose:
+    """Look how the cloth lies; a `NotSpreadError` says in which way it is not spread."""
+    seen = see_cloth_pose(driver.env, height=driver.height, watch=driver.watch)
+    driver.command_angles(driver.env.furniture.start_posture)
     if seen is None:
         raise NotSpreadError("no cloth in view")
-    if seen.flat < 0.85:
-        raise NotSpreadError("it does not lie flat on the table")
-    if seen.area < 0.85:
-        raise NotSpreadError("it is folded or hangs over the edge")
-    if not seen.back_up:
-        raise NotSpreadError("it lies the wrong way round")
-    if not seen.success:
-        raise NotSpreadError("it is turned")
+    if seen.fault:
+        raise NotSpreadError(seen.fault)
     return seen
 
 
-def see_laid(mover: Mover) -> LaidCloth:
-    """Where the cloth lies, on which the basket is to be placed.
-
-    Raises:
-        NotInView: no cloth on the table.
-    """
-    return find_laid_cloth(mover.look(), mover.env.furniture.height)
-
-
-def fetch_basket(mover: Mover) -> None:
-    """Drive back to where the side table is in view, and take the basket by its handle.
-
-    Raises:
-        NotInView, MissedError, OutOfReachError: as `reaching.take`.
-    """
-    furniture = mover.env.furniture
-    mover.drive(furniture.side_place - furniture.look_ahead)
-    mover.glide(mover.env.arm.hand(np.array(furniture.look_posture)))
-    take(mover, "basket")
+def fetch_basket(driver: RobotDriver) -> None:
+    """Drive back to where the side table is in view, and take the basket by its handle."""
+    furniture = driver.env.furniture
+    driver.drive(furniture.side_place[0] - furniture.look_ahead)
+    driver.move_straight(driver.env.arm.hand(np.array(furniture.look_posture)))
+    grasp(driver, "basket")
 
 
-def carry_basket(mover: Mover, laid: LaidCloth) -> None:
-    """Lift the basket and drive until it is above the cloth, or as far as the robot can."""
-    furniture = mover.env.furniture
-    above = furniture.height + furniture.basket.handle_height + CLEAR - SHOULDER_POSITION[2]
-    mover.glide([mover.settings.ahead_low, above])
-    mover.drive(laid.centre[0] - mover.settings.ahead_low)
-    mover.glide([laid.centre[0] - mover.env.base, above])
+def carry_basket(driver: RobotDriver, centre: np.ndarray) -> None:
+    """Lift the basket and drive until it is above the cloth's centre `[3]` [m], or as far as the robot can."""
+    furniture = driver.env.furniture
+    above = furniture.height + HANDLE_HEIGHT + CLEAR - SHOULDER_POSITION[2]
+    driver.move_straight([AHEAD_LOW, above])
+    driver.drive(centre[0] - AHEAD_LOW)
+    driver.move_straight([centre[0] - driver.env.base, above])
 
 
-def put_basket(mover: Mover, laid: LaidCloth) -> None:
-    """Lower the basket by visual feedback onto the middle of the cloth, let go, and go up.
-
-    Raises:
-        MissedError: the hand does not get there.
-        NotInView: the bar is not in view.
-    """
-    env, settings = mover.env, mover.settings
-    goal = laid.centre + np.array([0.0, 0.0, env.furniture.basket.handle_height])
-    clear = CLEAR
-    for _ in range(settings.steps):
-        above = goal + np.array([0.0, 0.0, clear])
-        error = (above - find_bar(mover.look(), mover.felt_hand))[[0, 2]]
-        if clear == 0 and np.linalg.norm(error) < settings.close:
-            break
-        if np.linalg.norm(error) < 2 * settings.close:
-            clear = max(0.0, clear - 2 * settings.close)
-        mover.correct(settings.gain * error)
-        mover.step()
-    else:
-        raise MissedError(f"the hand is still {100 * np.linalg.norm(error):.1f} cm from where it should let go")
-    env.release()
-    mover.glide(np.add(mover.felt_place(), [0.0, 0.15]))
+def put_basket(driver: RobotDriver, centre: np.ndarray) -> None:
+    """Lower the basket by visual feedback onto the cloth's centre `[3]` [m], let go, and go up."""
+    up = np.array([0.0, 0.0, 1.0])
+    driver.servo(lambda cloud, bar: centre + HANDLE_HEIGHT * up, up)
+    driver.env.release()
+    driver.move_straight(np.add(driver.proprioceptive_place, [0.0, 0.15]))
     for _ in range(5):
-        mover.step()
+        driver.step()
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of an episode.
+    """What became of a task."""
 
-    Attributes:
-        failed: the phase in which it ended too early; empty where it did not.
-        cause: why, in words.
-        grasped: whether the cloth was.
-        seen: how it seemed to lie; None where nothing was looked at.
-        spread: how it really lay, then; None likewise.
-        placement: how the basket stands in the end; None where it was never fetched.
-        dragged: how far the cloth moved meanwhile [m]; None likewise.
-        steps: control steps.
-    """
-
-    failed: str
-    cause: str
-    grasped: bool
-    seen: SeenSpread | None
-    spread: Spread | None
-    placement: Placement | None
-    dragged: float | None
-    steps: int
+    failed: str  # the phase in which the robot noticed a failure; empty where it noticed none
+    cause: str  # why, in words
+    grasped: bool  # whether the cloth was
+    seen: ClothPose | None  # how the cloth seemed to lie, if it seemed to be spread
+    pose: ClothPose | None  # how it really lay then; None where the robot did not get so far
+    placement: Placement | None  # how the basket stands in the end; None where it was never fetched
+    dragged: float | None  # how far the cloth moved meanwhile [m]; None likewise
+    steps: int  # control steps
 
     @property
-    def spread_out(self) -> bool:
+    def spread(self) -> bool:
         """Whether the cloth really lay spread."""
-        return self.spread is not None and self.spread.success
+        return self.pose is not None and self.pose.spread
 
     @property
     def placed(self) -> bool:
@@ -172,72 +129,95 @@ class Outcome:
     @property
     def success(self) -> bool:
         """Whether the table is set."""
-        return self.spread_out and self.placed
+        return self.spread and self.placed
 
 
-PHASES = ("fetch cloth", "go to table", "spread cloth", "look", "fetch basket", "carry basket", "put basket")
+def set_table(driver: RobotDriver, spreader: Spreader, progress: Callable[[str], None] = lambda phase: None) -> Outcome:
+    """Run the phases one after another, tell `progress` the name of each, and stop at the first that fails."""
+    phase, failed, cause = "", "", ""
+    seen: ClothPose | None = None
+    pose: ClothPose | None = None
 
+    def begin(name: str) -> None:
+        nonlocal phase
+        phase = name
+        progress(name)
 
-class Episode:
-    """Runs the phases one after another, and stops at the first that fails.
-
-    Args:
-        mover: moves a robot, whose hand is empty.
-        spreader: spreads the cloth: `lay_slowly`, or something that calls `throw`.
-        progress: told the name of each phase as it begins, one of `PHASES`.
-
-    Attributes:
-        phase: the one that was begun last.
-        seen: how the cloth seemed to lie.
-        spread: how it really lay.
-    """
-
-    def __init__(self, mover: Mover, spreader: Spreader, progress: Callable[[str], None] | None = None):
-        self.mover, self.spreader, self._progress = mover, spreader, progress or (lambda phase: None)
-        self.phase, self.grasped = PHASES[0], False
-        self.seen: SeenSpread | None = None
-        self.spread: Spread | None = None
-        self._carried = False
-
-    def run(self) -> Outcome:
-        """All phases; what the robot itself notices as a failure ends them.
-
-        Raises:
-            Whatever the mover's watch raises: so a person can stop the robot.
-        """
-        failed = cause = ""
+    try:
+        begin("fetch cloth")
+        grasp(driver, "cloth")
+        begin("go to table")
+        go_to_table(driver)
+        begin("spread cloth")
+        spreader(driver)
+        begin("look")
         try:
-            self._phases()
-        except (*FAILURES, NotSpreadError) as error:
-            failed, cause = self.phase, str(error)
-        env = self.mover.env
-        stands = placement(env) if self._carried else None
-        dragged = float(np.linalg.norm((env.lies().centre - self.spread.centre)[:2])) if self._carried else None  # type: ignore[union-attr]
-        return Outcome(failed, cause, self.grasped, self.seen, self.spread, stands, dragged, self.mover.steps)
-
-    def _begin(self, phase: str) -> None:
-        self.phase = phase
-        self._progress(phase)
-
-    def _phases(self) -> None:
-        mover = self.mover
-        self._begin("fetch cloth")
-        fetch_cloth(mover)
-        self.grasped = True
-        self._begin("go to table")
-        go_to_table(mover)
-        self._begin("spread cloth")
-        self.spreader(mover)
-        self._begin("look")
-        try:
-            self.seen = see_spread(mover)
+            seen = see_spread(driver)
         finally:
-            self.spread = mover.env.lies()
-        laid = see_laid(mover)
-        self._begin("fetch basket")
-        fetch_basket(mover)
-        self._carried = True
-        self._begin("carry basket")
-        carry_basket(mover, laid)
-        self._begin("put basket")
-        put_basket(mover, laid)
+            pose = driver.env.cloth_pose()
+        centre = find_cloth_centre(driver.capture(), driver.env.furniture.height)
+        begin("fetch basket")
+        fetch_basket(driver)
+        begin("carry basket")
+        carry_basket(driver, centre)
+        begin("put basket")
+        put_basket(driver, centre)
+    except _FAILURES as error:
+        failed, cause = phase, str(error)
+    placement, dragged = None, None
+    if pose is not None and phase in ("carry basket", "put basket"):
+        placement = measure_placement(driver.env)
+        dragged = float(np.linalg.norm((driver.env.cloth_pose().centre - pose.centre)[:2]))
+    return Outcome(failed, cause, phase != "fetch cloth", seen, pose, placement, dragged, driver.steps)
+
+
+def run_task(
+    spreader: Spreader,
+    seed: int,
+    *,
+    watch: Callable[[TableEnv], None] | None = None,
+    progress: Callable[[str], None] = lambda phase: None,
+) -> Outcome:
+    """Set the table in a scene of its own, in which the seed draws places of rack and basket, and the camera's noise.
+
+    `watch` is called with the scene after each control period; what it raises ends the task.
+    """
+    with closing(TableEnv(ARM, FOAM)) as env:
+        env.start(seed=seed)
+        look = None if watch is None else partial(watch, env)
+        driver = RobotDriver(env, noise=NOISE, watch=look, samples=1, rng=np.random.default_rng(seed))
+        return set_table(driver, spreader, progress)
+
+
+@cache
+def successful_throws(learned: Trained) -> tuple[Sequences, ...]:
+    """Recorded throws that spread a foam, and their repetitions, with the same commands, as the model sees them."""
+    trials = artifacts.load_trials(THROWS)
+    good = {(trial.cloth.name, trial.commands.tobytes()) for trial in trials if was_spread(trial)}
+    chosen = [trial for trial in trials if (trial.cloth.name, trial.commands.tobytes()) in good]
+    return tuple(to_sequences(learned.autoencoder, trial) for trial in chosen)
+
+
+@cache
+def spread_target(foam: str = FOAM) -> np.ndarray:
+    """Mask `[H, W]` of the foam as it should lie, laid by hand."""
+    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
+        return laid_by_hand(env, TARGET_AHEAD)
+
+
+def excite_and_throw(
+    driver: RobotDriver, learned: Trained, settings: ThrowSettings | None = None
+) -> tuple[np.ndarray, ThrowPolicy]:
+    """Estimate p of the cloth in the hand, then throw it; the estimate `[D_p]`, and the policy that threw.
+
+    That takes the trained p which is nearest to the estimate: for that one the model's errors are known.
+    """
+    arm, model, autoencoder, biases = driver.env.arm, learned.model, learned.autoencoder, learned.biases
+    estimator = NewtonEstimator(model, np.zeros(model.bias_size))
+    estimating = EstimatingPolicy(ExcitationPolicy(arm), estimator, autoencoder)
+    throw(driver, estimating, EXCITATION)
+    p, runs = estimating.trace[-1], successful_throws(learned)
+    known = biases[nearest_material(p, biases)]
+    policy = ThrowPolicy(model, autoencoder, arm, spread_target(), known, runs, biases, settings)
+    throw(driver, policy, done=lambda: policy.done)
+    return p, policy

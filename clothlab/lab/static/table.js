@@ -1,24 +1,24 @@
-// The section "Set the table": who spreads the cloth, the phases of an episode, a picture, and what came of it.
+// The section "Set the table": how the cloth is spread, the phases of a task, a picture, and what came of it.
 const MARKS = { waiting: "○", running: "▶", done: "✓", failed: "✗", stopped: "■" };
 
 function tableSection(act) {
-  const how = makeMenu("spread the cloth:", () => {});
-  const start = make("button", { type: "button", textContent: "start the episode", onclick: () => act("set the table", { how: how.select.value }) });
-  const stop = make("button", { type: "button", textContent: "stop the episode", onclick: () => act("stop the episode") });
+  const method = makeMenu("spread the cloth:", () => {});
+  const start = make("button", { type: "button", textContent: "start the task", onclick: () => act("set the table", { method: method.select.value }) });
+  const stop = make("button", { type: "button", textContent: "stop the task", onclick: () => act("stop the task") });
   const message = make("div", { role: "status" }), phases = make("ol", { className: "phases row", "aria-label": "phases" }), verdict = make("div");
   const picture = makePicture("the table", 384);
   const note = make("div", { className: "note", textContent: "The robot fetches a cloth from a rack, spreads it on a table and puts a basket on it. It has a scene of its own, and as much time as it takes to compute." });
   const details = make("details", { className: "table" }, make("summary", { textContent: "Set the table" }), note,
-    make("div", { className: "row" }, how.row, start, stop), message, phases, verdict, picture.figure);
+    make("div", { className: "row" }, method.row, start, stop), message, phases, verdict, picture.figure);
   let choices = "", reached = "", frame = null;
 
   function draw(news) {
     if (choices !== news.choices.join()) {
       choices = news.choices.join();
-      how.fill(news.choices.map((each) => [each, each]));
+      method.fill(news.choices.map((each) => [each, each]));
     }
-    for (const each of [start, how.select]) off(each, news.running ? "an episode runs: stop it first" : "");
-    off(stop, news.running ? "" : "no episode runs");
+    for (const each of [start, method.select]) off(each, news.running ? "a task runs: stop it first" : "");
+    off(stop, news.running ? "" : "no task runs");
     message.textContent = news.message.text;
     message.className = `message ${news.message.kind}`;
     if (reached !== JSON.stringify(news.phases)) {
