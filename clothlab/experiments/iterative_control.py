@@ -230,7 +230,7 @@ def _by_target(table: pd.DataFrame) -> list[Row]:
         found.append(
             Row(
                 key=f"iterative_control/{target}",
-                label=f"iterative learning control, {target}: last ten periods over random commands, median",
+                label=f"iterative learning control, {target}: distance, last ten periods, over random commands', median",
                 value=float(ratios.median()),
                 at_most=bound,
                 note=f"worst training {ratios.groupby('model').median().max():.2f}",
@@ -260,7 +260,7 @@ def _by_method(table: pd.DataFrame) -> list[Row]:
         found.append(
             Row(
                 key=f"iterative_control/{controller}",
-                label=f"{controller}: last ten periods over random commands, median of all tasks",
+                label=f"{controller}, all tasks: distance, last ten periods, over random commands', median",
                 value=ratio(controller, "right"),
                 note="; ".join(others),
             )
@@ -283,7 +283,7 @@ def _differences(table: pd.DataFrame) -> list[Row]:
             found.append(
                 Row(
                     key=f"iterative_control/{label}/{arm}",
-                    label=f"{label}, {arm} arm: last ten periods over random commands",
+                    label=f"{label}, {arm} arm: distance, last ten periods, over random commands'",
                     value=mean,
                     interval=(interval[0], interval[1]),
                     paper=says,

@@ -213,7 +213,7 @@ def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
     return [
         Row(
             key=f"foam_control/{cloth}/distance",
-            label=f"{cloth}: best distance a period, median, Correct over Random",
+            label=f"foam {cloth}: best distance a period, median, Correct over Random",
             value=correct / random,
             paper="Correct better",
             below=1,
@@ -223,7 +223,7 @@ def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
         ),
         Row(
             key=f"foam_control/{cloth}/rate",
-            label=f"{cloth}, Correct: steps nearer than {THRESHOLD}",
+            label=f"foam {cloth}, Correct: steps nearer than {THRESHOLD}",
             value=rates[CORRECT].mean(),
             unit=" %",
             spread=rates[CORRECT].std(ddof=0),
@@ -232,7 +232,7 @@ def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
         ),
         Row(
             key=f"foam_control/{cloth}/speed",
-            label=f"{cloth}: gain in peak hand speed by optimised stiffness over {FIXED_TENSION:.0f} N",
+            label=f"foam {cloth}: gain in peak hand speed by optimised stiffness over {FIXED_TENSION:.0f} N",
             value=gain[0],
             unit=" %",
             paper="+12 %",

@@ -64,7 +64,7 @@ def rows(tables: Tables) -> list[Row]:
     """Medians over targets."""
     table = summary(tables["target_generalization"])
     held_out, drawn = (table[table["set"] == name] for name in ("held-out", "drawn"))
-    label = f"{len(held_out)} held-out targets: last ten periods over random commands"
+    label = f"{len(held_out)} held-out targets: distance, last ten periods, over random commands'"
     return [
         Row(
             key="target_generalization/held-out/median",
