@@ -62,7 +62,7 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
     """Estimate p of one cloth: the nearest material in the end, and what is known after each of `LENGTHS`.
 
     That is the estimate `[N, D_p]`, its covariance by the curvature of the loss alone (`bare`) and calibrated
-    `[N, D_p, D_p]`, and whether the cloth is called unfamiliar or its region lies outside the trained p `[N]`.
+    `[N, D_p, D_p]`, and whether it is out of distribution by the prediction error, or outside the trained p `[N]`.
     """
     learned, calibration = trained(f"{ARM}-{model}"), _calibration(model)
     seed = 56_000 + 200 * model + 30 * repeat + [*ALL].index(cloth)
@@ -72,17 +72,16 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
         newton.update(*step)
         report = calibration.report(newton) if t in LENGTHS else None
         if report:
-            judged = (report.covariance, report.out_of_distribution, report.outside_hull)
-            looks.append((newton.p, newton.covariance, *judged))
-    estimate, bare, covariance, unfamiliar, outside = (np.array(each) for each in zip(*looks, strict=True))
+            looks.append((newton.p, newton.covariance, *report))
+    estimate, bare, covariance, _, out_of_distribution, outside = (np.array(each) for each in zip(*looks, strict=True))
     return {
         "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),
         "nearest": nearest_material(newton.p, learned.biases),
         "estimate": estimate.round(4),
         "bare": bare.round(7),
         "covariance": covariance.round(7),
-        "unfamiliar": unfamiliar,
-        "outside": outside,
+        "out_of_distribution": out_of_distribution,
+        "outside_hull": outside,
     }
 
 
@@ -125,8 +124,9 @@ def rows(tables: Tables) -> list[Row]:
         ),
     ]
     for kind, runs in table.groupby("kind", sort=False):
-        error, outside = (np.array([each[-1] for each in runs[column]]) for column in ("unfamiliar", "outside"))
-        label = f"cloths, {kind}: called unfamiliar by the error of prediction"
+        columns = runs["out_of_distribution"], runs["outside_hull"]
+        error, outside = (np.array([each[-1] for each in column]) for column in columns)
+        label = f"cloths, {kind}: out of distribution by the error of prediction"
         note = f"{100 * (error | outside).mean():.0f} % by that or by the place of p"
         found.append(Row(key=f"calibration_test/{kind}", label=label, value=100 * error.mean(), unit=" %", note=note))
     return found
