@@ -230,7 +230,7 @@ def _by_target(table: pd.DataFrame) -> list[Row]:
         found.append(
             Row(
                 key=f"iterative_control/{target}",
-                label=f"iterative learning control, {target}: distance, last ten periods, over random commands', median",
+                label=f"iterative learning control, {target}: last ten periods over random commands', median",
                 value=float(ratios.median()),
                 at_most=bound,
                 note=f"worst training {ratios.groupby('model').median().max():.2f}",
