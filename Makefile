@@ -75,7 +75,7 @@ results: $(STAMP)  ## compute every figure of the results table, with fresh simu
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py $(OPTIONS)
 
-picture: $(STAMP)  ## draw the README's moving picture anew
+picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
 
 demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes

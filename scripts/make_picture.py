@@ -1,8 +1,14 @@
-"""Draw the README's moving picture: the cloth after some periods of practice, what the robot sees, and the target."""
+"""`make picture`: the README's moving picture, and its gallery from the run of `make notebooks`.
 
+The moving picture shows iterative learning control after 28 periods, what the camera sees, and the target.
+"""
+
+import base64
+import io
 from pathlib import Path
 
 import cv2
+import nbformat
 import numpy as np
 from PIL import Image
 
@@ -11,6 +17,9 @@ from clothlab.simulation.env import ClothEnv, Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
 
+ROOT = Path(__file__).resolve().parents[1]
+SHOWN: dict[str, int] = {}  # which figure of a notebook, where it is not the first
+GALLERY_SIZE = (420, 280)  # [pixel], at most
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
 
@@ -27,8 +36,30 @@ def from_mask(mask: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
 
 
+def gallery() -> None:
+    """Write `docs/gallery/NN.png`, one small figure of each notebook."""
+    for path in sorted((ROOT / "build" / "small").glob("*.ipynb")):
+        outputs = [each for cell in nbformat.read(path, as_version=4).cells for each in cell.get("outputs", [])]
+        pictures = [each.data["image/png"] for each in outputs if "image/png" in each.get("data", {})]
+        chosen = pictures[min(SHOWN.get(path.stem[:2], 0), len(pictures) - 1)]
+        picture = Image.open(io.BytesIO(base64.b64decode(chosen))).convert("RGB")
+        picture.thumbnail(GALLERY_SIZE)
+        target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
+        target.parent.mkdir(exist_ok=True)
+        picture.quantize(64).save(target, optimize=True)
+        print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
+
+
 def main() -> None:
-    """Practise for 31 periods and write the last three to `docs/control.gif`."""
+    """Draw all."""
+    if not list((ROOT / "build" / "small").glob("*.ipynb")):
+        raise SystemExit("the gallery shows figures of executed notebooks: run `make notebooks` first")
+    gallery()
+    moving_picture()
+
+
+def moving_picture() -> None:
+    """Run 31 periods and write the last three to `docs/control.gif`."""
     learned, target = artifacts.load(), artifacts.load_target("target-1")
     runs = [learned.sequences(trial) for trial in artifacts.load_trials("train")]
     env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
@@ -46,7 +77,7 @@ def main() -> None:
         small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
         side = np.vstack([label(from_mask(target), "target"), label(from_mask(cloth_mask(small)), "seen")])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
-    path = Path(__file__).resolve().parents[1] / "docs" / "control.gif"
+    path = ROOT / "docs" / "control.gif"
     path.parent.mkdir(exist_ok=True)
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10  # GIF counts in hundredths of a second
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
