@@ -115,7 +115,7 @@ def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> 
         first: only so many of them, or all that there are where there are fewer.
         data: folder to look in.
     """
-    first = None if first is None else check_number("first", first, int, at_least=1)
+    first = None if first is None else check_number("first", first, int, at_least=0)
     own, data = own_trials(data), data_folder(data)
     folder = choose("trials", name, _sets("trials", data) | {OWN_TRIALS.name: own})
     if folder == own:

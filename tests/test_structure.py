@@ -20,7 +20,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 LAYERS = ["_validation", "_files", "alt_text", "simulation", "policies", "trials", "learning", "artifacts"]
-LAYERS += ["_parallel", "table_scene", "analysis", "training_configs", "datasets", "experiments", "plots"]
+LAYERS += ["_parallel", "analysis", "table_scene", "training_configs", "datasets", "experiments", "plots"]
 LAYERS += ["lab", "checks", "__main__", "scripts"]
 BUDGETS = {  # at most
     "lines of clothlab": 12_000,
@@ -40,11 +40,9 @@ NOT_YET = {  # waits for other changes, with what is there now
     "lines of clothlab without experiments, lab, checks": 10_800,
     "lines of scripts": 3_500,
     "lines of tests": 18_600,
-    "floors": 12,
     "public names": 940,
     "lines of the longest class": 250,
     "lines of the longest function": 70,
-    "widest line": 140,
 }
 
 

@@ -16,7 +16,7 @@ from clothlab.simulation.arm import Arm, Camera, check_command, get_arm
 from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
-WORLD = Path(__file__).with_name("world.xml")
+_WORLD = Path(__file__).with_name("world.xml")
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 Observation = dict[str, np.ndarray]  # {"image": cloth mask [H, W], "robot": robot state [D_r]}
@@ -48,7 +48,7 @@ class Scene(Checked):
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of arm, cloth, camera, light and floor; `.to_xml()` shows it as MJCF."""
     scene = Scene() if scene is None else scene
-    spec = mujoco.MjSpec.from_file(str(WORLD))
+    spec = mujoco.MjSpec.from_file(str(_WORLD))
     spec.option.timestep = scene.time_step
     spec.visual.global_.offheight = max(scene.picture_size[0], vision.HEIGHT)
     spec.visual.global_.offwidth = max(scene.picture_size[1], vision.WIDTH)
