@@ -44,10 +44,7 @@ def _radius(share: float, size: int) -> float:
 def fit_bias(
     model: DPMPB, run: Sequences, p: ArrayLike, settings: NewtonSettings | None = None, rounds: int = 4
 ) -> tuple[np.ndarray, Fit]:
-    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts.
-
-    It starts from p and takes so many Gauss-Newton steps; of the settings, `freedom` and `longest` count.
-    """
+    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts, by Gauss-Newton."""
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
     fit = Fit.of(model, s, u, found)
@@ -83,10 +80,7 @@ class Calibration:
         return np.interp(len(fit.errors), self.lengths, self.scale) * (fit.covariance() + self.floor)
 
     def log_error_ratio(self, fit: Fit, p: ArrayLike) -> float:
-        """Log of the prediction error over what is usual for materials near p, mean of the sensors.
-
-        0 is as usual, 0.7 twice the squared error.
-        """
+        """Log of the squared prediction error over what is usual for materials near p, mean of the sensors."""
         return _log_error_ratio(fit, np.asarray(p), self.biases, self.usual)
 
     def out_of_distribution(self, fit: Fit, p: ArrayLike) -> bool:
@@ -135,13 +129,8 @@ def calibrate(
 ) -> Calibration:
     """Learn from runs with known materials how far estimates are off, and how well they predict.
 
-    Args:
-        model: trained network.
-        biases: trained p of each material.
-        runs: begin at rest, at least two with each of their materials, none of which the model was trained on.
-        lengths: of the beginnings to look at [step]; rising. Those longer than the shortest run are left out.
-        false_alarms: share of familiar runs that may be called out of distribution.
-        settings: of the estimator.
+    The runs begin at rest, at least two with each material, none of them trained on. Of each the beginnings of rising
+    `lengths` [step] are looked at. The share `false_alarms` of familiar runs may be called out of distribution.
     """
     names = list(dict.fromkeys(run.material for run in runs))
     which = np.array([names.index(run.material) for run in runs])
@@ -167,10 +156,7 @@ def calibrate(
 
 
 def fit_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
-    """The covariance `[D_p, D_p]` that, added to that of each run, makes how far estimates were off most likely.
-
-    `gaps` are estimates minus right p `[N, D_p]`, `scatter` the covariance of each `[N, D_p, D_p]`.
-    """
+    """Covariance `[D_p, D_p]` that, added to each `scatter` `[N, D_p, D_p]`, makes `gaps` `[N, D_p]` most likely."""
     size = gaps.shape[1]
     lower = np.tril_indices(size)
 
