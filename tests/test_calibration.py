@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.learning.calibration import calibrate, fit_bias, fit_floor, inside, outline
+from clothlab.learning.calibration import _fit_floor, calibrate, fit_bias, inside, outline
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.estimation import Fit, NewtonSettings
 
-ENDLESS = NewtonSettings(freedom=1e9, lag=0)
+ENDLESS = NewtonSettings(freedom=1e9)
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -1.0])}
 MIX = torch.tensor([[1.0, 0.5], [-0.5, 1.0], [0.3, 0.3]])  # how the state feels a command and p
 
@@ -58,8 +58,8 @@ def test_the_floor_is_what_scatter_leaves_unexplained():
     true = np.array([[0.5, 0.2], [0.2, 0.3]])
     scatter = np.array([np.eye(2) * k for k in rng.uniform(0.1, 1, 500)])
     gaps = np.array([rng.multivariate_normal([0, 0], true + each) for each in scatter])
-    assert fit_floor(gaps, scatter) == pytest.approx(true, abs=0.12)
-    assert np.trace(fit_floor(gaps / 100, scatter)) < 0.01  # never more than there is
+    assert _fit_floor(gaps, scatter) == pytest.approx(true, abs=0.12)
+    assert np.trace(_fit_floor(gaps / 100, scatter)) < 0.01  # never more than there is
 
 
 @pytest.fixture(scope="module")

@@ -154,12 +154,12 @@ def test_an_estimator_knows_how_sure_it_is(listening, run, kind):
     noisy = Sequences(run.s + np.random.default_rng(2).normal(size=run.s.shape) * 0.01, run.u, "cloth")
     estimator = kind(listening)
     follow(estimator, noisy[:2])
-    assert estimator.covariance is None
+    assert estimator.fit is None
     follow(estimator, noisy[2:])
     skipped = 0 if kind is NewtonEstimator else EstimationSettings.warmup
     whole = Fit.of(listening, torch.as_tensor(noisy.s), torch.as_tensor(noisy.u), estimator.p, skipped)
-    assert np.trace(estimator.covariance) > 0
-    assert estimator.covariance == pytest.approx(whole.covariance())
+    assert np.trace(estimator.fit.covariance()) > 0
+    assert estimator.fit.covariance() == pytest.approx(whole.covariance())
 
 
 def test_the_warm_up_counts_only_where_the_window_begins_in_a_motion(listening, run):

@@ -71,9 +71,10 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
     for t, step in enumerate(zip(run.s, run.u, strict=True), start=1):
         newton.update(*step)
         if t in LENGTHS:
-            report = calibration.report(newton)
-            assert report is not None  # after so many steps there is one
-            looks.append((newton.p, newton.covariance, *report))
+            fit, report = newton.fit, calibration.report(newton)
+            assert fit is not None  # after so many steps
+            assert report is not None
+            looks.append((newton.p, fit.covariance(), *report))
     estimate, bare, covariance, _, out_of_distribution, outside = (np.array(each) for each in zip(*looks, strict=True))
     return {
         "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),

@@ -182,7 +182,7 @@ def train_dpmpb(
     """
     settings, device = settings or ModelTraining(), device or best_device()
     _check_runs(runs, settings.sequence_length)
-    names = materials_of(runs)
+    names = _materials(runs)
     p = _first_biases(names, settings.bias_size, known).to(device).requires_grad_(not known)
     with training(seed):
         model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
@@ -215,7 +215,7 @@ def _train(
     return losses, path
 
 
-def materials_of(runs: Sequence[Sequences]) -> list[str]:
+def _materials(runs: Sequence[Sequences]) -> list[str]:
     """Each once, in the order in which they first occur."""
     return list(dict.fromkeys(run.material for run in runs))
 
@@ -241,9 +241,9 @@ def _check_runs(runs: Sequence[Sequences], length: int) -> None:
 def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:
     """Overlapping stretches of runs, whose starts are `stride` steps apart.
 
-    States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and each material's place in `materials_of` `[N]`.
+    States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and each material's place in `_materials` `[N]`.
     """
-    materials = materials_of(runs)
+    materials = _materials(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
     k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]

@@ -39,9 +39,8 @@ class NewtonSettings(Checked):
     # and the first steps, in which the arm swings up, say most.
     warmup: int = setting(10, "step", at_least=0)
     least: int = setting(5, "step", at_least=2)  # predictions to judge before p moves
-    freedom: float = setting(10.0, "-", above=0)  # degrees of freedom of Student's t: fewer weigh outliers less
+    freedom: float = setting(10.0, "-", above=0)  # degrees of freedom of Student's t: with few, outliers weigh little
     longest: float = setting(0.5, "-", above=0)  # largest step of p
-    lag: int = setting(5, "step", at_least=0)  # over which errors may depend on each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +76,8 @@ class Fit:
         step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
         return step * min(1, longest / max(float(np.linalg.norm(step)), 1e-12))
 
-    def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = NewtonSettings.lag) -> np.ndarray:
-        """Covariance of p at the lowest loss, `[D_p, D_p]`.
+    def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = 5) -> np.ndarray:
+        """Covariance of p at the lowest loss, `[D_p, D_p]`, where errors depend on each other over a lag [step].
 
         Curvature alone would be right if all errors were independent, equally large, and the model true. Between two
         curvatures stands by how much gradients really scattered, neighbouring steps included (Newey and West, 1987). A
@@ -153,15 +152,6 @@ class Estimator:
         """How the estimate predicts what is in the window; None before there is anything to judge."""
         warmup = self._warmup(len(self._seen))
         return None if warmup is None else Fit.of(self.model, *_columns(self._seen), self.p, warmup)
-
-    @property
-    def covariance(self) -> np.ndarray | None:
-        """Covariance of the p with the lowest loss `[D_p, D_p]`, as `Fit.covariance`; None where not known yet."""
-        fit = self.fit
-        try:
-            return None if fit is None else fit.covariance()
-        except np.linalg.LinAlgError:
-            return None
 
     def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
         """Move p once, unless the loss is not finite; returns the loss."""
