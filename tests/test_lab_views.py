@@ -61,7 +61,7 @@ def test_doubts_are_shown_while_p_is_estimated_and_say_what_is_strange(session):
     plain(shown)
     assert len(shown["region"]) > 10
     assert shown["warning"] == ""
-    session.tracker.report = known._replace(outside=True)
+    session.tracker.report = known._replace(outside_hull=True)
     assert "outside the trained ones" in views.estimate_report(session, the_plane)["warning"]
     session.tracker.report = known._replace(out_of_distribution=True, log_error_ratio=np.log(2))
     assert "2.0 times the usual" in views.estimate_report(session, the_plane)["warning"]

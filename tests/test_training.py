@@ -1,30 +1,37 @@
-"""What trainings share: random numbers of their own, memory that is used again, and a GPU where there is one."""
-
-import subprocess
-import sys
+"""What trainings share: their loop, random numbers of their own, and a GPU if there is one."""
 
 import numpy as np
 import pytest
 import torch
 
-from clothlab.learning._training import best_device, training
+from clothlab.learning._training import best_device, fit, training
 from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.learning.dpmpb import ModelTraining, train_dpmpb
+from clothlab.learning.dpmpb import ModelTraining, Sequences, train_dpmpb
 
-FAULTS = """
-import resource
-import numpy as np
-from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
-{forget}
-images = np.zeros((64, 96, 128), bool)
-found = []
-for epochs in (3, 13):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    train_autoencoder(images, AutoencoderTraining(epochs=epochs), progress=False)
-    found.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-print((found[1] - found[0]) / 10)
-"""
-FORGET = "import clothlab.learning._training; clothlab.learning._training._keep_freed_memory = lambda: None"
+
+def test_a_fit_finds_a_minimum_with_smaller_and_smaller_steps():
+    x = torch.tensor([3.0, -2.0], requires_grad=True)
+    places, losses = [x.detach().clone()], []
+    for loss in fit([x], lambda goal: (x - goal).square().mean(), lambda: [torch.ones(1)] * 2, 300, 0.1):
+        losses.append(loss)
+        places.append(x.detach().clone())
+    steps = torch.stack(places).diff(dim=0).norm(dim=1)
+    assert torch.allclose(x, torch.ones(2), atol=1e-3)
+    assert losses[-1] < 1e-5 < losses[0]
+    assert len(losses) == 300
+    assert steps[-1] < 1e-4 < steps[0]  # the rate ends at zero
+
+
+def test_a_mean_loss_counts_each_item_once_and_groups_have_rates_of_their_own():
+    fast, slow = (torch.zeros(1, requires_grad=True) for _ in range(2))
+    groups = [{"params": [fast], "lr": 1.0}, {"params": [slow]}]
+    batches = [torch.tensor([1.0, 1.0, 1.0])]
+    (loss,) = fit(groups, lambda x: (x + fast + slow).mean(), lambda: batches, 1, 0.1)
+    assert loss == 1
+    assert (fast.item(), slow.item()) == pytest.approx((-1, -0.1))
+    batches.append(torch.tensor([5.0]))
+    (loss,) = fit([slow], lambda x: x.mean() + 0 * slow.sum(), lambda: batches, 1, 0.1)
+    assert loss == 2
 
 
 def test_the_same_seed_gives_the_same_numbers_and_the_callers_go_on():
@@ -39,33 +46,19 @@ def test_the_same_seed_gives_the_same_numbers_and_the_callers_go_on():
     assert torch.equal(torch.rand(3), expected)
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only glibc has such thresholds")
-def test_a_training_does_not_ask_the_system_for_the_same_memory_at_each_step():
-    faults = {}
-    for name, forget in (("kept", ""), ("given back", FORGET)):
-        code = FAULTS.format(forget=forget)
-        faults[name] = float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout)
-    assert faults["kept"] < 0.5 * faults["given back"]  # pages that the system cleared in a step
-
-
-def test_a_gpu_is_where_one_trains_if_torch_sees_one(monkeypatch):
-    for seen, device in ((True, "cuda"), (False, "cpu")):
-        monkeypatch.setattr(torch.cuda, "is_available", lambda seen=seen: seen)
-        assert best_device() == device
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="TORCH SEES NO GPU: nothing was trained on one")
-def test_trainings_on_a_gpu_end_where_those_on_a_cpu_do(trial, made_up_runs):
-    images = np.concatenate([trial.images] * 4)
+def test_trainings_on_a_gpu_end_where_those_on_a_cpu_do(trial):
+    assert best_device() == "cuda"
+    images, rng = np.concatenate([trial.images] * 4), np.random.default_rng(0)
+    runs = [Sequences(rng.normal(size=(60, 7)), rng.normal(size=(60, 2)), name) for name in "ab"]
     eyes, model = AutoencoderTraining(epochs=5, batch_size=12), ModelTraining(epochs=5, sequence_length=5)
     losses = {}
     for device in (None, "cpu"):  # by default on the GPU
         torch.cuda.reset_peak_memory_stats()
         seeing, first = train_autoencoder(images, eyes, device=device, progress=False)
-        predicting, _, trace = train_dpmpb(made_up_runs, model, device=device, progress=False)
+        predicting, _, trace = train_dpmpb(runs, model, device=device, progress=False)
         assert device or torch.cuda.max_memory_allocated()
         assert {p.device.type for each in (seeing, predicting) for p in each.parameters()} == {"cpu"}
-        assert not seeing.training
         losses[device] = np.array([first[-1], trace.losses[-1]])
     assert losses[None] == pytest.approx(losses["cpu"], rel=0.2)  # other random numbers, the same learning

@@ -26,15 +26,9 @@ def fit(
 ) -> Iterator[float]:
     """Minimise a loss by Adam, whose learning rate falls to zero along a cosine; yields the mean loss of each epoch.
 
-    Args:
-        parameters: tensors, or Adam's parameter groups, which may have learning rates `lr` of their own.
-        loss: of one batch.
-        batches: draws the batches of one epoch, such as `lambda: torch.randperm(n).split(64)`. Each epoch has equally
-            many; where there are updates and no epochs, each update is an epoch of one batch.
-        epochs: how many.
-        learning_rate: at the start.
-        fused: one operation updates all parameters; faster, and it rounds differently.
-        bar: title of a progress bar; None for none.
+    `parameters` are tensors, or Adam's groups with learning rates `lr` of their own. `batches` draws the batches of one
+    epoch, as many in each, such as `lambda: torch.randperm(n).split(64)`; a single update is an epoch of one batch. A
+    `fused` update is faster, and rounds differently. `bar` is the title of a progress bar.
     """
     optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
     schedule = None

@@ -21,10 +21,9 @@ _HIDDEN = 256
 class Autoencoder(nn.Module):
     """128×96 binary image → five convolutions → 256 → z (3) → the mirror image of all that.
 
-    Every layer but the last has batch normalisation and ReLU; the last has a sigmoid. On z the ReLU is left out, since
-    it would cut each axis in half, and the batch normalisation has no scale of its own: z keeps unit variance on each
-    axis, so that distances mean the same for every training. That each batch has its own mean and variance also shakes
-    z a little, which keeps neighbours in z neighbours in the image.
+    Every layer but the last has batch normalisation and ReLU; the last has a sigmoid. z has no ReLU, which would cut
+    each axis in half, and a normalisation without a scale: unit variance on each axis, so that distances mean the same
+    for every training. Each batch's own mean and variance also shake z, which keeps neighbours in z alike.
     """
 
     def __init__(self, latent_size: int = 3):

@@ -19,17 +19,18 @@ from clothlab._validation import check_array, choose
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.estimation import Estimator, Fit, NewtonSettings
 
-SHARE = 0.9  # of the regions that are shown
+_SHARE = 0.9  # of the regions that are shown
+_FALSE_ALARMS = 0.05  # share of familiar runs that may be called out of distribution
 LENGTHS = (50, 100, 200)  # steps after which a calibration looks
 
 
-def inside(p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
+def inside(p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = _SHARE) -> bool:
     """Whether p `[D_p]` lies in the ellipse that a normal distribution fills with this share."""
     gap = np.asarray(p) - np.asarray(centre)
     return bool(gap @ np.linalg.solve(np.asarray(covariance), gap) <= _radius(share, len(gap)) ** 2)
 
 
-def outline(centre: ArrayLike, covariance: ArrayLike, share: float = SHARE, points: int = 48) -> np.ndarray:
+def outline(centre: ArrayLike, covariance: ArrayLike, share: float = _SHARE, points: int = 48) -> np.ndarray:
     """The edge of that ellipse in a plane, `[points, 2]`, its last point the first."""
     angle = np.linspace(0, 2 * np.pi, points)
     lengths, axes = np.linalg.eigh(np.asarray(covariance))
@@ -44,10 +45,7 @@ def _radius(share: float, size: int) -> float:
 def fit_bias(
     model: DPMPB, run: Sequences, p: ArrayLike, settings: NewtonSettings | None = None, rounds: int = 4
 ) -> tuple[np.ndarray, Fit]:
-    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts.
-
-    It starts from p and takes so many Gauss-Newton steps; of the settings, `freedom` and `longest` count.
-    """
+    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts, by Gauss-Newton."""
     settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
     fit = Fit.of(model, s, u, found)
@@ -73,20 +71,16 @@ class Calibration:
     floor: np.ndarray  # covariance of p that stays however long a run is [D_p, D_p]
     lengths: np.ndarray  # of the runs that were looked at [step], [N]
     scale: np.ndarray  # by which covariance grows, so that 90 % regions held the right p in 90 % of these runs [N]
-    limit: np.ndarray  # log error ratio that only the share `false_alarms` of these runs exceeded [N]
+    limit: np.ndarray  # log error ratio that few of these runs exceeded [N]
     biases: np.ndarray  # trained p of their materials [K, D_p]
     usual: np.ndarray  # log of their mean squared error in each sensor [K, D_s]
-    false_alarms: float
 
     def covariance(self, fit: Fit) -> np.ndarray:
         """Covariance of an estimate `[D_p, D_p]`: what scatters and what the model does wrong."""
         return np.interp(len(fit.errors), self.lengths, self.scale) * (fit.covariance() + self.floor)
 
     def log_error_ratio(self, fit: Fit, p: ArrayLike) -> float:
-        """Log of the prediction error over what is usual for materials near p, mean of the sensors.
-
-        0 is as usual, 0.7 twice the squared error.
-        """
+        """Log of the squared prediction error over what is usual for materials near p, mean of the sensors."""
         return _log_error_ratio(fit, np.asarray(p), self.biases, self.usual)
 
     def out_of_distribution(self, fit: Fit, p: ArrayLike) -> bool:
@@ -94,7 +88,7 @@ class Calibration:
         enough = len(fit.errors) >= self.lengths[0] - 1
         return enough and self.log_error_ratio(fit, p) > float(np.interp(len(fit.errors), self.lengths, self.limit))
 
-    def outside_hull(self, p: ArrayLike, covariance: ArrayLike, share: float = SHARE) -> bool:
+    def outside_hull(self, p: ArrayLike, covariance: ArrayLike, share: float = _SHARE) -> bool:
         """Whether the region around p lies beyond a side of the trained p: predicted well perhaps, but never seen."""
         sides = ConvexHull(self.biases).equations
         normals, offsets = sides[:, :-1], sides[:, -1]
@@ -130,18 +124,12 @@ def calibrate(
     runs: Sequence[Sequences],
     *,
     lengths: Sequence[int] = LENGTHS,
-    false_alarms: float = 0.05,
     settings: NewtonSettings | None = None,
 ) -> Calibration:
     """Learn from runs with known materials how far estimates are off, and how well they predict.
 
-    Args:
-        model: trained network.
-        biases: trained p of each material.
-        runs: begin at rest, at least two with each of their materials, none of which the model was trained on.
-        lengths: of the beginnings to look at [step]; rising. Those longer than the shortest run are left out.
-        false_alarms: share of familiar runs that may be called out of distribution.
-        settings: of the estimator.
+    The runs begin at rest, at least two with each material, none of them trained on. Of each the beginnings of rising
+    `lengths` [step] are looked at.
     """
     names = list(dict.fromkeys(run.material for run in runs))
     which = np.array([names.index(run.material) for run in runs])
@@ -157,20 +145,17 @@ def calibrate(
     ]
     gaps = np.array([[p - right for (p, _), right in zip(look, known[which], strict=True)] for look in looks])
     scatter = np.array([[fit.covariance() for _, fit in look] for look in looks])
-    floor = fit_floor(gaps.reshape(-1, gaps.shape[-1]), scatter.reshape(-1, *scatter.shape[2:]))
+    floor = _fit_floor(gaps.reshape(-1, gaps.shape[-1]), scatter.reshape(-1, *scatter.shape[2:]))
     squares = np.einsum("nri,nrij,nrj->nr", gaps, np.linalg.inv(scatter + floor), gaps)
-    scale = np.array([_upper(each, SHARE) for each in squares]) / _radius(SHARE, gaps.shape[-1]) ** 2
+    scale = np.array([_upper(each, _SHARE) for each in squares]) / _radius(_SHARE, gaps.shape[-1]) ** 2
     logs = np.array([[np.log((fit.errors**2).mean(0)) for _, fit in look] for look in looks])
-    limit = [_limit(look, each, which, known, false_alarms) for look, each in zip(looks, logs, strict=True)]
+    limit = [_limit(look, each, which, known) for look, each in zip(looks, logs, strict=True)]
     usual = _means(logs[-1], which, len(names))
-    return Calibration(floor, np.array(lengths), scale, np.array(limit), known, usual, float(false_alarms))
+    return Calibration(floor, np.array(lengths), scale, np.array(limit), known, usual)
 
 
-def fit_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
-    """The covariance `[D_p, D_p]` that, added to that of each run, makes how far estimates were off most likely.
-
-    `gaps` are estimates minus right p `[N, D_p]`, `scatter` the covariance of each `[N, D_p, D_p]`.
-    """
+def _fit_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
+    """Covariance `[D_p, D_p]` that, added to each `scatter` `[N, D_p, D_p]`, makes `gaps` `[N, D_p]` most likely."""
     size = gaps.shape[1]
     lower = np.tril_indices(size)
 
@@ -198,12 +183,10 @@ def _means(logs: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
     return np.array([logs[which == k].mean(0) for k in range(count)])
 
 
-def _limit(
-    look: list[tuple[np.ndarray, Fit]], logs: np.ndarray, which: np.ndarray, known: np.ndarray, false_alarms: float
-) -> float:
+def _limit(look: list[tuple[np.ndarray, Fit]], logs: np.ndarray, which: np.ndarray, known: np.ndarray) -> float:
     """Log error ratio that few runs exceed, each judged by what is usual in the others."""
     ratios = []
     for k, (p, fit) in enumerate(look):
         others = np.arange(len(look)) != k
         ratios.append(_log_error_ratio(fit, p, known, _means(logs[others], which[others], len(known))))
-    return _upper(np.array(ratios), 1 - false_alarms)
+    return _upper(np.array(ratios), 1 - _FALSE_ALARMS)

@@ -37,10 +37,7 @@ class ControlSettings(Checked):
 
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
-    """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period, else 0.
-
-    It shifts left by one each step, as in the paper's example (0,1,0,0) → (1,0,0,0) → (0,0,0,1).
-    """
+    """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period, else 0."""
     steps = t + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
@@ -52,17 +49,10 @@ def step_sizes(settings: ControlSettings) -> Tensor:
 
 
 def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension_weight: float) -> Tensor:
-    """h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂ (eq. 8).
+    """h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂ of each sequence, `[B]` (eq. 8).
 
-    Args:
-        s: predicted states `[B, T, D_s]`, z first.
-        z_ref: target `[D_z]`.
-        mask: m_t `[T]`.
-        tension: where the muscle tensions [N] lie in s; an arm without tensions leaves the second term out.
-        tension_weight: w_loss.
-
-    Returns:
-        Loss of each sequence, `[B]`.
+    From predicted states `[B, T, D_s]`, z first, the target `[D_z]`, m_t `[T]`, and where the muscle tensions [N] lie
+    in s; an arm without tensions leaves the second term out.
     """
     z = s[..., : len(z_ref)]
     loss = torch.linalg.vector_norm(mask[:, None] * (z_ref - z), dim=(1, 2))
@@ -73,10 +63,7 @@ def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension
 
 
 def downhill(loss: Loss, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Losses `[B]` of plans `[B, T, D_u]`, and their normalised gradients `[B, T, D_u]`.
-
-    A gradient is taken, and its length is one, in units of `scale` `[D_u]`.
-    """
+    """Losses `[B]` of plans `[B, T, D_u]`, and their gradients, whose lengths are one, in units of `scale` `[D_u]`."""
     u = u.detach().requires_grad_()
     losses = loss(u)
     (g,) = torch.autograd.grad(losses.sum(), u)
@@ -97,18 +84,11 @@ def optimise_commands(
 ) -> tuple[Tensor, np.ndarray]:
     """Descend the gradient of the loss on the commands, choosing the best of many step sizes each time (eqs. 5 to 7).
 
-    Args:
-        predict: commands `[B, T, D_u]` → predicted states `[B, T, D_s]`.
-        loss: predicted states → loss of each sequence `[B]`.
-        u: where to start `[T, D_u]`.
-        lower: smallest command `[D_u]`.
-        upper: largest command `[D_u]`.
-        scale: what one unit of gamma is for each command `[D_u]`.
-        settings: step sizes, iterations.
+    Commands start at `u` `[T, D_u]` and stay in their range, `lower` to `upper` `[D_u]`; `scale` `[D_u]` is one unit of
+    gamma.
 
     Returns:
-        The best commands `[T, D_u]`, inside the range; and the loss at the start and after each iteration,
-        `[iterations + 1]`.
+        The best commands `[T, D_u]`; and the loss at the start and after each iteration, `[iterations + 1]`.
     """
 
     def loss_of(plans: Tensor) -> Tensor:
@@ -134,9 +114,9 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
 
 
 def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> np.ndarray:
-    """Recorded commands after which the cloth was nearest to a target, `[count or fewer, horizon, D_u]`, best first.
+    """Recorded commands after which z was seen nearest to `z_ref`, `[count or fewer, horizon, D_u]`, best first.
 
-    Distances to `z_ref` `[D_z]` are seen, not predicted. No two plans of one run overlap by more than half.
+    No two plans of one run overlap by more than half.
     """
     z_ref = np.asarray(z_ref, dtype=np.float32)
     from_each = -(-count // max(len(runs), 1))
@@ -153,12 +133,7 @@ def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8,
 
 
 class PlanningPolicy(Policy):
-    """Base of policies that predict with a model and aim at an image.
-
-    A subclass calls `set_target` and `set_bias` before it plans. Beside its arguments it has the `layout` of the state,
-    the range `lower` and `upper` of the commands, their standard deviations `scale` in training, in which a descent
-    steps, and the target `z_ref`.
-    """
+    """Base of policies that predict with a model and aim at an image; `set_target` and `set_bias` come first."""
 
     def __init__(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm | str):
         self.model, self.autoencoder, self.arm = model, autoencoder, get_arm(arm)
@@ -259,18 +234,12 @@ class ControlPolicy(PlanningPolicy):
         return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
     def step_without_solving(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the last plan, `[D_u]`: for when the time for a solve has run out.
-
-        The first command after a reset needs a plan, and so a solve.
-        """
+        """Return the next command of the last plan, `[D_u]`, when there is one but no time for a solve."""
         return self._send(self._follow(observation)) if self.trace else self(observation)
 
     @property
     def predicted_distance(self) -> float | None:
-        """Distance that the model predicts for the end of this period, if the rest of the plan is sent [s.d. of z].
-
-        None before the first command, and where the period ends beyond the horizon.
-        """
+        """Distance that the plan leads to at the end of its period [s.d. of z]; None where that is out of sight."""
         ends = period_mask(self._t - 1, self.settings)
         if self._last is None or not ends.any():
             return None

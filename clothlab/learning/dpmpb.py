@@ -27,8 +27,7 @@ class Memory(NamedTuple):
 class DPMPB(nn.Module):
     """Ten layers: input → 300 → 100 → 30 → LSTM 30 → LSTM 30 → 30 → 100 → 300 → D_s, with tanh between them.
 
-    It speaks physical units: means and standard deviations of `s` and `u` are buffers, set from the training data by
-    `fit_normalisation`, and travel with the weights.
+    In and out are physical units: means and standard deviations of `s` and `u` are buffers (`fit_normalisation`).
     """
 
     s_mean: Tensor
@@ -49,16 +48,10 @@ class DPMPB(nn.Module):
             self.register_buffer(f"{name}_std", torch.ones(size))
 
     def forward(self, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
-        """Predict each next state from the state, the command and the parametric bias (eq. 1).
+        """Predict each next state `[B, T, D_s]`, and the memory after the last step (eq. 1).
 
-        Args:
-            s: states `[B, T, D_s]`.
-            u: commands `[B, T, D_u]`.
-            p: parametric bias `[B, D_p]`, or `[D_p]` for all sequences.
-            memory: recurrent state before the first step; zeros when left out.
-
-        Returns:
-            Next states `[B, T, D_s]`, and the memory after the last step.
+        From states `[B, T, D_s]`, commands `[B, T, D_u]`, the parametric bias `[B, D_p]` or `[D_p]`, and the memory
+        before the first step, zeros by default.
         """
         s, u = (s - self.s_mean) / self.s_std, (u - self.u_mean) / self.u_std
         p = p.expand(len(s), self.bias_size).unsqueeze(1).expand(-1, s.shape[1], -1)
@@ -89,16 +82,9 @@ class _Tanh(nn.Module):
 
 
 def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
-    """Predict states `[B, T, D_s]` with the model's own predictions as the next inputs.
+    """Predict states `[B, T, D_s]` from one state `[D_s]` and commands `[B, T, D_u]`, each from the prediction before.
 
-    The plain version of `FastDPMPB`, and the reference that it is tested and timed against.
-
-    Args:
-        model: network.
-        s: current state `[D_s]`.
-        u: commands `[B, T, D_u]`.
-        p: parametric bias `[D_p]`.
-        memory: recurrent state before this step, of batch 1.
+    p is `[D_p]`, and `memory` of batch 1. This is the plain version of `FastDPMPB`, to test and time it against.
     """
     batch = len(u)
     if memory is not None:
@@ -188,20 +174,15 @@ def train_dpmpb(
 ) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
     """Train the weights W and one p for each material together (eqs. 3 and 4), p from zero.
 
-    Args:
-        runs: recorded runs. Give each a material of its own, and each gets its own p.
-        settings: epochs, batch, sequence length, learning rates.
-        known: p of each material `{name: [D_p]}`, to be used as it is.
-        seed: of weights and batches.
-        device: where to train; a GPU where torch sees one.
-        progress: show a progress bar.
+    With `known`, p of each material `{name: [D_p]}`, only W is trained. The device is a GPU by default, where torch
+    sees one.
 
     Returns:
         The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
     """
     settings, device = settings or ModelTraining(), device or best_device()
     _check_runs(runs, settings.sequence_length)
-    names = materials_of(runs)
+    names = _materials(runs)
     p = _first_biases(names, settings.bias_size, known).to(device).requires_grad_(not known)
     with training(seed):
         model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
@@ -234,7 +215,7 @@ def _train(
     return losses, path
 
 
-def materials_of(runs: Sequence[Sequences]) -> list[str]:
+def _materials(runs: Sequence[Sequences]) -> list[str]:
     """Each once, in the order in which they first occur."""
     return list(dict.fromkeys(run.material for run in runs))
 
@@ -260,11 +241,9 @@ def _check_runs(runs: Sequence[Sequences], length: int) -> None:
 def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:
     """Overlapping stretches of runs, whose starts are `stride` steps apart.
 
-    Returns:
-        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and the number of the material `[N]`, counted as by
-        `materials_of`.
+    States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and each material's place in `_materials` `[N]`.
     """
-    materials = materials_of(runs)
+    materials = _materials(runs)
     s = [torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2) for run in runs]
     u = [torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2) for run in runs]
     k = [torch.full((len(part),), materials.index(run.material)) for part, run in zip(s, runs, strict=True)]

@@ -29,31 +29,18 @@ class EstimationSettings(Checked):
     window: int = setting(200, "step", at_least=1)  # how far back the data reach
     warmup: int = setting(10, "step", at_least=0)  # first steps of the memory, not in the loss
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.window <= self.warmup:
-            raise ValueError(f"the window must be longer than the warmup of {self.warmup} steps, got {self.window}")
-
 
 @dataclass(frozen=True)
 class NewtonSettings(Checked):
-    """Gauss-Newton on p, from development runs (commands from seed 46000 on).
-
-    A run begins with a cloth that hangs still, and of that an empty memory is the right one: its first steps, in which
-    the arm swings up, say most. Only where the window begins in the middle of a motion is the warm-up left out.
-    """
+    """Gauss-Newton on p, from development runs (commands from seed 46000 on)."""
 
     window: int = setting(200, "step", at_least=1)  # how far back the data reach
-    warmup: int = setting(10, "step", at_least=0)  # of a window that begins in the middle of a motion
+    # Of a window that begins in the middle of a motion. Of a cloth that hangs still an empty memory is the right one,
+    # and the first steps, in which the arm swings up, say most.
+    warmup: int = setting(10, "step", at_least=0)
     least: int = setting(5, "step", at_least=2)  # predictions to judge before p moves
-    freedom: float = setting(10.0, "-", above=0)  # degrees of freedom of Student's t: fewer weigh outliers less
+    freedom: float = setting(10.0, "-", above=0)  # degrees of freedom of Student's t: with few, outliers weigh little
     longest: float = setting(0.5, "-", above=0)  # largest step of p
-    lag: int = setting(5, "step", at_least=0)  # over which errors may depend on each other
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.window < self.warmup + self.least:
-            raise ValueError(f"the window must hold the warmup and {self.least} steps more, got {self.window}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +52,7 @@ class Fit:
 
     @classmethod
     def of(cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0, nudge: float = 0.03) -> "Fit":
-        """Predict with p and with its neighbours, `nudge` to both sides, all in one pass.
-
-        States `[T + 1, D_s]` and commands `[T + 1, D_u]` are seen; errors of the first `warmup` steps are left out.
-        """
+        """Predict with p and its neighbours in one pass, from s `[T + 1, D_s]` and u `[T + 1, D_u]` after a warm-up."""
         p = np.asarray(p, dtype=np.float64)
         nudges = nudge * np.eye(len(p))
         around = torch.as_tensor(np.concatenate([p[None], p + nudges, p - nudges]), dtype=s.dtype)
@@ -85,18 +69,15 @@ class Fit:
         return float((self.errors**2).mean())
 
     def step(self, freedom: float = NewtonSettings.freedom, longest: float = np.inf) -> np.ndarray:
-        """Gauss-Newton step to the lowest loss, with the weights of Student's t, `[D_p]`.
-
-        Where the predictions hardly depend on p, p hardly moves; a step longer than `longest` is cut to it.
-        """
+        """Gauss-Newton step to the lowest loss, with the weights of Student's t, at most so long, `[D_p]`."""
         weight = (freedom + 1) / (freedom + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, weight, self.jacobian)
         gradient = np.einsum("tdi,td,td->i", self.jacobian, weight, self.errors)
         step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
         return step * min(1, longest / max(float(np.linalg.norm(step)), 1e-12))
 
-    def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = NewtonSettings.lag) -> np.ndarray:
-        """Covariance of p at the lowest loss, `[D_p, D_p]`.
+    def covariance(self, freedom: float = NewtonSettings.freedom, lag: int = 5) -> np.ndarray:
+        """Covariance of p at the lowest loss, `[D_p, D_p]`, where errors depend on each other over a lag [step].
 
         Curvature alone would be right if all errors were independent, equally large, and the model true. Between two
         curvatures stands by how much gradients really scattered, neighbouring steps included (Newey and West, 1987). A
@@ -121,15 +102,8 @@ class Fit:
 def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = EstimationSettings.warmup) -> Tensor:
     """L(p): how far the model's next states are from those that were seen (eq. 4, with W fixed).
 
-    Args:
-        model: trained network.
-        s: states `[T, D_s]`.
-        u: commands `[T, D_u]`.
-        p: one parametric bias `[D_p]`, or several `[B, D_p]`.
-        warmup: first steps, in which the memory fills, left out.
-
-    Returns:
-        Mean squared error in standard deviations, of each p: `[]` or `[B]`.
+    Mean squared error in standard deviations `[]`, or `[B]` for several p `[B, D_p]`, of states `[T, D_s]` and commands
+    `[T, D_u]` after a warm-up, in which the memory fills.
     """
     many = p if p.ndim > 1 else p[None]
     predicted, _ = model(s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many)
@@ -142,6 +116,8 @@ class Estimator:
 
     def __init__(self, model: DPMPB, p: ArrayLike | None, window: int):
         self._window, self.model = window, model
+        if self._warmup(window + 1) is None:
+            raise ValueError(f"a window of {window} steps is too short for the warm-up, and p would never move")
         self._start = check_array("p", np.zeros(model.bias_size) if p is None else p, (model.bias_size,), np.float32)
         self.reset()
 
@@ -176,15 +152,6 @@ class Estimator:
         """How the estimate predicts what is in the window; None before there is anything to judge."""
         warmup = self._warmup(len(self._seen))
         return None if warmup is None else Fit.of(self.model, *_columns(self._seen), self.p, warmup)
-
-    @property
-    def covariance(self) -> np.ndarray | None:
-        """Covariance of the p with the lowest loss `[D_p, D_p]`, as `Fit.covariance`; None where not known yet."""
-        fit = self.fit
-        try:
-            return None if fit is None else fit.covariance()
-        except np.linalg.LinAlgError:
-            return None
 
     def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
         """Move p once, unless the loss is not finite; returns the loss."""
@@ -254,10 +221,7 @@ class NewtonEstimator(Estimator):
 
 
 class EstimatingPolicy(Wrapper):
-    """Any policy, while p is estimated from what it does; the policy is given each new estimate.
-
-    The autoencoder is the one that the estimator's model was trained with; `trace` has the estimate after each step.
-    """
+    """Any policy, while p is estimated from what it does and given to it; `trace` has p after each step."""
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
         self.estimator, self.autoencoder = estimator, autoencoder
@@ -283,12 +247,9 @@ def estimate_bias(
     p: ArrayLike | None = None,
     settings: EstimationSettings | NewtonSettings | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run the online estimation over a recorded run, from zeros or a given p `[D_p]`.
+    """Run the online estimation over a recorded run: the final p `[D_p]`, and p after each step `[T, D_p]`.
 
     The settings say which one: of momentum SGD, as by default, or of Gauss-Newton.
-
-    Returns:
-        The final p `[D_p]` and its trace: p after each step, `[T, D_p]`.
     """
     estimator: Estimator
     if isinstance(settings, NewtonSettings):

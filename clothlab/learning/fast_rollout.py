@@ -24,16 +24,7 @@ class FastDPMPB:
         self._fc_in, self._lstm, self._fc_out, self._fc_last = layers[:2], layers[2:6], layers[6:9], layers[9]
 
     def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
-        """Predict with the model's own predictions as the next inputs.
-
-        Args:
-            s: current state, `[D_s]` for all sequences or `[B, D_s]`.
-            u: commands `[B, T, D_u]`.
-            memory: recurrent state before this step, parts `[2, 1, 30]` or `[2, B, 30]`.
-
-        Returns:
-            Predicted states of the T next steps, `[B, T, D_s]`.
-        """
+        """Predict `[B, T, D_s]` from s `[D_s]` or `[B, D_s]`, u `[B, T, D_u]`, and memory of batch 1 or B."""
         return self._roll(s, u, memory)[0]
 
     def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
@@ -67,9 +58,10 @@ def _hidden(x: Tensor, layers: Sequence[_Layer]) -> Tensor:
 
 
 def _cell(f: Tensor, c: Tensor, i: Tensor, g: Tensor) -> Tensor:
-    """The next cell state f c + i (2g - 1), and its gradient, with the rounding of all stored results.
+    """The next cell state f c + i (2g - 1).
 
-    A closed loop makes much of last digits.
+    A closed loop makes much of last digits, and all stored results were made with this rounding: that of one formula
+    for the value, and of another for the gradient.
     """
     if not torch.is_grad_enabled():
         return torch.addcmul(f * c, i, g, value=2) - i

@@ -58,12 +58,9 @@ class Attempt:
 
 
 class ResidualModel:
-    """Gaussian process of residuals, with one squared-exponential kernel for all steps and axes of z.
+    """Gaussian process of residuals, outcomes minus predictions `[N, T, D_z]`, with one squared-exponential kernel.
 
-    Args:
-        x: features of the plans that were tried `[N, D]`, in units of the kernel's length.
-        residuals: outcome minus prediction `[N, T, D_z]`.
-        settings: prior and noise.
+    Features x `[N, D]` of the plans that were tried are in units of the kernel's length.
     """
 
     def __init__(self, x: Tensor, residuals: Tensor, settings: IterativeLearningSettings):
@@ -90,22 +87,18 @@ class IterativeLearningPolicy(ControlPolicy):
     """Realises a target image once a period, and learns from each period how the model's predictions err.
 
     A plan is chosen at the start of a period and sent unchanged. What was learned is about the model and the cloth, not
-    about the target: it stays when the target changes.
+    about the target: it stays when the target changes. While `exploring`, it tries new plans; else it sends the best
+    known one again.
 
     Args:
-        model: trained network.
-        autoencoder: the one that the model was trained with.
-        arm: gives the range of the commands.
-        target: mask `[H, W]` of the cloth to realise.
-        p: parametric bias of the cloth in the hand `[D_p]`.
+        model, autoencoder, arm, target, p: as `ControlPolicy`.
         runs: recorded runs as the model sees them. The stretches after which the cloth was nearest to the target are
             plans to begin with.
         settings: how much is tried, and how far an outcome teaches.
         control: period, range of step sizes.
 
-    While `exploring`, it tries new plans; else it sends the best known one again. `attempts` has the periods so far,
-    `predicted_distances` what was expected of each [s.d. of z], and `trace` the best expected distances at the start of
-    each solve since the reset and after each iteration.
+    Each period so far is in `attempts`, and its expected distance [s.d. of z] in `predicted_distances`; `trace` has the
+    best expected distances at the start of each solve and after each iteration.
     """
 
     name = "iterative"
@@ -153,10 +146,7 @@ class IterativeLearningPolicy(ControlPolicy):
         return self._step(observation, self._plan)
 
     def step_without_solving(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the plan, `[D_u]`, without a solve: where a period begins, it is sent once more.
-
-        The first command after a reset needs a plan, and so a solve.
-        """
+        """Return the next command of the plan, `[D_u]`, which is sent once more where a period begins."""
         return self._step(observation, self._plan if self._begun is None else self._repeat)
 
     def _step(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
