@@ -20,7 +20,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 SCRIPTS = sorted((ROOT / "scripts").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 LAYERS = ["_validation", "_files", "alt_text", "simulation", "policies", "trials", "learning", "artifacts"]
-LAYERS += ["table_scene", "analysis", "training_configs", "datasets", "experiments", "plots"]
+LAYERS += ["analysis", "table_scene", "training_configs", "datasets", "experiments", "plots"]
 LAYERS += ["tasks", "cluster", "reproduce", "lab", "checks", "__main__", "scripts"]
 BUDGETS = {  # at most
     "lines of clothlab": 12_000,
