@@ -66,7 +66,7 @@ def test_the_base_gathers_speed_evenly_and_arrives(driver):
     assert driver.env.base == pytest.approx(start + 0.8, abs=1e-3)
     speed = np.diff(places) / CONTROL_PERIOD
     assert speed.max() == pytest.approx(driver.env.furniture.base_speed)
-    assert np.abs(np.diff(speed, prepend=0.0)).max() <= 1.001 * servoing.ACCELERATION * CONTROL_PERIOD
+    assert np.abs(np.diff(speed, prepend=0.0)).max() <= 1.001 * servoing._ACCELERATION * CONTROL_PERIOD
     driver.drive(-9.0)  # no farther than it can
     assert driver.env.base == pytest.approx(driver.env.furniture.base_range[0], abs=1e-3)
 
@@ -75,7 +75,7 @@ def test_the_cloth_is_grasped_from_the_rack_by_its_edge(driver):
     env = driver.env
     errors = grasp(driver, "cloth")
     assert env.held == EDGE
-    assert np.linalg.norm(errors[-1]) < servoing.CLOSE
+    assert np.linalg.norm(errors[-1]) < servoing._CLOSE
     driver.move_straight([0.45, 0.3])
     assert env.cloth_points()[0].mean(axis=0)[[0, 2]] == pytest.approx(env.hand[[0, 2]], abs=0.002)
     assert env.cloth_points()[-1, :, 2].max() < env.hand[2] - 0.4  # it has left the rack
@@ -124,7 +124,7 @@ def test_a_grasp_missed_twice_is_a_failure_that_says_why(standing, monkeypatch):
 
 
 def test_an_approach_that_gets_nowhere_ends(standing, monkeypatch):
-    monkeypatch.setattr(servoing, "STEPS", 2)
+    monkeypatch.setattr(servoing, "_STEPS", 2)
     with pytest.raises(MissedError, match=r"after 2 steps the hand is still \d+\.\d cm from its goal"):
         grasp(standing, "cloth")
 

@@ -44,10 +44,10 @@ MARGINS = tuple(round(0.09 + 0.005 * k, 3) for k in range(25))  # [m] of slow la
 BORDER_THROWS = 200  # of an operator who knows nothing of where the table is
 CHOOSING, JUDGING = 3, 20  # starts by which the best margin and the best throw are chosen, and others that judge them
 
-Notes = dict[str, Any]  # columns that only some methods fill
+_Notes = dict[str, Any]  # columns that only some methods fill
 
 
-def _dynamic(learned: Trained, driver: RobotDriver) -> Notes:
+def _dynamic(learned: Trained, driver: RobotDriver) -> _Notes:
     """Estimate p, then throw as the model says."""
     p, policy = excite_and_throw(driver, learned)
     return {
@@ -58,12 +58,12 @@ def _dynamic(learned: Trained, driver: RobotDriver) -> Notes:
     }
 
 
-def _slow(learned: Trained, driver: RobotDriver) -> Notes:
+def _slow(learned: Trained, driver: RobotDriver) -> _Notes:
     lay_slowly(driver)
     return {}
 
 
-def _best_recorded(learned: Trained, driver: RobotDriver) -> Notes:
+def _best_recorded(learned: Trained, driver: RobotDriver) -> _Notes:
     commands = best_recorded(learned, driver.env.cloth.name)
     throw(driver, ReplayPolicy(commands), len(commands))
     return {}
@@ -104,7 +104,7 @@ def run_one(method: str, model: int, seed: int) -> dict[str, Any]:
         a throw: the `foam` whose p is nearest to the estimate `bias`, and the distances that were `expected` when each
         attempt began, and `before_release` [s.d. of z].
     """
-    spread, learned, notes = choose("method", method, METHODS), trained(f"table-{model}"), Notes()
+    spread, learned, notes = choose("method", method, METHODS), trained(f"table-{model}"), _Notes()
     outcome = run_task(lambda driver: notes.update(spread(learned, driver)), seed)
     pose, stands = outcome.pose, outcome.placement
     return {

@@ -28,7 +28,7 @@ SIZE = (288, 384)  # [pixel] height and width of the picture; the robot's looks 
 PATIENCE = 100  # periods without a sign from the browser, after which the page is taken to be closed
 _PERIOD = 0.05  # [s] after which the panel asks for a picture again
 
-Draw = Callable[[], np.ndarray]  # makes a picture [h, w, 3], uint8
+_Draw = Callable[[], np.ndarray]  # makes a picture [h, w, 3], uint8
 
 
 class _Stopped(Exception):
@@ -55,7 +55,7 @@ def _thrower() -> Spreader:
 SPREADERS: dict[str, Callable[[], Spreader]] = {"throw it": _thrower, "lay it slowly": lambda: lay_slowly}
 
 
-def play(method: str, seed: int, watch: Callable[[Draw], None], progress: Callable[[str], None]) -> Outcome:
+def play(method: str, seed: int, watch: Callable[[_Draw], None], progress: Callable[[str], None]) -> Outcome:
     """Run a task; `watch` gets a function that draws the scene, after each control period.
 
     `progress` gets the name of each phase as it begins, and before an empty one. What the two raise ends the task.
@@ -100,9 +100,7 @@ class TableSection:
         self._thread, self._changed = threading.Thread(), threading.Condition()
         self._phase, self._stopping = "", False
         self._outcome: Outcome | None = None
-        self._drawing: np.ndarray | None = (
-            None  # picture of the last control period; the thread waits until it is taken
-        )
+        self._drawing: np.ndarray | None = None  # the last period's picture; the thread waits until it is taken
         self._picture, self._news = b"", dict[str, Any]()
         self.drawn = self._number = self._unseen = 0  # _unseen: periods since a frame that the browser has not drawn
         self._show()
@@ -158,7 +156,7 @@ class TableSection:
 
         self._messages.guarded(until_stopped)
 
-    def _watch(self, draw: Draw) -> None:
+    def _watch(self, draw: _Draw) -> None:
         with self._changed:
             self._changed.wait_for(lambda: self._stopping or self._drawing is None)
         self._check()

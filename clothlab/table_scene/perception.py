@@ -23,7 +23,7 @@ from clothlab.simulation.vision import depth_points
 from clothlab.table_scene.scene import BASKET_SIZE, HANDLE_HEIGHT, HANDLE_RADIUS, HANDLE_WIDTH
 from clothlab.table_scene.table_env import ClothPose
 
-HEIGHT = 480  # [pixel] of a depth image, whose aspect is 4:3: at 1 m a pixel is 3 mm wide
+_HEIGHT = 480  # [pixel] of a depth image, whose aspect is 4:3: at 1 m a pixel is 3 mm wide
 _FARTHEST = 3.0  # [m] what is farther away is of no use to the arm
 _FEWEST = 150  # points of a thing; fewer are a scrap of it
 _HUE = 40  # of 255, by which a colour must stand out, as in `vision.cloth_mask`
@@ -62,13 +62,13 @@ class PointCloud:
         return PointCloud(self.points[index], self.colours[index], self.inside[index], self.camera)
 
 
-def depth_picture(env: ClothEnv, height: int = HEIGHT) -> np.ndarray:
+def depth_picture(env: ClothEnv, height: int = _HEIGHT) -> np.ndarray:
     """How far each pixel's surface is from the camera, along its line of sight's axis `[height, height * 4/3]` [m]."""
     return env.camera_picture(height, height * 4 // 3, depth=True).astype(np.float64)
 
 
 def capture_point_cloud(
-    env: ClothEnv, height: int = HEIGHT, *, noise: float = 0.0, rng: np.random.Generator | None = None
+    env: ClothEnv, height: int = _HEIGHT, *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> PointCloud:
     """Take a coloured point cloud with the scene's camera, of all that is nearer than 3 m.
 

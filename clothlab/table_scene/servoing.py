@@ -28,10 +28,10 @@ from clothlab.table_scene.table_env import GraspError, TableEnv
 
 AHEAD, AHEAD_LOW = 0.50, 0.485  # [m] from the shoulder to a goal, with room on all sides; to a basket, that is low
 CLEAR = 0.08  # [m] from a goal to where the approach begins
-GAIN = 0.6  # part of the seen error that one step takes away
-CLOSE = 0.008  # [m] a seen error of less is there
-STEPS = 40  # control steps after which an approach has failed
-ACCELERATION = 0.5  # [m/s²] of the base
+_GAIN = 0.6  # part of the seen error that one step takes away
+_CLOSE = 0.008  # [m] a seen error of less is there
+_STEPS = 40  # control steps after which an approach has failed
+_ACCELERATION = 0.5  # [m/s²] of the base
 _TENSION = 70.0  # [N] of an arm that can be stiffened: it sags least
 _HIDDEN = 0.05  # [m] nearer than that the hand hides its goal, and the last look counts
 _LEAP = 0.02  # [m] from look to look: the middle of a thing leaps so far when a part of it is hidden
@@ -141,12 +141,17 @@ class RobotDriver:
         for _ in range(3):
             self.step()
 
+    def look_towards(self, x: float) -> None:
+        """Drive until a place x [m] of the row is in view, and take the hand out of the picture."""
+        self.drive(x - self.env.furniture.look_ahead)
+        self.move_straight(self.env.arm.hand(np.array(self.env.furniture.look_posture)))
+
     def _next_base(self, goal: float) -> float:
         """Where the base should be after the next control period, on its way to `goal` [m], gathering speed evenly."""
-        most, change = self.env.furniture.base_speed, ACCELERATION * CONTROL_PERIOD
+        most, change = self.env.furniture.base_speed, _ACCELERATION * CONTROL_PERIOD
         left = goal - self.env.base_goal
         # So fast that, after this period too, the base can still brake before its goal.
-        braking = np.sqrt(change**2 + 2 * ACCELERATION * abs(left)) - change
+        braking = np.sqrt(change**2 + 2 * _ACCELERATION * abs(left)) - change
         wanted = np.sign(left) * min(most, braking)
         farthest = abs(left) / CONTROL_PERIOD
         speed = np.clip(wanted, self._speed - change, self._speed + change)
@@ -183,18 +188,18 @@ class RobotDriver:
         Returned is the way from the bar to where it should be then, forward and up `[N, 2]` [m].
         """
         errors, clear = [], CLEAR
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             cloud = self.capture()
             bar = find_bar(cloud, self.proprioceptive_hand)
             errors.append((find_goal(cloud, bar) + clear * direction - bar)[[0, 2]])
             missing = np.linalg.norm(errors[-1])
-            if missing < CLOSE and clear == 0:
+            if missing < _CLOSE and clear == 0:
                 return np.array(errors)
-            if missing < 2 * CLOSE:
-                clear = max(0.0, clear - 2 * CLOSE)
-            self.correct(GAIN * errors[-1])
+            if missing < 2 * _CLOSE:
+                clear = max(0.0, clear - 2 * _CLOSE)
+            self.correct(_GAIN * errors[-1])
             self.step()
-        raise MissedError(f"after {STEPS} steps the hand is still {100 * missing:.1f} cm from its goal")
+        raise MissedError(f"after {_STEPS} steps the hand is still {100 * missing:.1f} cm from its goal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +228,7 @@ def grasp(driver: RobotDriver, name: str) -> np.ndarray:
         NotVisibleError: it is not to be seen, nor from 15 cm farther back.
         MissedError: the hand did not get there, or grasped nothing, twice.
     """
-    thing, furniture = choose("thing to grasp", name, _THINGS), driver.env.furniture
+    thing = choose("thing to grasp", name, _THINGS)
     for _ in range(2):
         try:
             place = thing.find(driver.capture())
@@ -239,9 +244,8 @@ def grasp(driver: RobotDriver, name: str) -> np.ndarray:
             return errors
         except (MissedError, GraspError, NotVisibleError) as error:
             cause = str(error)
-            driver.move_straight(beside)  # and back to where the thing can be seen as a whole, without the hand
-            driver.drive(place[0] - furniture.look_ahead)
-            driver.move_straight(driver.env.arm.hand(np.array(furniture.look_posture)))
+            driver.move_straight(beside)
+            driver.look_towards(place[0])
     raise MissedError(f"the {name} was not grasped, in two attempts: {cause}")
 
 

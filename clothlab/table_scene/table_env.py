@@ -18,7 +18,7 @@ from clothlab.simulation.cloth import Cloth, hanging_points, point_names
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene
 from clothlab.table_scene.scene import Furniture, build_spec, place_basket, place_rack
 
-STARTS = ("rack", "hand")  # where the cloth hangs at the start
+_STARTS = ("rack", "hand")  # where the cloth hangs at the start
 _ON_TOP = 0.015  # [m] a point so near the table's top, in height, lies on it
 _PIXEL = 0.001  # [m] with which areas are measured
 
@@ -80,7 +80,7 @@ class TableEnv(ClothEnv):
         **options: Any,
     ):
         self.furniture = furniture or Furniture()
-        self.start_in = choose("start", start_in, {name: name for name in STARTS})
+        self.start_in = choose("start", start_in, {name: name for name in _STARTS})
         self._release_in: int | None = None  # time steps until the hand opens
         self._base_path: np.ndarray = np.empty(0)
         arm = replace(get_arm(arm), home=self.furniture.start_posture)
@@ -173,11 +173,10 @@ class TableEnv(ClothEnv):
     def place_cloth(self, points: ArrayLike) -> None:
         """Put the points of the cloth `[rows, columns, 3]` [m] somewhere in the world, at rest."""
         points = check_array("points", points, (self.cloth.rows, self.cloth.columns, 3))
-        for i, row in enumerate(point_names(self.cloth)):
-            for j, name in enumerate(row):
-                for axis, value in zip("xyz", points[i, j] - self.model.body(name).pos, strict=True):
-                    self.data.joint(f"{name}_{axis}").qpos[0] = value
-                    self.data.joint(f"{name}_{axis}").qvel[0] = 0.0
+        for name, place in zip(np.ravel(point_names(self.cloth)), points.reshape(-1, 3), strict=True):
+            for axis, value in zip("xyz", place - self.model.body(name).pos, strict=True):
+                joint = self.data.joint(f"{name}_{axis}")
+                joint.qpos[0], joint.qvel[0] = value, 0.0
         mujoco.mj_forward(self.model, self.data)
 
     def cloth_pose(self) -> ClothPose:

@@ -78,9 +78,7 @@ def see_spread(driver: RobotDriver) -> ClothPose:
 
 def fetch_basket(driver: RobotDriver) -> None:
     """Drive back to where the side table is in view, and take the basket by its handle."""
-    furniture = driver.env.furniture
-    driver.drive(furniture.side_place[0] - furniture.look_ahead)
-    driver.move_straight(driver.env.arm.hand(np.array(furniture.look_posture)))
+    driver.look_towards(driver.env.furniture.side_place[0])
     grasp(driver, "basket")
 
 
