@@ -72,8 +72,8 @@ train: $(STAMP)  ## train autoencoder and DPMPB anew, at the paper's settings
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
 	$(BIN)/python scripts/make_results.py
 
-reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS")
-	$(BIN)/python -m clothlab reproduce $(OPTIONS)
+reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
+	$(BIN)/python scripts/reproduce.py $(OPTIONS)
 
 picture: $(STAMP)  ## draw the README's moving picture anew
 	$(BIN)/python scripts/make_picture.py

@@ -1,5 +1,4 @@
-"""`python -m clothlab doctor` checks the machine, `python -m clothlab checksums` records the hashes of `data/`, and
-`python -m clothlab reproduce` makes everything from nothing."""
+"""`python -m clothlab doctor` checks the machine, `python -m clothlab checksums` records the hashes of `data/`."""
 
 import argparse
 import os
@@ -87,15 +86,8 @@ def doctor() -> int:
 def main() -> int:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(prog="python -m clothlab", description=__doc__)
-    parser.add_argument("command", choices=["doctor", "checksums", "reproduce"])
-    parser.add_argument("options", nargs=argparse.REMAINDER, help="of reproduce; --help says which")
+    parser.add_argument("command", choices=["doctor", "checksums"])
     arguments = parser.parse_args()
-    if arguments.command == "reproduce":
-        from clothlab import reproduce
-
-        return reproduce.main(arguments.options)
-    if arguments.options:
-        parser.error(f"{arguments.command} takes no options")
     if arguments.command == "doctor":
         return doctor()
     try:

@@ -27,7 +27,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from tqdm.auto import tqdm, trange
 
 from clothlab import artifacts
-from clothlab.datasets import jobs, record_all
+from clothlab.datasets import DATASETS, record
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
 from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
@@ -37,7 +37,7 @@ from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, build_spec
 from clothlab.table_scene.table_env import TableEnv
-from clothlab.training_configs import RECIPES
+from clothlab.training_configs import TRAINING_CONFIGS
 
 COMPARED = {name: get_arm(name) for name in ("torque", "muscle")}
 
@@ -85,17 +85,17 @@ def bench_step() -> None:
 
 def bench_collection() -> None:
     """Recording what the paper recorded, and trials to evaluate, on two cores against one."""
-    todo = [job for job in jobs() if job[1].repeats == 1]
+    todo = [dataset for dataset in DATASETS.values() if dataset.repeats == 1]
     cores = sorted(os.sched_getaffinity(0))[:2]
     seconds = {}
     for used in (cores[:1], cores):
         os.sched_setaffinity(0, used)  # workers inherit it; drawing would otherwise take a second core
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
-            record_all(todo, Path(folder), len(used), progress=False)
+            files = [file for dataset in todo for file in record(dataset, data=folder, workers=len(used))]
             seconds[len(used)] = time.perf_counter() - start
     print(
-        f"recording {len(todo)} trials, 1 core / 2 cores: {seconds[1] / seconds[2]:.2f}"
+        f"recording {len(files)} trials, 1 core / 2 cores: {seconds[1] / seconds[2]:.2f}"
         f"  ({seconds[1]:.0f} / {seconds[2]:.0f} s; ≥ 1.7)"
     )
 
@@ -194,7 +194,7 @@ def bench_loop() -> None:
     for name, target in {"torque": "target-1", "muscle": "muscle"}.items():
         learned, mask = artifacts.load(f"{name}-0"), artifacts.load_target(target)
         cloth, p = next(iter(learned.biases.items()))
-        runs = [learned.sequences(trial) for trial in RECIPES[f"{name}-paper"].load_trials()]
+        runs = [learned.sequences(trial) for trial in TRAINING_CONFIGS[f"{name}-paper"].load_trials()]
         policies = {
             "control": Timed(learned.controller(mask, p)),
             "practice": Timed(learned.iterative_controller(mask, p, runs)),
@@ -242,7 +242,7 @@ def bench_training() -> None:
     images, eyes = np.random.default_rng(0).random((64 * 10, 96, 128)) > 0.9, AutoencoderTraining(epochs=10)
     runs, model = (
         [Sequences(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9,
-        replace(RECIPES["torque"].model, epochs=10),
+        replace(TRAINING_CONFIGS["torque"].model, epochs=10),
     )
     windows = len(stretches(runs, model.sequence_length, model.stride)[0])
     jobs = {

@@ -1,6 +1,6 @@
 """`make data`: record all trials and find all targets, about nine minutes on two cores.
 
-What is there already is recorded anew, trial by trial: an interruption loses none, and the next run begins again.
+What is there already is recorded anew and replaced, trial by trial.
 """
 
 import argparse
@@ -8,7 +8,8 @@ import os
 import time
 
 from clothlab import artifacts
-from clothlab.datasets import RECORDINGS, find_targets, jobs, record_all
+from clothlab._parallel import Job
+from clothlab.datasets import DATASETS, TARGET_SETS, find_target_set, find_targets, record, record_targets
 
 
 def say_what_repeats(files: list[str]) -> None:
@@ -26,18 +27,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--only", choices=["trials", "targets"], help="leave the other as it is")
-    parser.add_argument("--sets", choices=RECORDINGS, nargs="+", default=list(RECORDINGS), help="of trials")
+    parser.add_argument("--sets", choices=DATASETS, nargs="+", default=list(DATASETS), help="of trials")
     arguments = parser.parse_args()
-    start, files = time.perf_counter(), []
+    start, options, files = time.perf_counter(), {"workers": arguments.workers, "progress": True}, []
     if arguments.only != "targets":
-        todo = jobs(arguments.sets)
-        record_all(todo, artifacts.data_folder() / "trials", arguments.workers)
-        files += [f"trials/{path.as_posix()}" for path, *_ in todo]
+        for name in arguments.sets:
+            files += record(DATASETS[name], **options)
     if arguments.only != "trials":
-        targets = find_targets(arguments.workers)
-        for name, mask in targets.items():
-            artifacts.save_target(mask, name)
-        files += [f"targets/{name}.png" for name in targets]
+        jobs = [Job(find_targets, {}), *(Job(find_target_set, {"targets": each}) for each in TARGET_SETS)]
+        files += record_targets(jobs, **options)
     print(f"{len(files)} trials and targets in {time.perf_counter() - start:.0f} s")
     say_what_repeats(files)
     artifacts.write_checksums()

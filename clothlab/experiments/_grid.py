@@ -10,7 +10,6 @@ So any row can be made anew: `run_one(**case)`. Tables are stored as CSV, arrays
 """
 
 import functools
-import hashlib
 import inspect
 import io
 import itertools
@@ -20,15 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-import joblib
 import numpy as np
 import pandas as pd
-import torch
-from tqdm.auto import tqdm
 
-import clothlab
 from clothlab import artifacts
 from clothlab._files import write_bytes
+from clothlab._parallel import Job, cached, run_jobs, version
 from clothlab.artifacts import Folder
 from clothlab.experiments._rows import Row
 
@@ -37,6 +33,7 @@ PAPER = "-paper"  # ending of tables, as of weights: the same with what the pape
 Case = dict[str, Any]  # parameters of `run_one`
 Tables = Mapping[str, pd.DataFrame]  # stored tables of one amount of recordings, by their experiments' names
 T = TypeVar("T")
+_INPUTS = ("targets/", "trials/", "weights/")  # what a row may depend on: it is computed again when any of it changes
 _kept: Path | None = None  # where the process that computes a row keeps what rows share
 
 
@@ -98,10 +95,8 @@ class Experiment:
             One row for each case, in their order.
         """
         cases = [self.defaults | case for case in (self.cases() if cases is None else cases)]
-        compute = _cached(_compute, keep, ignore=["run_one", "keep"])
-        jobs = (joblib.delayed(compute)(self.run_one, keep, self.name, case, version()) for case in cases)
-        rows = joblib.Parallel(n_jobs=workers, return_as="generator")(jobs)
-        rows = tqdm(rows, total=len(cases), desc=self.name, unit="case", disable=not progress)
+        jobs = [Job(functools.partial(_compute, self.run_one, keep), case, _INPUTS) for case in cases]
+        rows = run_jobs(self.name, jobs, workers=workers, progress=progress, keep=keep)
         return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
@@ -120,7 +115,7 @@ class Experiment:
             choices = f":\n{table[varied].head(20).to_string(index=False)}" if len(table) else ""
             raise ValueError(f"{len(table)} rows of {self.name} fit; choose by {', '.join(varied)}{choices}")
         case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
-        here = pd.DataFrame([case | _compute(self.run_one, None, self.name, case, version())])
+        here = pd.DataFrame([case | row for row in run_jobs(self.name, [Job(self.run_one, case)])])
         return pd.concat([table, here[table.columns]], keys=["stored", "here"]).droplevel(1)
 
     @property
@@ -134,7 +129,8 @@ def shared(function: Callable[..., T]) -> Callable[..., T]:
 
     @functools.cache
     def once(folder: Path | None, *arguments: Any) -> T:
-        return _cached(_shared, folder, ignore=["function"])(function, function.__qualname__, arguments, version())
+        kept = cached(_shared, folder, ignore=["function"])
+        return kept(function, function.__qualname__, arguments, version(*_INPUTS))
 
     @functools.wraps(function)
     def wrapper(*arguments: Any) -> T:
@@ -147,36 +143,13 @@ def _shared(function: Callable[..., T], name: str, arguments: tuple, version: st
     return function(*arguments)
 
 
-def _cached(function: Callable[..., T], folder: Path | None, ignore: list[str]) -> Callable[..., T]:
-    return function if folder is None else joblib.Memory(folder, verbose=0).cache(function, ignore=ignore)
-
-
-def _compute(run_one: Callable[..., dict], keep: Path | None, name: str, case: Case, version: str) -> dict[str, Any]:
-    """One row, on one core: cases run side by side, and matrices this small gain nothing from a second.
-
-    The name and the version are there for the cache, to tell experiments apart and to know when code or data changed.
-    """
+def _compute(run_one: Callable[..., dict], keep: Path | None, **case: Any) -> dict[str, Any]:
     global _kept
-    threads, before = torch.get_num_threads(), _kept
-    torch.set_num_threads(1)
-    _kept = keep
+    before, _kept = _kept, keep
     try:
         return run_one(**case)
     finally:
-        torch.set_num_threads(threads)
         _kept = before
-
-
-@functools.cache
-def version() -> str:
-    """Hash of the code and of the data that experiments read: work is done again when either changes."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(clothlab.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    recorded = artifacts.data_folder() / artifacts.CHECKSUMS
-    lines = recorded.read_text().splitlines() if recorded.exists() else []
-    digest.update("\n".join(line for line in lines if "  results/" not in line).encode())
-    return digest.hexdigest()
 
 
 def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:

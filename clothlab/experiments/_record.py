@@ -22,13 +22,13 @@ from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.training_configs import RECIPES
+from clothlab.training_configs import TRAINING_CONFIGS
 from clothlab.trials import Trial, rollout
 
 T = TypeVar("T")
 EXPERIMENTS: dict[str, ModuleType] = {}  # by name; filled by the package
 PAPER = "-paper"  # ending of records, as of weights: the same with what the paper's amount of recordings teaches
-RECORDINGS = {arm: RECIPES[arm + PAPER].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
+RECORDINGS = {arm: TRAINING_CONFIGS[arm + PAPER].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
 SLOW: set[str] = set()  # those of them that take hours, and so run only when somebody asks for them
 
 converter = cattrs.Converter(forbid_extra_keys=True)

@@ -12,10 +12,10 @@ from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.training_configs import RECIPES, recipe_of
+from clothlab.training_configs import TRAINING_CONFIGS, config_of
 from clothlab.trials import Trial, rollout
 
-RECORDINGS = {arm: RECIPES[f"{arm}-paper"].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
+RECORDINGS = {arm: TRAINING_CONFIGS[f"{arm}-paper"].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
 
 
 @cache
@@ -36,7 +36,7 @@ def recorded_runs(learned: Trained) -> list[Sequences]:
     Raises:
         KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
     """
-    return [run for name in recipe_of(learned).recordings for run in _encoded(learned.autoencoder_name, name)]
+    return [run for name in config_of(learned).recordings for run in _encoded(learned.autoencoder_name, name)]
 
 
 def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:

@@ -10,12 +10,12 @@ from clothlab.experiments._runs import recorded_runs, trained
 from clothlab.learning.dpmpb import Sequences, train_dpmpb
 from clothlab.learning.trained import Trained
 from clothlab.simulation.cloth import get_cloth
-from clothlab.training_configs import recipe_of
+from clothlab.training_configs import config_of
 
 
 def without_p(learned: Trained, runs: Sequence[Sequences], seed: int) -> Trained:
     """A model trained on the same recordings in the same way, with D_p = 0."""
-    settings = replace(recipe_of(learned).model, bias_size=0)
+    settings = replace(config_of(learned).model, bias_size=0)
     model, biases, trace = train_dpmpb(runs, settings, seed=seed, progress=False)
     return replace(learned, model=model, biases=biases, losses=trace.losses)
 
@@ -25,7 +25,7 @@ def with_constants(learned: Trained, runs: Sequence[Sequences], seed: int) -> Tr
     cloths = [get_cloth(name) for name in learned.biases]
     logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths])
     known = dict(zip(learned.biases, (logs - logs.mean(0)) / logs.std(0), strict=True))
-    model, biases, trace = train_dpmpb(runs, recipe_of(learned).model, known=known, seed=seed, progress=False)
+    model, biases, trace = train_dpmpb(runs, config_of(learned).model, known=known, seed=seed, progress=False)
     return replace(learned, model=model, biases=biases, losses=trace.losses)
 
 

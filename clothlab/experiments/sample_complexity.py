@@ -32,7 +32,7 @@ from clothlab.learning.estimation import prediction_loss
 from clothlab.learning.trained import Trained
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
-from clothlab.training_configs import RECIPES
+from clothlab.training_configs import TRAINING_CONFIGS
 from clothlab.trials import Trial
 
 AMOUNTS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # times the paper's recordings
@@ -83,7 +83,7 @@ def _model(arm: str, amount: float, model: int, autoencoder_updates: int, update
     """A model of an amount, trained on what its autoencoder sees, and its number of updates."""
     autoencoder, _ = _autoencoder(arm, amount, autoencoder_updates)
     runs = [to_sequences(autoencoder, trial) for trial in recordings(arm, amount)]
-    training = ModelTraining(sequence_length=RECIPES[arm].model.sequence_length)
+    training = ModelTraining(sequence_length=TRAINING_CONFIGS[arm].model.sequence_length)
     batches = -(-len(stretches(runs, training.sequence_length, training.stride)[0]) // training.batch_size)
     training = replace(training, epochs=max(1, round(updates / batches)))
     network, biases, trace = train_dpmpb(runs, training, seed=model, progress=False)
