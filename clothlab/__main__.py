@@ -13,18 +13,18 @@ from pathlib import Path
 from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
 from clothlab.simulation.env import ClothEnv
 
-ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
+_ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
 
 
-def check_versions() -> list[str]:
+def _check_versions() -> list[str]:
     """Compare installed packages with `environment.txt`; return one line of advice for each difference."""
     shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
     print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
-    if not ENVIRONMENT.exists():
+    if not _ENVIRONMENT.exists():
         return []  # installed as a wheel, whose user chooses versions
     advice = []
-    pins = re.findall(r"^([\w.-]+)==(\S+)$", ENVIRONMENT.read_text(), flags=re.MULTILINE)
+    pins = re.findall(r"^([\w.-]+)==(\S+)$", _ENVIRONMENT.read_text(), flags=re.MULTILINE)
     for name, pinned in pins:
         try:
             installed = version(name).split("+")[0]
@@ -36,7 +36,7 @@ def check_versions() -> list[str]:
     return advice
 
 
-def check_drawing() -> list[str]:
+def _check_drawing() -> list[str]:
     """Draw a few camera pictures; return advice where that fails."""
     back_end = os.environ.get("MUJOCO_GL", "MuJoCo's choice")
     try:
@@ -75,7 +75,7 @@ def check_files() -> list[str]:
 
 def doctor() -> int:
     """Print versions, drawing speed and state of the data, and a line of advice for each fault; the exit status."""
-    advice = check_versions() + check_drawing() + check_files()
+    advice = _check_versions() + _check_drawing() + check_files()
     for line in advice:
         print(f"  ✗ {line}")
     if not advice:

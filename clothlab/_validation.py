@@ -17,17 +17,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
-def choose(kind: str, name: str, choices: Mapping[str, T], none_yet: str = "(none)") -> T:
+def choose(kind: str, name: str, choices: Mapping[str, _T], none_yet: str = "(none)") -> _T:
     """Return `choices[name]`; an unknown name is a KeyError that lists the choices."""
     if not isinstance(name, str) or name not in choices:
         raise KeyError(f"unknown {kind} {name!r:.80}; choose from {', '.join(choices) or none_yet}")
     return choices[name]
 
 
-def choose_all(kind: str, names: Iterable[str], choices: Mapping[str, T]) -> list[T]:
+def choose_all(kind: str, names: Iterable[str], choices: Mapping[str, _T]) -> list[_T]:
     """`choose` for several names."""
     return [choose(kind, name, choices) for name in names]
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from safetensors.torch import save as to_bytes
 
 from clothlab._files import read_tensors, reading, sha256, write_bytes
-from clothlab._validation import check_name, choose
+from clothlab._validation import check_name, check_number, choose
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
@@ -115,6 +115,7 @@ def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> 
         first: only so many of them, or all that there are where there are fewer.
         data: folder to look in.
     """
+    first = None if first is None else check_number("first", first, int, at_least=1)
     own, data = own_trials(data), data_folder(data)
     folder = choose("trials", name, _sets("trials", data) | {OWN_TRIALS.name: own})
     if folder == own:
@@ -147,7 +148,7 @@ def _within(name: str, data: Path) -> str:
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
     """Write a target mask `[H, W]` as `data/targets/NAME.png`, or of a set as `data/targets/SET/NAME.png`."""
     _, content = cv2.imencode(".png", check_mask(mask).astype(np.uint8) * 255)
-    *within, own = name.split("/", 1)
+    *within, own = name.split("/", 1) if isinstance(name, str) else [name]
     folder = (data_folder(data) / "targets").joinpath(*(check_name("set", each) for each in within))
     write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
 

@@ -18,7 +18,7 @@ from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.simulation.vision import check_masks
 
-FORMAT = 1  # of trial files
+_FORMAT = 1  # of trial files
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was."""
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
-    about = {"format": FORMAT, "cloth": asdict(trial.cloth)}
+    about = {"format": _FORMAT, "cloth": asdict(trial.cloth)}
     about |= {name: getattr(trial, name) for name in ("arm", "policy", "seed")}
     content = io.BytesIO()
     np.savez_compressed(
@@ -181,8 +181,8 @@ def load_trial(path: str | Path) -> Trial:
     """Read a trial; a ValueError names the file if it is damaged, is no trial, or is of a newer version."""
     with reading(path, "trial"), np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
-        if about.pop("format") != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}, this version's")
+        if about.pop("format") != _FORMAT:
+            raise ValueError(f"its format is not {_FORMAT}, this version's")
         about["cloth"] = Cloth(**about["cloth"])
         images = np.unpackbits(file["images"], axis=-1).view(bool)
         return Trial(images, file["robot"], file["commands"], **about)

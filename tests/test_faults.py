@@ -1,4 +1,4 @@
-"""Signal 9 at any moment, a full disk, a folder for reading only, a clock that jumps: nothing is lost.
+"""Signal 9 at any moment, a full disk, a folder for reading only: nothing is lost.
 
 `CLOTHLAB_FAULTS` says at how many moments; `make nightly` asks for a hundred.
 """
@@ -7,15 +7,10 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
-
-import psutil
-import pytest
 
 from clothlab import __main__ as command_line
 from clothlab import artifacts
-from clothlab.lab.recorder import Recorder, _boot
 
 MOMENTS = int(os.environ.get("CLOTHLAB_FAULTS", "10"))
 
@@ -26,7 +21,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from clothlab import artifacts
-from clothlab.lab.recorder import Recorder
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial, load_trial, save_trial
@@ -75,30 +69,6 @@ def killed(data, write, read):
         os.waitpid(child, 0)
         assert read() >= int.from_bytes(acknowledged[:], "little")  # whole, or there would be an error
 
-def add(recorder, k):
-    recorder.add({"image": images[k % 200].astype(np.int8), "robot": np.zeros(4)}, np.array([k / 1e6, 0.0]), about)
-
-def killed_recording():
-    acknowledged = mmap.mmap(-1, 8)
-    for _ in range(moments):
-        acknowledged[:] = bytes(8)
-        child = os.fork()
-        if child == 0:
-            recorder = Recorder(folder)
-            recorder.start()
-            for k in range(1000):
-                add(recorder, k)
-                acknowledged[:] = (k + 1).to_bytes(8, "little")
-            os._exit(0)
-        time.sleep(random.uniform(0.02, 0.1))
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        after, known = Recorder(folder), int.from_bytes(acknowledged[:], "little")
-        if known >= 5 or after.waiting:
-            steps = (1e6 * load_trial(after.save("x")).commands[:, 0]).round().astype(int).tolist()
-            assert steps == list(range(len(steps))) and len(steps) >= known - 5, (steps, known)
-            (folder / "x.npz").unlink()
-
 def full(data, write, read):
     write(1)
     whole = max(path.stat().st_size for path in data.rglob("*") if path.is_file())
@@ -141,7 +111,6 @@ for kind in WRITE:
         read()  # what is imported late is imported
         suffer(data, write, read)
         assert suffer is killed or not list(data.rglob("*.part")), "something is left over"
-killed_recording()
 """
 
 
@@ -166,33 +135,3 @@ def test_hashes_that_cannot_be_written_are_one_sentence_that_names_the_file(
     assert said.count("\n") == 1
     assert "cannot write this file (File too large)" in said
     assert "SHA256SUMS" in said
-
-
-@pytest.fixture
-def sleeper():
-    """Another process that lives."""
-    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        yield psutil.Process(process.pid)
-        process.kill()
-
-
-def unfinished(folder, *, started: float, pid: int, boot: int, clock: float):
-    """A recording of another process, that began so many seconds since the epoch and since the machine's start."""
-    place = folder / "unfinished" / f"{int(started * 1e9)}-{pid}-{boot}-{int(clock * 1e9)}"
-    place.mkdir(parents=True)
-    (place / "00000000.npz").write_bytes(b"some steps")
-    return place
-
-
-@pytest.mark.parametrize("jump", [-86_400, 0, 86_400])
-def test_a_clock_that_is_set_takes_no_recording_away_from_the_process_that_makes_it(tmp_path, sleeper, jump):
-    place = unfinished(tmp_path, started=time.time() - jump, pid=sleeper.pid, boot=_boot(), clock=time.monotonic())
-    assert not Recorder(tmp_path).waiting
-    assert place.exists()
-
-
-@pytest.mark.parametrize("since", [{"clock": -5}, {"boot": 1}, {"boot": 1, "clock": 3600}])
-def test_a_process_with_the_number_of_a_dead_one_keeps_no_recording_back(tmp_path, sleeper, since):
-    clock, boot = time.monotonic() + since.get("clock", 0), _boot() + since.get("boot", 0)
-    unfinished(tmp_path, started=time.time() - 5, pid=sleeper.pid, boot=boot, clock=clock)
-    assert Recorder(tmp_path).waiting

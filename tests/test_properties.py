@@ -90,7 +90,6 @@ def aimed(target: Any, p: Any) -> policies.Policy:
 THETA, U3 = [0.1, -0.4], [0.1, -0.4, 30.0]
 DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "get_cloth": (cloth.get_cloth, {"cloth": "soft-1"}),
-    "foam": (cloth.foam, {"kind": "soft", "sheets": 2}),
     "get_arm": (arm.get_arm, {"arm": "muscle"}),
     "with_stiffness": (MUSCLE.with_stiffness, {"f_const": 20.0}),
     "hand": (TORQUE.hand, {"theta": THETA}),

@@ -38,11 +38,12 @@ BUDGETS = {  # at most
 NOT_YET = {  # waits for other changes, with what is there now
     "lines of clothlab": 21_000,
     "lines of clothlab without experiments, lab, checks": 10_800,
-    "lines of scripts": 2_800,
+    "lines of scripts": 3_500,
     "lines of tests": 18_600,
     "floors": 12,
     "public names": 940,
     "lines of the longest class": 250,
+    "lines of the longest function": 70,
     "widest line": 140,
 }
 

@@ -120,6 +120,7 @@ class Experiment:
 
     @property
     def defaults(self) -> Case:
+        """Parameters of `run_one` that have a default."""
         parameters = inspect.signature(self.run_one).parameters.values()
         return {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
 

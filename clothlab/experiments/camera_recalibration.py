@@ -109,22 +109,21 @@ def rows(tables: Tables) -> list[Row]:
     """Cameras shifted and turned at once, over the unmoved one."""
     estimates, runs, where = tables["camera_estimation"], tables["camera_control"], ["direction", "recalibrated"]
     found = runs.assign(last=runs.best.map(late_median)).pivot_table("last", where, "controller", sort=False)
+    measures = {"nearest": "nearest-material rate"} | {name: f"{name}, {TARGET}, last ten periods" for name in found}
     found["nearest"] = (estimates.nearest == estimates.cloth).groupby([estimates[key] for key in where]).mean()
     over_unmoved = (found / found.loc[UNMOVED, False]).loc[BOTH]
+    camera = f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm"
     return [
         Row(
             key=f"camera_control/{label}/{column}",
-            label=f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, {label}: {of} over the unmoved camera's",
+            label=f"{camera}, {label}: {measure} over the unmoved camera's",
             value=over_unmoved.loc[recalibrated, column],
             at_least=0.9 if recalibrated and column == "nearest" else None,
             at_most=1.1 if recalibrated and column != "nearest" else None,
             note="" if column == "nearest" else f"{found.loc[(BOTH, recalibrated), column]:.2f} s.d.",
         )
         for recalibrated, label in ((False, "as it is"), (True, "recalibrated"))
-        for column, of in {
-            "nearest": "nearest-material rate",
-            **{name: f"{name}, {TARGET}, last ten periods" for name in (PAPERS, ITERATIVE)},
-        }.items()
+        for column, measure in measures.items()
     ]
 
 

@@ -227,11 +227,10 @@ def _by_target(table: pd.DataFrame) -> list[Row]:
     found = []
     for target, bound in {"target-1": 0.12, "target-2": 0.1, "muscle": 0.12}.items():
         ratios = select(table, ITERATIVE).query("target == @target").groupby(["cloth", "model"])["last_ratio"].mean()
-        label = f"iterative learning control, {target}: distance, last ten periods, over random commands', median"
         found.append(
             Row(
                 key=f"iterative_control/{target}",
-                label=label,
+                label=f"iterative learning control, {target}: last ten periods over random commands', median",
                 value=float(ratios.median()),
                 at_most=bound,
                 note=f"worst training {ratios.groupby('model').median().max():.2f}",
