@@ -195,21 +195,6 @@ SLIPS = {
         ("k1 + 3 * k3 * e0**2", "k1", "slope is"),
         ("return", "0.0", "slope is"),
     ],
-    "stretch_by_bisection": [
-        ("curve(middle) < tension", "curve(middle) > tension", "keep the half in which"),
-        ("1e-9", "1e-3", "go on halving"),
-        ("while high - low > 1e-9:", "for _ in range(20):", "go on halving"),
-        ("while high - low > 1e-9:", "while abs(curve((low + high) / 2) - tension) > 1e-6:", "go on halving"),
-        ("while high - low > 1e-9:", "while high > low:", "you go on"),
-        ("low, high = 0.0, longest", "low, high = 0.0, 0.05", "0.2 m"),
-        ("return (low + high) / 2", "return 1000 * low", "outside the interval"),
-        ("body", "e = np.linspace(0, longest, 100_001); return np.interp(tension, curve(e), e)", "go on halving"),
-        (
-            "body",
-            "e = np.linspace(0, longest, 9_999); return e[np.searchsorted([curve(x) for x in e], tension)]",
-            "go on",
-        ),
-    ],
     "compliance": [
         ("+ 1 / arm.motor_stiffness", "", "motors are rigid"),
         (
@@ -313,25 +298,6 @@ SLIPS = {
         ("return", "images + 0.0", "real numbers"),
         ("return", "train.mean(axis=0) + 0 * images", "more components"),
     ],
-    "touching": [
-        (".any(axis=(1, 2)).mean()", ".mean()", "share is 0.5"),
-        ("images & target", "images | target", "share is 0.5"),
-        ("images & target", "images == target", "share is 0.5"),
-        (".any(axis=(1, 2)).mean()", ".any(axis=(1, 2)).sum()", "divide by how many"),
-        (".any(axis=(1, 2)).mean()", ".any(axis=(1, 2)).mean() * 100", "per cent"),
-        (".any(axis=(1, 2)).mean()", ".any(axis=(1, 2)).all()", "share is 0.5, not 0"),
-        (
-            "(images & target).any(axis=(1, 2))",
-            "((images & target).sum(axis=(1, 2)) > 0.5 * target.sum())",
-            "all three touch",
-        ),
-        (
-            "(images & target).any(axis=(1, 2))",
-            "((images.any(1) & target.any(0)).any(1) & (images.any(2) & target.any(1)).any(1))",
-            "but no pixel",
-        ),
-        (".any(axis=(1, 2)).mean()", ".any(axis=2).mean()", "share is 0.5"),
-    ],
     "chamfer_by_hand": [
         ("return", "distances.min(axis=1).mean()", "only, from a to b"),
         ("return", "distances.min(axis=0).mean()", "only, from b to a"),
@@ -418,65 +384,6 @@ SLIPS = {
         ("return", "np.var(points, axis=0) / np.var(points, axis=0).sum()", "shares of the two columns"),
         ("eigenvalues.sum()", "eigenvalues.max()", "add up to 1"),
         ("np.cov(np.asarray(points, dtype=float).T)", "np.cov(points)", "of the shape (2,)"),
-    ],
-    "chance": [
-        ("abs(np.corrcoef(x, rng", "(np.corrcoef(x, rng", "as good as a rising one"),
-        ("true = abs(", "true = (", "take absolute values"),
-        (">= true - 1e-12", "> true", "not larger"),
-        (">=", "<", "share of worse orders"),
-        ("np.mean(", "np.sum(", "divide by the number"),
-        ("np.mean(", "100 * np.mean(", "divide by the number"),
-        (
-            "body",
-            "r = lambda z: abs(np.corrcoef(x, z)[0, 1])\n"
-            "with np.errstate(all='ignore'): return np.mean([r(rng.choice(y, len(y))) >= r(y) for _ in range(n)])",
-            "only once",
-        ),
-        ("rng.permutation(y)", "rng.permutation(np.linspace(0, 1, len(y)))", "a third is as good"),
-        ("rng.permutation(y)", "np.random.permutation(y)", "use it, and no other"),
-        ("rng.permutation(y)", "np.random.default_rng(_).permutation(y)", "the one that is handed over"),
-        ("range(n)", "range(1000)", "whole number of sevenths"),
-        ("return np.mean(", "return 1 / (n + 1) + n / (n + 1) * np.mean(", "whole number of sevenths"),
-        ("rng.permutation(y)", "(rng.shuffle(y), y)[1]", "changes its argument `y` in place"),
-    ],
-    "gain_of_dimension": [
-        (
-            "1 - error(dimensions, seed) / error(dimensions - 1, seed)",
-            "error(dimensions, seed) / error(dimensions - 1, seed) - 1",
-            "the sign",
-        ),
-        ("100 * (", "(", "a share"),
-        (
-            "100 * (1 - error(dimensions, seed) / error(dimensions - 1, seed))",
-            "error(dimensions - 1, seed) - error(dimensions, seed)",
-            "in units of the error",
-        ),
-        (
-            "1 - error(dimensions, seed) / error(dimensions - 1, seed)",
-            "error(dimensions - 1, seed) / error(dimensions, seed) - 1",
-            "not with one more",
-        ),
-        (
-            "return",
-            "100 - 100 * sum(error(3, k) for k in seeds) / sum(error(2, k) for k in seeds), 0",
-            "large errors must not count more",
-        ),
-        ("error(dimensions - 1, seed)", "error(dimensions - 1, seeds[0])", "not paired"),
-        (
-            "error(dimensions, seed) / error(dimensions - 1, seed)",
-            "error(dimensions + 1, seed) / error(dimensions, seed)",
-            "3 dimensions with 2",
-        ),
-        ("in seeds", "in range(len(seeds))", "none of"),
-        ("gains = ", "dimensions = 3; gains = ", "compare 5 dimensions with 4"),
-        (", ddof=1", "", "ddof=1"),
-        ("np.std(gains, ddof=1)", "np.std(gains, ddof=1) / len(gains) ** 0.5", "standard error"),
-        ("np.mean(gains)", "np.median(gains)", "the median"),
-        ("1 - error(dimensions, seed)", "error(dimensions, seed)", "what is gained"),
-        ("np.std(gains, ddof=1)", "np.var(gains, ddof=1)", "take its root"),
-        ("np.std(gains, ddof=1)", "np.std(gains, ddof=1) / 100", "the mean is in per cent"),
-        ("np.std(gains, ddof=1)", "np.ptp(gains)", "standard deviation 3"),
-        ("return", "np.mean(gains)", "the mean and the standard deviation"),
     ],
     "price_of_the_other": [
         ("np.sqrt(", "(", "take the root"),
@@ -969,19 +876,6 @@ RIGHTS = {
         ("e0**2", "e0 * e0 * np.float32(1)"),
         ("body", "f = lambda q: r * (k1 * (e0 + r * q) + k3 * (e0 + r * q) ** 3); return (f(1e-4) - f(-1e-4)) / 1e-4"),
     ],
-    "stretch_by_bisection": [
-        ("return (low + high) / 2", "return low"),
-        ("while high - low > 1e-9:", "for _ in range(60):"),
-        (
-            "body",
-            "from scipy.optimize import brentq; return brentq(lambda e: curve(e) - tension, 0, longest, xtol=1e-12)",
-        ),
-        (
-            "body",
-            "low, high = 0.0, longest\nwhile high - low > 1e-9:\n"
-            " e = np.linspace(low, high, 11); k = np.sum(curve(e) < tension); low, high = e[k - 1], e[k]\nreturn high",
-        ),
-    ],
     "compliance": [
         ("return", "(J @ np.linalg.solve(k * G.T @ G, J.T)).tolist()"),
         ("return", "(J @ np.linalg.inv(G.T @ np.diag(np.full(6, k)) @ G) @ J.T).astype(np.float32)"),
@@ -1033,11 +927,6 @@ RIGHTS = {
             "return (mean + (images.reshape(len(images), -1) - mean) @ a.T @ a).reshape(images.shape).tolist()",
         ),
     ],
-    "touching": [
-        ("return", "sum(bool(np.any(image * target)) for image in images) / len(images)"),
-        ("return", "np.float32(np.mean(np.einsum('bhw,hw->b', images.astype(int), target.astype(int)) > 0))"),
-        ("return", "np.mean(images[:, target].any(axis=1))"),
-    ],
     "chamfer_by_hand": [
         (
             "body",
@@ -1078,22 +967,6 @@ RIGHTS = {
             "body",
             "e = np.sort(np.linalg.eig(np.cov(points, rowvar=False))[0])[::-1]; return (e / sum(e)).astype(np.float32)",
         ),
-    ],
-    "chance": [
-        ("true - 1e-12", "true"),
-        ("np.corrcoef(x, rng.permutation(y))", "np.corrcoef(rng.permutation(x), y)"),
-        ("return", "(np.abs([np.corrcoef(x, z)[0, 1] for z in rng.permuted([y] * n, axis=1)]) >= true - 1e-9).mean()"),
-        ("return np", "y = y.copy(); return np"),
-        ("np.mean(", "np.float32(1 / n) * sum("),
-    ],
-    "gain_of_dimension": [
-        ("return np.mean(gains), np.std(gains, ddof=1)", "return [np.float32(np.mean(gains)), np.std(gains, ddof=1)]"),
-        (
-            "body",
-            "more, few = (np.array([error(n, seed) for seed in seeds]) for n in (dimensions, dimensions - 1))\n"
-            "gains = 100 * (few - more) / few; return np.array([gains.mean(), gains.std(ddof=1)])",
-        ),
-        ("return", "__import__('statistics').mean(gains), __import__('statistics').stdev(gains)"),
     ],
     "price_of_the_other": [
         ("body", "(a, b), (_, c) = information; return 2 * [(1 - b * b / (a * c)) ** -0.5]"),

@@ -12,20 +12,15 @@ from clothlab.checks.control import alternate, my_mask, random_shooting, steps_a
 from clothlab.checks.estimate_and_control import averaged, half_time, shaken
 from clothlab.checks.live_lab import in_time, nearest_phase
 from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
-from clothlab.checks.parametric_bias import chance, gain_of_dimension, matching_drag, shares_by_hand
+from clothlab.checks.parametric_bias import matching_drag, shares_by_hand
 from clothlab.checks.practice import honest, one_outcome, practise_then_perform
 from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
 from clothlab.checks.results import best_of, verdict, when_apart
-from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction, touching
+from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import falling_speed, place, sign_flip_share
 from clothlab.checks.table_setting import choose_grasp, plane_of_most, point_of_pixel, way_left
-from clothlab.checks.variable_stiffness import (
-    compliance,
-    length_for_measured_tension,
-    pair_stiffness,
-    stretch_by_bisection,
-)
+from clothlab.checks.variable_stiffness import compliance, length_for_measured_tension, pair_stiffness
 from clothlab.checks.what_can_be_known import most_telling, price_of_the_other, share_held
 
 __all__ = [
@@ -35,7 +30,6 @@ __all__ = [
     "best_moment",
     "best_of",
     "chamfer_by_hand",
-    "chance",
     "choose_grasp",
     "compliance",
     "count_springs",
@@ -43,7 +37,6 @@ __all__ = [
     "euler_step",
     "extrapolate",
     "falling_speed",
-    "gain_of_dimension",
     "half_time",
     "handmade",
     "honest",
@@ -72,10 +65,8 @@ __all__ = [
     "sign_flip_share",
     "steps_along",
     "steps_until_right",
-    "stretch_by_bisection",
     "take_turns",
     "time_to_reach",
-    "touching",
     "transitions",
     "verdict",
     "wave",

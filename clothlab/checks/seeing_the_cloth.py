@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from clothlab.checks._check import array, check, expect, number
 from clothlab.simulation.vision import HEIGHT, WIDTH, chamfer_distance
 
-__all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction", "touching"]
+__all__ = ["chamfer_by_hand", "handmade", "linear_reconstruction"]
 
 
 @check(array("area, mean column and mean row, or zeros for an empty mask", 3))
@@ -63,21 +63,6 @@ def _least_error(fit: np.ndarray, test: np.ndarray, n: int) -> float:
     axes = vectors.T @ (fit - mean)
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     return np.square(test - mean - (test - mean) @ axes.T @ axes).mean()
-
-
-@check(number("a share between 0 and 1"))
-def touching(answer: Callable) -> None:
-    """Masks that overlap, nothing, and two whose bounding boxes alone do."""
-    masks = np.zeros((4, HEIGHT, WIDTH), bool)
-    masks[0, 5, 5] = masks[1, :, 5] = masks[2, 50:, :] = True
-    two = "two of these four masks contain the pixel (5, 5): the share is 0.5, not"
-    found = answer(masks, masks[0])
-    slips = {"2 is the number of images: divide by how many there are": 2, "per cent; a share lies between 0 and 1": 50}
-    expect(found, 0.5, f"{two} {found:.3g}", slips)
-    expect(answer(masks, masks[3]), 0, "nothing touches an empty target")
-    expect(answer(masks[:3], masks[1]), 1, "all three touch the column 5")
-    cross = np.eye(HEIGHT, WIDTH, dtype=bool)[None]
-    expect(answer(cross, ~cross[0]), 0, "these have rows and columns in common, but no pixel")
 
 
 @check(number("a distance in pixels"))

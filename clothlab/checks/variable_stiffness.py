@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.checks._check import CheckFailed, array, check, expect, number
+from clothlab.checks._check import array, check, expect, number
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
-__all__ = ["compliance", "length_for_measured_tension", "pair_stiffness", "stretch_by_bisection"]
+__all__ = ["compliance", "length_for_measured_tension", "pair_stiffness"]
 
 
 @check(number("a stiffness in N m/rad"))
@@ -30,44 +30,6 @@ def pair_stiffness(answer: Callable) -> None:
         if not np.isclose(tangent, secant):
             assert not np.isclose(k / secant, wanted / tangent, rtol=1e-4), "stiffness is df/de, not f/e"
         assert np.isclose(k, wanted, rtol=1e-4), f"the torque's slope is {wanted:.2f} N m/rad, yours is {k:.2f}"
-
-
-class _Curve:
-    """A curve that loses patience with a search that doesn't end."""
-
-    def __init__(self, curve: Callable[[float], float]):
-        self.curve, self.calls = curve, 0
-
-    def __call__(self, e: float) -> float:
-        self.calls += 1
-        if self.calls > 10_000:
-            raise CheckFailed("the curve was asked 10,000 times, and you go on: stop once the interval is tiny")
-        return self.curve(e)
-
-
-def _polygon(x: np.ndarray, y: np.ndarray) -> Callable[[float], float]:
-    return lambda value: np.interp(value, x, y)
-
-
-@check(number("a stretch in metres"))
-def stretch_by_bisection(answer: Callable) -> None:
-    """Springs whose inverse is known; two have corners, which a table of values cuts."""
-    arm = MuscleArm()
-    corners, pulls = np.array([0.0, 0.0123456, 0.0123477, 0.05]), np.array([0.0, 1.5, 60.0, 100.0])
-    springs = {
-        "our spring": (arm.tension, arm.elongation, 0.05),
-        "an exponential spring": (lambda e: 5 * np.expm1(e / 0.0075), lambda f: 0.0075 * np.log1p(f / 5), 0.05),
-        "a spring with corners": (_polygon(corners, pulls), _polygon(pulls, corners), 0.05),
-        "a spring of up to 0.2 m": (_polygon(10 * corners, pulls), _polygon(pulls, 10 * corners), 0.2),
-    }
-    for name, (curve, inverse, longest) in springs.items():
-        for tension in (0.5, 10.0, 63.0):
-            e = answer(_Curve(curve), tension) if longest == 0.05 else answer(_Curve(curve), tension, longest)
-            assert 0 <= e <= longest, f"{name}: {e:.4g} m lies outside the interval 0 to {longest} m"
-            off = abs(e - inverse(tension))
-            message = f"{name}, stretched by your {1e3 * e:.4f} mm, pulls with {curve(e):.4f} N, not {tension:g} N"
-            assert off < 2e-3, message + ": keep the half in which the answer lies"
-            assert off < 1.01e-9, f"{name}: {off:.0e} m from the stretch that is asked for, to 1e-9 m: go on halving"
 
 
 @check(array("the matrix C", 2, 2))
