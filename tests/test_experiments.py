@@ -4,10 +4,9 @@ import make_results
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 from clothlab import _parallel, analysis, artifacts, experiments
-from clothlab.experiments import EXPERIMENTS, PAPER, Experiment, tables
+from clothlab.experiments import EXPERIMENTS, PAPER, Experiment, _grid, tables
 from clothlab.experiments._grid import grid, shared
 
 TINY = {
@@ -181,7 +180,8 @@ def test_kept_rows_are_not_made_again_but_where_code_or_data_changed(counted, tm
     assert len(done) == 4
     experiment.run(grid(number=2, seed=8), keep=tmp_path)
     assert done[4:] == [2, "train 8"]
-    monkeypatch.setattr(_parallel, "code_version", lambda: "another")
+    monkeypatch.setattr(_parallel, "version", lambda *_: f"{_parallel.code_version()}-another")
+    monkeypatch.setattr(_grid, "version", lambda *_: "another")
     experiment.run(keep=tmp_path)
     assert [each for each in done[6:] if each != "train 7"] == [0, 1, 2]
 
@@ -204,12 +204,6 @@ def test_a_table_keeps_words_arrays_and_what_is_not_there(counted, tmp_path):
         patch.setitem(EXPERIMENTS, "counted", experiment)
         both = experiments.recompute("counted", number=1, word=None, data=tmp_path)
     same(both.loc[["stored"]], both.loc[["here"]])
-
-
-def test_a_row_gives_the_callers_number_of_threads_back(counted):
-    torch.set_num_threads(1)
-    counted[0].run()
-    assert torch.get_num_threads() == 1
 
 
 @pytest.mark.parametrize("asked", [[], ["--only", "control"]])

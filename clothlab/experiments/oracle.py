@@ -5,12 +5,12 @@ It tells whether a controller falls short or the arm does, and what variable sti
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pandas as pd
-from attrs import evolve, frozen
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
@@ -33,7 +33,7 @@ POOL = 400  # recorded stretches, of which each search draws its starts
 Cost = Callable[[np.ndarray], np.ndarray]  # plans [N, T, D_u] → cost of each [N]
 
 
-@frozen
+@dataclass(frozen=True)
 class SearchSettings:
     """How many plans are tried, and how widely they are drawn."""
 
@@ -219,7 +219,7 @@ def run_one(
     autoencoder, _ = artifacts.load_autoencoder(arm)
     plans = recorded_plans(artifacts.load_trials(RECORDINGS[arm]), PERIOD, POOL, seed=seed)
     settings = search or SearchSettings()
-    settings = settings if remembers else evolve(settings, remembered=0)
+    settings = settings if remembers else replace(settings, remembered=0)
     mask = artifacts.load_target(target)
     trial, trace = search_trial(
         autoencoder, arm, cloth, mask, plans, periods, f_const=f_const, search=settings, seed=seed
