@@ -77,9 +77,8 @@ def fisher_information(sensitivity: ArrayLike, noise: Noise) -> np.ndarray:
 def unbiased_information(sensitivities: np.ndarray, noise: Noise) -> np.ndarray:
     """Fisher information `[T, P, P]` from R noisy measurements of the sensitivities `[R, T, D, P]`, R at least 2.
 
-    The square of a noisy number is too large on average; the product of two measurements with independent errors is
-    not. So each measurement is multiplied by all the others: F = 1/(R(R-1)) Σ_{r≠q} S̃_rᵀ S̃_q. Where there is hardly
-    any information, this can come out negative: `cramer_rao` then says that nothing is known.
+    The square of a noisy number is too large on average, the product of two measurements with independent errors is
+    not: F = 1/(R(R-1)) Σ_{r≠q} S̃_rᵀ S̃_q. With hardly any information it can be negative: the bound is infinite then.
     """
     count = len(sensitivities)
     own = np.mean([fisher_information(each, noise) for each in sensitivities], axis=0)

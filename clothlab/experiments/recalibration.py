@@ -24,7 +24,6 @@ from clothlab.trials import Trial
 
 DARK = 75  # of 255: the bar is darker in every colour, shaded skin, cloth and floor are not
 FEWEST = 4  # pictures from which six numbers follow with some certainty
-LEAST_BAR = 20  # [pixel] of it in a picture
 LEAST_PART = 50  # [pixel] of it: the hand may cover its middle, and what is smaller is the shade in a corner
 MARGIN = 0.1  # of the joints' ranges, left out at both ends
 HOLD = 8  # [step] for each posture
@@ -117,10 +116,9 @@ def find_bar(picture: np.ndarray) -> np.ndarray | None:
     below = np.asarray((picture < DARK).all(axis=2), np.uint8)
     _, labels, parts, _ = cv2.connectedComponentsWithStats(below)
     dark = np.isin(labels, 1 + np.flatnonzero(parts[1:, cv2.CC_STAT_AREA] >= LEAST_PART))
-    rows, columns = np.nonzero(dark)
-    if len(rows) < LEAST_BAR or dark[[0, -1]].any() or dark[:, [0, -1]].any():
+    if not dark.any() or dark[[0, -1]].any() or dark[:, [0, -1]].any():
         return None
-    points = np.column_stack([columns, rows]) + 0.5
+    points = np.argwhere(dark)[:, ::-1] + 0.5  # column and row
     centre = points.mean(axis=0)
     along = np.linalg.svd(points - centre, full_matrices=False)[2][0]
     reach = (points - centre) @ along

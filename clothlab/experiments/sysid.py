@@ -23,7 +23,7 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 
 MIDDLE = np.log([DAMPINGS[0] * DAMPINGS[-1], MASSES[0] * MASSES[-1]]) / 2  # of the trained range
-WARMUP, BATCH = 10, 36  # steps of a run after which nobody could know its cloth, and runs in each batch of a training
+WARMUP, BATCH = 10, 36  # steps of a run that say too little of its cloth, and runs in each batch of a training
 
 Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (log C_damp, log C_mass), commands → states
 
@@ -105,10 +105,7 @@ def _coarse_search(
 
 
 class Regressor(nn.Module):
-    """s, u → GRU → its mean since the start → tanh layer → (log C_damp, log C_mass), after each step.
-
-    A mean has no length, so that one network answers after any number of steps.
-    """
+    """s, u → GRU → its mean since the start → tanh layer → (log C_damp, log C_mass), after each step."""
 
     mean: Tensor
     std: Tensor
@@ -151,7 +148,7 @@ def train_regressor(
     Args:
         runs: recorded runs, longer than the `WARMUP`.
         constants: (log C_damp, log C_mass) of each material, `{name: [2]}`.
-        seed: of weights, windows and batches.
+        seed: of the random numbers.
         updates: each with windows of some runs from random starts, after every step of which the network answers.
         window: length of these [step].
         hidden_size: of both layers.
