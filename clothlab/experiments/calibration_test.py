@@ -70,9 +70,9 @@ def run_one(cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]) -> di
     newton, looks = NewtonEstimator(learned.model), []
     for t, step in enumerate(zip(run.s, run.u, strict=True), start=1):
         newton.update(*step)
-        report = calibration.report(newton) if t in LENGTHS else None
-        if report:
-            looks.append((newton.p, newton.fit.covariance(), *report))
+        fit, report = newton.fit, calibration.report(newton) if t in LENGTHS else None
+        if fit and report:
+            looks.append((newton.p, fit.covariance(), *report))
     estimate, bare, covariance, _, out_of_distribution, outside = (np.array(each) for each in zip(*looks, strict=True))
     return {
         "kind": next(kind for kind, cloths in KINDS.items() if cloth in cloths),
