@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 import torch
 
-from clothlab import analysis, artifacts, experiments
-from clothlab.experiments import EXPERIMENTS, PAPER, Experiment, _grid, tables
+from clothlab import _parallel, analysis, artifacts, experiments
+from clothlab.experiments import EXPERIMENTS, PAPER, Experiment, tables
 from clothlab.experiments._grid import grid, shared
 
 TINY = {
@@ -181,7 +181,7 @@ def test_kept_rows_are_not_made_again_but_where_code_or_data_changed(counted, tm
     assert len(done) == 4
     experiment.run(grid(number=2, seed=8), keep=tmp_path)
     assert done[4:] == [2, "train 8"]
-    monkeypatch.setattr(_grid, "version", lambda: "another")
+    monkeypatch.setattr(_parallel, "code_version", lambda: "another")
     experiment.run(keep=tmp_path)
     assert [each for each in done[6:] if each != "train 7"] == [0, 1, 2]
 
