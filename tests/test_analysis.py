@@ -129,7 +129,7 @@ def test_success_rises_with_the_threshold():
     assert success_rate([0.1, 0.5, 0.9, 1.3], [0.0, 0.5, 1.0, 2.0]) == pytest.approx([0, 0.25, 0.75, 1])
 
 
-@pytest.mark.parametrize("distances", [[[0.1]], [np.nan], None, "far"])
+@pytest.mark.parametrize("distances", [[np.nan], None, "far"])
 def test_distances_are_finite_numbers_in_a_row(distances):
     for use in (best_per_period, lambda distances: success_rate(distances, [1.0])):
         with pytest.raises(ValueError, match=r"distances is \[.*T\] and finite"):
