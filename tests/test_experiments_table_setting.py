@@ -7,15 +7,7 @@ import torch
 
 from clothlab import artifacts
 from clothlab.experiments import table_setting
-from clothlab.experiments.table_setting import (
-    cases,
-    difference,
-    middle_of_best,
-    rows,
-    run_border,
-    run_material,
-    run_one,
-)
+from clothlab.experiments.table_setting import cases, difference, middle_of_best, rows, run_border, run_one
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
@@ -96,12 +88,6 @@ def test_the_dynamic_method_excites_estimates_and_lets_go(learned, monkeypatch):
     assert len(notes["expected"]) == len(notes["before_release"]) > 0
 
 
-def test_a_foam_is_told_from_one_motion(learned):
-    row = run_material("hard-3", 0, 5)
-    assert row["nearest"] in learned.biases
-    assert np.isfinite(row["bias"]).all()
-
-
 @pytest.fixture
 def small(monkeypatch):
     """A border that is searched in seconds."""
@@ -139,7 +125,7 @@ def test_a_throw_that_worked_is_judged_from_other_starts(small):
     assert len(set(tried[-3:])) == 1
 
 
-@pytest.mark.parametrize(("worked", "best"), [([0, 2, 1], 1), ([2, 2, 2, 0], 1), ([0, 0], 1), ([1], 0)])
+@pytest.mark.parametrize(("worked", "best"), [([0, 2, 1], 1), ([2, 2, 2, 0], 1), ([1], 0)])
 def test_of_the_best_the_middle_one_is_taken(worked, best):
     assert middle_of_best(np.array([[k > 0, k > 1] for k in worked])) == best
 

@@ -86,10 +86,3 @@ def test_only_what_should_touch_touches(model):
     assert touch("basket", points[0])
     assert not touch("basket", bar)
     assert not touch(bar, points[0])
-
-
-def test_the_cloth_weighs_what_it_does_elsewhere_and_its_first_row_is_free(model):
-    names = [model.body(k).name for k in range(model.nbody)]
-    assert sum(model.body(name).mass[0] for name in names if name.startswith("cloth_")) == pytest.approx(CLOTH.mass)
-    assert model.joint("cloth_0_0_x").damping[0] == CLOTH.damping
-    assert "cloth_0_0-cloth_0_1" in {model.tendon(k).name for k in range(model.ntendon)}

@@ -8,7 +8,6 @@ import torch
 
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.dpmpb import DPMPB, Sequences
-from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator
 from clothlab.simulation.arm import get_arm
 from clothlab.table_scene.table_env import TableEnv
 from clothlab.table_scene.throwing import (
@@ -63,9 +62,7 @@ def commands(policy, steps=20):
     return np.array([policy({}) for _ in range(steps)])
 
 
-@pytest.mark.parametrize(
-    ("release", "closed"), [(2.4, [1, 1, 0.4, 0]), (0.0, [0, 0, 0, 0]), (9.0, [1, 1, 1, 1]), (2.0, [1, 1, 0, 0])]
-)
+@pytest.mark.parametrize(("release", "closed"), [(2.4, [1, 1, 0.4, 0]), (9.0, [1, 1, 1, 1]), (2.0, [1, 1, 0, 0])])
 def test_the_hand_is_closed_until_it_opens(release, closed):
     assert closed_until(release, 4) == pytest.approx(closed)
 
@@ -133,23 +130,6 @@ def test_an_arm_that_cannot_let_go_is_refused(kind):
         kind("muscle")
 
 
-def test_a_plan_s_end_has_a_derivative_by_the_release_time(learned, square):
-    policy = new_policy(learned, square)
-    policy.set_bias(BIASES["hard-1"])
-    plan = policy.plans[:1].clone()
-    plan[..., -1] += 0.2  # near what was tried: the farther, the larger the expected error
-    s, correction = torch.as_tensor(RUNS[0].s[0]), policy.correction()
-    plan.requires_grad_()
-    (g,) = torch.autograd.grad(policy.expected(s, plan, correction).sum(), plan)
-    later, sooner = (plan.detach().clone() for _ in range(2))
-    later[..., -1] += 0.01
-    sooner[..., -1] -= 0.01
-    with torch.no_grad():
-        slope = float((policy.expected(s, later, correction) - policy.expected(s, sooner, correction)) / 0.02)
-    assert float(g[..., -1].sum()) == pytest.approx(slope, rel=0.05, abs=1e-4)
-    assert abs(slope) > 1e-4
-
-
 def test_plans_are_the_recorded_throws_and_what_they_led_to_is_expected_again(learned, square):
     policy = new_policy(learned, square)
     assert policy.plans[:, 0, -1].tolist() == pytest.approx([2.4, 1.7, 2.9])
@@ -189,21 +169,11 @@ def test_what_looks_bad_is_held_until_the_last_attempt_and_teaches_until_a_reset
     assert torch.allclose(before, policy.expected(s, plan, policy.correction()))
 
 
-def test_p_may_be_estimated_while_it_throws(learned, square):
-    policy = new_policy(learned, square)
-    estimating = EstimatingPolicy(policy, NewtonEstimator(learned[0]), learned[1])
-    sent(estimating, square, 30)
-    assert np.array_equal(policy.p, estimating.trace[-1])
-    assert policy.done
-
-
 def test_recordings_that_do_not_fit_are_refused(learned, square):
     with pytest.raises(ValueError, match="plans of 4 steps need recorded throws that are longer: none was given"):
         ThrowPolicy(*learned, ARM, square, np.zeros(2), [RUNS[0][:3]], BIASES, SETTINGS)
     with pytest.raises(KeyError, match="unknown material 'soft-1'; choose from hard-1"):
         ThrowPolicy(*learned, ARM, square, np.zeros(2), RUNS, {"hard-1": BIASES["hard-1"]}, SETTINGS)
-    with pytest.raises(ValueError, match="load the weights of this arm"):
-        ThrowPolicy(DPMPB(15, 3), learned[1], ARM, square, np.zeros(2), RUNS, BIASES, SETTINGS)
 
 
 def test_a_cloth_laid_by_hand_is_seen_as_spread():
