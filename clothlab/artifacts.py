@@ -30,7 +30,7 @@ from clothlab.trials import Trial, load_trial
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
 MORE = "-more"  # ending of sets of trials beyond the paper's amount
-LEFT_OUT = f"trials/*{MORE}/*"  # the repository has only their hashes
+_LEFT_OUT = f"trials/*{MORE}/*"  # the repository has only their hashes
 LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is not there, which is no fault
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 _SUFFIXES = {".npz", ".safetensors", ".png", ".json", ".csv"}  # of files whose hash is recorded
@@ -105,15 +105,10 @@ def _filled(model: _M, tensors: Mapping[str, torch.Tensor]) -> _M:
 
 
 def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> list[Trial]:
-    """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
+    """Load a set of recorded trials, such as `"train"` or `"evaluation"`, or its first few, by their file names.
 
     `"mine"` is what you recorded in the live lab, perhaps nothing yet. Sets that end in `-more` are not part of the
     repository: `make data` records them.
-
-    Args:
-        name: which set.
-        first: only so many of them, or all that there are where there are fewer.
-        data: folder to look in.
     """
     first = None if first is None else check_number("first", first, int, at_least=0)
     own, data = own_trials(data), data_folder(data)
@@ -128,7 +123,7 @@ def load_targets(name: str | None = None, *, data: Folder = None) -> dict[str, n
     """Load a set of target masks `[H, W]`, bool, by their names: `"held-out"`, `"drawn"`; or those that are in none."""
     data = data_folder(data)
     within = "" if name is None else _within(name, data)
-    return {within + own: load_target(within + own, data=data) for own in _listed(f"targets/{within}*.png", data)}
+    return {within + own: _read_target(path, data) for own, path in _listed(f"targets/{within}*.png", data).items()}
 
 
 def load_target(name: str, *, data: Folder = None) -> np.ndarray:
@@ -136,8 +131,11 @@ def load_target(name: str, *, data: Folder = None) -> np.ndarray:
     data = data_folder(data)
     *name_of_set, own = str(name).rsplit("/", 1)
     within = "".join(_within(each, data) for each in name_of_set)
-    path = _find("target", f"targets/{within}*.png", own, data)
-    with reading(path, "target"):
+    return _read_target(choose("target", own, _listed(f"targets/{within}*.png", data)), data)
+
+
+def _read_target(path: Path, data: Path) -> np.ndarray:
+    with reading(_checked(path, data), "target"):
         return mask_from_file(path.read_bytes())
 
 
@@ -151,12 +149,6 @@ def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
     *within, own = name.split("/", 1) if isinstance(name, str) else [name]
     folder = (data_folder(data) / "targets").joinpath(*(check_name("set", each) for each in within))
     write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
-
-
-def recorded_with(target: str) -> tuple[str, str]:
-    """Names of the arm and the cloth of a recorded target, which is called SET/ARM_CLOTH_NUMBER."""
-    arm, cloth, _ = target.rpartition("/")[2].split("_")
-    return arm, cloth
 
 
 def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) -> None:
@@ -190,11 +182,7 @@ def write_checksums(data: Folder = None) -> None:
 
 
 def check_data(data: Folder = None) -> dict[str, str]:
-    """Compare every file in `data/` with its recorded hash.
-
-    Returns:
-        `{file: verdict}`, each "ok", "missing", `LEFT_TO_MAKE`, "altered" or "not recorded".
-    """
+    """Compare each file in `data/` with its hash: "ok", "missing", `LEFT_TO_MAKE`, "altered" or "not recorded"."""
     data = data_folder(data)
     recorded = _recorded(data)
     return {name: _verdict(data / name, recorded.get(name)) for name in sorted({*recorded, *_present(data)})}
@@ -206,7 +194,7 @@ def cure(name: str) -> str:
 
 
 def _is_left_out(name: str) -> bool:
-    return PurePosixPath(name).match(LEFT_OUT)
+    return PurePosixPath(name).match(_LEFT_OUT)
 
 
 def _recorded(data: Path) -> dict[str, str]:
@@ -235,16 +223,18 @@ def _verdict(path: Path, recorded: str | None) -> str:
 def _sets(kind: str, data: Path) -> dict[str, Path]:
     """The folders in `data/KIND`, those that are there and those that should be."""
     there = {path.name for path in (data / kind).glob("*") if path.is_dir()}
-    recorded = {PurePosixPath(name).parts[1] for name in _recorded(data) if PurePosixPath(name).match(f"{kind}/*/*")}
+    parts = (name.split("/") for name in _recorded(data))
+    recorded = {each[1] for each in parts if each[0] == kind and len(each) == 3}
     return {name: data / kind / name for name in sorted(there | recorded)}
 
 
 def _listed(pattern: str, data: Path) -> dict[str, Path]:
     """The files that fit a pattern, those that are there and those that should be, by what stands for its `*`."""
-    recorded = (data / name for name in _recorded(data) if PurePosixPath(name).match(pattern))
-    start, end = Path(pattern).name.split("*")
-    paths = sorted({*(path for path in data.glob(pattern) if path.is_file()), *recorded})
-    return {path.name.removeprefix(start).removesuffix(end): path for path in paths}
+    start, end = pattern.split("*")
+    there = {path.relative_to(data).as_posix() for path in data.glob(pattern) if path.is_file()}
+    fitting = {name for name in _recorded(data) if name.startswith(start) and name.endswith(end)} | there
+    inner = (name[len(start) : len(name) - len(end)] for name in sorted(fitting))
+    return {name: data / f"{start}{name}{end}" for name in inner if "/" not in name}
 
 
 def _find(kind: str, pattern: str, name: str, data: Folder) -> Path:

@@ -240,7 +240,7 @@ def left_out(data, trial) -> Path:
 
 def test_git_ignores_what_is_left_to_make_data():
     ignored = (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
-    assert f"data/{artifacts.LEFT_OUT.removesuffix('*')}" in ignored
+    assert f"data/{artifacts._LEFT_OUT.removesuffix('*')}" in ignored
 
 
 def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(data, left_out):
