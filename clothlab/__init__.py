@@ -5,7 +5,6 @@ Shape letters, used in every docstring of the package:
 | letter | meaning |
 | --- | --- |
 | `B` | batch: sequences, or candidate command sequences |
-| `E` | members of an ensemble |
 | `T` | control steps of 0.2 s |
 | `K` | trained materials (cloths) |
 | `H, W` | image height and width, 96 and 128 pixels |

@@ -13,7 +13,7 @@ from safetensors import safe_open
 if TYPE_CHECKING:
     import torch
 
-LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
+_LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
@@ -23,7 +23,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # The same folder, because a rename is atomic only within one file system.
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=LEFT_OVER)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=_LEFT_OVER)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()

@@ -31,14 +31,10 @@ class Job:
 def run_jobs(
     name: str, jobs: Sequence[Job], *, workers: int = 1, progress: bool = False, keep: Path | None = None
 ) -> Iterator[Any]:
-    """Call each job, several at once, and yield what they return, in their order.
+    """Call each job, in so many processes, and yield what they return, in their order.
 
-    Args:
-        name: of the progress bar, and of what is kept.
-        jobs: the calls.
-        workers: processes; a `joblib.parallel_config` around the loop chooses another backend, such as Dask.
-        progress: show it.
-        keep: folder where results are kept: a job whose code, arguments and inputs are the same is not done again.
+    A `joblib.parallel_config` around the loop chooses another backend, such as Dask. In the folder `keep`, results are
+    kept under `name`: a job whose code, arguments and inputs are the same is not done again.
     """
     call = cached(_call, keep, ignore=["function"])
     calls = (joblib.delayed(call)(job.function, name, dict(job.arguments), version(*job.inputs)) for job in jobs)

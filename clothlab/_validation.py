@@ -27,11 +27,6 @@ def choose(kind: str, name: str, choices: Mapping[str, _T], none_yet: str = "(no
     return choices[name]
 
 
-def choose_all(kind: str, names: Iterable[str], choices: Mapping[str, _T]) -> list[_T]:
-    """`choose` for several names."""
-    return [choose(kind, name, choices) for name in names]
-
-
 def check_name(kind: str, name: str) -> str:
     """Return a name for a new file; a ValueError if it would lead to another folder or not be found again."""
     if not isinstance(name, str) or not re.fullmatch(r"\w([\w-]|(?<=\d)\.(?=\d))*", name):

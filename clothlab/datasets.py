@@ -126,7 +126,7 @@ TARGET_SETS = (
     TargetSet("development", "torque", _OTHERS, 3100, varied=2, spread=True),
     TargetSet("development", "muscle", ("hard-3", "soft-2"), 13100, varied=2, spread=True),
 )
-RUNS = 4  # of the operator with each cloth
+_RUNS = 4  # of the operator with each cloth
 
 
 def record_targets(jobs: Sequence[Job], **options: Any) -> list[str]:
@@ -160,7 +160,7 @@ def find_target_set(targets: TargetSet) -> dict[str, np.ndarray]:
     """Targets `{SET/ARM_CLOTH_K: mask}`, out of all moments at which the whole cloth is in the picture."""
     found: dict[str, np.ndarray] = {}
     for k, cloth in enumerate(targets.cloths):
-        seeds = range(targets.first_seed + RUNS * k, targets.first_seed + RUNS * (k + 1))
+        seeds = range(targets.first_seed + _RUNS * k, targets.first_seed + _RUNS * (k + 1))
         runs = [_record_operator(targets.arm, cloth, seed) for seed in seeds]
         whole = np.array([image for images, _ in runs for image in images if _in_view(image)])
         chosen = list(choose_varied(whole, targets.varied))

@@ -55,7 +55,7 @@ class Wrapper(Policy):
         return self.policy(observation)
 
 
-class FunctionPolicy(Policy):
+class _FunctionPolicy(Policy):
     """A plain function `observation -> u` as a policy."""
 
     def __init__(self, function: Callable[[Observation], ArrayLike]):
@@ -70,7 +70,7 @@ def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
     """Return a plain function as a policy, and a policy as it is."""
     if not callable(policy) or isinstance(policy, type):
         raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
-    return policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+    return policy if isinstance(policy, Policy) else _FunctionPolicy(policy)
 
 
 class Timed(Wrapper):

@@ -15,19 +15,11 @@ from clothlab.trials import Trial
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Recordings, and settings of the trainings.
+    """Recordings, and settings of the trainings."""
 
-    Attributes:
-        name: of the autoencoder, and with a seed behind it of each DPMPB.
-        arm: name of the arm.
-        recordings: names of the sets of trials.
-        autoencoder: how it is trained on their images.
-        model: how the DPMPB is trained on what the autoencoder sees.
-    """
-
-    name: str
-    arm: str
-    recordings: tuple[str, ...]
+    name: str  # of the autoencoder, and with a seed behind it of each DPMPB
+    arm: str  # name
+    recordings: tuple[str, ...]  # names of the sets of trials
     autoencoder: AutoencoderTraining
     model: ModelTraining
 

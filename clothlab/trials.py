@@ -13,7 +13,7 @@ from tqdm.auto import tqdm
 from clothlab._files import reading, write_bytes
 from clothlab._validation import Checked, check_array, check_number
 from clothlab.policies import Policy, as_policy
-from clothlab.simulation.arm import Arm, check_command, get_arm
+from clothlab.simulation.arm import check_command, get_arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.simulation.vision import check_masks
@@ -23,24 +23,14 @@ _FORMAT = 1  # of trial files
 
 @dataclass(frozen=True, eq=False)
 class Trial(Checked):
-    """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}, with the image in place of z.
+    """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}, with the image in place of z."""
 
-    Attributes:
-        images: cloth masks `[T, H, W]`, bool; `images[t]` is seen just before `commands[t]` is sent.
-        robot: robot states `[T, D_r]`, float64, in the arm's units.
-        commands: commands `[T, D_u]`, float64, in the arm's units.
-        cloth: the cloth in the hand.
-        arm: name of the arm.
-        policy: name of what chose the commands.
-        seed: seed of the run.
-    """
-
-    images: np.ndarray
-    robot: np.ndarray
-    commands: np.ndarray
+    images: np.ndarray  # cloth masks [T, H, W], bool; images[t] is seen just before commands[t] is sent
+    robot: np.ndarray  # robot states [T, D_r], float64, in the arm's units
+    commands: np.ndarray  # commands [T, D_u], float64, in the arm's units
     cloth: Cloth
-    arm: str
-    policy: str
+    arm: str  # name
+    policy: str  # name of what chose the commands
     seed: int
 
     def __post_init__(self) -> None:
@@ -84,7 +74,7 @@ def rollout(
     samples: int = 5,
     progress: bool = False,
 ) -> Trial:
-    """Let a policy move the cloth for `steps` steps and record what happens. Policy and environment are reset first.
+    """Let a policy move the cloth for `steps` control steps and record what happens; both are reset first.
 
     Args:
         env: the scene.
@@ -93,8 +83,8 @@ def rollout(
         seed: of the policy's random numbers and of the random start; stored in the trial.
         random_start: start from a random posture instead of the arm's home.
         name: of the policy in the trial; by default its own.
-        watch: called without arguments `samples` times in each step, as in `ClothEnv.advance`.
-        samples: how often; 5 make a video of 25 pictures a second.
+        watch: called `samples` times in each step, as in `ClothEnv.advance`; 5 make 25 pictures a second.
+        samples: how often.
         progress: show a progress bar.
     """
     check_number("steps", steps, int, at_least=1)
@@ -111,53 +101,6 @@ def rollout(
         observation = env.observe()
     images, robot, commands = (np.array(column) for column in zip(*rows, strict=True))
     return Trial(images, robot, commands, env.cloth, env.arm.name, name or policy.name, seed)
-
-
-class MotionWatch:
-    """How an arm moves within the steps: pass it as `watch` to `rollout` or `ClothEnv.advance`."""
-
-    def __init__(self, env: ClothEnv):
-        self._env = env
-        self._rows: list[tuple[float, ...]] = []
-
-    def __call__(self) -> None:
-        data = self._env.data
-        self._rows.append((data.time, *self._env.arm.angles(data), *data.site("hand").xpos))
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time of each of N samples, `[N]` [s]."""
-        return np.array(self._rows)[:, 0]
-
-    @property
-    def theta(self) -> np.ndarray:
-        """Joint angles, `[N, 2]` [rad]."""
-        return np.array(self._rows)[:, 1:3]
-
-    @property
-    def hand(self) -> np.ndarray:
-        """Position of the hand in the world, `[N, 3]` [m]."""
-        return np.array(self._rows)[:, 3:]
-
-    @property
-    def hand_speed(self) -> np.ndarray:
-        """Speed of the hand, `[N]` [m/s]."""
-        return np.linalg.norm(np.gradient(self.hand, self.time, axis=0), axis=1)
-
-
-def replay(trial: Trial, *, arm: Arm | None = None, samples: int = 50) -> MotionWatch:
-    """Send the commands of a trial again, to its own arm or another one, and watch the arm `samples` times a step.
-
-    A ValueError if its own arm does not move again as recorded, as after a random start.
-    """
-    env = ClothEnv(arm or trial.arm, trial.cloth)
-    watch = MotionWatch(env)
-    env.start(seed=trial.seed)
-    for u, recorded in zip(trial.commands, trial.robot, strict=True):
-        if arm is None and not np.allclose(env.arm.state(env.data), recorded, atol=1e-6):
-            raise ValueError("the replay leaves the recorded run: it started elsewhere, or with another arm")
-        env.advance(u, watch, samples)
-    return watch
 
 
 def save_trial(trial: Trial, path: str | Path) -> None:

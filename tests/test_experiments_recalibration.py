@@ -17,7 +17,7 @@ from clothlab.experiments.recalibration import (
     take_views,
 )
 from clothlab.learning.autoencoder import iou
-from clothlab.policies import FunctionPolicy, RandomPolicy, ReplayPolicy
+from clothlab.policies import RandomPolicy, ReplayPolicy, as_policy
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
@@ -114,7 +114,7 @@ def test_images_come_back(moved_env, found):
 def test_a_policy_sees_what_the_old_camera_would_have_seen(moved_env, found):
     moved_env.start()
     observation, given = moved_env.observe(), []
-    policy = RecalibratedPolicy(FunctionPolicy(lambda each: given.append(each) or [0.1, -0.4]), found)
+    policy = RecalibratedPolicy(as_policy(lambda each: given.append(each) or [0.1, -0.4]), found)
     before = observation["image"].copy()
     assert policy(observation).tolist() == [0.1, -0.4]
     assert np.array_equal(given[0]["image"], found.warp(before, observation["robot"][:2]))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clothlab import artifacts
+from clothlab.experiments.motion import replay
 from clothlab.lab import views
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession
@@ -11,7 +12,7 @@ from clothlab.learning.dpmpb import ModelTraining, to_sequences, train_dpmpb
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import SimulationError
-from clothlab.trials import load_trial, replay, rollout
+from clothlab.trials import load_trial, rollout
 
 
 @pytest.fixture

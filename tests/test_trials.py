@@ -6,10 +6,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from clothlab.experiments.motion import MotionWatch, replay
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import ClothEnv
-from clothlab.trials import MotionWatch, Trial, load_trial, replay, rollout, save_trial
+from clothlab.trials import Trial, load_trial, rollout, save_trial
 
 ARRAYS = ("images", "robot", "commands")
 

@@ -18,6 +18,7 @@ from clothlab.experiments import ablations
 from clothlab.experiments._grid import PAPER, Case, Experiment, Tables, grid
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import RECORDINGS, recorded_runs, trained
+from clothlab.experiments.motion import MotionWatch
 from clothlab.experiments.oracle import best_possible
 from clothlab.learning.autoencoder import encode
 from clothlab.learning.control import ControlSettings, nearest_plans, recorded_plans
@@ -26,7 +27,7 @@ from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import ClothEnv
-from clothlab.trials import MotionWatch, rollout
+from clothlab.trials import rollout
 
 LIGHT, HEAVY = cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)
 WRONG = {LIGHT: HEAVY, HEAVY: LIGHT, "hard-1": "soft-1", "soft-1": "hard-1"}  # cloth whose p is the wrong one

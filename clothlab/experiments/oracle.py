@@ -18,6 +18,7 @@ from clothlab._validation import check_array
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.experiments._grid import Case, Experiment, grid
 from clothlab.experiments._runs import RECORDINGS
+from clothlab.experiments.motion import MotionWatch
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.policies import Policy
@@ -25,7 +26,7 @@ from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.simulation.vision import check_mask
-from clothlab.trials import MotionWatch, Trial, rollout
+from clothlab.trials import Trial, rollout
 
 PERIOD = ControlSettings.period
 SAMPLES = 50  # of the hand's motion in each step

@@ -16,12 +16,13 @@ from clothlab.analysis import bias_error, empty_distance, median_best, nearest_m
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial, random_trial, trained
+from clothlab.experiments.motion import replay
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.estimation import estimate_bias
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
-from clothlab.trials import Trial, replay
+from clothlab.trials import Trial
 
 ARM = MuscleArm()
 POSTURE = (0.0, -np.pi / 2)  # of the ellipses [rad]: elbow at 90 degrees, as in the paper

@@ -24,7 +24,7 @@ DRAWN_CLOTH = cloth_name(0.05, 0.10)  # in the hand where the target does not sa
 def run_one(target: str, model: int, seed: int, weights: str = "torque", steps: int = 248) -> dict[str, Any]:
     """Iterative learning control beside random commands: best distance and IoU of each period but the first `[P]`."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
-    cloth = DRAWN_CLOTH if target.startswith("drawn/") else artifacts.recorded_with(target)[1]
+    cloth = DRAWN_CLOTH if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
     controlled = new_trial(
         learned.iterative_controller(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed
     )

@@ -79,8 +79,7 @@ def train_autoencoder(
 ) -> tuple[Autoencoder, list[float]]:
     """Train on cloth masks `[B, H, W]`, empty ones included, since a cloth may show its back.
 
-    Returns:
-        The model in evaluation mode on the CPU, and the mean binary cross entropy of each epoch [nat per pixel].
+    Returns the model in evaluation mode on the CPU, and the mean binary cross entropy of each epoch [nat per pixel].
     """
     settings, images = settings or AutoencoderTraining(), check_masks(images)
     size, device = settings.batch_size, device or best_device()

@@ -84,11 +84,8 @@ def optimise_commands(
 ) -> tuple[Tensor, np.ndarray]:
     """Descend the gradient of the loss on the commands, choosing the best of many step sizes each time (eqs. 5 to 7).
 
-    Commands start at `u` `[T, D_u]` and stay in their range, `lower` to `upper` `[D_u]`; `scale` `[D_u]` is one unit of
-    gamma.
-
-    Returns:
-        The best commands `[T, D_u]`; and the loss at the start and after each iteration, `[iterations + 1]`.
+    From `u` `[T, D_u]`, within `lower` to `upper` `[D_u]`; `scale` `[D_u]` is one unit of gamma. Returns the best
+    commands `[T, D_u]`, and the loss at the start and after each iteration, `[iterations + 1]`.
     """
 
     def loss_of(plans: Tensor) -> Tensor:
@@ -164,20 +161,11 @@ class PlanningPolicy(Policy):
 
 
 class ControlPolicy(PlanningPolicy):
-    """Realises a target image again and again, once a period.
+    """Realises a target mask `[H, W]` again and again, once a period, with the p `[D_p]` of the cloth in the hand.
 
-    Args:
-        model: trained network.
-        autoencoder: the one that the model was trained with.
-        arm: gives the range of the commands and says which states are tensions.
-        target: mask `[H, W]` of the cloth to realise.
-        p: parametric bias of the cloth in the hand `[D_p]`.
-        settings: the paper's constants.
-        plans: command sequences `[N, horizon, D_u]`, such as `recorded_plans`. Each period then starts from the one
-            that the model likes best, where that beats the warm start. The paper has none and leaves open where
-            the first solve starts.
-
-    `trace` has the losses of each solve since the reset, `[iterations + 1]`.
+    With `plans` `[N, horizon, D_u]`, such as `recorded_plans`, each period starts from the one that the model likes
+    best, where that beats the warm start. The paper has none and leaves open where the first solve starts. `trace` has
+    the losses of each solve since the reset, `[iterations + 1]`.
     """
 
     name = "control"

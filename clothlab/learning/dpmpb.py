@@ -175,10 +175,7 @@ def train_dpmpb(
     """Train the weights W and one p for each material together (eqs. 3 and 4), p from zero.
 
     With `known`, p of each material `{name: [D_p]}`, only W is trained. The device is a GPU by default, where torch
-    sees one.
-
-    Returns:
-        The model on the CPU, p of each material `{name: [D_p]}`, and the trace of losses and p.
+    sees one. Returns the model on the CPU, p of each material, and the trace of losses and p.
     """
     settings, device = settings or ModelTraining(), device or best_device()
     _check_runs(runs, settings.sequence_length)

@@ -74,11 +74,8 @@ def _fold(model: DPMPB, p: Tensor) -> list[_Layer]:
     """All layers, changed so that they compute the same with σ in place of tanh(a) = 2σ(2a) - 1.
 
     A layer gives σ(2a) when all of it is doubled, and takes σ(2a) in place of tanh(a) when its weights are doubled and
-    their sum is subtracted from its bias.
-
-    Returns:
-        The first layer in two parts: what takes u, with p and the normalisation of u in it, and what takes s. Two more;
-        for each LSTM layer what takes the layer below and what takes its own last output; four more.
+    their sum is subtracted from its bias. The first layer comes in two parts, for u (with p in it) and for s; each LSTM
+    layer in two, for the layer below and for its own last output.
     """
 
     def gives(bias: Tensor, weight: Tensor) -> _Layer:

@@ -88,14 +88,7 @@ class IterativeLearningPolicy(ControlPolicy):
 
     A plan is chosen at the start of a period and sent unchanged. What was learned is about the model and the cloth, not
     about the target: it stays when the target changes. While `exploring`, it tries new plans; else it sends the best
-    known one again.
-
-    Args:
-        model, autoencoder, arm, target, p: as `ControlPolicy`.
-        runs: recorded runs as the model sees them. The stretches after which the cloth was nearest to the target are
-            plans to begin with.
-        settings: how much is tried, and how far an outcome teaches.
-        control: period, range of step sizes.
+    known one again. The first plans are those of recorded `runs` after which the cloth was nearest to the target.
 
     Each period so far is in `attempts`, and its expected distance [s.d. of z] in `predicted_distances`; `trace` has the
     best expected distances at the start of each solve and after each iteration.

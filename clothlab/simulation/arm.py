@@ -43,12 +43,9 @@ class Camera(Checked):
         return _turned((0.0, 0.0, self.roll)) @ level
 
     def moved(self, shift: ArrayLike = (0, 0, 0), turn: ArrayLike = (0, 0, 0)) -> "Camera":
-        """The same camera elsewhere.
+        """The same camera elsewhere: shifted to its right, upward and backward `[3]` [m], and turned.
 
-        Args:
-            shift: to its right, upward and backward `[3]` [m].
-            turn: about these axes, as one rotation vector `[3]` [degree]: up (pitch), to the left (yaw), and
-                counterclockwise (roll).
+        `turn` is a rotation vector about these axes `[3]` [degree]: up (pitch), left (yaw), counterclockwise (roll).
         """
         shift, turn = check_array("shift", shift, (3,)), check_array("turn", turn, (3,))
         axes = _turned(turn) @ self.axes

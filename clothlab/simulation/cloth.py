@@ -126,19 +126,12 @@ def add_cloth(
     front_forward: bool = True,
     back_rgba: tuple[float, ...] = _BACK_RGBA,
 ) -> None:
-    """Hang the cloth from a hand.
+    """Hang the cloth in a scene from the body `hand`, or from nothing, so that it falls.
 
     Free points are bodies of the world with three slide joints, so that their coordinates are the world's and the
     damping of those joints is a drag against still air: C_damp. (Notebook 01 compares this with the other reading,
-    damping in the springs.)
-
-    Args:
-        spec: the scene, which is changed.
-        cloth: the cloth.
-        hand: the body that holds the first row, parallel to the world when every joint is at zero; None lets it fall.
-        hand_position: where `hand`, or the middle of a free first row, is in the world when every joint is at zero [m].
-        front_forward: whether the red front looks away from the robot, or towards it.
-        back_rgba: colour of the other side.
+    damping in the springs.) `hand_position` [m] is where the middle of the first row is when every joint is at zero;
+    `front_forward` turns the red front away from the robot.
     """
     hanging = hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):

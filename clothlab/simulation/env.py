@@ -77,18 +77,11 @@ class ClothEnv(gymnasium.Env):
     * action: the command `u`, `[D_u]`, in the arm's units; `env.arm.command_names` names them.
     * observation: `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`.
     * reward: always 0; the paper's method has none. An episode never ends by itself.
-
-    Attributes:
-        arm: the arm; `ClothEnv` takes an arm or its name.
-        cloth: the cloth in its hand; likewise.
-        scene: time step and start.
-        model: MuJoCo's model of the scene.
-        data: MuJoCo's state of the scene.
     """
 
     cloth: Cloth
-    model: mujoco.MjModel
-    data: mujoco.MjData
+    model: mujoco.MjModel  # MuJoCo's model of the scene
+    data: mujoco.MjData  # and its state
 
     def __init__(
         self, arm: Arm | str = "torque", cloth: Cloth | str = "damp0.05-mass0.10", *, scene: Scene | None = None

@@ -84,9 +84,7 @@ class Muscles(Checked):
     def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
         """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m] from the length at θ = 0, f = 0.
 
-        Args:
-            theta: joint angles `[..., 2]` [rad].
-            tension: f `[..., 6]` [N].
+        For joint angles θ `[..., 2]` [rad] and tensions f `[..., 6]` [N].
         """
         theta = check_array("theta", theta, (..., self.moment_arms.shape[1]))
         return theta @ self.moment_arms.T - self.elongation(check_array("tension", tension, (..., len(MUSCLES))))

@@ -36,17 +36,8 @@ def stiffness_ellipse(
 ) -> np.ndarray:
     """How far the hand moves when pushed from all directions (paper, figure on variable stiffness).
 
-    By simulation, without gravity and without a cloth.
-
-    Args:
-        arm: a muscle arm.
-        theta_ref: posture `[2]` [rad].
-        f_const: co-contraction [N].
-        force: [N]; a ValueError if it pushes a joint to its stop.
-        directions: how many, evenly around.
-
-    Returns:
-        Displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
+    By simulation without gravity and cloth, in the posture `theta_ref` `[2]` [rad] with co-contraction `f_const` [N],
+    by a `force` [N]: displacement of the hand (forward, up) for each direction, `[directions, 2]` [m].
     """
     theta_ref = check_array("theta_ref", theta_ref, (len(arm.home),))
     u = check_command(arm, [*theta_ref, check_number("f_const", f_const)])

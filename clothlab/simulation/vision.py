@@ -18,11 +18,7 @@ KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     """Where the red front of the cloth is: colour extraction, binarisation, closing, opening, resizing.
 
-    Args:
-        rgb: picture `[h, w, 3]`, uint8, of any size with the aspect 4:3.
-
-    Returns:
-        Mask `[H, W]`, bool. It is empty when only the back of the cloth shows, or none of it.
+    From a picture `[h, w, 3]`, uint8, of the aspect 4:3, a mask `[H, W]`, bool; empty where no front of it shows.
     """
     rgb = np.asarray(rgb)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:
@@ -97,13 +93,9 @@ def focal_length(fovy: float, height: float = 1.0) -> float:
 
 
 def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: ArrayLike) -> np.ndarray:
-    """Where in the world the pixels of a depth image are, `[h, w, 3]` [m]: a pinhole camera, read backwards.
+    """Where in the world the pixels of a depth image `[h, w]` [m] are, `[h, w, 3]` [m]: a pinhole camera, backwards.
 
-    Args:
-        depth: distance of each pixel's surface from the camera along its line of sight `[h, w]` [m].
-        fovy: vertical field of view [degree].
-        position: of the camera in the world `[3]` [m].
-        axes: what is right, up and backward for the camera, in the world: rows of `[3, 3]`.
+    The camera has the vertical field of view `fovy` [degree], a position `[3]` [m], and `axes` as `Camera.axes`.
     """
     depth = check_array("a depth image", depth, ("h", "w"))
     check_number("fovy", fovy, above=0, at_most=170)

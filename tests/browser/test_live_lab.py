@@ -11,7 +11,8 @@ from browser_lab import frame, slider
 from playwright.sync_api import expect
 
 from clothlab.artifacts import OWN_TRIALS, data_folder
-from clothlab.trials import load_trial, replay
+from clothlab.experiments.motion import replay
+from clothlab.trials import load_trial
 
 pytestmark = pytest.mark.browser
 
