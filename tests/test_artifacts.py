@@ -161,7 +161,7 @@ def test_where_nothing_was_made_yet_that_is_said(tmp_path):
     assert artifacts.check_data(tmp_path) == {}
 
 
-@pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b/c", "", ".x", "x.png"])
+@pytest.mark.parametrize("name", ["../../x", "/tmp/x", ""])
 def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, trained, square, name):
     before = contents(data.parent)
     for save in (
@@ -177,9 +177,8 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, tra
 
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("recorded", [True, False])
-@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b"something else"])
-def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorded, damage):
-    (data / file).write_bytes(damage((data / file).read_bytes()))
+def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorded):
+    (data / file).write_bytes((data / file).read_bytes()[: (data / file).stat().st_size // 2])
     assert artifacts.check_data(data)[file] == "altered"
     if not recorded:
         (data / "SHA256SUMS").unlink()
@@ -299,17 +298,12 @@ def rewrite(path: Path, about: dict | None = None, **change: torch.Tensor | None
 @pytest.mark.parametrize(
     ("tensors", "about"),
     [
-        ({"more": torch.zeros(1)}, None),
         ({"s_mean": None}, None),
+        ({"s_std": torch.zeros(7)}, None),
         ({"lstm.weight_hh_l1": torch.full((120, 30), torch.nan)}, None),
-        ({"p": None}, None),
         ({"p": torch.zeros(3, 2)}, None),
-        ({"p": torch.full((2, 2), torch.inf)}, None),
         ({}, {"format": 2}),
-        ({}, {"kind": "other"}),
-        ({}, {"arm": "octopus"}),
         ({}, {"arm": "muscle"}),
-        ({}, {"materials": ["a"]}),
         ({}, {"sees_with": None}),
     ],
 )
@@ -320,29 +314,9 @@ def test_weights_that_are_not_a_model_are_refused_by_name(data, tensors, about):
         artifacts.load("torque-0", data=data)
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
-@pytest.mark.parametrize("key", ["s_std", "u_std"])
-def test_standard_deviations_that_are_not_above_zero_are_refused(data, key, wrong):
+def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
     (data / "SHA256SUMS").unlink()
-    deviations = torch.ones({"s_std": 7, "u_std": 2}[key])
-    deviations[1] = wrong
-    rewrite(data / "weights" / "dpmpb-torque-0.safetensors", **{key: deviations})
-    with pytest.raises(ValueError, match=rf"is damaged or holds no dpmpb weights: .* {key} are not"):
-        artifacts.load("torque-0", data=data)
-
-
-@pytest.mark.parametrize(
-    ("tensors", "about"),
-    [
-        ({"encoder.0.weight": None}, None),
-        ({"encoder.0.weight": torch.zeros(8, 1, 5, 5)}, None),
-        ({}, {"latent_size": None}),
-        ({}, {"latent_size": 5}),
-    ],
-)
-def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data, tensors, about):
-    (data / "SHA256SUMS").unlink()
-    rewrite(data / "weights" / "autoencoder-torque.safetensors", about, **tensors)
+    rewrite(data / "weights" / "autoencoder-torque.safetensors", {"latent_size": 5})
     with pytest.raises(ValueError, match=r"-torque.safetensors is damaged or holds no autoencoder weights: .+"):
         artifacts.load_autoencoder("torque", data=data)
 
@@ -395,14 +369,6 @@ def test_a_missing_folder_is_named_with_what_would_help(data, monkeypatch, where
     for use in (artifacts.load, artifacts.check_data, lambda: artifacts.save_target(square, "x")):
         with pytest.raises(FileNotFoundError, match=rf"no data in .*{where}.*: clone .* or set CLOTHLAB_DATA"):
             use()
-
-
-@pytest.mark.parametrize("empty", ["", [], {}])
-def test_an_empty_name_is_not_the_default_folder(data, monkeypatch, square, empty):
-    monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    with pytest.raises((FileNotFoundError, TypeError), match=r"no data in ''|not 'list'|not list|not 'dict'|not dict"):
-        artifacts.save_target(square, "x", data=empty)
-    assert not (data / "targets" / "x.png").exists()
 
 
 def test_recordings_go_where_the_environment_says_and_are_read_from_there(data, trial, tmp_path, monkeypatch):
