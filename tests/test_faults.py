@@ -9,6 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import pytest
+
 from clothlab import __main__ as command_line
 from clothlab import artifacts
 
@@ -114,6 +116,7 @@ for kind in WRITE:
 """
 
 
+@pytest.mark.slow
 def test_nothing_that_was_there_is_lost():
     with tempfile.TemporaryDirectory() as folder:  # pytest closes its own to others whenever another pytest begins
         Path(folder).chmod(0o755)  # another user must get in
