@@ -52,7 +52,7 @@ class Player:
             "hand": lambda: session.set_hand(self.spoiled(rng.uniform(low, high))),
             "tension": lambda: session.set_tension(self.spoiled(rng.choice([None, rng.uniform(0, 80)]))),
             "reset": session.reset,
-            "picture": session.picture,
+            "picture": session.env.picture,
             "record": session.record,
             "save": self.save,
             "discard": session.recorder.discard,
