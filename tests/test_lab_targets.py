@@ -38,7 +38,7 @@ def test_recorded_targets_are_a_few_from_large_to_small():
     for k, image in enumerate(images):
         image[: 1 + (7 * k) % 20] = True
     sizes = [mask.sum() for mask in targets.recorded_targets(images).values()]
-    assert 5 <= len(sizes) <= targets.RECORDED_TARGETS
+    assert 5 <= len(sizes) <= targets._RECORDED_TARGETS
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[0] == images.sum(axis=(1, 2)).max()
 

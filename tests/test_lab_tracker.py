@@ -8,7 +8,7 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.lab import tracker
-from clothlab.lab.tracker import REPORT_EVERY, BiasTracker, calibration
+from clothlab.lab.tracker import _REPORT_EVERY, BiasTracker, _calibration
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def run(learned):
 
 @pytest.fixture
 def calibrated():
-    calibration("torque-0", "evaluation").result()
+    _calibration("torque-0", "evaluation").result()
 
 
 def follow(bias_tracker, run, steps, *, at_rest=True):
@@ -38,7 +38,7 @@ def follow(bias_tracker, run, steps, *, at_rest=True):
 def test_reports_come_now_and_then_and_grow_surer(learned, calibrated, run):
     reports = follow(BiasTracker(learned, "evaluation", np.zeros(2)), run, 60)
     first = next(k for k, report in enumerate(reports, start=1) if report is not None)
-    assert first % REPORT_EVERY == 0
+    assert first % _REPORT_EVERY == 0
     assert np.trace(reports[-1].covariance) < np.trace(reports[first - 1].covariance)
     assert not reports[-1].out_of_distribution
 
@@ -60,14 +60,9 @@ def test_only_a_run_that_begins_at_rest_has_no_warm_up(learned, calibrated, run)
 def test_before_the_calibration_is_there_p_is_estimated_without_reports(learned, calibrated, run, monkeypatch):
     there = BiasTracker(learned, "evaluation", np.zeros(2))
     follow(there, run, 20)
-    monkeypatch.setattr(tracker, "calibration", lambda *_: Future())
+    monkeypatch.setattr(tracker, "_calibration", lambda *_: Future())
     missing = BiasTracker(learned, "evaluation", np.zeros(2))
     follow(missing, run, 20)
     assert np.array_equal(missing._estimator.p, there._estimator.p)
     assert missing.report is None
     assert there.report is not None
-
-
-def test_trials_that_are_not_there_are_named():
-    with pytest.raises(KeyError, match="unknown"):
-        calibration("torque-0", "nothing")

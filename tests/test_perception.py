@@ -19,7 +19,7 @@ from clothlab.table_scene.perception import (
     find_cloth_edge,
     find_cloth_pose,
 )
-from clothlab.table_scene.scene import BASKET_SIZE, HANDLE_HEIGHT, HANDLE_RADIUS, HANDLE_WIDTH, Furniture, build_spec
+from clothlab.table_scene.scene import Basket, Furniture, build_spec
 from clothlab.table_scene.table_env import TableEnv
 
 CLOTH, RADIUS = get_cloth("hard-1"), 0.04  # [m] of the balls
@@ -177,9 +177,9 @@ def test_pixels_behind_the_outline_do_not_move_the_edge():
 
 
 def test_distances_to_a_basket_that_are_known():
-    x, y, z = BASKET_SIZE
-    leg, rod = HANDLE_WIDTH / 2, HANDLE_HEIGHT
+    x, y, z = Basket.size
+    leg, rod = Basket.handle_width / 2, Basket.handle_height
     points = np.array([[x, 0, 0.05], [0, 0, z / 2], [0, 0, rod + 0.05], [0, leg, 0.15], [x / 2, y / 2, z]])
-    expected = [x / 2, -z / 2, 0.05 - HANDLE_RADIUS, -HANDLE_RADIUS, 0.0]
+    expected = [x / 2, -z / 2, 0.05 - Basket.handle_radius, -Basket.handle_radius, 0.0]
     turned = points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [1, 2, 3]
     assert _basket_distance(turned, np.array([1.0, 2, 3]), np.pi / 2) == pytest.approx(expected, abs=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import Scene
-from clothlab.table_scene.scene import BASKET_SIZE, HANDLE_HEIGHT, Furniture, build_spec, place_basket, place_rack
+from clothlab.table_scene.scene import Basket, Furniture, build_spec, place_furniture
 from clothlab.table_scene.servoing import posture
 
 FURNITURE, CLOTH, ARM = Furniture(), get_cloth("hard-1"), get_arm("muscle")
@@ -28,8 +28,8 @@ def test_the_file_and_the_furniture_say_the_same(near):
     assert [*side.pos[:2], (side.pos + side.size)[2]] == pytest.approx(furniture.side_place)
     legs = np.delete(model.geom_pos[model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER], slice(4, None), axis=0)
     assert legs[:, 0].min() == pytest.approx(near + 0.03)
-    assert 2 * basket.size == pytest.approx(BASKET_SIZE)
-    assert model.site("basket").pos[2] == pytest.approx(HANDLE_HEIGHT)
+    assert 2 * basket.size == pytest.approx(Basket.size)
+    assert model.site("basket").pos[2] == pytest.approx(Basket.handle_height)
     assert model.actuator("base").ctrlrange == pytest.approx(furniture.base_range)
     assert model.body("basket").mass[0] == pytest.approx(0.3)
 
@@ -47,7 +47,7 @@ def test_the_hand_reaches_what_the_docstring_says():
     assert reach(FURNITURE.height + CLOTH.length)[1] == pytest.approx(0.59, abs=0.006)
     assert FURNITURE.near < np.mean(at_table) < FURNITURE.far - CLOTH.length  # a cloth laid down has room
     middle = np.mean(at_table) + CLOTH.length / 2
-    assert FURNITURE.base_range[1] + reach(FURNITURE.height + HANDLE_HEIGHT)[1] > middle  # the basket gets there
+    assert FURNITURE.base_range[1] + reach(FURNITURE.height + Basket.handle_height)[1] > middle  # the basket gets there
 
 
 def test_chance_stays_within_its_ranges_and_uses_them(model):
@@ -55,8 +55,7 @@ def test_chance_stays_within_its_ranges_and_uses_them(model):
     rack, racks, baskets = model.body("rack").pos, [], []
     for _ in range(300):
         mujoco.mj_resetData(model, data)
-        place_rack(data, FURNITURE, rng)
-        place_basket(data, FURNITURE, rng)
+        place_furniture(data, FURNITURE, rng)
         mujoco.mj_kinematics(model, data)
         across = data.body("rack").xmat.reshape(3, 3)[:, 1]
         turn, slant = np.rad2deg([np.arctan2(-across[0], across[1]), np.arcsin(across[2])])

@@ -7,7 +7,7 @@ import pytest
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.table_scene.scene import Furniture
-from clothlab.table_scene.table_env import GraspError, TableEnv, measure_placement, measure_pose
+from clothlab.table_scene.table_env import GraspError, TableEnv, _measure_pose
 
 CLOTH, FURNITURE = get_cloth("hard-1"), Furniture()
 TAU = CLOTH.point_mass / CLOTH.damping
@@ -189,7 +189,7 @@ FOLDED[3:, :, 0] = FOLDED[2::-1, :, 0]
     ],
 )
 def test_a_cloth_is_spread_when_it_lies_flat_whole_and_straight(points, area, fault):
-    pose = measure_pose(CLOTH, FURNITURE, points)
+    pose = _measure_pose(CLOTH, FURNITURE, points)
     assert pose.fault == fault
     assert pose.spread == (not fault)
     assert pose.area == pytest.approx(area, abs=0.015)
@@ -201,14 +201,14 @@ def test_a_basket_put_on_a_cloth_stands_upright_and_drags_nothing(hand):
     hand.data.joint("basket").qpos[:3] = [0.68, 0.01, 0.615]
     for _ in range(8):
         hand.advance(hand.command)
-    stands = measure_placement(hand)
+    stands = hand.placement()
     assert stands.success
     assert stands.off_centre == pytest.approx(0.01, abs=0.003)
     assert np.abs(hand.cloth_points() - flat()).max() < 0.005
     hand.data.joint("basket").qpos[3:] = [np.cos(np.deg2rad(4)), np.sin(np.deg2rad(4)), 0, 0]
     mujoco.mj_forward(hand.model, hand.data)
-    assert measure_placement(hand).tilt == pytest.approx(8.0)
-    assert not measure_placement(hand).success
+    assert hand.placement().tilt == pytest.approx(8.0)
+    assert not hand.placement().success
 
 
 def test_the_room_s_camera_sees_the_basket_which_the_cloth_hides_from_the_robot(table):

@@ -5,10 +5,10 @@ import pytest
 
 from clothlab.table_scene import task
 from clothlab.table_scene.perception import NotVisibleError, find_cloth_centre
-from clothlab.table_scene.scene import HANDLE_HEIGHT
+from clothlab.table_scene.scene import Basket
 from clothlab.table_scene.servoing import RobotDriver
-from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv, measure_placement
-from clothlab.table_scene.task import PHASES, NotSpreadError, Outcome, put_basket, see_spread, set_table
+from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv
+from clothlab.table_scene.task import PHASES, Outcome, _NotSpreadError, _put_basket, _see_spread, set_table
 from clothlab.table_scene.throwing import laid_by_hand
 
 GOOD = ClothPose(1.0, 1.0, 0.0, np.array([0.66, 0.0, 0.603]))
@@ -39,10 +39,10 @@ def run(monkeypatch, driver):
     """Runs a task in which no phase does anything but what a test puts in its place."""
 
     def run(spreader=lambda driver: None, **instead):
-        usual = {"see_spread": lambda driver: GOOD}
-        for name in ("grasp", "go_to_table", "see_spread", "find_cloth_centre", "fetch_basket"):
+        usual = {"_see_spread": lambda driver: GOOD}
+        for name in ("grasp", "go_to_table", "_see_spread", "find_cloth_centre", "fetch_basket"):
             monkeypatch.setattr(task, name, instead.get(name, usual.get(name, lambda *_: None)))
-        for name in ("carry_basket", "put_basket"):
+        for name in ("_carry_basket", "_put_basket"):
             monkeypatch.setattr(task, name, instead.get(name, lambda *_: None))
         begun = []
         return set_table(driver, spreader, begun.append), begun
@@ -69,10 +69,10 @@ def test_a_task_has_its_phases_in_order_and_says_so(run):
     ("name", "phase", "error"),
     [
         ("grasp", "fetch cloth", NotVisibleError("no cloth in view")),
-        ("see_spread", "look", NotSpreadError("it is turned")),
+        ("_see_spread", "look", _NotSpreadError("it is turned")),
         ("find_cloth_centre", "look", NotVisibleError("nothing there")),
         ("fetch_basket", "fetch basket", task.MissedError("missed")),
-        ("put_basket", "put basket", task.MissedError("too far")),
+        ("_put_basket", "put basket", task.MissedError("too far")),
     ],
 )
 def test_a_failure_ends_the_task_and_has_its_phase_and_cause(run, name, phase, error):
@@ -102,7 +102,7 @@ def test_a_table_is_set_when_cloth_and_basket_are_where_they_should(area, off, d
 
 def test_the_robot_sees_how_the_cloth_lies(laid):
     env = laid.env
-    assert see_spread(laid).spread
+    assert _see_spread(laid).spread
     assert find_cloth_centre(laid.capture(), 0.6)[:2] == pytest.approx([0.66, 0.0], abs=0.01)
     points = env.cloth_points()
     folded = points.copy()
@@ -113,18 +113,18 @@ def test_the_robot_sees_how_the_cloth_lies(laid):
         (points - [0.0, 0.0, 0.55], r"no cloth in view|not lie flat"),
     ):
         env.place_cloth(place)
-        with pytest.raises(NotSpreadError, match=fault):
-            see_spread(laid)
+        with pytest.raises(_NotSpreadError, match=fault):
+            _see_spread(laid)
 
 
 def test_a_basket_in_the_hand_is_put_on_the_cloth(laid):
     env = laid.env
     env.place_cloth(env.cloth_points() - [0.16, 0.0, 0.0])
     laid.move_straight([0.485, -0.08])
-    env.data.joint("basket").qpos[:] = [*(env.hand - [0.0, 0.0, HANDLE_HEIGHT]), 1.0, 0.0, 0.0, 0.0]
+    env.data.joint("basket").qpos[:] = [*(env.hand - [0.0, 0.0, Basket.handle_height]), 1.0, 0.0, 0.0, 0.0]
     env.hold_fast(["basket"])
     before = env.cloth_points().mean(axis=(0, 1))
-    put_basket(laid, np.array([0.50, 0.0, 0.603]))
+    _put_basket(laid, np.array([0.50, 0.0, 0.603]))
     assert env.held == ()
-    assert measure_placement(env).success
+    assert env.placement().success
     assert np.linalg.norm(env.cloth_points().mean(axis=(0, 1)) - before) < 0.02

@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-RECENT = 5  # ticks
+_RECENT = 5  # ticks
 
 
 class LoopCallbacks:
@@ -30,20 +30,13 @@ class LoopCallbacks:
 
 
 class Clock:
-    """Calls a function once a period, in the event loop, until it answers False.
-
-    Args:
-        tick: is told by how much it comes late [s], and answers whether to go on.
-        period: [s].
-
-    Attributes:
-        late: how many ticks came more than half a period late.
-    """
+    """Calls `tick` once a `period` [s], in the event loop, with its delay [s], until it answers False."""
 
     def __init__(self, tick: Callable[[float], bool], period: float):
         self._tick, self._period = tick, period
         self._task: asyncio.Task | None = None
-        self.late, self._recent = 0, deque[bool](maxlen=RECENT)
+        self.late = 0  # ticks that came more than half a period late
+        self._recent = deque[bool](maxlen=_RECENT)
 
     @property
     def lately(self) -> bool:

@@ -1,4 +1,4 @@
-"""What the panel says: what a person did wrong, and faults of ours, which are kept until somebody looks at them."""
+"""The panel's message: what a person did wrong, and faults of ours, whose tracebacks are kept."""
 
 import traceback
 from collections.abc import Callable
@@ -9,29 +9,18 @@ KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person
 
 
 class Messages:
-    """The message that the panel shows, or a part of it does.
-
-    Args:
-        errors: where tracebacks of faults are kept; a list of its own by default.
-
-    Attributes:
-        errors: those tracebacks.
-        shown: the message and its kind, `{"text": ..., "kind": "info", "mistake" or "fault"}`.
-    """
+    """The message that the panel, or a part of it, shows; tracebacks of faults go to `errors`."""
 
     def __init__(self, errors: list[str] | None = None):
         self.errors = [] if errors is None else errors
         self.say("")
 
     def say(self, text: str, kind: str = "info") -> None:
-        """Show this instead of what was shown."""
+        """Show this from now on; the kind is `info`, `mistake` or `fault`."""
         self.shown = {"text": text, "kind": kind}
 
     def guarded(self, act: Callable[[], object]) -> bool:
-        """Call `act`, and answer whether it went well.
-
-        A person's mistake becomes a message; a fault of ours does, too, and its traceback is kept.
-        """
+        """Call `act`, and answer whether it went well; an error becomes a message."""
         try:
             act()
         except KNOWN_ERRORS as error:

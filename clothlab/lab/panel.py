@@ -1,30 +1,27 @@
 """The live panel: one widget, whose JavaScript draws what `views` says and sends back what a person does."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import anywidget
 import numpy as np
 import traitlets
-from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
 from clothlab.alt_text import AltText
 from clothlab.lab import views
+from clothlab.lab.actions import PanelActions
 from clothlab.lab.clock import Clock, LoopCallbacks
-from clothlab.lab.drivers import stick_command
 from clothlab.lab.messages import Messages
 from clothlab.lab.playback import Playback
 from clothlab.lab.session import LiveSession, StepInfo
 from clothlab.lab.table import TableSection
-from clothlab.lab.targets import uploaded_mask
 from clothlab.lab.widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
-from clothlab.simulation.vision import HEIGHT, WIDTH
 
-ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
-PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
+_ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
+_PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
 
 
 class LivePanel(Widget, anywidget.AnyWidget):
@@ -32,29 +29,15 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     Args:
         session: what is steered; by default a new session with the torque arm.
-
-    Attributes:
-        session: what is steered.
-        errors: tracebacks of faults in callbacks, which a notebook's last cell raises with `check`.
-        steps: how many steps were made since the panel was built.
-        drawn: number of the last frame that the browser drew.
-        history: the last steps.
-        about: names, ranges and sizes, for the browser, as are those below.
-        state: where every control stands, and the message.
-        target: the target and what the network makes of it.
-        frame: pictures, traces and p. None is sent until the browser has drawn the last one, so that a slow
-            browser skips frames and never queues them.
-        ellipse: PNG.
-        table: what there is to see of a task of setting the table, which is no part of the session.
     """
 
     _esm = views.javascript("text", "traces", "target", "map", "gamepad", "table", "style", "panel")
-    about = traitlets.Dict().tag(sync=True)
-    state = traitlets.Dict().tag(sync=True)
-    target = traitlets.Dict().tag(sync=True)
-    frame = traitlets.Dict().tag(sync=True)
-    ellipse = traitlets.Bytes().tag(sync=True)
-    table = traitlets.Dict().tag(sync=True)
+    about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
+    state = traitlets.Dict().tag(sync=True)  # where every control stands, and the message
+    target = traitlets.Dict().tag(sync=True)  # with what the autoencoder makes of it
+    frame = traitlets.Dict().tag(sync=True)  # pictures, traces and p; the next one waits until this one is drawn
+    ellipse = traitlets.Bytes().tag(sync=True)  # PNG
+    table = traitlets.Dict().tag(sync=True)  # the task of setting the table, which is no part of the session
 
     _active: ClassVar["LivePanel | None"] = None
 
@@ -67,12 +50,14 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._messages = Messages()
         self.errors = self._messages.errors
         self.history: deque[StepInfo] = deque(maxlen=views.HISTORY)
-        self.steps = self._unseen = self.drawn = 0  # _unseen: steps since the last frame was sent
+        self.steps = self.drawn = 0  # steps since the panel was built; number of the last frame that the browser drew
+        self._unseen = 0  # steps since the last frame was sent
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
         super().__init__()
         self._playback = Playback(self)
         self._setting = TableSection(lambda news: setattr(self, "table", news), self.errors)
+        self._actions = PanelActions(self, self._messages.say)
         self.on_msg(self._hear)
         self._meet_arm()
 
@@ -87,8 +72,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
         return self._clock.late
 
     @property
-    def status(self) -> str:
-        """How it goes, in a word: `running`, `paused`, `late`, or `fault` after a fault or a step that failed."""
+    def _status(self) -> str:
+        """The sign of the panel: `fault` after a fault or a step that failed."""
         if self._broken or self._messages.shown["kind"] == "fault":
             return "fault"
         return "paused" if not self.running else "late" if self._clock.lately else "running"
@@ -131,12 +116,34 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """The last frame that was sent, and the target."""
         return views.still(self.frame, self.target)
 
+    def set_arm(self, name: str) -> None:
+        """Change the arm, with its own cloth, target and p."""
+        self.session.set_arm(name)
+        self._meet_arm()
+
+    def set_tension(self, f_const: float | None) -> None:
+        """Fix the stiffness command [N], or leave it free with None."""
+        self.session.set_tension(f_const)
+        self._draw_ellipse()
+
+    def aim(self, mask: np.ndarray, *, show: bool = True) -> None:
+        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is already."""
+        self.session.set_target(mask)
+        self.target = self.views.target() | {"version": self.target.get("version", 0) + show}
+
+    def show_all(self) -> None:
+        """Send everything anew, and a frame."""
+        with self.hold_sync():  # the browser gets names and values together
+            self.about = self.views.fixtures()
+            self.aim(self.session.target)
+            self._show(force=True)
+
     def _tick(self, behind: float) -> bool:
-        """A step in time; False pauses, after an error or when nobody looks."""
+        """A step in time; False pauses, after an error or when the page does not answer."""
         guarded = self._messages.guarded
         going = guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and guarded(self._show)
         self._broken = not going
-        if going and self._unseen > PATIENCE:
+        if going and self._unseen > _PATIENCE:
             self._messages.say("paused: the page does not answer")
             going = False
         if not going:
@@ -144,43 +151,31 @@ class LivePanel(Widget, anywidget.AnyWidget):
             self._refresh()
         return going
 
-    def _advance(self, solve: bool) -> None:
+    def _advance(self, *, solve: bool) -> None:
         self.history.append(self.session.step(solve=solve))
         self.steps += 1
         self._unseen += 1
 
-    def _show(self, force: bool = False) -> None:
+    def _show(self, *, force: bool = False) -> None:
         """Send how things stand, and a frame unless the browser has not drawn the last one yet."""
         self._refresh()
         number = self.frame.get("number", 0)
         if self.drawn == number or force:
             self._unseen = 0
-            self.frame = views.frame(self.session, self._plane, list(self.history)) | {"number": number + 1}
-            if self.steps % ELLIPSE_EVERY == 0 or force:
+            self.frame = self.views.frame(list(self.history)) | {"number": number + 1}
+            if self.steps % _ELLIPSE_EVERY == 0 or force:
                 self._draw_ellipse()
 
     def _draw_ellipse(self) -> None:
-        self.ellipse = views.ellipse(self.session, self.history[-1].command if self.history else self.session.hand)
+        self.ellipse = self.views.ellipse(self.history[-1].command if self.history else self.session.hand)
 
     def _refresh(self) -> None:
-        more = {
-            "running": self.running,
-            "status": self.status,
-            "message": self._messages.shown,
-            "answered": self._answered,
-        }
-        self.state = views.state(self.session) | more
-
-    def show_all(self) -> None:
-        """Send everything anew, and a frame."""
-        with self.hold_sync():  # the browser gets names and values together
-            self.about = views.fixtures(self.session, self._plane)
-            self._aim(self.session.target)
-            self._show(force=True)
+        about = {"running": self.running, "status": self._status}
+        self.state = self.views.state() | about | {"message": self._messages.shown, "answered": self._answered}
 
     def _meet_arm(self) -> None:
         self.history.clear()
-        self._plane = views.plane(self.session)
+        self.views = views.Views(self.session)
         self.show_all()
 
     def _hear(self, _: object, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
@@ -197,80 +192,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
         arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
         if buffers:
             arguments["content"] = bytes(buffers[0])
-        self._messages.say("")
-        self._playback.stop()  # whatever a person does is meant for the robot that is here
-        self._messages.guarded(lambda: choose("action", content.get("do", ""), self._actions())(**arguments))
-        self._answered = content.get("id", "")
-        self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))
-
-    def _actions(self) -> dict[str, Callable[..., object]]:
-        """What the browser may ask for, by name."""
-        session = self.session
-        return {
-            "start": self.start,
-            "pause": self.pause,
-            "step": self.step,
-            "reset": self.reset,
-            "set arm": self._set_arm,
-            "set driver": session.set_driver,
-            "explore": lambda on: setattr(session, "exploring", bool(on)),
-            "set cloth": session.set_cloth,
-            "set material": session.set_material,
-            "set tension": self._set_tension,
-            "set p": lambda at: session.set_p(self._plane.p(at)),
-            "estimate": lambda on: setattr(session, "estimating", bool(on)),
-            "set hand": self._take_over,
-            "greet gamepad": lambda enough: self._messages.say(views.gamepad(session, enough)),
-            "move sticks": self._move_sticks,
-            "draw": lambda content: self._aim(np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH), show=False),
-            "clear": lambda: self._messages.say("draw a target; until then the robot keeps the one that it has"),
-            "pick": lambda name: self._aim(choose("image", name, session.gallery)),
-            "take": lambda: self._aim(session.observation["image"]),
-            "upload": lambda size, content=b"": self._aim(uploaded_mask(content, size)),
-            "record": self._record,
-            "stop": self._stop,
-            "save": self._save,
-            "discard": self._discard,
+        actions = self._actions.named() | {
             "play": self._playback.start,
-            "live": lambda: None,
             "set the table": self._setting.start,
             "stop the task": self._setting.stop,
         }
-
-    def _set_arm(self, name: str) -> None:
-        self.session.set_arm(name)
-        self._meet_arm()
-
-    def _set_tension(self, f_const: float | None) -> None:
-        self.session.set_tension(f_const)
-        self._draw_ellipse()
-
-    def _aim(self, mask: np.ndarray, show: bool = True) -> None:
-        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is already."""
-        self.session.set_target(mask)
-        self.target = views.target(self.session) | {"version": self.target.get("version", 0) + show}
-
-    def _take_over(self, u: ArrayLike) -> None:
-        """Drive by hand: whoever moves a slider takes over."""
-        self.session.set_hand(u)
-        self.session.set_driver("manual")
-
-    def _move_sticks(self, places: Sequence[float]) -> None:
-        """Command where sticks and trigger stand in their range, 0 to 1."""
-        self._take_over(stick_command(self.session.arm, places))
-
-    def _record(self) -> None:
-        self.session.record()
-        self.history.clear()
-        self._messages.say("recording, from the hanging cloth")
-
-    def _stop(self) -> None:
-        self.session.recorder.stop()
-        self._messages.say("stopped: give it a name and save it, or discard it")
-
-    def _save(self, name: str) -> None:
-        self._messages.say(f"saved as {self.session.recorder.save(name).name}")
-
-    def _discard(self) -> None:
-        self.session.recorder.discard()
-        self._messages.say("discarded")
+        self._messages.say("")
+        self._playback.stop()  # any action is meant for the robot that is here
+        self._messages.guarded(lambda: choose("action", content.get("do", ""), actions)(**arguments))
+        self._answered = content.get("id", "")
+        self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))

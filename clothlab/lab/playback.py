@@ -16,19 +16,13 @@ from clothlab.lab.clock import Clock
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
-SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
-FORMAT = 1
-QUALITY = 60  # of JPEG, of 100
-LARGEST = 200_000_000  # [byte] when unpacked: ten minutes are a fifth of it
-Frame = Mapping[str, Any]  # those of `SHOWN` that are new at a step, and `caption`, what to say meanwhile
+_SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
+_QUALITY = 60  # of JPEG, of 100
+_Frame = Mapping[str, Any]  # those of `_SHOWN` that are new at a step, and `caption`, what to say meanwhile
 
 
 class SessionRecording:
-    """Keeps what a panel shows.
-
-    Args:
-        panel: whatever has the attributes `SHOWN`.
-    """
+    """Keeps what a panel shows."""
 
     def __init__(self, panel: Any):
         self._panel, self._last = panel, dict[str, str]()
@@ -36,7 +30,7 @@ class SessionRecording:
 
     def take(self, caption: str) -> None:
         """Keep how things stand now."""
-        shown = {name: getattr(self._panel, name) for name in SHOWN}
+        shown = {name: getattr(self._panel, name) for name in _SHOWN}
         shown["frame"] = shown["frame"] | {"scene": _smaller(shown["frame"]["scene"])}
         now = {name: json.dumps(value, default=_packed) for name, value in shown.items()}
         news = [f'"{name}":{text}' for name, text in now.items() if self._last.get(name) != text]
@@ -45,43 +39,26 @@ class SessionRecording:
 
     def save(self, path: Path) -> None:
         """Write all that was kept, whole or not at all."""
-        text = f'{{"format":{FORMAT},"shots":[\n' + ",\n".join(self.shots) + "\n]}\n"
+        text = '{"shots":[\n' + ",\n".join(self.shots) + "\n]}\n"
         write_bytes(path, lzma.compress(text.encode(), preset=9))
 
 
-def load_recording(path: Path | None = None) -> list[Frame]:
-    """Read the recorded run.
-
-    Args:
-        path: by default, the one that belongs to the data.
-    """
+def load_recording(path: Path | None = None) -> list[_Frame]:
+    """Read a recorded run, by default the one that belongs to the data."""
     path = artifacts.data_folder() / RECORDING if path is None else path
     if not path.is_file():
         raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
     with reading(path, "recorded run"):
-        content = lzma.LZMADecompressor(memlimit=2**28).decompress(path.read_bytes(), LARGEST)
-        about = json.loads(content, object_hook=_unpacked)
-        if about["format"] != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}, this version's")
-        shots = about["shots"]
-        if not shots or not set(SHOWN) <= shots[0].keys():
-            raise ValueError(f"its first step has not all of {', '.join(SHOWN)}")
-        return shots
+        return json.loads(lzma.decompress(path.read_bytes()), object_hook=_unpacked)["shots"]
 
 
 class Playback:
-    """Shows a recorded run in a panel, a step in each control period, until it ends or somebody stops it.
+    """Shows a recorded run in a panel, a step in each control period, until it ends or a person does something."""
 
-    Args:
-        panel: has the attributes `SHOWN`; `drawn`, the number of the last frame that the browser drew; `pause()`; and
-            `show_all()`, which shows what is so without a recording.
-        load: reads the shots.
-    """
-
-    def __init__(self, panel: Any, load: Callable[[], list[Frame]] = load_recording):
+    def __init__(self, panel: Any, load: Callable[[], list[_Frame]] = load_recording):
         self._panel, self._load = panel, load
         self._clock = Clock(self._tick, CONTROL_PERIOD)
-        self._shots: Iterator[tuple[int, Frame]] = iter(())
+        self._shots: Iterator[tuple[int, _Frame]] = iter(())
         self._state: dict[str, Any] = {}
         self._count = 0
 
@@ -91,20 +68,20 @@ class Playback:
         return self._clock.running
 
     def start(self) -> None:
-        """Show it from the beginning, while time stands still for the robot that is here."""
+        """Show it from the beginning, while time stands still for the live robot."""
         shots = self._load()
         self._panel.pause()
         self._shots, self._count = enumerate(shots), len(shots)
         self._clock.start()
 
     def stop(self) -> None:
-        """Show no more of it, and again what is so."""
+        """Show the live robot again."""
         if self.running:
             self.close()
             self._panel.show_all()
 
     def close(self) -> None:
-        """Show no more of it, nor anything else."""
+        """Show no more of it."""
         self._clock.pause()
 
     def _tick(self, _: float) -> bool:
@@ -117,11 +94,11 @@ class Playback:
                 setattr(self._panel, name, value)
         return True
 
-    def _as_if_now(self, shot: Frame, number: int) -> dict[str, Any]:
+    def _as_if_now(self, shot: _Frame, number: int) -> dict[str, Any]:
         """What is new, with the panel's own numbers; no frame for a browser that has not drawn the last one."""
-        panel, news = self._panel, {name: value for name, value in shot.items() if name in SHOWN}
+        panel, news = self._panel, {name: value for name, value in shot.items() if name in _SHOWN}
         self._state = news.get("state", self._state)
-        text = f"recorded run, {_minutes(number)} of {_minutes(self._count)}: {shot['caption']}"
+        text = f"recorded run, {_clock_time(number)} of {_clock_time(self._count)}: {shot['caption']}"
         own = {"status": "recorded", "running": False, "message": {"text": text, "kind": "info"}}
         news["state"] = self._state | own | {"answered": panel.state["answered"]}
         if "target" in news:
@@ -132,15 +109,15 @@ class Playback:
         return news
 
 
-def _minutes(steps: int) -> str:
+def _clock_time(steps: int) -> str:
     minutes, seconds = divmod(int(steps * CONTROL_PERIOD), 60)
     return f"{minutes}:{seconds:02}"
 
 
 def _smaller(jpeg: bytes) -> bytes:
-    """The same picture in fewer bytes: a reel has hundreds of them."""
+    """The same picture in fewer bytes: a recording has hundreds of them."""
     picture = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
 def _packed(value: object) -> dict[str, str]:

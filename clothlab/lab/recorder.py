@@ -11,18 +11,14 @@ from clothlab._validation import check_name
 from clothlab.simulation.env import Observation
 from clothlab.trials import Trial, save_trial
 
-EVERY = 300  # control steps between two writes, one minute
-LONGEST = 18_000  # steps of a recording, an hour
+_EVERY = 300  # control steps between two writes, one minute
+_LONGEST = 18_000  # steps of a recording, an hour
 
 
 class Recorder:
     """Keeps one recording at a time: it runs, or it is stopped and waits for its name, or there is none.
 
     Until it is saved, its file is `unfinished-TIME-PROCESS.npz`, a trial like any other.
-
-    Attributes:
-        folder: where recordings go.
-        running: whether steps are taken in.
     """
 
     def __init__(self, folder: Path | str):
@@ -38,37 +34,25 @@ class Recorder:
         return self._file is not None and not self.running
 
     def start(self) -> None:
-        """Begin anew.
-
-        Raises:
-            ValueError: a recording runs or waits already.
-            OSError: nothing can be written to the folder.
-        """
+        """Begin a recording."""
         if self._file is not None:
             raise ValueError("there is a recording already: save it under a name, or discard it")
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            file = self.folder / f"unfinished-{time.time_ns()}-{os.getpid()}.npz"
-            file.touch(exist_ok=False)
-            file.unlink()
-        except OSError as error:
-            raise OSError(f"nothing can be written to {self.folder}: {error.strerror or error}") from error
+        file = self.folder / f"unfinished-{time.time_ns()}-{os.getpid()}.npz"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file.touch()  # an OSError now rather than when much is recorded
+        file.unlink()
         self._file, self.running = file, True
 
     def add(self, observation: Observation, u: np.ndarray, about: dict) -> None:
-        """Take in a step that happened; `about` is the trial's cloth, arm, policy and seed.
-
-        Raises:
-            OSError: the disk does not take it, or no file would take more. The recording is then stopped.
-        """
+        """Take in a step; `about` is the trial's cloth, arm, policy and seed. A full disk stops the recording."""
         self._rows.append((observation["image"].astype(bool), observation["robot"], u))
         self._policies = dict.fromkeys([*self._policies, about["policy"]])
         self._about = about
-        if len(self._rows) % EVERY == 0:
+        if len(self._rows) % _EVERY == 0:
             self.running = False  # unless the disk takes it
             self._write()
-            if len(self._rows) >= LONGEST:
-                raise OSError(f"a recording has {LONGEST} steps at most, which are over: save it")
+            if len(self._rows) >= _LONGEST:
+                raise OSError(f"a recording has {_LONGEST} steps at most, which are over: save it")
             self.running = True
 
     def stop(self) -> None:
@@ -77,11 +61,7 @@ class Recorder:
         self._write()
 
     def save(self, name: str) -> Path:
-        """Stop, and give the recording its name.
-
-        Raises:
-            ValueError: a bad or existing name, or nothing was recorded. A running recording then goes on.
-        """
+        """Stop, and give the recording its name; after a bad or existing name, a running recording goes on."""
         path = self.folder / f"{check_name('recording', name)}.npz"
         if path.exists():
             raise ValueError(f"a recording named {name!r} exists: choose another name")

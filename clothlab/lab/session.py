@@ -1,16 +1,17 @@
-"""A live run that a person steers: robot, cloth, target, who moves it, and what is remembered. No widgets here."""
+"""A live run that a person steers: robot, cloth, target, driver and recording. No widgets here."""
 
 import copy
 import secrets
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab._validation import Checked, check_array, choose, setting
+from clothlab._validation import check_array, choose
 from clothlab.analysis import nearest_material
 from clothlab.lab.drivers import DRIVERS, Drivers, Period
 from clothlab.lab.recorder import Recorder
@@ -30,20 +31,17 @@ from clothlab.simulation.env import ClothEnv, Scene, SimulationError
 from clothlab.simulation.vision import check_mask
 
 
-@dataclass(frozen=True)
-class Setup(Checked):
-    """What a session starts with on each arm: weights, trials that they learned from and others, cloth and target."""
-
-    weights: str = setting()
-    trials: str = setting()
-    known: str = setting()
-    cloth: str = setting()
-    target: str = setting()
+class _Setup(NamedTuple):
+    weights: str
+    trials: str  # that the weights learned from
+    known: str  # others, for the calibration of the estimate
+    cloth: str
+    target: str
 
 
 SETUPS = {
-    "torque": Setup("torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
-    "muscle": Setup("muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"),
+    "torque": _Setup("torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
+    "muscle": _Setup("muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"),
 }
 
 
@@ -72,27 +70,16 @@ class LiveSession:
         arm: name of an arm, which brings its own cloth, target and p.
         recordings: folder for recorded trials; by default `artifacts.own_trials()`, which `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
-
-    Attributes:
-        driver: who chooses the commands, one of `DRIVERS`.
-        exploring: whether the driver "iterative" tries new plans; else it repeats the best known one.
-        estimating: whether p follows what is observed.
-        hand: the command `[D_u]` that the driver "manual" sends.
-        command: the last one that was sent `[D_u]`, by whoever drives; before the first, where the arm is at home.
-        tension: f_const [N] that everyone has to send, or None.
-        reconstruction: what the autoencoder makes of `target` `[H, W]`, 0 to 1.
-        reconstruction_distance: chamfer distance [pixel] between the two; infinite where no cloth is left.
-        usual_distance: the same of recorded images, 99th percentile [pixel]: beyond it, an image is unlike any cloth.
-        gallery: images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
-        finder: who estimates p, and estimate_report.
-        seed: of the random numbers since the last reset.
     """
 
     def __init__(
         self, arm: str = "torque", *, recordings: Path | None = None, picture_size: tuple[int, int] = (288, 384)
     ):
         self._scene = Scene(picture_size=picture_size)
-        self.driver, self.exploring, self.estimating, self.seed = "control", True, False, 0
+        self.driver = "control"  # one of `DRIVERS`
+        self.exploring = True  # whether the driver "iterative" tries new plans; else it repeats the best known one
+        self.estimating = False  # whether p follows what is observed
+        self.seed = 0  # of the random numbers since the last reset
         self.recorder = Recorder(recordings or artifacts.own_trials())
         self.set_arm(arm)
 
@@ -108,17 +95,20 @@ class LiveSession:
         if "env" in before:
             before["env"].close()
 
-    def _equip(self, setup: Setup) -> None:
+    def _equip(self, setup: _Setup) -> None:
         self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
         self._known = setup.known
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.sequences(trial) for trial in trials]
         images, targets = reference_images(trials), artifacts.load_targets()
+        # Beyond this chamfer distance to its reconstruction [pixel], an image is unlike any recorded one.
         self.usual_distance = usual_reconstruction_distance(self.trained.autoencoder, images)
+        # Images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
         self.gallery = targets | recorded_targets(images)
         self.target = choose("target", setup.target, targets)
         self._p = choose("material", setup.cloth, self.trained.biases).copy()
-        self.hand, self.env = self.arm.home_command, ClothEnv(self.arm, setup.cloth, scene=self._scene)
+        self.hand = self.arm.home_command  # the command of the driver "manual" `[D_u]`
+        self.env = ClothEnv(self.arm, setup.cloth, scene=self._scene)
         self.set_tension(None)
         self.set_target(self.target)
         self._begin()
@@ -149,7 +139,8 @@ class LiveSession:
         """Go on from a cloth that was just made to hang still."""
         self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
-        self.command, self.step_number, self.seed = self.arm.home_command, 0, secrets.randbits(32)
+        self.command = self.arm.home_command  # the last one that was sent `[D_u]`
+        self.step_number, self.seed = 0, secrets.randbits(32)
         self._drivers.reset(self.seed)
         self.tracker = BiasTracker(self.trained, self._known, self._p)
 
@@ -170,10 +161,7 @@ class LiveSession:
         return nearest_material(self._p, self.trained.biases)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next step on; `reconstruction` is what the network makes of it.
-
-        Practice does so from its next period on, and keeps what it learned.
-        """
+        """Aim at another image `[H, W]` from the next step on; iterative learning does from its next period on."""
         mask = check_mask(mask)
         z = encode(self.trained.autoencoder, mask)
         reconstruction = decode(self.trained.autoencoder, z)
@@ -182,7 +170,7 @@ class LiveSession:
         self.reconstruction_distance = reconstruction_distance(mask, reconstruction)
 
     def set_driver(self, driver: str) -> None:
-        """Change who chooses the commands. What practice learned waits for its next turn."""
+        """Change who chooses the commands. What iterative learning learned waits for its next turn."""
         driver = choose("driver", driver, {name: name for name in DRIVERS})
         if driver != self.driver:
             self._drivers.resume()
@@ -191,37 +179,28 @@ class LiveSession:
     def set_hand(self, u: ArrayLike) -> None:
         """Command `[D_u]` for the driver "manual"."""
         self.hand = check_command(self.arm, u)
-        self._drivers.set_hand(self.hand)
 
     def set_tension(self, f_const: float | None) -> None:
-        """Fix the stiffness command of a muscle arm [N] for every driver, or leave it free with None.
-
-        Such an arm is another one: practice begins anew.
-        """
+        """Fix the stiffness command of a muscle arm [N] for every driver, or free it with None; learning restarts."""
         arm = self.arm if f_const is None else self.arm.with_stiffness(f_const)
-        about = (self.trained, arm, self.target, self._p, self.hand)
-        self._drivers = Drivers(*about, plans=self._plans, runs=self._runs)
+        self._drivers = Drivers(self.trained, arm, self.target, self._p, plans=self._plans, runs=self._runs)
         self._drivers.reset(self.seed)
         self.tension = f_const
 
     def step(self, *, solve: bool = True) -> StepInfo:
-        """Choose a command, send it, and look. A step that fails has not happened.
-
-        Args:
-            solve: False lets the controller go on with its last plan, for when the time for a solve has run out.
-        """
+        """Choose a command, send it, and look; without `solve`, a controller goes on with its last plan."""
         start, seen = time.perf_counter(), self.observation
-        chosen = self._drivers.choose(self.driver, seen, solve=solve, exploring=self.exploring)
+        chosen = self._drivers.choose(self.driver, seen, hand=self.hand, solve=solve, exploring=self.exploring)
         u = chosen.command
         before = copy.copy(self.env.data)
         try:
             self.env.advance(u)
             observation = self.env.observe()
-        except BaseException:  # an interrupt, too: half a step could not be replayed
+        except BaseException:  # after a failure or an interrupt, the step has not happened
             self.env.data = before
             raise
         self.observation, self.step_number, self.command = observation, self.step_number + 1, u
-        if self.recording:
+        if self.recorder.running:
             about = {"cloth": self.env.cloth, "arm": self.arm.name, "policy": self.driver, "seed": self.seed}
             self.recorder.add(seen, u, about)
         if self.estimating:
@@ -237,23 +216,14 @@ class LiveSession:
             theta=self.arm.angles(self.env.data),
             p=self.p,
             seconds=time.perf_counter() - start,
-            period=self._drivers.account.add(self.driver, chosen, distance),
+            period=self._drivers.close_period(self.driver, chosen, distance),
             **chosen._asdict(),
         )
 
     @property
     def still_distance(self) -> float:
-        """Distance to the target of the cloth that hangs still [s.d. of z]: what is worse is worse than nothing."""
+        """Distance to the target of the cloth that hangs still [s.d. of z]."""
         return float(np.linalg.norm(self._z_ref - self._still))
-
-    def picture(self) -> np.ndarray:
-        """The scene now, `[h, w, 3]` uint8."""
-        return self.env.picture()
-
-    @property
-    def recording(self) -> bool:
-        """Whether steps are being recorded."""
-        return self.recorder.running
 
     def record(self) -> None:
         """Let the cloth hang still, and record from there, so that the trial can be replayed."""
@@ -275,7 +245,7 @@ class LiveSession:
         self._p = p
 
     def _refuse_while_recording(self, what: str) -> None:
-        if self.recording:
+        if self.recorder.running:
             raise ValueError(f"{what} cannot change during a recording: save or discard it first")
 
 

@@ -1,7 +1,7 @@
 """Setting the table in the live lab: a task in a thread of its own, and what is shown of it. No widgets here.
 
-Its phases are loops, and a look at the table takes longer than a step of the live session may. Its scene and OpenGL
-contexts are made, used and closed in its thread; others see its pictures alone.
+A look at the table takes longer than a step of the live session may. The scene and its OpenGL contexts are made, used
+and closed in the thread of the task.
 """
 
 import contextlib
@@ -24,8 +24,8 @@ from clothlab.table_scene.servoing import lay_slowly
 from clothlab.table_scene.table_env import TableEnv
 from clothlab.table_scene.task import PHASES, Outcome, Spreader
 
-SIZE = (288, 384)  # [pixel] height and width of the picture; the robot's looks have another, and other renderers
-PATIENCE = 100  # periods without a sign from the browser, after which the page is taken to be closed
+_SIZE = (288, 384)  # [pixel] height and width of the picture
+_PATIENCE = 100  # periods without a sign from the browser, after which the page is taken to be closed
 _PERIOD = 0.05  # [s] after which the panel asks for a picture again
 
 _Draw = Callable[[], np.ndarray]  # makes a picture [h, w, 3], uint8
@@ -37,8 +37,8 @@ class _Stopped(Exception):
 
 def _draw(env: TableEnv) -> np.ndarray:
     """The whole scene, without shadows, which take two thirds of the time."""
-    env.renderer(*SIZE).scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-    return env.camera_picture(*SIZE, view="room")
+    env.renderer(*_SIZE).scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+    return env.camera_picture(*_SIZE, view="room")
 
 
 _load = cache(artifacts.load)
@@ -52,20 +52,17 @@ def _thrower() -> Spreader:
     return lambda driver: task.excite_and_throw(driver, learned)
 
 
-SPREADERS: dict[str, Callable[[], Spreader]] = {"throw it": _thrower, "lay it slowly": lambda: lay_slowly}
+_SPREADERS: dict[str, Callable[[], Spreader]] = {"throw it": _thrower, "lay it slowly": lambda: lay_slowly}
 
 
-def play(method: str, seed: int, watch: Callable[[_Draw], None], progress: Callable[[str], None]) -> Outcome:
-    """Run a task; `watch` gets a function that draws the scene, after each control period.
-
-    `progress` gets the name of each phase as it begins, and before an empty one. What the two raise ends the task.
-    """
-    spreader = SPREADERS[method]()
+def _play(method: str, seed: int, watch: Callable[[_Draw], None], progress: Callable[[str], None]) -> Outcome:
+    """Run a task: `watch` gets a function that draws the scene, `progress` each phase; what they raise ends it."""
+    spreader = _SPREADERS[method]()
     progress("")
     return task.run_task(spreader, seed, watch=lambda env: watch(partial(_draw, env)), progress=progress)
 
 
-def verdict(outcome: Outcome) -> list[dict[str, Any]]:
+def _verdict(outcome: Outcome) -> list[dict[str, Any]]:
     """How cloth and basket really lie and stand, in words: `[{text, good}]`."""
     lines, pose, stands = [], outcome.pose, outcome.placement
     if pose is not None:
@@ -80,7 +77,7 @@ def verdict(outcome: Outcome) -> list[dict[str, Any]]:
     return lines
 
 
-def conclusion(outcome: Outcome) -> str:
+def _conclusion(outcome: Outcome) -> str:
     """What became of a task, in a sentence."""
     took = f"after {outcome.steps * CONTROL_PERIOD:.0f} s of the robot's time"
     if outcome.failed:
@@ -107,18 +104,12 @@ class TableSection:
 
     @property
     def running(self) -> bool:
-        """Whether a task runs; one that is to stop does, until the end of its control period."""
+        """Whether a task runs."""
         return self._thread.is_alive()
 
     def start(self, method: str, seed: int | None = None) -> None:
-        """Begin a task with one of `SPREADERS`; the seed, by default drawn, says where rack and basket stand.
-
-        Raises:
-            KeyError: unknown way to spread the cloth; the message lists the choices.
-            ValueError: one runs already.
-            RuntimeError: no event loop runs, as in a plain script.
-        """
-        choose("way to spread the cloth", method, SPREADERS)
+        """Begin a task with one of the spreaders; the seed, by default drawn, says where rack and basket stand."""
+        choose("way to spread the cloth", method, _SPREADERS)
         if self.running:
             raise ValueError("the robot is setting the table already: stop it first")
         seed = int(np.random.default_rng().integers(1_000_000)) if seed is None else seed
@@ -152,7 +143,7 @@ class TableSection:
     def _work(self, method: str, seed: int) -> None:
         def until_stopped() -> None:
             with contextlib.suppress(_Stopped):
-                self._outcome = play(method, seed, self._watch, self._progress)
+                self._outcome = _play(method, seed, self._watch, self._progress)
 
         self._messages.guarded(until_stopped)
 
@@ -176,7 +167,7 @@ class TableSection:
         """Show what is new, unless the browser has not drawn the last frame yet; False after the end."""
         going = self.running  # asked first, so that nothing comes after what is shown last
         self._unseen = 0 if self.drawn == self._number else self._unseen + 1
-        if self._unseen > PATIENCE:
+        if self._unseen > _PATIENCE:
             self.stop("stopped: the page does not answer")
         if (not self._unseen or not going) and not self._messages.guarded(self._take):
             self.close()
@@ -191,7 +182,7 @@ class TableSection:
         if drawing is not None:
             self._picture = encoded(drawing, ".jpg")
         if self._outcome is not None:
-            self._messages.say(conclusion(self._outcome))
+            self._messages.say(_conclusion(self._outcome))
         self._show()
 
     def _show(self) -> None:
@@ -204,11 +195,11 @@ class TableSection:
                 mark = "failed" if self._outcome.failed else "done"
             marks[: reached + 1] = ["done"] * reached + [mark]
         news = {
-            "choices": list(SPREADERS),
+            "choices": list(_SPREADERS),
             "running": self.running,
             "phases": list(zip(PHASES, marks, strict=True)),
             "message": self._messages.shown,
-            "verdict": verdict(self._outcome) if self._outcome else [],
+            "verdict": _verdict(self._outcome) if self._outcome else [],
             "picture": self._picture,
         }
         if news != self._news:

@@ -10,7 +10,7 @@ from clothlab.trials import Trial
 
 REFERENCE_EVERY = 20  # of the recorded images, one in so many is compared with drawn ones
 LARGEST_FILE = 1 << 20  # [byte] of an upload; the server would take messages of up to 10 MB
-RECORDED_TARGETS = 7  # how many recorded images the gallery has
+_RECORDED_TARGETS = 7  # how many recorded images the gallery has
 
 
 def reference_images(trials: Sequence[Trial]) -> np.ndarray:
@@ -33,17 +33,12 @@ def usual_reconstruction_distance(autoencoder: Autoencoder, images: np.ndarray) 
 
 def recorded_targets(images: np.ndarray) -> dict[str, np.ndarray]:
     """A few of the images `[N, H, W]`, from large to small, `{name: mask [H, W]}`."""
-    chosen = images[images.sum(axis=(1, 2)).argsort()[::-1]][:: -(-len(images) // RECORDED_TARGETS)]
+    chosen = images[images.sum(axis=(1, 2)).argsort()[::-1]][:: -(-len(images) // _RECORDED_TARGETS)]
     return {f"recorded {k + 1}": image for k, image in enumerate(chosen)}
 
 
 def uploaded_mask(content: bytes, size: int) -> np.ndarray:
-    """Read a target `[H, W]` from an uploaded picture: bright is cloth.
-
-    Args:
-        content: of the file; a browser leaves it out where the file is too large.
-        size: of the file [byte].
-    """
+    """Read a target `[H, W]`, bright where cloth is, from a file of `size` [byte]; a large one has no content."""
     if size > LARGEST_FILE:
         raise ValueError(f"this file is larger than {LARGEST_FILE / 1e6:.0f} MB: make the picture smaller")
     return mask_from_file(content)

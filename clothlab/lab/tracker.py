@@ -11,11 +11,11 @@ from clothlab.learning.calibration import Calibration, EstimateReport, calibrate
 from clothlab.learning.estimation import NewtonEstimator
 from clothlab.learning.trained import Trained
 
-REPORT_EVERY = 5  # steps; a report costs about as much as an update
+_REPORT_EVERY = 5  # steps; a report costs about as much as an update
 
 
 @cache
-def calibration(weights: str, known: str) -> "Future[Calibration]":
+def _calibration(weights: str, known: str) -> "Future[Calibration]":
     """Calibrate by recorded trials that the weights were not trained on, in a thread: no control step waits for it."""
     learned, trials = artifacts.load(weights), artifacts.load_trials(known)
 
@@ -29,36 +29,21 @@ def calibration(weights: str, known: str) -> "Future[Calibration]":
 
 
 class BiasTracker:
-    """Follows p by Gauss-Newton, which finds it sooner than momentum SGD, and reports on the estimate now and then.
-
-    Args:
-        trained: the model and what it was trained with.
-        known: name of trials that it was not trained on, by which it is calibrated.
-        p: where to start `[D_p]`.
-
-    Attributes:
-        report: how sure the estimate is, and whether the material is like the trained ones; None at first.
-    """
+    """Follows p by Gauss-Newton, from `p` on; `known` are trials that the model was not trained on, for calibration."""
 
     def __init__(self, trained: Trained, known: str, p: ArrayLike):
         self._trained, self._known, self._p = trained, known, p
         self._estimator = NewtonEstimator(trained.model, p)
         self._count = 0
-        self.report: EstimateReport | None = None
+        self.report: EstimateReport | None = None  # how sure the estimate is; None at first
 
     def update(self, s: ArrayLike, u: ArrayLike, *, at_rest: bool) -> np.ndarray:
-        """Take in one step and return the new estimate `[D_p]`.
-
-        Args:
-            s: state seen before the command `[D_s]`.
-            u: the command `[D_u]`.
-            at_rest: whether the cloth hung still before the first step.
-        """
+        """Take in state `[D_s]` and command `[D_u]`; the new p `[D_p]`. `at_rest`: the cloth hung still before."""
         if not self._count:
             self._estimator = NewtonEstimator(self._trained.model, self._p, from_rest=at_rest)
         p = self._estimator.update(s, u)
         self._count += 1
-        future = calibration(self._trained.name, self._known)
-        if future.done() and self._count % REPORT_EVERY == 0:
+        future = _calibration(self._trained.name, self._known)
+        if future.done() and self._count % _REPORT_EVERY == 0:
             self.report = future.result().report(self._estimator)
         return p

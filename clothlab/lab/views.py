@@ -24,13 +24,13 @@ from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
-# C_damp [N s/m] and C_mass [kg]: lowest, highest, step. Measured with random swinging at the lowest C_damp: below
-# 0.042 kg the cloth trembles from one time step to the next, below 0.034 kg it diverges.
-DAMPING, MASS = (0.01, 0.10, 0.005), (0.045, 0.20, 0.005)
-TENSION_STEP = 5.0  # [N]
-BRUSH = {"range": (1, 12, 1), "start": 4}  # radius [pixel]
-GAMEPAD = {"axes": (1, 3), "trigger": 7, "moves": 0.05}  # vertical axes, right trigger; a stick at rest trembles
-ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
+# Lowest, highest, step. Measured with random swinging at the lowest C_damp: below 0.042 kg the cloth trembles from one
+# time step to the next, below 0.034 kg it diverges.
+MATERIAL = {"C_damp [N s/m]": (0.01, 0.10, 0.005), "C_mass [kg]": (0.045, 0.20, 0.005)}
+_TENSION_STEP = 5.0  # [N]
+_BRUSH = {"range": (1, 12, 1), "start": 4}  # radius [pixel]
+_GAMEPAD = {"axes": (1, 3), "trigger": 7, "moves": 0.05}  # vertical axes, right trigger; a stick at rest trembles
+_ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
 
 
 def javascript(*parts: str) -> str:
@@ -49,18 +49,12 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
     return cv2.imencode(kind, picture[..., ::-1] if picture.ndim == 3 else picture)[1].tobytes()
 
 
-def pixels(mask: np.ndarray) -> bytes:
-    """A mask `[H, W]`, one byte a pixel."""
+def _pixels(mask: np.ndarray) -> bytes:
     return np.asarray(mask, np.uint8).tobytes()
 
 
 class Plane:
-    """The two principal axes of the trained p, on which the map is drawn.
-
-    Args:
-        biases: trained p of each material, `{name: [D_p]}`.
-        labels: what to call them; by default their names.
-    """
+    """The two principal axes of the trained p, `{name: [D_p]}`, on which the map is drawn; `labels` name its dots."""
 
     def __init__(self, biases: Mapping[str, np.ndarray], labels: Mapping[str, str]):
         self._axes = principal_axes(dict(biases))
@@ -83,170 +77,153 @@ class Plane:
         return self._axes.inverse_transform(np.asarray(at, dtype=float)[None])[0]
 
 
-def plane(session: LiveSession) -> Plane:
-    """The map of the materials that the session's model knows."""
-    return Plane(session.trained.biases, {name: get_cloth(name).label for name in session.trained.biases})
+class Views:
+    """A session as plain data for the browser, as long as the session keeps its arm."""
+
+    def __init__(self, session: LiveSession):
+        self._session = session
+        biases = session.trained.biases
+        self.plane = Plane(biases, {name: get_cloth(name).label for name in biases})
+
+    def fixtures(self) -> dict[str, Any]:
+        """What stays as long as the arm does: names, ranges and sizes."""
+        arm = self._session.arm
+        lower, upper = arm.command_lower, arm.command_upper
+        limits = zip(arm.command_names, lower.tolist(), upper.tolist(), strict=True)
+        at, muscles = arm.stiffness_command, arm.has_stiffness
+        return {
+            "period": CONTROL_PERIOD,
+            "history": HISTORY,
+            "size": (WIDTH, HEIGHT),
+            "arms": list(SETUPS),
+            "drivers": DRIVERS,
+            "cloths": [{"name": name, "label": each.label} for name, each in (FOAMS if muscles else CLOTHS).items()],
+            "material": [] if muscles else list(MATERIAL.items()),
+            "hands": [(name, (low, high, (high - low) / 100)) for name, low, high in limits],
+            "tension": (*lower[at].tolist(), *upper[at].tolist(), _TENSION_STEP) if muscles else None,
+            "stiffness_at": at.start,
+            "map": self.plane.map,
+            "brush": _BRUSH,
+            "gamepad": _GAMEPAD,
+            "largest_file": LARGEST_FILE,
+            "gallery": [{"name": name, "image": _pixels(mask)} for name, mask in self._session.gallery.items()],
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Where every control stands."""
+        session, arm, cloth = self._session, self._session.arm, self._session.env.cloth
+        sent = session.hand if session.driver == "manual" else session.command
+        hand = np.clip(sent, arm.command_lower, arm.command_upper)
+        if session.tension is not None:
+            hand[arm.stiffness_command] = session.tension
+        return {
+            "arm": arm.name,
+            "driver": session.driver,
+            "exploring": session.exploring,
+            "cloth": {"name": cloth.name, "label": cloth.label, "material": (cloth.damping, cloth.mass)},
+            "estimating": session.estimating,
+            "fixed": session.tension is not None,
+            "tension": hand[arm.stiffness_command].tolist(),
+            "hand": hand.tolist(),  # the command that is sent, also when another driver chooses it
+            "recording": session.recorder.running,
+            "waiting": session.recorder.waiting,
+        }
+
+    def target(self) -> dict[str, Any]:
+        """The target, and what the autoencoder makes of it."""
+        session, usual = self._session, self._session.usual_distance
+        distance, known = session.reconstruction_distance, session.reconstruction_distance <= usual
+        reconstruction = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
+        return {
+            "image": _pixels(session.target),
+            "reconstruction": encoded(session.reconstruction),
+            "known": bool(known),
+            "verdict": f"The autoencoder {'reproduces' if known else 'does not reproduce'} it.",
+            "reason": f"Its reconstruction is {reconstruction} (chamfer distance; 99 % of recorded images are below "
+            f"{usual:.1f}).",
+        }
+
+    def frame(self, history: Sequence[StepInfo]) -> dict[str, Any]:
+        """Pictures, traces and p after a step."""
+        session, step = self._session, self._session.step_number
+        images = (history[-1].image, history[-1].reconstruction) if history else (np.zeros((HEIGHT, WIDTH)),) * 2
+        return {
+            "scene": encoded(session.env.picture(), ".jpg"),
+            "seen": encoded(images[0]),
+            "decoded": encoded(images[1]),
+            "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}",
+            "traces": self._traces(history),
+            "marks": [k for k, moment in enumerate(history) if moment.period_ended],
+            "at": self.plane.at(session.p),
+            "trail": [self.plane.at(moment.p) for moment in history],
+            "nearest": get_cloth(session.nearest).label,
+        } | self._estimate_report()
+
+    def ellipse(self, u: np.ndarray) -> bytes:
+        """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; empty for an arm without muscles."""
+        arm, tension = self._session.arm, self._session.tension
+        if not arm.has_stiffness:
+            return b""
+        f_const = u[arm.stiffness_command][0] if tension is None else tension
+        figure = plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const)
+        (ax,) = figure.axes
+        ax.set_title("")  # the page has it, where a projector's style enlarges it
+        ax.tick_params(labelsize=_ELLIPSE_TEXT)
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.label.set_fontsize(_ELLIPSE_TEXT)
+            axis.set_major_locator(MultipleLocator(0.5))
+        return encoded(figure)
+
+    def _estimate_report(self) -> dict[str, Any]:
+        """While p is estimated: its 90 % region, and a warning where the material is unlike the trained ones."""
+        report = self._session.tracker.report if self._session.estimating else None
+        if report is None:
+            return {"region": [], "warning": ""}
+        warning = "p lies outside the trained ones." if report.outside_hull else ""
+        if report.out_of_distribution:
+            times = np.exp(report.log_error_ratio)
+            warning = f"The material is unlike the trained ones: squared prediction error {times:.1f} times the usual."
+        return {"region": self.plane.region(self._session.p, report.covariance), "warning": warning}
+
+    def _traces(self, history: Sequence[StepInfo]) -> list[dict[str, Any]]:
+        """The curves of a history; a limit is `(name, value)`, pairs are `(index, predicted, achieved)` of periods."""
+        angles = [_line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
+        angles += [_line(f"{joint} ref", (m.command[j] for m in history), j, dash=1) for j, joint in enumerate(JOINTS)]
+        distances = [_line("distance", (m.distance for m in history))]
+        if any(m.predicted is not None for m in history):
+            predicted = (m.predicted for m in history)
+            distances.append(_line("predicted at each step", predicted, 1, dash=1, fine=True))
+        still, seconds = self._session.still_distance, _line("step", (1e3 * m.seconds for m in history))
+        shown = [
+            _plot("distance to the target", "s.d. of z", distances, limit=("hanging still", still)),
+            _plot("joint angles", "rad", angles),
+            _plot("time a step took", "ms", [seconds], limit=("control period", 1e3 * CONTROL_PERIOD)),
+        ]
+        shown[0]["pairs"] = [(k, *np.round(m.period, 4).tolist()) for k, m in enumerate(history) if m.period]
+        arm = self._session.arm
+        if arm.has_stiffness:
+            f_const = _line("f_const", (m.command[arm.stiffness_command][0] for m in history))
+            shown.insert(2, _plot("stiffness command", "N", [f_const]))
+        return shown
 
 
-def fixtures(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
-    """What stays as long as the arm does: names, ranges and sizes."""
-    arm, cloths = session.arm, FOAMS if session.arm.has_stiffness else CLOTHS
-    hands = zip(arm.command_names, arm.command_lower, arm.command_upper, strict=True)
-    tension = [(limits[arm.stiffness_command]).tolist() for limits in (arm.command_lower, arm.command_upper)]
-    return {
-        "period": CONTROL_PERIOD,
-        "history": HISTORY,
-        "size": (WIDTH, HEIGHT),
-        "arms": list(SETUPS),
-        "drivers": DRIVERS,
-        "cloths": [{"name": name, "label": cloth.label} for name, cloth in cloths.items()],
-        "material": [] if arm.has_stiffness else [("C_damp [N s/m]", DAMPING), ("C_mass [kg]", MASS)],
-        "hands": [(name, (low, high, (high - low) / 100)) for name, low, high in hands],
-        "tension": (*tension[0], *tension[1], TENSION_STEP) if arm.has_stiffness else None,
-        "stiffness_at": arm.stiffness_command.start,
-        "map": the_plane.map,
-        "brush": BRUSH,
-        "gamepad": GAMEPAD,
-        "largest_file": LARGEST_FILE,
-        "gallery": [{"name": name, "image": pixels(mask)} for name, mask in session.gallery.items()],
-    }
+def _line(
+    name: str, values: Iterable[float | None], colour: int = 0, *, dash: int = 0, fine: bool = False
+) -> dict[str, Any]:
+    """A curve with a gap where a value is None; a fine one is left out on a projector."""
+    rounded = [None if value is None else round(float(value), 4) for value in values]
+    return {"name": name, "values": rounded, "colour": colour, "dash": dash, "fine": fine}
 
 
-def state(session: LiveSession) -> dict[str, Any]:
-    """Where every control stands."""
-    cloth, tension, arm = session.env.cloth, session.tension, session.arm
-    hand = np.clip(
-        session.hand if session.driver == "manual" else session.command, arm.command_lower, arm.command_upper
-    )
-    if tension is not None:
-        hand[arm.stiffness_command] = tension  # whatever else is said of f_const
-    return {
-        "arm": arm.name,
-        "driver": session.driver,
-        "exploring": session.exploring,
-        "cloth": {"name": cloth.name, "label": cloth.label, "material": (cloth.damping, cloth.mass)},
-        "estimating": session.estimating,
-        "fixed": tension is not None,
-        "tension": hand[arm.stiffness_command].tolist(),
-        "hand": hand.tolist(),  # what is sent, whoever drives
-        "recording": session.recording,
-        "waiting": session.recorder.waiting,
-    }
-
-
-def gamepad(session: LiveSession, enough: bool) -> str:
-    """What a gamepad's sticks and trigger do with this arm."""
-    if not enough:
-        raise ValueError("a gamepad needs two sticks and a trigger")
-    trigger = ", right trigger: stiffness" if session.arm.has_stiffness else ""
-    return f"gamepad: left stick: shoulder, right stick: elbow{trigger}"
-
-
-def target(session: LiveSession) -> dict[str, Any]:
-    """The target, and what the network makes of it."""
-    distance, usual = session.reconstruction_distance, session.usual_distance
-    reconstruction = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
-    return {
-        "image": pixels(session.target),
-        "reconstruction": encoded(session.reconstruction),
-        "known": bool(distance <= usual),
-        "verdict": "The autoencoder reproduces it." if distance <= usual else "The autoencoder does not reproduce it.",
-        "reason": f"Its reconstruction is {reconstruction} (chamfer distance; 99 % of recorded images are below "
-        f"{usual:.1f}).",
-    }
-
-
-def frame(session: LiveSession, the_plane: Plane, history: Sequence[StepInfo]) -> dict[str, Any]:
-    """Pictures, traces and p after a step."""
-    step = session.step_number
-    images = (history[-1].image, history[-1].reconstruction) if history else (np.zeros((HEIGHT, WIDTH)),) * 2
-    return {
-        "scene": encoded(session.picture(), ".jpg"),
-        "seen": encoded(images[0]),
-        "decoded": encoded(images[1]),
-        "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}",
-        "traces": traces(session, history),
-        "marks": [k for k, moment in enumerate(history) if moment.period_ended],
-        "at": the_plane.at(session.p),
-        "trail": [the_plane.at(moment.p) for moment in history],
-        "nearest": get_cloth(session.nearest).label,
-    } | estimate_report(session, the_plane)
+def _plot(title: str, unit: str, lines: list[dict], *, limit: tuple[str, float] | None = None) -> dict[str, Any]:
+    return {"title": title, "unit": unit, "lines": lines, "limit": limit, "pairs": []}
 
 
 def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, AltText]:
-    """A frame and the target as one picture, with words for it: nothing is drawn anew, so that any thread may ask."""
+    """A frame and the target as one picture, with words for it, made of what was sent: any thread may ask."""
     files = (np.frombuffer(frame[name], np.uint8) for name in ("scene", "seen"))
     scene, seen = (np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR)) for file in files)
     aim = np.frombuffer(target["image"], np.uint8).reshape(HEIGHT, WIDTH)
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
     figure = plots.image_grid([scene[..., ::-1], seen[..., 0] > 127, aim > 0], titles)
     return encoded(figure), describe(figure)
-
-
-def estimate_report(session: LiveSession, the_plane: Plane) -> dict[str, Any]:
-    """While p is estimated: the edge of its 90 % region, and a warning where the material is unlike the trained ones.
-
-    The region is empty, and the warning too, where there is nothing to say.
-    """
-    report = session.tracker.report if session.estimating else None
-    if report is None:
-        return {"region": [], "warning": ""}
-    warning = "p lies outside the trained ones." if report.outside_hull else ""
-    if report.out_of_distribution:
-        times = np.exp(report.log_error_ratio)
-        warning = f"The material is unlike the trained ones: squared prediction error {times:.1f} times the usual."
-    return {"region": the_plane.region(session.p, report.covariance), "warning": warning}
-
-
-def traces(session: LiveSession, history: Sequence[StepInfo]) -> list[dict[str, Any]]:
-    """The curves of a history, `{title, unit, lines: [{name, values, colour, dash, fine}], limit, pairs}` each.
-
-    Where a curve has a gap, its value is None. A fine line is left out on a projector. A limit is `(name, value)`, and
-    pairs are `(index, predicted, achieved)` of the periods that are over.
-    """
-
-    def line(
-        name: str, values: Iterable[float | None], colour: int = 0, dash: int = 0, fine: bool = False
-    ) -> dict[str, Any]:
-        rounded = [None if v is None else round(float(v), 4) for v in values]
-        return {"name": name, "values": rounded, "colour": colour, "dash": dash, "fine": fine}
-
-    def plot(title: str, unit: str, *lines: dict, limit: tuple[str, float] | None = None) -> dict[str, Any]:
-        return {"title": title, "unit": unit, "lines": lines, "limit": limit, "pairs": []}
-
-    angles = [line(joint, (m.theta[j] for m in history), j) for j, joint in enumerate(JOINTS)]
-    angles += [line(f"{joint} ref", (m.command[j] for m in history), j, 1) for j, joint in enumerate(JOINTS)]
-    distances = [line("distance", (m.distance for m in history))]
-    if any(m.predicted is not None for m in history):
-        distances.append(line("predicted at each step", (m.predicted for m in history), 1, 1, fine=True))
-    seconds = line("step", (1e3 * m.seconds for m in history))
-    shown = [
-        plot("distance to the target", "s.d. of z", *distances, limit=("hanging still", session.still_distance)),
-        plot("joint angles", "rad", *angles),
-        plot("time a step took", "ms", seconds, limit=("control period", 1e3 * CONTROL_PERIOD)),
-    ]
-    kept = [(k, *np.round(moment.period, 4).tolist()) for k, moment in enumerate(history) if moment.period]
-    shown[0]["pairs"] = kept
-    if session.arm.has_stiffness:
-        f_const = line("f_const", (m.command[session.arm.stiffness_command][0] for m in history))
-        shown.insert(2, plot("stiffness command", "N", f_const))
-    return shown
-
-
-def ellipse(session: LiveSession, u: np.ndarray) -> bytes:
-    """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; nothing for an arm without muscles.
-
-    Its words stand in the page, where a projector's style enlarges them.
-    """
-    arm = session.arm
-    if not arm.has_stiffness:
-        return b""
-    f_const = u[arm.stiffness_command][0] if session.tension is None else session.tension
-    figure = plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const)
-    (ax,) = figure.axes
-    ax.set_title("")
-    ax.tick_params(labelsize=ELLIPSE_TEXT)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.label.set_fontsize(ELLIPSE_TEXT)
-        axis.set_major_locator(MultipleLocator(0.5))
-    return encoded(figure)

@@ -7,13 +7,9 @@ from clothlab.alt_text import AltText
 
 
 class Widget:
-    """Inherited before the library's widget class.
+    """Inherited before the library's widget class."""
 
-    Attributes:
-        errors: tracebacks of what went wrong in callbacks.
-    """
-
-    errors: list[str]
+    errors: list[str]  # tracebacks of callbacks
 
     def check(self) -> None:
         """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass."""

@@ -1,9 +1,8 @@
 """Coloured point clouds, and the cloth, the basket and the bar in the hand in them.
 
 The paper recognises cloth and basket in point clouds, and does not say how ("Integrated Table Setting Experiment").
-Here colour says which points may belong to a thing, DBSCAN which of them hang together (a pixel on an outline takes its
-colour from the thing and its depth from what is behind), and poses are fitted to the points that remain. What is not
-in view, or not as a whole, is a `NotVisibleError`.
+Here colour chooses points, DBSCAN the ones that hang together (a pixel on an outline has the colour of a thing and the
+depth of what is behind), and poses are fitted to them. What is not in view as a whole is a `NotVisibleError`.
 """
 
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from clothlab.simulation.arm import BAR_RADIUS
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import depth_points
-from clothlab.table_scene.scene import BASKET_SIZE, HANDLE_HEIGHT, HANDLE_RADIUS, HANDLE_WIDTH
+from clothlab.table_scene.scene import Basket
 from clothlab.table_scene.table_env import ClothPose
 
 _HEIGHT = 480  # [pixel] of a depth image, whose aspect is 4:3: at 1 m a pixel is 3 mm wide
@@ -54,11 +53,11 @@ class PointCloud:
     camera: np.ndarray  # where the camera is `[3]` [m]
 
     def __len__(self) -> int:
-        """Return the number of points N."""
+        """The number of points N."""
         return len(self.points)
 
     def __getitem__(self, index: np.ndarray | slice) -> "PointCloud":
-        """Return some of the points, chosen by a mask, by their numbers, or a slice of them."""
+        """Some of the points."""
         return PointCloud(self.points[index], self.colours[index], self.inside[index], self.camera)
 
 
@@ -70,14 +69,10 @@ def depth_picture(env: ClothEnv, height: int = _HEIGHT) -> np.ndarray:
 def capture_point_cloud(
     env: ClothEnv, height: int = _HEIGHT, *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> PointCloud:
-    """Take a coloured point cloud with the scene's camera, of all that is nearer than 3 m.
+    """Take a coloured point cloud with the scene's camera, of all that is nearer than 3 m; `height` [pixel].
 
-    Args:
-        env: the scene.
-        height: of the picture [pixel].
-        noise: standard deviation of each pixel's depth at 1 m [m]; it grows with the square of the distance, as that
-            of stereo cameras does.
-        rng: draws the noise.
+    `noise` is the standard deviation of a pixel's depth at 1 m [m], and grows with the square of the distance, as that
+    of stereo cameras does; `rng` draws it.
     """
     depth, colours = depth_picture(env, height), env.camera_picture(height, height * 4 // 3)
     if check_number("noise", noise, at_least=0):
@@ -93,10 +88,7 @@ def capture_point_cloud(
 
 
 def find_cloth_edge(cloud: PointCloud) -> np.ndarray:
-    """Find the ends of a hanging cloth's upper edge, to the robot's right and to its left `[2, 3]` [m].
-
-    The edge is a robust line through the uppermost points.
-    """
+    """Find the ends of a hanging cloth's upper edge, to the robot's right and left `[2, 3]` [m], by a robust line."""
     cloth = _largest_cluster("cloth", cloud, _cloth_coloured(cloud.colours))
     y, z = cloth.points[:, 1:].T
     bins = np.floor((y - y.min()) / _BIN).astype(int)
@@ -142,15 +134,15 @@ def find_cloth_centre(cloud: PointCloud, height: float) -> np.ndarray:
 def find_basket(cloud: PointCloud) -> tuple[np.ndarray, float]:
     """Find the middle of an upright basket's bottom `[3]` [m], and its turn from above, -90 to 90 [degree].
 
-    By least squares between points and surface. (In 24 places, with noise of 2 mm at 1 m, this is off by 0.3 mm and
-    0.15° at most; `cv2.minAreaRect` of the rim and the median height of the rod are off by 5.3 mm and 0.43°.)
+    By least squares between points and surface: in 24 places, with noise of 2 mm at 1 m, off by 0.3 mm and 0.15° at
+    most (`cv2.minAreaRect` of the rim and the median height of the rod: 5.3 mm and 0.43°).
     """
     red, green, blue = cloud.colours.astype(int).T
     basket = _largest_cluster("basket", cloud, np.minimum(red, green) - blue > _YELLOW)
     if np.mean(basket.inside) < 0.99:
         raise NotVisibleError("the basket is cut off by the picture: look from farther away")
     points = basket.points[:: max(1, len(basket) // 1500)]
-    middle = np.append(np.median(points[:, :2], axis=0), points[:, 2].max() - HANDLE_HEIGHT)
+    middle = np.append(np.median(points[:, :2], axis=0), points[:, 2].max() - Basket.handle_height)
 
     def distance(pose: np.ndarray) -> np.ndarray:
         return _basket_distance(points, pose[:3], pose[3])
@@ -158,7 +150,7 @@ def find_basket(cloud: PointCloud) -> tuple[np.ndarray, float]:
     starts = [np.append(middle, turn) for turn in np.deg2rad([-60, -20, 20, 60])]
     best = min((least_squares(distance, x, loss="soft_l1", f_scale=0.005) for x in starts), key=lambda fit: fit.cost)
     bottom, turn = best.x[:3], (best.x[3] + np.pi / 2) % np.pi - np.pi / 2
-    rod = np.abs(basket.points[:, 2] - (bottom[2] + HANDLE_HEIGHT)) < _ROD_SLACK
+    rod = np.abs(basket.points[:, 2] - (bottom[2] + Basket.handle_height)) < _ROD_SLACK
     if rod.sum() < _FEWEST / 10:
         raise NotVisibleError("the basket's handle is hidden: look from elsewhere")
     return bottom, float(np.rad2deg(turn))
@@ -182,16 +174,16 @@ def _basket_distance(points: np.ndarray, bottom: np.ndarray, turn: float) -> np.
     """How far points `[N, 3]` [m] are outside the surface of a basket turned by `turn` [rad], negative inside `[N]`."""
     cos, sin = np.cos(turn), np.sin(turn)
     local = (points - bottom) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    half = np.array(BASKET_SIZE) / 2
+    half = np.array(Basket.size) / 2
     beyond = np.abs(local - [0.0, 0.0, half[2]]) - half
     box = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
-    side, top = HANDLE_WIDTH / 2, HANDLE_HEIGHT
+    side, top = Basket.handle_width / 2, Basket.handle_height
     # Nearest points on the rod, and on the leg of the same side.
     _, y, z = local.T
     rod = np.column_stack([np.zeros_like(y), np.clip(y, -side, side), np.full_like(y, top)])
-    leg = np.column_stack([np.zeros_like(y), np.where(y < 0, -side, side), np.clip(z, BASKET_SIZE[2], top)])
+    leg = np.column_stack([np.zeros_like(y), np.where(y < 0, -side, side), np.clip(z, Basket.size[2], top)])
     handle = np.minimum(*(np.linalg.norm(local - nearest, axis=1) for nearest in (rod, leg)))
-    return np.minimum(box, handle - HANDLE_RADIUS)
+    return np.minimum(box, handle - Basket.handle_radius)
 
 
 def _cloth_coloured(colours: np.ndarray) -> np.ndarray:

@@ -17,11 +17,14 @@ from clothlab.simulation.env import Scene, add_camera
 _UNDERSIDE_RGBA = (0.65, 0.05, 0.20, 1.0)  # red for a mask too: a cloth swung forward lies with its back up
 _POINT_BIT, _BAR_BIT = 1, 2  # which geoms collide, see table.xml
 
-# Measures of the basket in table.xml [m]
-BASKET_SIZE = (0.20, 0.16, 0.09)  # along, across, up
-HANDLE_HEIGHT = 0.20  # from the bottom to the rod
-HANDLE_WIDTH = 0.12  # length of the rod, across
-HANDLE_RADIUS = 0.006
+
+class Basket:
+    """Measures of the basket in table.xml [m]."""
+
+    size = (0.20, 0.16, 0.09)  # along, across, up
+    handle_height = 0.20  # from the bottom to the rod
+    handle_width = 0.12  # length of the rod, across
+    handle_radius = 0.006
 
 
 @dataclass(frozen=True)
@@ -89,25 +92,18 @@ def build_spec(arm: Arm, cloth: Cloth, scene: Scene, furniture: Furniture) -> mu
 
 
 def _add_tie(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, site: str, place: ArrayLike) -> mujoco.MjsEquality:
-    """Add a constraint that can hold a site at a place of a body: at a site of its own, which grasping moves.
-
-    That site must not be compiled at the body's origin, or it could not be moved.
-    """
+    """Add a constraint that can hold a site at a place of a body, which grasping moves; it must not be its origin."""
     body.add_site(name=name, pos=place, size=[0.001, 0, 0], group=4)
     tie = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE)
     tie.name1, tie.name2, tie.active, tie.solref = name, site, False, [0.01, 1.0]  # drawn to the bar in 10 ms
     return tie
 
 
-def place_rack(data: mujoco.MjData, furniture: Furniture, rng: np.random.Generator) -> None:
-    """Move the rack, which stands where table.xml has it, by a draw of place, turn and slant."""
+def place_furniture(data: mujoco.MjData, furniture: Furniture, rng: np.random.Generator) -> None:
+    """Draw place, turn and slant of the rack around where table.xml has it, and where the basket stands."""
     data.mocap_pos[0] += rng.uniform(-1, 1, 3) * furniture.rack_shift
     turns = np.deg2rad(rng.uniform(-1, 1, 2) * furniture.rack_turn)
     data.mocap_quat[0] = Rotation.from_euler("ZX", turns).as_quat(scalar_first=True)
-
-
-def place_basket(data: mujoco.MjData, furniture: Furniture, rng: np.random.Generator) -> None:
-    """Draw where the basket stands on the side table."""
     shift = rng.uniform(-1, 1, 2) * furniture.basket_shift
     turn = np.deg2rad(rng.uniform(-1, 1) * furniture.basket_turn)
     place = np.add(furniture.side_place, [*shift, 0.0])

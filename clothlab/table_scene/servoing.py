@@ -23,7 +23,7 @@ from clothlab.table_scene.perception import (
     find_basket,
     find_cloth_edge,
 )
-from clothlab.table_scene.scene import HANDLE_HEIGHT
+from clothlab.table_scene.scene import Basket
 from clothlab.table_scene.table_env import GraspError, TableEnv
 
 AHEAD, AHEAD_LOW = 0.50, 0.485  # [m] from the shoulder to a goal, with room on all sides; to a basket, that is low
@@ -64,13 +64,8 @@ def posture(arm: Arm, place: ArrayLike) -> np.ndarray:
 class RobotDriver:
     """Moves hand and base of a robot in front of a table, and remembers the command.
 
-    Args:
-        env: the scene.
-        height: of the depth image [pixel].
-        noise: of the depth image at 1 m [m].
-        watch: called `samples` times a control period. What it raises ends the motion, so that a person can stop it.
-        samples: how often.
-        rng: draws the noise.
+    The depth image has a height [pixel] and noise at 1 m [m]. `watch` is called `samples` times a control period; what
+    it raises ends the motion.
     """
 
     def __init__(
@@ -161,8 +156,7 @@ class RobotDriver:
     def move_hand(self, goals: np.ndarray, *, settle: int = 4, base: np.ndarray | None = None) -> None:
         """Lead the hand along places forward and up of the shoulder `[N, 2]` [m], one a control step, without looking.
 
-        Beyond its reach it stops at its limit. It settles for some steps at the last place. The base stands, or is led
-        along places of its own `[N]` [m].
+        It settles for some steps at the last place. The base stands, or is led along places of its own `[N]` [m].
         """
         for k, goal in enumerate(np.vstack([goals, np.repeat(goals[-1:], settle, axis=0)])):
             theta = posture(self.env.arm, goal)
@@ -204,7 +198,7 @@ class RobotDriver:
 
 @dataclass(frozen=True, eq=False)
 class _Thing:
-    """What can be grasped."""
+    """A thing that can be grasped."""
 
     find: Callable[[PointCloud], np.ndarray]  # where the hand should take hold `[3]` [m]
     direction: np.ndarray  # from there to where the approach begins
@@ -213,7 +207,9 @@ class _Thing:
 
 _THINGS = {
     "cloth": _Thing(lambda cloud: find_cloth_edge(cloud).mean(axis=0), np.array([-1.0, 0.0, 0.0]), AHEAD),
-    "basket": _Thing(lambda cloud: find_basket(cloud)[0] + [0, 0, HANDLE_HEIGHT], np.array([0.0, 0.0, 1.0]), AHEAD_LOW),
+    "basket": _Thing(
+        lambda cloud: find_basket(cloud)[0] + [0, 0, Basket.handle_height], np.array([0.0, 0.0, 1.0]), AHEAD_LOW
+    ),
 }
 
 
@@ -222,11 +218,6 @@ def grasp(driver: RobotDriver, name: str) -> np.ndarray:
 
     The edge of the `"cloth"` is met from behind, the handle of the `"basket"` from above. Returned is the way from the
     bar to where it should be, forward and up, at each look `[N, 2]` [m].
-
-    Raises:
-        KeyError: another thing; the message lists the choices.
-        NotVisibleError: it is not to be seen, nor from 15 cm farther back.
-        MissedError: the hand did not get there, or grasped nothing, twice.
     """
     thing = choose("thing to grasp", name, _THINGS)
     for _ in range(2):
@@ -267,13 +258,11 @@ def _tracker(thing: _Thing, place: np.ndarray) -> Callable[[PointCloud, np.ndarr
 def lay_slowly(driver: RobotDriver, *, margin: float = 0.167) -> None:
     """Lay the cloth in the hand down without throwing it, and let go: the baseline of dynamic spreading.
 
-    The far edge is let down onto the table near its far end; then the hand goes back and down on a quarter of an
-    ellipse, so that the cloth comes to lie from the far edge to the near one. Beyond its reach the hand stops at its
-    limit; a stiff enough cloth is pushed the rest of the way.
+    The far edge is let down near the far end of the table; then the hand goes back and down on a quarter of an ellipse,
+    which ends `margin` [m] before the table's far edge. Beyond its reach the hand stops at its limit.
 
-    The numbers are for hard-1 on this table: the best of 45 draws in three development episodes. The cloth must stay
-    taut: with 1 cm more or less of `margin`, from the ellipse's end to the table's far edge [m], it sags over the near
-    edge.
+    The numbers are for hard-1 on this table: the best of 45 draws in three development episodes. With 1 cm more or less
+    of `margin` the cloth sags over the near edge.
     """
     seconds, stretch, rise = 12.0, 0.022, 1.038  # the ellipse is longer and higher than the cloth by these parts
     env, cloth, furniture = driver.env, driver.env.cloth, driver.env.furniture

@@ -16,7 +16,7 @@ from clothlab._validation import check_array, check_number, choose
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, hanging_points, point_names
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene
-from clothlab.table_scene.scene import Furniture, build_spec, place_basket, place_rack
+from clothlab.table_scene.scene import Furniture, build_spec, place_furniture
 
 _STARTS = ("rack", "hand")  # where the cloth hangs at the start
 _ON_TOP = 0.015  # [m] a point so near the table's top, in height, lies on it
@@ -52,6 +52,20 @@ class ClothPose:
     def spread(self) -> bool:
         """Whether the cloth is spread."""
         return not self.fault
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the basket stands."""
+
+    tilt: float  # from upright [degree]
+    off_centre: float  # from its middle to the cloth's, level [m]
+    on_table: bool  # whether it stands on the table at all
+
+    @property
+    def success(self) -> bool:
+        """Whether the basket is placed: on the table, tilted by 5° at most, 4 cm off the cloth's centre at most."""
+        return self.on_table and self.tilt <= 5.0 and self.off_centre <= 0.04
 
 
 class TableEnv(ClothEnv):
@@ -108,12 +122,7 @@ class TableEnv(ClothEnv):
         return self.data.site("hand").xpos.copy()
 
     def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
-        """Hold the command `[D_u]`, or that and a place of the base `[D_u + 1]`, as `ClothEnv.advance` does.
-
-        Raises:
-            ValueError: a command of another shape, not finite or out of range; a base too fast or out of its range.
-            SimulationError: the physics diverged.
-        """
+        """Hold the command `[D_u]`, or that and a place of the base `[D_u + 1]`, as `ClothEnv.advance` does."""
         size = len(self.arm.command_names)
         u = np.array(u, dtype=np.float64)
         if u.shape == (size + 1,):
@@ -132,11 +141,7 @@ class TableEnv(ClothEnv):
             self.release()
 
     def grasp(self) -> tuple[str, ...]:
-        """Close the hand on the nearest edge of the cloth, or the basket's handle; what is now in the hand.
-
-        Raises:
-            GraspError: something is in the hand already, or nothing is within reach; the message says how far it is.
-        """
+        """Close the hand on the nearest edge of the cloth, or the basket's handle; what is now in the hand."""
         if self.held:
             raise GraspError(f"the hand is not empty, it holds {', '.join(self.held)}: release it first")
         places = self._graspable()
@@ -152,10 +157,7 @@ class TableEnv(ClothEnv):
         return self.held
 
     def hold_fast(self, names: Iterable[str]) -> None:
-        """Tie points of the cloth's first or last row, or `basket`, to the bar, however far away; release all else.
-
-        Clips of the rack let go of them.
-        """
+        """Tie points of the cloth's first or last row, or `basket`, to the bar; rack and hand let go of all else."""
         self.release()
         places = self._graspable()
         for name in names:
@@ -181,7 +183,16 @@ class TableEnv(ClothEnv):
 
     def cloth_pose(self) -> ClothPose:
         """How the cloth lies on the table."""
-        return measure_pose(self.cloth, self.furniture, self.cloth_points())
+        return _measure_pose(self.cloth, self.furniture, self.cloth_points())
+
+    def placement(self) -> Placement:
+        """How the basket stands now."""
+        basket, furniture = self.data.body("basket"), self.furniture
+        off = basket.xpos[:2] - self.cloth_points().mean(axis=(0, 1))[:2]
+        above = furniture.near <= basket.xpos[0] <= furniture.far and abs(basket.xpos[1]) <= furniture.width / 2
+        on_table = above and abs(basket.xpos[2] - furniture.height) <= _ON_TOP and "basket" not in self.held
+        tilt = np.rad2deg(np.arccos(np.clip(basket.xmat.reshape(3, 3)[2, 2], -1, 1)))
+        return Placement(float(tilt), float(np.linalg.norm(off)), bool(on_table))
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode, as `ClothEnv.start` does; a cloth in the hand waits longer, because a soft arm sags."""
@@ -200,8 +211,7 @@ class TableEnv(ClothEnv):
     def _place(self, u: np.ndarray) -> None:
         """Draw where rack and basket are; put the arm where `u` wants it, and the cloth below rack or hand."""
         furniture, data = self.furniture, self.data
-        place_rack(data, furniture, self.np_random)
-        place_basket(data, furniture, self.np_random)
+        place_furniture(data, furniture, self.np_random)
         in_hand, u = self.start_in == "hand", u.copy()
         base = 0.0 if in_hand else self.model.body("rack").pos[0] - furniture.look_ahead
         data.joint("base").qpos[0] = data.actuator("base").ctrl[0] = base
@@ -256,7 +266,7 @@ class TableEnv(ClothEnv):
             super()._simulate(1)
 
 
-def measure_pose(cloth: Cloth, furniture: Furniture, points: ArrayLike) -> ClothPose:
+def _measure_pose(cloth: Cloth, furniture: Furniture, points: ArrayLike) -> ClothPose:
     """Measure how a cloth lies from its points `[rows, columns, 3]` [m] in the world."""
     points = check_array("points", points, (cloth.rows, cloth.columns, 3))
     x, y, z = np.moveaxis(points, -1, 0)
@@ -277,27 +287,3 @@ def _covered(places: np.ndarray) -> float:
         for triangle in ((a, b, c), (a, c, d)):
             cv2.fillConvexPoly(picture, np.array(triangle), 1)
     return float(picture.sum()) * _PIXEL**2
-
-
-@dataclass(frozen=True)
-class Placement:
-    """How the basket stands."""
-
-    tilt: float  # from upright [degree]
-    off_centre: float  # from its middle to the cloth's, level [m]
-    on_table: bool  # whether it stands on the table at all
-
-    @property
-    def success(self) -> bool:
-        """Whether the basket is placed: on the table, tilted by 5° at most, 4 cm off the cloth's centre at most."""
-        return self.on_table and self.tilt <= 5.0 and self.off_centre <= 0.04
-
-
-def measure_placement(env: TableEnv) -> Placement:
-    """Measure how the basket stands now."""
-    basket, furniture = env.data.body("basket"), env.furniture
-    off = basket.xpos[:2] - env.cloth_points().mean(axis=(0, 1))[:2]
-    above = furniture.near <= basket.xpos[0] <= furniture.far and abs(basket.xpos[1]) <= furniture.width / 2
-    on_table = above and abs(basket.xpos[2] - furniture.height) <= _ON_TOP and "basket" not in env.held
-    tilt = np.rad2deg(np.arccos(np.clip(basket.xmat.reshape(3, 3)[2, 2], -1, 1)))
-    return Placement(float(tilt), float(np.linalg.norm(off)), bool(on_table))

@@ -19,9 +19,9 @@ from clothlab.policies import Policy
 from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.table_scene.perception import NotVisibleError, find_cloth_centre
-from clothlab.table_scene.scene import HANDLE_HEIGHT
+from clothlab.table_scene.scene import Basket
 from clothlab.table_scene.servoing import AHEAD_LOW, CLEAR, MissedError, RobotDriver, grasp
-from clothlab.table_scene.table_env import ClothPose, GraspError, Placement, TableEnv, measure_placement
+from clothlab.table_scene.table_env import ClothPose, GraspError, Placement, TableEnv
 from clothlab.table_scene.throwing import (
     ExcitationPolicy,
     ThrowPolicy,
@@ -41,11 +41,11 @@ PHASES = ("fetch cloth", "go to table", "spread cloth", "look", "fetch basket", 
 Spreader = Callable[[RobotDriver], object]  # spreads the cloth in the hand, or lets it fall
 
 
-class NotSpreadError(RuntimeError):
+class _NotSpreadError(RuntimeError):
     """The cloth does not lie as it should, as far as the robot sees."""
 
 
-_FAILURES = (NotVisibleError, MissedError, GraspError, SimulationError, NotSpreadError)
+_FAILURES = (NotVisibleError, MissedError, GraspError, SimulationError, _NotSpreadError)
 
 
 def go_to_table(driver: RobotDriver) -> None:
@@ -65,14 +65,14 @@ def throw(driver: RobotDriver, policy: Policy, steps: int = 120, done: Callable[
             break
 
 
-def see_spread(driver: RobotDriver) -> ClothPose:
-    """Look how the cloth lies; a `NotSpreadError` says in which way it is not spread."""
+def _see_spread(driver: RobotDriver) -> ClothPose:
+    """Look how the cloth lies; a `_NotSpreadError` says in which way it is not spread."""
     seen = see_cloth_pose(driver.env, height=driver.height, watch=driver.watch)
     driver.command_angles(driver.env.furniture.start_posture)
     if seen is None:
-        raise NotSpreadError("no cloth in view")
+        raise _NotSpreadError("no cloth in view")
     if seen.fault:
-        raise NotSpreadError(seen.fault)
+        raise _NotSpreadError(seen.fault)
     return seen
 
 
@@ -82,19 +82,19 @@ def fetch_basket(driver: RobotDriver) -> None:
     grasp(driver, "basket")
 
 
-def carry_basket(driver: RobotDriver, centre: np.ndarray) -> None:
+def _carry_basket(driver: RobotDriver, centre: np.ndarray) -> None:
     """Lift the basket and drive until it is above the cloth's centre `[3]` [m], or as far as the robot can."""
     furniture = driver.env.furniture
-    above = furniture.height + HANDLE_HEIGHT + CLEAR - SHOULDER_POSITION[2]
+    above = furniture.height + Basket.handle_height + CLEAR - SHOULDER_POSITION[2]
     driver.move_straight([AHEAD_LOW, above])
     driver.drive(centre[0] - AHEAD_LOW)
     driver.move_straight([centre[0] - driver.env.base, above])
 
 
-def put_basket(driver: RobotDriver, centre: np.ndarray) -> None:
+def _put_basket(driver: RobotDriver, centre: np.ndarray) -> None:
     """Lower the basket by visual feedback onto the cloth's centre `[3]` [m], let go, and go up."""
     up = np.array([0.0, 0.0, 1.0])
-    driver.servo(lambda cloud, bar: centre + HANDLE_HEIGHT * up, up)
+    driver.servo(lambda cloud, bar: centre + Basket.handle_height * up, up)
     driver.env.release()
     driver.move_straight(np.add(driver.proprioceptive_place, [0.0, 0.15]))
     for _ in range(5):
@@ -150,21 +150,21 @@ def set_table(driver: RobotDriver, spreader: Spreader, progress: Callable[[str],
         spreader(driver)
         begin("look")
         try:
-            seen = see_spread(driver)
+            seen = _see_spread(driver)
         finally:
             pose = driver.env.cloth_pose()
         centre = find_cloth_centre(driver.capture(), driver.env.furniture.height)
         begin("fetch basket")
         fetch_basket(driver)
         begin("carry basket")
-        carry_basket(driver, centre)
+        _carry_basket(driver, centre)
         begin("put basket")
-        put_basket(driver, centre)
+        _put_basket(driver, centre)
     except _FAILURES as error:
         failed, cause = phase, str(error)
     placement, dragged = None, None
     if pose is not None and phase in ("carry basket", "put basket"):
-        placement = measure_placement(driver.env)
+        placement = driver.env.placement()
         dragged = float(np.linalg.norm((driver.env.cloth_pose().centre - pose.centre)[:2]))
     return Outcome(failed, cause, phase != "fetch cloth", seen, pose, placement, dragged, driver.steps)
 
@@ -176,7 +176,7 @@ def run_task(
     watch: Callable[[TableEnv], None] | None = None,
     progress: Callable[[str], None] = lambda phase: None,
 ) -> Outcome:
-    """Set the table in a scene of its own, in which the seed draws places of rack and basket, and the camera's noise.
+    """Set the table in a scene of its own; the seed draws the places of rack and basket, and the camera's noise.
 
     `watch` is called with the scene after each control period; what it raises ends the task.
     """
@@ -206,10 +206,7 @@ def spread_target(foam: str = FOAM) -> np.ndarray:
 def excite_and_throw(
     driver: RobotDriver, learned: Trained, settings: ThrowSettings | None = None
 ) -> tuple[np.ndarray, ThrowPolicy]:
-    """Estimate p of the cloth in the hand, then throw it; the estimate `[D_p]`, and the policy that threw.
-
-    That takes the trained p which is nearest to the estimate: for that one the model's errors are known.
-    """
+    """Estimate p of the cloth in the hand `[D_p]`, then throw it with the nearest trained p; estimate and policy."""
     arm, model, autoencoder, biases = driver.env.arm, learned.model, learned.autoencoder, learned.biases
     estimator = NewtonEstimator(model, np.zeros(model.bias_size))
     estimating = EstimatingPolicy(ExcitationPolicy(arm), estimator, autoencoder)

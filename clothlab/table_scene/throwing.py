@@ -47,10 +47,7 @@ def was_spread(trial: Trial) -> bool:
 
 
 def laid_by_hand(env: TableEnv, ahead: float) -> np.ndarray:
-    """Mask `[H, W]` of the cloth as a person would lay it, flat, far edge forward: a target for throws.
-
-    In a scene with the cloth in the hand, which is let go and laid with its middle `ahead` of the shoulder [m].
-    """
+    """Lay the cloth in the hand flat, its middle `ahead` of the shoulder [m]; its mask `[H, W]` is a target."""
     cloth, furniture = env.cloth, env.furniture
     env.start()
     env.release()
@@ -73,7 +70,6 @@ def see_cloth_pose(env: TableEnv, *, height: int = 240, watch: Callable[[], None
 
 
 def _arm_with_hand(arm: Arm | str) -> Arm:
-    """The arm, if its hand opens on command."""
     arm = get_arm(arm)
     if arm.closed_command.stop != len(arm.command_names):
         raise ValueError(f"the hand of the {arm.name} arm does not open on command; use the arm muscle-hand")
@@ -81,10 +77,10 @@ def _arm_with_hand(arm: Arm | str) -> Arm:
 
 
 class ExcitationPolicy(Policy):
-    """A few seconds of lively motion with the hand closed, the same each time, from which p of a cloth is estimated.
+    """A lively motion with the hand closed and held high, the same each time, from which p of a cloth is estimated.
 
-    The model reliably distinguishes cloths on a motion on which it was trained with every cloth, but only half the time
-    on a random one. The arm is held high, so that the cloth does not catch on the table.
+    On a motion on which it was trained with every cloth the model reliably distinguishes them, on a random one only
+    half the time.
     """
 
     name = "swing"
@@ -94,7 +90,7 @@ class ExcitationPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        """Begin the motion anew; it does not depend on the seed."""
+        """Begin the motion anew, whatever the seed."""
         self._rng = np.random.default_rng(0)
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -124,8 +120,8 @@ class RandomThrow(RandomPolicy):
 class OperatorThrow(Policy):
     """A scripted person who swings the cloth back, forward and up, then down onto the table, and lets go once.
 
-    Every throw draws its own postures, speeds, stiffness and release. In the end the arm goes back to its home. The
-    ranges are those in which most of the successful ones of 400 development throws lay, with hard-1 and hard-3.
+    Postures, speeds, stiffness and release are drawn from ranges in which most of the successful ones of 400
+    development throws lay, with hard-1 and hard-3.
     """
 
     name = "operator"
@@ -185,9 +181,7 @@ class ThrowSettings(Checked):
 
 
 @dataclass(frozen=True)
-class ThrowAttempt:
-    """One attempt."""
-
+class _ThrowAttempt:
     expected: float  # distance to the target that was predicted when it began [s.d. of z]
     before_release: float  # the same when the hand was about to open
     released: bool  # whether it did
@@ -196,20 +190,10 @@ class ThrowAttempt:
 class ThrowPolicy(PlanningPolicy):
     """Throws a cloth so that it looks like a target image when it has come to lie.
 
-    Each attempt waits until the cloth hangs still and chooses, among recorded throws, the one whose predicted outcome
-    is nearest to the target, corrected as in `learning.iterative`. Just before the hand opens, the outcome is predicted
-    anew from what has been seen on the way. If that is too far from the target, the cloth is held, the arm goes back,
-    and the difference teaches the next attempt.
-
-    Args:
-        model: trained network of an arm whose hand opens on command.
-        autoencoder: the one that the model was trained with.
-        arm: gives home and range of the commands.
-        target: mask `[H, W]` of the cloth as it should lie.
-        p: parametric bias of the cloth in the hand `[D_p]`.
-        runs: recorded throws to choose from; the better the outcomes of repeated ones agree, the more they count.
-        biases: trained p of each material that they were recorded with.
-        settings: attempts, release, caution.
+    Each attempt waits until the cloth hangs still and chooses, among the recorded throws, the one whose predicted
+    outcome is nearest to the target, corrected as in `learning.iterative`. Just before the hand opens, the outcome is
+    predicted anew from what has been seen on the way. If that is too far from the target, the cloth is held, the arm
+    goes back, and the difference teaches the next attempt.
     """
 
     name = "throw"
@@ -235,7 +219,7 @@ class ThrowPolicy(PlanningPolicy):
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last attempts; the cloth hangs still at the arm's home."""
-        self.attempts: list[ThrowAttempt] = []
+        self.attempts: list[_ThrowAttempt] = []
         self._held: list[tuple[Tensor, Tensor]] = []  # features of plans that were swung, and errors of the model
         self._step, self.done = 0, False
         self._resting = self.settings.rest
@@ -334,5 +318,5 @@ class ThrowPolicy(PlanningPolicy):
             now = self._predict(s, u[:, self._step :], self._memory)[0, -1, z]
         distance = float(torch.linalg.vector_norm(now - self.z_ref))  # by now, errors from the start have been seen
         release = len(self.attempts) + 1 >= self.settings.attempts or distance <= self.settings.near
-        self.attempts.append(ThrowAttempt(expected, distance, release))
+        self.attempts.append(_ThrowAttempt(expected, distance, release))
         self._held.append((self._features(began, u), (now - before)[None]))
