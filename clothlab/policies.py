@@ -87,23 +87,6 @@ class Timed(Wrapper):
         return u
 
 
-class Noisy(Wrapper):
-    """Adds normal noise of standard deviation `sigma` [rad] to commanded angles, kept in the arm's range."""
-
-    def __init__(self, policy: Policy, arm: Arm, sigma: float):
-        self.arm, self.sigma = get_arm(arm), check_number("sigma", sigma, at_least=0)
-        super().__init__(policy)
-
-    def reset(self, seed: int = 0) -> None:
-        super().reset(seed)
-        self._rng = np.random.default_rng([seed, 1])  # not the numbers that the policy inside draws
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        u = np.array(self.policy(observation), dtype=np.float64)
-        u[self.arm.angle_command] += self._rng.normal(0.0, self.sigma, len(self.arm.home))
-        return np.clip(u, self.arm.command_lower, self.arm.command_upper)
-
-
 class ReplayPolicy(Policy):
     """Sends recorded commands `[T, D_u]` again, whatever it sees."""
 

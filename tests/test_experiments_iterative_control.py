@@ -37,25 +37,25 @@ def one_epoch(monkeypatch):
 
 @pytest.mark.parametrize("controller", ic.CONTROLLERS)
 def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
-    row = ic.run_one(controller, "right", "all", None, **TASK)
+    row = ic._run_one(controller, "right", "all", None, **TASK)
     assert row["best"].shape == row["hand_speed"].shape == (2,)
     assert (row["hand_speed"] > 0).all()
     assert len(row["predicted"]) == (3 if controller == ic.ITERATIVE else 0)
 
 
 def test_an_estimated_p_starts_from_the_wrong_one():
-    row = ic.run_one(ic.PAPERS, "estimated", "all", None, **TASK)
+    row = ic._run_one(ic.PAPERS, "estimated", "all", None, **TASK)
     assert 0 < row["bias_ratio"] != 1
-    assert ic.run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"] is None
+    assert ic._run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"] is None
 
 
 def test_held_stiffness_is_sent_and_slows_nothing_on_the_torque_arm():
-    assert not any(case["f_const"] for case in ic.cases() if case["arm"] == "torque")
-    assert not any(case["p"] == "known" for case in ic.cases() if case["arm"] == "muscle")
+    assert not any(case["f_const"] for case in ic._cases() if case["arm"] == "torque")
+    assert not any(case["p"] == "known" for case in ic._cases() if case["arm"] == "muscle")
 
 
 def test_repeats_start_from_other_postures():
-    first, second = (ic.run_one(ic.RANDOM, "right", "all", None, **TASK | {"repeat": k}) for k in (0, 1))
+    first, second = (ic._run_one(ic.RANDOM, "right", "all", None, **TASK | {"repeat": k}) for k in (0, 1))
     assert first["still"] != second["still"]
 
 
@@ -94,15 +94,10 @@ def test_paired_differences_know_the_offset_and_are_over_random():
     assert np.allclose(differences, -0.5 / 2.05)
 
 
-def test_periods_until_counts_the_period_that_is_left_out():
-    assert ic.periods_until(np.array([0.9, 0.4, 0.3]), 0.5) == 3
-    assert ic.periods_until(np.array([0.9, 0.8, 0.7]), 0.5) == 5
-
-
 def test_a_target_is_practised_with_its_own_cloth_and_the_trainings_take_turns():
-    cases = target_generalization.cases(first=3)
+    cases = target_generalization._cases(first=3)
     assert [case["model"] for case in cases] == [0, 1, 2, 3, 4, 0]
-    row = target_generalization.run_one(cases[0]["target"], 0, 30_000, steps=24)
+    row = target_generalization._run_one(cases[0]["target"], 0, 30_000, steps=24)
     assert row["cloth"] in cases[0]["target"]
     assert row["iou"].shape == row["best"].shape == (2,)
     assert ((row["iou"] >= 0) & (row["iou"] <= 1)).all()
@@ -110,19 +105,19 @@ def test_a_target_is_practised_with_its_own_cloth_and_the_trainings_take_turns()
 
 def test_amounts_are_parts_of_the_papers_recordings_or_whole_repeats(monkeypatch):
     paper = artifacts.load_trials("train")
-    assert sum(map(len, sample_complexity.recordings("torque", 0.5))) * 2 == sum(map(len, paper))
-    assert len(sample_complexity.recordings("torque", 2.0)) == 2 * len(paper)
+    assert sum(map(len, sample_complexity._recordings("torque", 0.5))) * 2 == sum(map(len, paper))
+    assert len(sample_complexity._recordings("torque", 2.0)) == 2 * len(paper)
     missing = artifacts.load_trials
     monkeypatch.setattr(artifacts, "load_trials", lambda name, **_: missing(name)[: None if name == "train" else 1])
     with pytest.raises(FileNotFoundError, match="make data"):
-        sample_complexity.recordings("torque", 2.0)
+        sample_complexity._recordings("torque", 2.0)
 
 
 def test_a_small_amount_is_learned_and_measured_from_end_to_end():
-    seen = sample_complexity.run_autoencoder("torque", 1.0, updates=5, moved_steps=20)
+    seen = sample_complexity._run_autoencoder("torque", 1.0, updates=5, moved_steps=20)
     assert 0 <= seen["iou"] <= 1
     assert seen["updates_done"] == seen["steps"] // 64  # one whole epoch
     sizes = {"autoencoder_updates": 5, "updates": 1, "estimation_steps": 15, "control_steps": 16}
-    row = sample_complexity.run_model("torque", 1.0, 0, **sizes)
+    row = sample_complexity._run_model("torque", 1.0, 0, **sizes)
     assert row["prediction"] > 0
     assert row["iterative_last"].shape == row["random"].shape == (2,)

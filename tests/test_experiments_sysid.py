@@ -127,8 +127,3 @@ def test_a_network_answers_in_the_units_of_its_labels():
     model.label_mean.copy_(torch.tensor([5.0, -7.0]))
     model.label_std.fill_(0.0)
     assert model.identify(RUNS[0]) == pytest.approx([5.0, -7.0])
-
-
-def test_materials_without_constants_are_refused():
-    with pytest.raises(KeyError, match=r"unknown material 'damp0.03-mass0.05'; choose from felt"):
-        train_regressor(RUNS, {"felt": np.zeros(2)}, **QUICK)

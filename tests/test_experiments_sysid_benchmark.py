@@ -7,7 +7,7 @@ import pytest
 
 from clothlab.experiments import sysid_benchmark
 from clothlab.experiments.sysid import logs
-from clothlab.experiments.sysid_benchmark import ALL, GROUPS, METHODS, ROUGH, cases, errors, over_bound, run_one
+from clothlab.experiments.sysid_benchmark import _ALL, _METHODS, _cases, _run_one, errors, over_bound
 from clothlab.simulation.cloth import CLOTHS
 
 MIDDLE = CLOTHS["damp0.05-mass0.10"]
@@ -19,13 +19,13 @@ def test_methods_get_the_same_run_and_not_the_name_of_its_cloth(monkeypatch):
     def make(model):
         return lambda run: given.append(run) or logs(MIDDLE) + 1 / len(run)
 
-    monkeypatch.setitem(METHODS, "guess", make)
-    row = run_one("guess", "damp0.03-mass0.15", 1, steps=16)
-    run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    monkeypatch.setitem(_METHODS, "guess", make)
+    row = _run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    _run_one("guess", "damp0.03-mass0.15", 1, steps=16)
     assert [len(run) for run in given] == [2, 4, 8, 16] * 2
     assert np.array_equal(given[3].s, given[7].s)
     assert {run.material for run in given} == {"unknown"}
-    cloth = ALL["damp0.03-mass0.15"]
+    cloth = _ALL["damp0.03-mass0.15"]
     expected = np.log(MIDDLE.damping / cloth.damping) + 1 / np.array([2, 4, 8, 16])
     assert row["error"][:, 0] == pytest.approx(expected, abs=1e-4)
     assert row["time"] == pytest.approx([0.4, 0.8, 1.6, 3.2])
@@ -37,14 +37,13 @@ def test_the_simulation_is_fitted_with_the_springs_that_it_has(monkeypatch):
     fit = sysid_benchmark.fit_simulation
     monkeypatch.setattr(sysid_benchmark, "fit_simulation", lambda *run: fit(*run, cells=1, max_iters=1))
     run = sysid_benchmark._sensed("between-light", 0, 4)
-    right, again, rough = (METHODS[name](0)(run) for name in ("sysid", "sysid", "sysid-rough"))
+    right, again, rough = (_METHODS[name](0)(run) for name in ("sysid", "sysid", "sysid-rough"))
     assert np.array_equal(right, again)
     assert not np.array_equal(right, rough)
-    assert ROUGH.stiffness < MIDDLE.stiffness
 
 
 def test_p_answers_in_logarithms_of_the_constants():
-    row = run_one("p", MIDDLE.name, 0, steps=48)
+    row = _run_one("p", MIDDLE.name, 0, steps=48)
     assert np.abs(row["error"][-1]).max() < 1
 
 
@@ -66,13 +65,7 @@ def test_errors_are_compared_with_the_bound_of_the_same_cloth():
     assert over == pytest.approx([0.2 / 0.1, 0.1 / 0.05])
 
 
-def test_fitting_has_one_training_and_groups_hold_different_cloths():
-    found = cases()
+def test_fitting_a_simulation_has_one_training():
+    found = _cases()
     assert len(found) == 16 * (3 * 5 + 2)
     assert {case["model"] for case in found if case["method"].startswith("sysid")} == {0}
-    known = np.array([logs(cloth) for cloth in CLOTHS.values()])
-    for cloth in GROUPS["between"].values():
-        assert (known.min(axis=0) < logs(cloth)).all()
-        assert (logs(cloth) < known.max(axis=0)).all()
-    for cloth in GROUPS["outside"].values():
-        assert ((logs(cloth) < known.min(axis=0)) | (logs(cloth) > known.max(axis=0))).all()

@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 
-from clothlab.policies import Noisy, OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Timed, Wrapper, as_policy
-from clothlab.simulation.arm import ARMS, MuscleArm, get_arm
+from clothlab.policies import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Timed, Wrapper, as_policy
+from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.trials import rollout
 
-POLICIES = {
-    "random": RandomPolicy,
-    "operator": OperatorPolicy,
-    "noisy": lambda arm: Noisy(RandomPolicy(arm), arm, 0.2),
-    "timed": lambda arm: Timed(OperatorPolicy(arm)),
-}
+POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "timed": lambda arm: Timed(OperatorPolicy(arm))}
 
 
 class Remembers(Policy):
@@ -70,19 +65,9 @@ def test_the_operator_lifts_slowly_and_throws_down_fast():
     assert speed[speed > 1e-6].mean() > 1.5 * -speed[speed < -1e-6].mean()
 
 
-def test_noise_shakes_angles_and_leaves_stiffness_alone():
-    arm = MuscleArm()
-    still = lambda _: arm.home_command  # noqa: E731
-    shaken, calm = Noisy(still, arm, 0.1), Noisy(still, arm, 0)
-    commands = np.array([shaken({}) for _ in range(500)])
-    assert commands[:, :2].std(axis=0) == pytest.approx([0.1, 0.1], rel=0.15)
-    assert (commands[:, 2] == arm.home_tension).all()
-    assert np.array_equal(calm({}), arm.home_command)
-
-
 def test_a_wrapper_passes_everything_on():
     inner = Remembers()
-    wrapper = Timed(Noisy(Wrapper(inner), "torque", 0.0))
+    wrapper = Timed(Wrapper(inner))
     wrapper.set_target("mask")
     wrapper.set_bias("p")
     wrapper.reset(5)

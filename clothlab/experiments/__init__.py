@@ -7,7 +7,7 @@
     small = experiments.run("control", model=0, steps=24)                # a few cases, now
     experiments.recompute("control", target="target-1", cloth="damp0.03-mass0.05", model=0)  # stored beside here
 
-To add one, write a module like `control.py` and name its `Experiment` here.
+To add one, write a module like `control.py` and name it here.
 """
 
 from dataclasses import replace
@@ -41,43 +41,29 @@ from clothlab.experiments.claims import ClaimError, Findings
 
 EXPERIMENTS = {  # by name, in the order of docs/results.md
     each.name: each
-    for each in (
-        autoencoder_quality.RECONSTRUCTION,
-        autoencoder_quality.CHAMFER,
-        self_organisation.SELF_ORGANISATION,
-        estimation.ESTIMATION,
-        control.CONTROL,
-        joint_estimation_control.JOINT,
-        stiffness.ELLIPSE,
-        stiffness.FOAM_RECORDED,
-        stiffness.FOAM_ESTIMATION,
-        stiffness.FOAM_CONTROL,
-        iterative_control.CONTROL,
-        oracle.ORACLE,
-        oracle.PEAK_SPEED,
-        target_generalization.TARGETS,
-        sample_complexity.AUTOENCODERS,
-        sample_complexity.MODELS,
-        identifiability.IDENTIFIABILITY,
-        sysid_benchmark.BENCHMARK,
-        calibration_test.CALIBRATION,
-        calibration_test.TEST,
-        camera_recalibration.POSE,
-        camera_recalibration.ESTIMATION,
-        camera_recalibration.CONTROL,
-        table_setting.TASK,
-        table_setting.MATERIAL,
-        table_setting.BORDER,
+    for module in (
+        autoencoder_quality,
+        self_organisation,
+        estimation,
+        control,
+        joint_estimation_control,
+        stiffness,
+        iterative_control,
+        oracle,
+        target_generalization,
+        sample_complexity,
+        identifiability,
+        sysid_benchmark,
+        calibration_test,
+        camera_recalibration,
+        table_setting,
     )
+    for each in module.EXPERIMENTS
 }
 
 
 def get(name: str) -> Experiment:
-    """An experiment by its name, with `-paper` behind it where it is about the paper's amount of recordings.
-
-    Raises:
-        KeyError: unknown name; the message lists the choices.
-    """
+    """An experiment by its name, with `-paper` behind it where it is about the paper's amount of recordings."""
     experiment = choose("experiment", name.removesuffix(PAPER), EXPERIMENTS)
     return replace(experiment, name=name)
 
@@ -100,20 +86,11 @@ def run(
 
 
 def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFrame:
-    """Make one stored row anew, with fresh simulation: a table of two rows, "stored" and "here".
+    """Make one stored row anew, chosen such as by `cloth="hard-1", model=0`: a table of two rows, "stored" and "here".
 
     On the machine where the table was made, or one like it, all numbers are the same to the last digit of single
     precision. Other graphics or another processor change the last digits; a closed loop then makes more of that with
     every step.
-
-    Args:
-        name: of the experiment.
-        data: folder with the table.
-        which: the row, such as `cloth="hard-1", model=0`.
-
-    Raises:
-        KeyError: unknown name; the message lists the choices.
-        ValueError: no row fits, or several; the message lists them.
     """
     return get(name).recompute(data=data, **which)
 

@@ -1,8 +1,7 @@
 """One shape for all experiments: a function from one case to one row, a grid of cases, a tidy table.
 
-    cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))                  # in the experiment's module
-    CONTROL = Experiment("control", run_one, cases, seconds=13, rows=rows)
-    table = CONTROL.run(cases(model=0, steps=24))                               # a pandas.DataFrame, one row a case
+    control = Experiment("control", run_one, over(target=TARGETS, model=range(5)), seconds=13, rows=rows)
+    table = control.run(control.cases(model=0, steps=24))                       # a pandas.DataFrame, one row a case
     table.groupby(["target", "cloth"]).agg(...)
 
 A row holds the case's own parameters and what was measured: numbers, words, and arrays such as a distance at each step.
@@ -32,7 +31,7 @@ PAPER = "-paper"  # ending of tables, as of weights: the same with what the pape
 
 Case = dict[str, Any]  # parameters of `run_one`
 Tables = Mapping[str, pd.DataFrame]  # stored tables of one amount of recordings, by their experiments' names
-T = TypeVar("T")
+_T = TypeVar("_T")
 _INPUTS = ("targets/", "trials/", "weights/")  # what a row may depend on: it is computed again when any of it changes
 _kept: Path | None = None  # where the process that computes a row keeps what rows share
 
@@ -83,16 +82,9 @@ class Experiment:
     def run(
         self, cases: Iterable[Case] | None = None, *, workers: int = 1, progress: bool = False, keep: Path | None = None
     ) -> pd.DataFrame:
-        """Run the cases, by default all, several at once.
+        """One row for each case, by default for all; parameters that a case leaves out have their defaults.
 
-        Args:
-            cases: parameters of `run_one`; those left out have its defaults.
-            workers: processes; a `joblib.parallel_config` around the call chooses another backend, such as Dask.
-            progress: show a progress bar.
-            keep: folder where rows are kept, so that an interrupted run goes on where it stopped.
-
-        Returns:
-            One row for each case, in their order.
+        A `joblib.parallel_config` around the call chooses another backend than processes, such as Dask.
         """
         cases = [self.defaults | case for case in (self.cases() if cases is None else cases)]
         jobs = [Job(functools.partial(_compute, self.run_one, keep), case, _INPUTS) for case in cases]
@@ -100,11 +92,7 @@ class Experiment:
         return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
-        """Make one stored row anew: a table of two rows, "stored" and "here".
-
-        Raises:
-            ValueError: no row fits, or several; the message lists them.
-        """
+        """Make one stored row anew: a table of two rows, "stored" and "here"."""
         table = load(self.name, data=data)
         for column, value in which.items():
             if column not in self.keys:
@@ -125,22 +113,22 @@ class Experiment:
         return {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
 
 
-def shared(function: Callable[..., T]) -> Callable[..., T]:
+def shared(function: Callable[..., _T]) -> Callable[..., _T]:
     """Decorate work that several cases share, such as a training: done once, and kept where their rows are kept."""
 
     @functools.cache
-    def once(folder: Path | None, *arguments: Any) -> T:
+    def once(folder: Path | None, *arguments: Any) -> _T:
         kept = cached(_shared, folder, ignore=["function"])
         return kept(function, function.__qualname__, arguments, version(*_INPUTS))
 
     @functools.wraps(function)
-    def wrapper(*arguments: Any) -> T:
+    def wrapper(*arguments: Any) -> _T:
         return once(_kept, *arguments)
 
     return wrapper
 
 
-def _shared(function: Callable[..., T], name: str, arguments: tuple, version: str) -> T:
+def _shared(function: Callable[..., _T], name: str, arguments: tuple, version: str) -> _T:
     return function(*arguments)
 
 
@@ -160,12 +148,7 @@ def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:
 
 
 def load(name: str, *, data: Folder = None) -> pd.DataFrame:
-    """Read a stored table: one row a case, arrays as NumPy arrays.
-
-    Raises:
-        KeyError: unknown name; the message lists the choices.
-        ValueError: a damaged or altered file.
-    """
+    """Read a stored table: one row a case, arrays as NumPy arrays."""
     content = artifacts.read_results(name, ".csv", data=data)
     table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
     for column in table.columns[table.dtypes == "str"]:

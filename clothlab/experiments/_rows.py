@@ -1,41 +1,25 @@
 """Rows of the results: numbers with a key, put into words only where they are written down."""
 
-from dataclasses import dataclass
-
-Interval = tuple[float, float]
+from dataclasses import KW_ONLY, dataclass
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Row:
-    """One result.
+    """One result."""
 
-    Attributes:
-        key: by which rows of both amounts of recordings are joined, such as `"control/target-1/damp0.03-mass0.05"`.
-        label: what was measured, in words.
-        value: the figure.
-        unit: behind it, such as `" %"`.
-        spread: standard deviation over trainings.
-        interval: 95 % interval.
-        paper: the paper's figure, or what it says.
-        at_least: smallest value that this project aims at.
-        at_most: largest value that it aims at.
-        above: what the paper says holds where the value is above this.
-        below: the same, below this.
-        note: in brackets behind the figure.
-    """
-
-    key: str
-    label: str
+    key: str  # by which rows of both amounts of recordings are joined, such as "control/target-1/damp0.03-mass0.05"
+    label: str  # what was measured, in words
     value: float
-    unit: str = ""
-    spread: float | None = None
-    interval: Interval | None = None
-    paper: str = "–"
-    at_least: float | None = None
-    at_most: float | None = None
-    above: float | None = None
-    below: float | None = None
-    note: str = ""
+    unit: str = ""  # behind it, such as " %"
+    _: KW_ONLY
+    spread: float | None = None  # standard deviation over trainings
+    interval: tuple[float, float] | None = None  # 95 %
+    paper: str = "–"  # the paper's figure, or what it says
+    at_least: float | None = None  # smallest value that this project aims at
+    at_most: float | None = None  # largest value that it aims at
+    above: float | None = None  # what the paper says holds where the value is above this
+    below: float | None = None  # the same, below this
+    note: str = ""  # in brackets behind the figure
 
     @property
     def met(self) -> bool | None:

@@ -1,21 +1,29 @@
-"""What several experiments need: trained weights, loaded once, and trials on fresh scenes."""
+"""What several experiments need: cloths and tasks, trained weights, loaded once, and trials on fresh scenes."""
 
+from contextlib import closing
 from functools import cache
 
 import numpy as np
 
 from clothlab import artifacts
 from clothlab.learning.dpmpb import Sequences, to_sequences
-from clothlab.learning.estimation import EstimationSettings, NewtonSettings, estimate_bias
+from clothlab.learning.estimation import estimate_bias
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.training_configs import TRAINING_CONFIGS, config_of
 from clothlab.trials import Trial, rollout
 
 RECORDINGS = {arm: TRAINING_CONFIGS[f"{arm}-paper"].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
+EVALUATION = {"torque": "evaluation", "muscle": "muscle-evaluation"}  # trials that no training sees
+LIGHT, MIDDLE, HEAVY = cloth_name(0.03, 0.05), cloth_name(0.05, 0.10), cloth_name(0.07, 0.15)
+TASKS = (  # arm, target, cloth
+    *(("torque", target, cloth) for target in ("target-1", "target-2") for cloth in (LIGHT, HEAVY)),
+    *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
+)
+SAMPLES = 50  # of the hand's motion in each step
 
 
 @cache
@@ -31,21 +39,14 @@ def _encoded(autoencoder_name: str, recordings: str) -> list[Sequences]:
 
 
 def recorded_runs(learned: Trained) -> list[Sequences]:
-    """The recordings that weights learned from, as their model sees them, encoded once in each process.
-
-    Raises:
-        KeyError, ValueError: those beyond the paper's amount are missing; the message says how to make them.
-    """
+    """The recordings that weights learned from, as their model sees them, encoded once in each process."""
     return [run for name in config_of(learned).recordings for run in _encoded(learned.autoencoder_name, name)]
 
 
 def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
     """A policy on a fresh scene."""
-    env = ClothEnv(arm, cloth)
-    try:
+    with closing(ClothEnv(arm, cloth)) as env:
         return rollout(env, policy, steps, seed=seed)
-    finally:
-        env.close()
 
 
 def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
@@ -53,13 +54,7 @@ def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
     return new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
 
 
-def estimate_at_random(
-    learned: Trained,
-    cloth: Cloth | str,
-    steps: int,
-    seed: int,
-    settings: EstimationSettings | NewtonSettings | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+def estimate_at_random(learned: Trained, cloth: Cloth | str, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
     trial = random_trial(learned.arm.name, cloth, steps, seed)
-    return estimate_bias(learned.model, learned.sequences(trial), settings=settings)
+    return estimate_bias(learned.model, learned.sequences(trial))

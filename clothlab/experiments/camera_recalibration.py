@@ -6,6 +6,7 @@ camera there. The method is `clothlab.experiments.recalibration`.
 """
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -17,8 +18,8 @@ from clothlab import artifacts
 from clothlab.analysis import best_per_period, late_median, nearest_material, target_distance
 from clothlab.experiments._grid import Case, Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import new_trial, trained
-from clothlab.experiments.iterative_control import CONTROLLERS, HEAVY, ITERATIVE, LIGHT, PAPERS
+from clothlab.experiments._runs import HEAVY, LIGHT, new_trial, trained
+from clothlab.experiments.iterative_control import CONTROLLERS, ITERATIVE, PAPERS
 from clothlab.experiments.recalibration import RecalibratedPolicy, Recalibration, recalibrate, take_views
 from clothlab.learning.estimation import NewtonSettings, estimate_bias
 from clothlab.policies import RandomPolicy, ReplayPolicy
@@ -27,38 +28,39 @@ from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import HEIGHT
 
-ARM, TARGET = "torque", "target-2"  # of the arm five trainings
+_ARM, _TARGET = "torque", "target-2"  # of the arm five trainings
 UNMOVED, BOTH = "unmoved", "both"
-SHIFTS, TURNS = ("right", "up", "backward"), ("pitch", "yaw", "roll")  # along and about the camera's own axes
-SHIFT_SIZES, TURN_SIZES = (0.01, 0.05, 0.2), (1.0, 3.0, 10.0)  # [m] [degree]
-BOTH_SHIFT, BOTH_TURN, DRAWS = 0.05, 3.0, (0.0, 1.0, 2.0)  # [m] [degree], and numbers of the drawn directions
-POSES = [(UNMOVED, 0.0), *product(SHIFTS, SHIFT_SIZES), *product(TURNS, TURN_SIZES), *product([BOTH], DRAWS)]
+_SHIFTS, _TURNS = ("right", "up", "backward"), ("pitch", "yaw", "roll")  # along and about the camera's own axes
+_BOTH_SHIFT, _BOTH_TURN, _DRAWS = 0.05, 3.0, (0.0, 1.0, 2.0)  # [m] [degree], and numbers of the drawn directions
+_POSES = [
+    (UNMOVED, 0.0),
+    *product(_SHIFTS, (0.01, 0.05, 0.2)),  # [m]
+    *product(_TURNS, (1.0, 3.0, 10.0)),  # [degree]
+    *product([BOTH], _DRAWS),
+]
 
 
-def moved(camera: Camera, direction: str, size: float) -> Camera:
-    """The camera in one of `POSES`: moved by a size [m] or [degree], or in both ways with the draw of that number."""
+def _moved(camera: Camera, direction: str, size: float) -> Camera:
+    """The camera in one of `_POSES`: moved by a size [m] or [degree], or in both ways with the draw of that number."""
     if direction == UNMOVED:
         return camera
     if direction == BOTH:
         drawn = np.random.default_rng(53_000 + int(size)).normal(size=(2, 3))
-        return camera.moved(*drawn * ([[BOTH_SHIFT], [BOTH_TURN]] / np.linalg.norm(drawn, axis=1, keepdims=True)))
-    shift, turn = ([size * (name == direction) for name in names] for names in (SHIFTS, TURNS))
+        return camera.moved(*drawn * ([[_BOTH_SHIFT], [_BOTH_TURN]] / np.linalg.norm(drawn, axis=1, keepdims=True)))
+    shift, turn = ([size * (name == direction) for name in names] for names in (_SHIFTS, _TURNS))
     return camera.moved(shift, turn)
 
 
 @cache
 def _recalibration(direction: str, size: float) -> Recalibration:
-    arm = get_arm(ARM)
-    env = ClothEnv(replace(arm, camera=moved(arm.camera, direction, size)))
-    try:
+    arm = get_arm(_ARM)
+    with closing(ClothEnv(replace(arm, camera=_moved(arm.camera, direction, size)))) as env:
         return recalibrate(arm, take_views(env))
-    finally:
-        env.close()
 
 
-def find_pose(direction: str, size: float) -> dict[str, Any]:
+def _find_pose(direction: str, size: float) -> dict[str, Any]:
     """How well the camera's pose is found: residual [pixel], error of the position [m] and of the turn [degree]."""
-    found, right = _recalibration(direction, size), moved(get_arm(ARM).camera, direction, size)
+    found, right = _recalibration(direction, size), _moved(get_arm(_ARM).camera, direction, size)
     cosine = (np.trace(found.camera.axes @ right.axes.T) - 1) / 2
     return {
         "residual": found.residual * HEIGHT,
@@ -67,12 +69,12 @@ def find_pose(direction: str, size: float) -> dict[str, Any]:
     }
 
 
-def estimate(
+def _estimate(
     direction: str, size: float, recalibrated: bool, model: int, cloth: str, steps: int = 200
 ) -> dict[str, Any]:
     """Estimate p of one cloth from what the moved camera sees: the material whose trained p is nearest."""
-    learned = trained(f"{ARM}-{model}")
-    arm = replace(learned.arm, camera=moved(learned.arm.camera, direction, size))
+    learned = trained(f"{_ARM}-{model}")
+    arm = replace(learned.arm, camera=_moved(learned.arm.camera, direction, size))
     seed = 50_000 + 20 * model + [*CLOTHS].index(cloth)  # the same for every pose
     trial = new_trial(RandomPolicy(arm), arm, cloth, steps, seed)
     if recalibrated:
@@ -81,12 +83,12 @@ def estimate(
     return {"nearest": nearest_material(p, learned.biases)}
 
 
-def control(
+def _control(
     direction: str, size: float, recalibrated: bool, controller: str, model: int, cloth: str, steps: int = 200
 ) -> dict[str, Any]:
     """Aim with the moved camera: best distance of each period but the first, from the old pose [s.d. of z]."""
-    learned, mask = trained(f"{ARM}-{model}"), artifacts.load_target(TARGET)
-    arm = replace(learned.arm, camera=moved(learned.arm.camera, direction, size))
+    learned, mask = trained(f"{_ARM}-{model}"), artifacts.load_target(_TARGET)
+    arm = replace(learned.arm, camera=_moved(learned.arm.camera, direction, size))
     policy = CONTROLLERS[controller](learned, mask, cloth, model, learned.biases[cloth])
     if recalibrated:
         policy = RecalibratedPolicy(policy, _recalibration(direction, size))
@@ -98,23 +100,23 @@ def control(
 
 def _cases(**axes: Any) -> Callable[..., list[Case]]:
     """A grid with the unmoved camera and with those shifted and turned at once, as they are and recalibrated."""
-    every = over(**axes, direction=(UNMOVED, BOTH), size=DRAWS, recalibrated=(False, True))
+    every = over(**axes, direction=(UNMOVED, BOTH), size=_DRAWS, recalibrated=(False, True))
     return lambda **sizes: [case for case in every(**sizes) if case["direction"] == BOTH or case["size"] == 0]
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """Cameras shifted and turned at once, over the unmoved one."""
     estimates, runs, where = tables["camera_estimation"], tables["camera_control"], ["direction", "recalibrated"]
     found = runs.assign(last=runs.best.map(late_median)).pivot_table("last", where, "controller", sort=False)
-    measures = {"nearest": "nearest-material rate"} | {name: f"{name}, {TARGET}, last ten periods" for name in found}
+    measures = {"nearest": "nearest-material rate"} | {name: f"{name}, {_TARGET}, last ten periods" for name in found}
     found["nearest"] = (estimates.nearest == estimates.cloth).groupby([estimates[key] for key in where]).mean()
     over_unmoved = (found / found.loc[UNMOVED, False]).loc[BOTH]
-    camera = f"camera off by {BOTH_TURN:g}° and {100 * BOTH_SHIFT:g} cm, recalibrated"
+    camera = f"camera off by {_BOTH_TURN:g}° and {100 * _BOTH_SHIFT:g} cm, recalibrated"
     return [
         Row(
-            key=f"camera_control/{column}",
-            label=f"{camera}: {measure} over the unmoved camera's",
-            value=over_unmoved.loc[True, column],
+            f"camera_control/{column}",
+            f"{camera}: {measure} over the unmoved camera's",
+            over_unmoved.loc[True, column],
             at_least=0.9 if column == "nearest" else None,
             at_most=None if column == "nearest" else 1.1,
             note=f"as it is {over_unmoved.loc[False, column]:.2f}",
@@ -123,13 +125,14 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
-POSE = Experiment("camera_pose", find_pose, lambda: [{"direction": d, "size": size} for d, size in POSES], seconds=3)
-ESTIMATION = Experiment("camera_estimation", estimate, _cases(model=range(5), cloth=CLOTHS), seconds=6, slow=True)
-CONTROL = Experiment(
-    "camera_control",
-    control,
-    _cases(controller=(PAPERS, ITERATIVE), model=range(3), cloth=(LIGHT, HEAVY)),
-    seconds=40,
-    slow=True,
-    rows=rows,
+def _poses() -> list[Case]:
+    return [{"direction": direction, "size": size} for direction, size in _POSES]
+
+
+_ESTIMATED = _cases(model=range(5), cloth=CLOTHS)
+_CONTROLLED = _cases(controller=(PAPERS, ITERATIVE), model=range(3), cloth=(LIGHT, HEAVY))
+EXPERIMENTS = (
+    Experiment("camera_pose", _find_pose, _poses, seconds=3),
+    Experiment("camera_estimation", _estimate, _ESTIMATED, seconds=6, slow=True),
+    Experiment("camera_control", _control, _CONTROLLED, seconds=40, slow=True, rows=_rows),
 )

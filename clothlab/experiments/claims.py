@@ -17,11 +17,9 @@ from clothlab import artifacts
 from clothlab.artifacts import Folder
 
 RECORD = "CLOTHLAB_RECORD_FINDINGS"  # environment variable: live figures are stored, as `make findings` does
-DRAWS = 40  # of noise
-REFUSED = 0.25  # smallest share of them that a condition must refuse
-SYMBOLS = {"at_least": ("≥", ge), "above": (">", gt), "at_most": ("≤", le), "below": ("<", lt)}
-
-Figure = Callable[..., Any]
+_DRAWS, _REFUSED = 40, 0.25  # of noise, and the smallest share of them that a condition must refuse
+_SYMBOLS = {"at_least": ("≥", ge), "above": (">", gt), "at_most": ("≤", le), "below": ("<", lt)}
+_Figure = Callable[..., Any]
 
 
 class ClaimError(AssertionError):
@@ -48,23 +46,19 @@ class Findings:
         self._figures: dict[str, dict[str, Any]] = stored["figures"]
         self.full_size = self.recording or stored["parameters"] == self.parameters
 
-    def stored(self, claim: str, figure: Figure, /, **given: Any) -> None:
+    def stored(self, claim: str, figure: _Figure, /, **given: Any) -> None:
         """Check a claim about a stored table, such as that of an experiment.
 
         Args:
             claim: what is claimed, a sentence.
             figure: a function of the arrays, which returns a number.
             given: the bounds, `at_least`, `above`, `at_most`, `below`, one or two of them; all others are arrays.
-
-        Raises:
-            ClaimError: the claim does not hold, or cannot fail.
-            ValueError: no bounds, or no arrays.
         """
         bounds, arrays = _sorted_out(claim, given)
         _must_refuse_noise(claim, figure, bounds, arrays)
         _must_hold(claim, "stored", figure, bounds, arrays)
 
-    def live(self, claim: str, figure: Figure, /, **given: Any) -> None:
+    def live(self, claim: str, figure: _Figure, /, **given: Any) -> None:
         """Check a claim about what was measured in this notebook: on the stored figures, and here at full size."""
         bounds, arrays = _sorted_out(claim, given)
         if self.recording:
@@ -81,38 +75,36 @@ class Findings:
 
 
 def _sorted_out(claim: str, given: dict[str, Any]) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    bounds = {name: value for name, value in given.items() if name in SYMBOLS}
-    arrays = {name: np.asarray(value) for name, value in given.items() if name not in SYMBOLS}
+    bounds = {name: value for name, value in given.items() if name in _SYMBOLS}
+    arrays = {name: np.asarray(value) for name, value in given.items() if name not in _SYMBOLS}
     if not bounds or not arrays:
-        raise ValueError(f"the claim {claim!r} needs a bound ({', '.join(SYMBOLS)}) and arrays by name")
+        raise ValueError(f"the claim {claim!r} needs a bound ({', '.join(_SYMBOLS)}) and arrays by name")
     return bounds, arrays
 
 
 def _holds(value: float, bounds: dict[str, float]) -> bool:
-    return all(SYMBOLS[name][1](value, bound) for name, bound in bounds.items())
+    return all(_SYMBOLS[name][1](value, bound) for name, bound in bounds.items())
 
 
-def _must_hold(claim: str, where: str, figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
+def _must_hold(
+    claim: str, where: str, figure: _Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]
+) -> None:
     value = float(figure(**arrays))
-    wanted = " and ".join(f"{SYMBOLS[name][0]} {bound:.4g}" for name, bound in bounds.items())
+    wanted = " and ".join(f"{_SYMBOLS[name][0]} {bound:.4g}" for name, bound in bounds.items())
     if not _holds(value, bounds):
         raise ClaimError(f"this does not hold: {claim}\n  {where}: {value:.4g}, claimed: {wanted}")
     print(f"✓ {claim}: {value:.3g} {where} ({wanted})")
 
 
-def _must_refuse_noise(claim: str, figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
-    rng = np.random.default_rng(0)
-    passed = sum(_passes(figure, bounds, {n: _noise(rng, a) for n, a in arrays.items()}) for _ in range(DRAWS))
-    if passed > (1 - REFUSED) * DRAWS:
-        raise ClaimError(f"this condition can hardly fail: {claim}\n  noise passes it in {passed} of {DRAWS} draws")
-
-
-def _passes(figure: Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> bool:
-    try:
-        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-            return _holds(float(figure(**arrays)), bounds)
-    except Exception:  # noise may make anything fail; a figure that cannot be computed supports no claim
-        return False
+def _must_refuse_noise(claim: str, figure: _Figure, bounds: dict[str, float], arrays: dict[str, np.ndarray]) -> None:
+    rng, passed = np.random.default_rng(0), 0
+    for _ in range(_DRAWS):
+        noise = {name: _noise(rng, array) for name, array in arrays.items()}
+        # Noise may make anything fail; a figure that cannot be computed supports no claim.
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"), contextlib.suppress(Exception):
+            passed += _holds(float(figure(**noise)), bounds)
+    if passed > (1 - _REFUSED) * _DRAWS:
+        raise ClaimError(f"this condition can hardly fail: {claim}\n  noise passes it in {passed} of {_DRAWS} draws")
 
 
 def _noise(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:

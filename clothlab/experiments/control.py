@@ -13,14 +13,10 @@ from clothlab import artifacts
 from clothlab.analysis import best_per_period, empty_distance, median_best, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import new_trial, random_trial, trained
-from clothlab.simulation.cloth import cloth_name
-
-TARGETS = ("target-1", "target-2")
-CLOTHS = (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15))
+from clothlab.experiments._runs import HEAVY, LIGHT, new_trial, random_trial, trained
 
 
-def run_one(target: str, cloth: str, model: int, weights: str = "torque", steps: int = 250) -> dict[str, Any]:
+def _run_one(target: str, cloth: str, model: int, weights: str = "torque", steps: int = 250) -> dict[str, Any]:
     """Distance at each step `[T]` [s.d. of z] under control and under random commands; 250 steps as in the paper."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
     control = new_trial(learned.controller(mask, cloth), learned.arm, cloth, steps, model)
@@ -34,7 +30,7 @@ def run_one(target: str, cloth: str, model: int, weights: str = "torque", steps:
     }
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """Best distance of a period under control over that under random commands."""
     found = []
     for (target, cloth), runs in tables["control"].groupby(["target", "cloth"], sort=False):
@@ -43,9 +39,9 @@ def rows(tables: Tables) -> list[Row]:
         still, empty = runs[["still", "empty"]].iloc[0]
         found.append(
             Row(
-                key=f"control/{target}/{cloth}",
-                label=f"{target}, {cloth}: best distance a period, median, over that of random commands",
-                value=control / random,
+                f"control/{target}/{cloth}",
+                f"{target}, {cloth}: best distance a period, median, over that of random commands",
+                control / random,
                 spread=float(spread),
                 paper="Control better",
                 below=1,
@@ -56,5 +52,5 @@ def rows(tables: Tables) -> list[Row]:
     return found
 
 
-cases = over(target=TARGETS, cloth=CLOTHS, model=range(5))
-CONTROL = Experiment("control", run_one, cases, seconds=13, paper={"weights": "torque-paper"}, rows=rows)
+_CASES = over(target=("target-1", "target-2"), cloth=(LIGHT, HEAVY), model=range(5))
+EXPERIMENTS = (Experiment("control", _run_one, _CASES, seconds=13, paper={"weights": "torque-paper"}, rows=_rows),)

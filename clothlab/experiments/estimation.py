@@ -29,16 +29,11 @@ BETWEEN = {  # never trained on: geometric means of neighbouring trained values,
 ESTIMATED = (*CLOTHS, "between-light", "between-heavy")
 
 
-def get_cloth(name: str) -> Cloth:
-    """One of the nine cloths, or one between them, by its name."""
-    return choose("cloth", name, CLOTHS | BETWEEN)
-
-
-def run_one(
+def _run_one(
     cloth: str, model: int, repeat: int = 0, weights: str = "torque", steps: int = 200, first_seed: int = 6000
 ) -> dict[str, Any]:
     """Estimate p of one cloth from 0; each repeat has other random commands."""
-    learned, right = trained(f"{weights}-{model}"), get_cloth(cloth)
+    learned, right = trained(f"{weights}-{model}"), choose("cloth", cloth, CLOTHS | BETWEEN)
     seed = first_seed + 100 * model + 20 * repeat + [*CLOTHS, *BETWEEN].index(cloth)
     p, trace = estimate_at_random(learned, right, steps, seed)
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
@@ -52,16 +47,16 @@ def run_one(
     }
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """How often the trained p nearest to the estimate is the right one, and errors on cloths never trained on."""
     table = tables["estimation"]
     known, new = table[table["distance"].notna()], table[table["distance"].isna()]
     seconds = len(table["trace"].iloc[0]) * CONTROL_PERIOD
     accuracy = Row(
-        key="estimation/accuracy",
-        label=f"after {seconds:g} s, from p = 0: the nearest trained p is the right one",
-        value=100 * (known["nearest"] == known["cloth"]).mean(),
-        unit=" %",
+        "estimation/accuracy",
+        f"after {seconds:g} s, from p = 0: the nearest trained p is the right one",
+        100 * (known["nearest"] == known["cloth"]).mean(),
+        " %",
         paper="p approaches the right one",
         above=50,
         at_least=95,
@@ -70,10 +65,10 @@ def rows(tables: Tables) -> list[Row]:
     errors = 100 * np.abs([*new["error"]]).T
     return [accuracy] + [
         Row(
-            key=f"estimation/{name}",
-            label=f"cloths never trained on: largest error of {name} read off p",
-            value=values.max(),
-            unit=" %",
+            f"estimation/{name}",
+            f"cloths never trained on: largest error of {name} read off p",
+            values.max(),
+            " %",
             at_most=25,
             note=f"mean {values.mean():.0f} %",
         )
@@ -81,5 +76,5 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
-cases = over(cloth=ESTIMATED, model=range(5), repeat=range(4))
-ESTIMATION = Experiment("estimation", run_one, cases, seconds=7, paper={"weights": "torque-paper"}, rows=rows)
+_CASES = over(cloth=ESTIMATED, model=range(5), repeat=range(4))
+EXPERIMENTS = (Experiment("estimation", _run_one, _CASES, seconds=7, paper={"weights": "torque-paper"}, rows=_rows),)

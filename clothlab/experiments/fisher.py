@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array
 
-LARGEST_CORRELATION = 0.99  # of noise with itself a step later: a noise that never changes could be calibrated away
+_LARGEST_CORRELATION = 0.99  # of noise with itself a step later: noise that never changes could be calibrated away
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +33,16 @@ class Noise:
     def measured(cls, residuals: np.ndarray, stated: ArrayLike = 0.0, *, ridge: float = 1e-6) -> "Noise":
         """Covariance and ρ of the residuals of N repeats of a run `[N, T, D]`, which have mean zero.
 
-        Args:
-            stated: standard deviations of white noise that is added, one for all channels or `[D]`.
-            ridge: share of each variance that is added to it, so that channels that nearly repeat each other do not
-                seem to be known exactly; this only adds noise.
+        `stated` are standard deviations of white noise that is added, one for all channels or `[D]`. `ridge` is the
+        share of each variance that is added to it, so that channels that nearly repeat each other do not seem to be
+        known exactly; this only adds noise.
         """
         added = np.broadcast_to(stated, residuals.shape[-1:]) ** 2
         count = residuals.shape[0] * residuals.shape[1]
         covariance = np.einsum("ntd,nte->de", residuals, residuals) / count + np.diag(added)
         variance = np.diag(covariance)
         later = (residuals[:, 1:] * residuals[:, :-1]).mean(axis=(0, 1)) / variance
-        return cls(covariance + ridge * np.diag(variance), float(np.clip(later.mean(), 0, LARGEST_CORRELATION)))
+        return cls(covariance + ridge * np.diag(variance), float(np.clip(later.mean(), 0, _LARGEST_CORRELATION)))
 
     @property
     def deviations(self) -> np.ndarray:
@@ -59,16 +58,10 @@ class Noise:
 
 
 def fisher_information(sensitivity: ArrayLike, noise: Noise) -> np.ndarray:
-    """F_t = Σ_{i≤t} S̃_iᵀ S̃_i, with S̃ the sensitivities after whitening: what all steps up to each say together.
+    """F_t = Σ_{i≤t} S̃_iᵀ S̃_i `[T, P, P]`, with S̃ the sensitivities ∂(sensed)/∂(unknown) `[T, D, P]` after whitening.
 
-    For noise that is white in time this is Σ_{i≤t} S_iᵀ Σ⁻¹ S_i. Sensors whose noises are independent add up.
-
-    Args:
-        sensitivity: ∂(sensed)/∂(unknown) at each step `[T, D, P]`.
-        noise: of the sensor.
-
-    Returns:
-        `[T, P, P]`.
+    It is what all steps up to each say together. For noise that is white in time this is Σ_{i≤t} S_iᵀ Σ⁻¹ S_i. Sensors
+    whose noises are independent add up.
     """
     white = noise.whiten(sensitivity)
     return np.cumsum(np.einsum("tdp,tdq->tpq", white, white), axis=0)

@@ -23,32 +23,32 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import choose
 from clothlab.experiments._grid import Experiment, over
-from clothlab.experiments._runs import trained
+from clothlab.experiments._runs import EVALUATION, trained
 from clothlab.experiments.estimation import BETWEEN
 from clothlab.experiments.fisher import Noise, cramer_rao, unbiased_information
 from clothlab.learning.autoencoder import encode
 from clothlab.learning.estimation import EstimationSettings
-from clothlab.policies import Noisy, OperatorPolicy, RandomPolicy, ReplayPolicy
+from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Camera, TorqueArm
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.vision import HEIGHT, focal_length
 from clothlab.trials import rollout
 
-WEIGHTS, RECORDINGS = "torque-0", "evaluation"  # whose autoencoder sees, and on what its network's errors are measured
-TIMES = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40], dtype=float)  # [s]
-MOTIONS = {"random": RandomPolicy, "operator": OperatorPolicy}
-CONSTANTS = ("damping", "mass")  # F is about their logarithms
+_WEIGHTS = "torque-0"  # whose autoencoder sees
+_TIMES = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40], dtype=float)  # [s]
+_MOTIONS = {"random": RandomPolicy, "operator": OperatorPolicy}
+_CONSTANTS = ("damping", "mass")  # F is about their logarithms
 QUANTITIES = {"C_damp": (1, 0), "C_mass": (0, 1), "C_damp / C_mass": (1, -1), "C_damp · C_mass": (1, 1)}
 PREDICTED = "z as predicted"  # by the network
-SENSOR_SETS = {"z": ("z",), "z + joints": ("z", "joints"), PREDICTED: (PREDICTED,)}
+_SENSOR_SETS = {"z": ("z",), "z + joints": ("z", "joints"), PREDICTED: (PREDICTED,)}
 # Angles as of an encoder of 12 bits, whose rounding has a standard deviation of 2π/4096/√12; velocities as of a
 # difference of angles, filtered.
-JOINT_NOISE = [5e-4, 5e-4, 0.02, 0.02]  # [rad] [rad/s]
-STEP = 0.05  # half the difference of the logarithms
-REPEATS = 4  # of each scene: a mean and two slopes are fitted
-DISTURBANCE = 1e-6  # [rad] of start and commands
-LEAST = 1e-5  # share of the best direction's information below which a measured one counts as none
+_JOINT_NOISE = [5e-4, 5e-4, 0.02, 0.02]  # [rad] [rad/s]
+_STEP = 0.05  # half the difference of the logarithms
+_REPEATS = 4  # of each scene: a mean and two slopes are fitted
+_DISTURBANCE = 1e-6  # [rad] of start and commands
+_LEAST = 1e-5  # share of the best direction's information below which a measured one counts as none
 
 
 def vary(cloth: Cloth, constant: str, step: float) -> Cloth:
@@ -56,30 +56,34 @@ def vary(cloth: Cloth, constant: str, step: float) -> Cloth:
     return replace(cloth, **{constant: getattr(cloth, constant) * np.exp(step)})
 
 
-def run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, Any]:
-    """Fisher information of the logarithms in each sensor, up to each of `TIMES` `[N, 2, 2]`, and the noise of z."""
-    autoencoder, arm = trained(WEIGHTS).autoencoder, TorqueArm()
-    held, mover = (CLOTHS | BETWEEN)[cloth], MOTIONS[motion](arm)
+def _run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, Any]:
+    """Fisher information of the logarithms in each sensor, up to each of `_TIMES` `[N, 2, 2]`, and the noise of z."""
+    autoencoder, arm = trained(_WEIGHTS).autoencoder, TorqueArm()
+    held, mover = (CLOTHS | BETWEEN)[cloth], _MOTIONS[motion](arm)
     mover.reset(seed)
-    commands = [mover({}) for _ in range(steps)]  # which do not depend on what is seen
+    moves = [mover({}) for _ in range(steps)]  # which do not depend on what is seen
+    commands = np.array([*moves, moves[-1]])
     turns, z, joints = [], [], []
-    for repeat in range(REPEATS):
+    for repeat in range(_REPEATS):
         rng = np.random.default_rng(repeat)
         turns.append(rng.uniform(-0.5, 0.5, 2))  # [pixel]
-        home = tuple(arm.home + rng.normal(0, DISTURBANCE, len(arm.home)))
+        home = tuple(arm.home + rng.normal(0, _DISTURBANCE, len(arm.home)))
+        disturbed = commands.copy()
+        angles = disturbed[:, arm.angle_command]
+        angles += np.random.default_rng([repeat, 1]).normal(0.0, _DISTURBANCE, angles.shape)
+        policy = ReplayPolicy(np.clip(disturbed, arm.command_lower, arm.command_upper))
         env = ClothEnv(replace(arm, camera=_turned(arm.camera, *turns[-1]), home=home), held)
-        policy = Noisy(ReplayPolicy([*commands, commands[-1]]), env.arm, DISTURBANCE)
-        for constant, sign in product(CONSTANTS, (-1, 1)):
-            env.hold(vary(held, constant, sign * STEP))
+        for constant, sign in product(_CONSTANTS, (-1, 1)):
+            env.hold(vary(held, constant, sign * _STEP))
             trial = rollout(env, policy, steps + 1, seed=repeat)
             z.append(encode(autoencoder, trial.images[1:]))  # after each command: the first look is before the first
             joints.append(trial.robot[1:])
         env.close()
-    times = TIMES[steps * CONTROL_PERIOD + 1e-9 >= TIMES]
+    times = _TIMES[steps * CONTROL_PERIOD + 1e-9 >= _TIMES]
     index = np.round(times / CONTROL_PERIOD).astype(int) - 1
     slopes, noise = _slopes_and_noise(z, np.array(turns))
     measured = {"z": (slopes, noise), PREDICTED: (slopes, _prediction_noise())}
-    measured["joints"] = _slopes_and_noise(joints, np.array(turns), JOINT_NOISE)
+    measured["joints"] = _slopes_and_noise(joints, np.array(turns), _JOINT_NOISE)
     found = {sensor: unbiased_information(*each)[index].round(3) for sensor, each in measured.items()}
     return {"time": times, **found, "noise": noise.deviations}
 
@@ -94,9 +98,9 @@ def _turned(camera: Camera, across: float, up: float) -> Camera:
 def _slopes_and_noise(runs: list[np.ndarray], turns: np.ndarray, stated: ArrayLike = 0.0) -> tuple[np.ndarray, Noise]:
     """Sensitivities of a sensor in each repeat `[R, T, D, 2]`, and its noise, from the runs of all scenes."""
     values = np.array(runs, np.float64)
-    values = np.moveaxis(values.reshape(REPEATS, len(CONSTANTS), 2, *values.shape[1:]), 0, 2)  # [2, 2, R, T, D]
+    values = np.moveaxis(values.reshape(_REPEATS, len(_CONSTANTS), 2, *values.shape[1:]), 0, 2)  # [2, 2, R, T, D]
     noise = Noise.measured(_residuals(values.reshape(-1, *values.shape[2:]), turns), stated)
-    return np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * STEP), noise
+    return np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * _STEP), noise
 
 
 def _residuals(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
@@ -113,8 +117,8 @@ def _residuals(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
 @cache
 def _prediction_noise() -> Noise:
     """How far the network's z, a step ahead and with the right p, is from the z that comes."""
-    learned, errors = trained(WEIGHTS), []
-    for trial in artifacts.load_trials(RECORDINGS):
+    learned, errors = trained(_WEIGHTS), []
+    for trial in artifacts.load_trials(EVALUATION["torque"]):
         run, p = learned.sequences(trial), torch.as_tensor(learned.biases[trial.cloth.name])
         s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
         with torch.no_grad():
@@ -125,8 +129,8 @@ def _prediction_noise() -> Noise:
 
 
 def information(table: pd.DataFrame, sensors: str) -> np.ndarray:
-    """F in one of `SENSOR_SETS` `[rows, N, 2, 2]`: a sum, since the noises of sensors are independent."""
-    return np.sum([np.stack([*table[each]]) for each in choose("set of sensors", sensors, SENSOR_SETS)], axis=0)
+    """F in one of `_SENSOR_SETS` `[rows, N, 2, 2]`: a sum, since the noises of sensors are independent."""
+    return np.sum([np.stack([*table[each]]) for each in choose("set of sensors", sensors, _SENSOR_SETS)], axis=0)
 
 
 def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:
@@ -134,7 +138,7 @@ def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:
 
     A row for each row of the table and each time, with `cloth`, `motion`, `seed`, `time` [s] and the quantities.
     """
-    found = cramer_rao(information(table, sensors), [*QUANTITIES.values()], tolerance=LEAST)  # [rows, N, 4]
+    found = cramer_rao(information(table, sensors), [*QUANTITIES.values()], tolerance=_LEAST)  # [rows, N, 4]
     keys = table[["cloth", "motion", "seed"]]
     long = keys.loc[keys.index.repeat(found.shape[1])].reset_index(drop=True)
     long["time"] = np.concatenate([*table["time"]])
@@ -142,5 +146,5 @@ def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:
     return long
 
 
-cases = over(cloth=(*CLOTHS, *BETWEEN), motion=MOTIONS, seed=(7000, 7001, 7002))
-IDENTIFIABILITY = Experiment("identifiability", run_one, cases, seconds=40, slow=True)
+_CASES = over(cloth=(*CLOTHS, *BETWEEN), motion=_MOTIONS, seed=(7000, 7001, 7002))
+EXPERIMENTS = (Experiment("identifiability", _run_one, _CASES, seconds=40, slow=True),)

@@ -6,7 +6,9 @@ left out. Distances are in standard deviations of z, and most rows give them ove
 """
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from clothlab.analysis import LATE, best_per_period, difference_interval, late_m
 from clothlab.experiments import ablations
 from clothlab.experiments._grid import PAPER, Case, Experiment, Tables, grid
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import RECORDINGS, recorded_runs, trained
+from clothlab.experiments._runs import HEAVY, LIGHT, RECORDINGS, SAMPLES, TASKS, recorded_runs, trained
 from clothlab.experiments.motion import MotionWatch
 from clothlab.experiments.oracle import best_possible
 from clothlab.learning.autoencoder import encode
@@ -25,17 +27,10 @@ from clothlab.learning.control import ControlSettings, nearest_plans, recorded_p
 from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy, ReplayPolicy
-from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 
-LIGHT, HEAVY = cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)
-WRONG = {LIGHT: HEAVY, HEAVY: LIGHT, "hard-1": "soft-1", "soft-1": "hard-1"}  # cloth whose p is the wrong one
-TASKS = (
-    *(("torque", target, cloth) for target in ("target-1", "target-2") for cloth in (LIGHT, HEAVY)),
-    *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
-)
-SAMPLES = 50  # of the hand's motion in each step
+_WRONG = {LIGHT: HEAVY, HEAVY: LIGHT, "hard-1": "soft-1", "soft-1": "hard-1"}  # cloth whose p is the wrong one
 RANDOM, REPLAY, PAPERS = "random", "replay", "paper's controller"
 STARTS, ITERATIVE = "paper's controller, recorded starts", "iterative learning control"
 
@@ -61,7 +56,7 @@ CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, str, int, np.ndarray], Pol
 }
 
 
-def run_one(
+def _run_one(
     controller: str,
     p: str,
     recordings: str,
@@ -81,56 +76,43 @@ def run_one(
             ("none"), or of one that knows C_damp and C_mass ("known").
         recordings: that the model learned from, "all" or the "paper's" amount.
         f_const: tension that every command has to send [N]; None: it is free, or the arm has none.
-        arm: its name.
-        target: name of the image to realise.
-        cloth: name of the cloth in the hand.
-        model: seed of the training.
-        repeat: number of the run.
-        steps: control steps.
-
-    Returns:
-        Distance of the hanging cloth (`still`), `best` distance of each period but the first `[P]` [s.d. of z], highest
-        `hand_speed` in each of these [m/s], distances that iterative learning control `predicted`, and the distance of
-        an estimated p to the right one over that at the start (`bias_ratio`).
+        arm, target, cloth, model, repeat, steps: names, seed of the training, number of the run, control steps.
     """
     learned, mask = _learned(arm, model, p, recordings), artifacts.load_target(target)
     if f_const is not None:
         learned = replace(learned, arm=learned.arm.with_stiffness(f_const))
     right = learned.biases[cloth]
-    start = learned.biases[WRONG[cloth]] if p in ("wrong", "estimated") else right
+    start = learned.biases[_WRONG[cloth]] if p in ("wrong", "estimated") else right
     start = np.zeros_like(right) if p == "zero" else start
     policy = inner = CONTROLLERS[controller](learned, mask, cloth, model, start)
     if p == "estimated":
         policy = EstimatingPolicy(inner, BiasEstimator(learned.model, start), learned.autoencoder)
-    env = ClothEnv(arm, cloth)
-    watch = MotionWatch(env)
     seed = 20_000 + 100 * model + repeat
-    try:
+    with closing(ClothEnv(arm, cloth)) as env:
+        watch = MotionWatch(env)
         trial = rollout(env, policy, steps, seed=seed, random_start=repeat > 0, watch=watch, samples=SAMPLES)
-    finally:
-        env.close()
     distance, period = target_distance(learned.autoencoder, trial, mask), ControlSettings.period * SAMPLES
     speed = watch.hand_speed[: steps * SAMPLES // period * period].reshape(-1, period).max(axis=1)
-    found = {
-        "seed": seed,
-        "still": float(distance[0]),
-        "best": best_per_period(distance).round(4),
-        "hand_speed": speed[1:].round(3),
-        "predicted": np.array(getattr(inner, "predicted_distances", []), dtype=np.float64).round(4),
-        "bias_ratio": None,
-    }
+    ratio = None
     if isinstance(policy, EstimatingPolicy):
-        found["bias_ratio"] = float(np.linalg.norm(policy.trace[-1] - right) / np.linalg.norm(start - right))
-    return found
+        ratio = float(np.linalg.norm(policy.trace[-1] - right) / np.linalg.norm(start - right))
+    return {
+        "seed": seed,
+        "still": float(distance[0]),  # of the hanging cloth [s.d. of z], as all distances
+        "best": best_per_period(distance).round(4),  # in each period but the first [P]
+        "hand_speed": speed[1:].round(3),  # the highest in each of these [m/s]
+        "predicted": np.array(getattr(inner, "predicted_distances", []), dtype=np.float64).round(4),
+        "bias_ratio": ratio,  # distance of an estimated p to the right one, over that at the start
+    }
 
 
 def _learned(arm: str, model: int, p: str, recordings: str) -> Trained:
-    if p in ablations.MODELS:
+    if p in ablations.KINDS:
         return ablations.train(p, arm, model)
     return trained(f"{arm}{PAPER if recordings == 'paper' else ''}-{model}")
 
 
-METHODS = (  # controller, p, recordings, f_const, runs for each training: four where a claim stands on it
+_METHODS = (  # controller, p, recordings, f_const, runs for each training: four where a claim stands on it
     (RANDOM, "right", "all", None, 4),
     (RANDOM, "right", "paper", None, 1),
     (REPLAY, "right", "all", None, 1),
@@ -148,26 +130,15 @@ METHODS = (  # controller, p, recordings, f_const, runs for each training: four 
 )
 
 
-def cases(model: int | Iterable[int] = range(5), **same: Any) -> list[Case]:
+def _cases(model: int | Iterable[int] = range(5), **same: Any) -> list[Case]:
     """Every method in every task with every training; foams have no C_damp and C_mass, the torque arm no stiffness."""
     found = []
-    for (controller, p, recordings, f_const, repeats), (arm, target, cloth) in (
-        (method, task) for method in METHODS for task in TASKS
-    ):
+    for (controller, p, recordings, f_const, repeats), (arm, target, cloth) in product(_METHODS, TASKS):
         if (p == "known" and arm == "muscle") or (f_const is not None and arm == "torque"):
             continue
-        found += grid(
-            controller=controller,
-            p=p,
-            recordings=recordings,
-            f_const=f_const,
-            arm=arm,
-            target=target,
-            cloth=cloth,
-            model=model,
-            repeat=range(repeats),
-            **same,
-        )
+        method = {"controller": controller, "p": p, "recordings": recordings, "f_const": f_const}
+        task = {"arm": arm, "target": target, "cloth": cloth}
+        found += grid(**method, **task, model=model, repeat=range(repeats), **same)
     return found
 
 
@@ -212,35 +183,23 @@ def speed_gain(both: pd.DataFrame) -> pd.Series:
     return both["speed_1"] / both["speed_2"] - 1
 
 
-def periods_until(best: np.ndarray, distance: float) -> int:
-    """How many periods a run took until it was as near as `distance` [s.d. of z]; one more than all if never."""
-    near = np.append(np.asarray(best) <= distance, True)
-    return int(near.argmax()) + 2  # the first period is left out of `best`
-
-
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """Distances of each method, and differences between methods with their intervals."""
     table = over_random(tables["iterative_control"])
-    return [*_by_target(table), *_by_method(table), *_differences(table), *_beside_oracle(table, tables)]
+    return [*_by_target(table), *_by_method(table), *_differences(table), _over_oracle(table, tables)]
 
 
 def _by_target(table: pd.DataFrame) -> list[Row]:
     found = []
     for target, bound in {"target-1": 0.12, "target-2": 0.1, "muscle": 0.12}.items():
         ratios = select(table, ITERATIVE).query("target == @target").groupby(["cloth", "model"])["last_ratio"].mean()
-        found.append(
-            Row(
-                key=f"iterative_control/{target}",
-                label=f"iterative learning control, {target}: last ten periods over random commands', median",
-                value=float(ratios.median()),
-                at_most=bound,
-                note=f"worst training {ratios.groupby('model').median().max():.2f}",
-            )
-        )
+        label = f"iterative learning control, {target}: last ten periods over random commands', median"
+        note = f"worst training {ratios.groupby('model').median().max():.2f}"
+        found.append(Row(f"iterative_control/{target}", label, float(ratios.median()), at_most=bound, note=note))
     return found
 
 
-VARIANTS = {
+_VARIANTS = {
     "zero": "p = 0",
     "wrong": "wrong p",
     "estimated": "estimated p",
@@ -256,77 +215,42 @@ def _by_method(table: pd.DataFrame) -> list[Row]:
 
     found = []
     for controller in (REPLAY, PAPERS, STARTS, ITERATIVE):
-        tried = {p for name, p, *_ in METHODS if name == controller}
-        others = [f"{label} {ratio(controller, p):.2f}" for p, label in VARIANTS.items() if p in tried]
-        found.append(
-            Row(
-                key=f"iterative_control/{controller}",
-                label=f"{controller}, all tasks: distance, last ten periods, over random commands', median",
-                value=ratio(controller, "right"),
-                note="; ".join(others),
-            )
-        )
+        tried = {p for name, p, *_ in _METHODS if name == controller}
+        others = [f"{label} {ratio(controller, p):.2f}" for p, label in _VARIANTS.items() if p in tried]
+        label = f"{controller}, all tasks: distance, last ten periods, over random commands', median"
+        value = ratio(controller, "right")
+        found.append(Row(f"iterative_control/{controller}", label, value, note="; ".join(others)))
     return found
 
 
 def _differences(table: pd.DataFrame) -> list[Row]:
     paper, iterative = select(table, PAPERS), select(table, ITERATIVE)
+    held = select(table, PAPERS, f_const=10.0)
+    says: dict[str, Any] = {"paper": "Correct better", "below": 0.0}
     pairs = [
-        (f"{PAPERS} minus random commands", paper, select(table, RANDOM), "Correct better"),
-        (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), "Correct better"),
-        (f"{PAPERS} minus the same held at 10 N", paper, select(table, PAPERS, f_const=10.0), "Correct better"),
-        (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), "–"),
+        (f"{PAPERS} minus random commands", paper, select(table, RANDOM), says),
+        (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), says),
+        (f"{PAPERS} minus the same held at 10 N", paper, held, says),
+        (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), {}),
     ]
     found = []
-    for label, first, second, says in pairs:
+    for name, first, second, said in pairs:
         for arm in second["arm"].unique():
-            mean, *interval = difference_interval(paired(first[first["arm"] == arm], second, late_difference))
-            found.append(
-                Row(
-                    key=f"iterative_control/{label}/{arm}",
-                    label=f"{label}, {arm} arm: distance, last ten periods, over random commands'",
-                    value=mean,
-                    interval=(interval[0], interval[1]),
-                    paper=says,
-                    below=None if says == "–" else 0.0,
-                )
-            )
-    gains = paired(paper[paper["arm"] == "muscle"], select(table, PAPERS, f_const=10.0), speed_gain)
+            mean, *ends = difference_interval(paired(first[first["arm"] == arm], second, late_difference))
+            label = f"{name}, {arm} arm: distance, last ten periods, over random commands'"
+            found.append(Row(f"iterative_control/{name}/{arm}", label, mean, interval=(ends[0], ends[1]), **said))
+    gains = paired(paper[paper["arm"] == "muscle"], held, speed_gain)
     mean, low, high = (100 * each for each in difference_interval(gains))
     label = f"{PAPERS}: gain in peak hand speed by free stiffness over 10 N"
-    speed = Row(
-        key="iterative_control/speed",
-        label=label,
-        value=mean,
-        unit=" %",
-        interval=(low, high),
-        paper="+12 %",
-        above=0.0,
-    )
+    speed = Row("iterative_control/speed", label, mean, " %", interval=(low, high), paper="+12 %", above=0.0)
     return [*found, speed]
 
 
-def _beside_oracle(table: pd.DataFrame, tables: Tables) -> list[Row]:
-    possible = best_possible(tables["oracle"])
-    runs = select(table, ITERATIVE).join(possible.rename("oracle"), on=["target", "cloth"])
-    over = runs["last"].groupby([runs["target"], runs["cloth"], runs["model"]]).mean()
-    over = over / over.index.droplevel("model").map(possible)
-    counts = np.array([periods_until(best, 2 * d) for best, d in zip(runs["best"], runs["oracle"], strict=True)])
-    never = 100 * float(np.mean(counts > len(runs["best"].iloc[0]) + 1))
-    return [
-        Row(
-            key="iterative_control/oracle",
-            label="iterative learning control: last ten periods over the oracle's, median",
-            value=float(over.median()),
-            at_most=1.5,
-        ),
-        Row(
-            key="iterative_control/periods",
-            label="iterative learning control: periods until within twice the oracle's distance, median",
-            value=float(np.median(counts)),
-            note=f"never: {never:.0f} %",
-        ),
-    ]
+def _over_oracle(table: pd.DataFrame, tables: Tables) -> Row:
+    last = select(table, ITERATIVE).groupby(["target", "cloth", "model"])["last"].mean()
+    ratio = last / last.index.droplevel("model").map(best_possible(tables["oracle"]))
+    label = "iterative learning control: last ten periods over the oracle's, median"
+    return Row("iterative_control/oracle", label, float(ratio.median()), at_most=1.5)
 
 
-CONTROL = Experiment("iterative_control", run_one, cases, seconds=90, slow=True, rows=rows)
+EXPERIMENTS = (Experiment("iterative_control", _run_one, _cases, seconds=90, slow=True, rows=_rows),)

@@ -13,24 +13,21 @@ from clothlab import artifacts
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import new_trial, trained
+from clothlab.experiments._runs import HEAVY, new_trial, trained
 from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
 
-HELD = cloth_name(0.03, 0.10)  # the paper's cloth in the hand
-BELIEVED = cloth_name(0.07, 0.15)  # the paper's cloth whose p is the start
 
-
-def run_one(
+def _run_one(
     model: int,
     weights: str = "torque",
     target: str = "target-1",
-    held: str = HELD,
-    believed: str = BELIEVED,
+    held: str = cloth_name(0.03, 0.10),
+    believed: str = HEAVY,
     steps: int = 250,
 ) -> dict[str, Any]:
-    """Estimate and control at once, from the p of another cloth; 250 steps as in the paper."""
+    """Estimate and control at once, from the p of a cloth that is not `held`; cloths and steps are the paper's."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
     start, goal = learned.biases[believed], learned.biases[held]
     estimator = BiasEstimator(learned.model, start)
@@ -51,15 +48,15 @@ def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     return np.median(bests[:, :third], axis=1), np.median(bests[:, -third:], axis=1)
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """How near p comes to the right one."""
     table = tables["joint_estimation_control"]
     seconds = table["steps"].iloc[0] * CONTROL_PERIOD
     return [
         Row(
-            key="joint_estimation_control",
-            label=f"control from a wrong p: distance to the right p after {seconds:g} s, over that of the start",
-            value=table["ratio"].mean(),
+            "joint_estimation_control",
+            f"control from a wrong p: distance to the right p after {seconds:g} s, over that of the start",
+            table["ratio"].mean(),
             spread=table["ratio"].std(ddof=0),
             paper="approaches",
             below=1,
@@ -68,6 +65,7 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
-JOINT = Experiment(
-    "joint_estimation_control", run_one, over(model=range(5)), seconds=10, paper={"weights": "torque-paper"}, rows=rows
+_PAPER = {"weights": "torque-paper"}
+EXPERIMENTS = (
+    Experiment("joint_estimation_control", _run_one, over(model=range(5)), seconds=10, paper=_PAPER, rows=_rows),
 )

@@ -5,6 +5,7 @@ It tells whether a controller falls short or the arm does, and what variable sti
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,22 +17,19 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import check_array
 from clothlab.analysis import best_per_period, late_median, target_distance
-from clothlab.experiments._grid import Case, Experiment, grid
-from clothlab.experiments._runs import RECORDINGS
+from clothlab.experiments._grid import Case, Experiment, grid, over
+from clothlab.experiments._runs import RECORDINGS, SAMPLES, TASKS
 from clothlab.experiments.motion import MotionWatch
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.policies import Policy
 from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.cloth import Cloth, cloth_name
+from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.simulation.vision import check_mask
 from clothlab.trials import Trial, rollout
 
-PERIOD = ControlSettings.period
-SAMPLES = 50  # of the hand's motion in each step
-POOL = 400  # recorded stretches, of which each search draws its starts
-Cost = Callable[[np.ndarray], np.ndarray]  # plans [N, T, D_u] → cost of each [N]
+TENSIONS = (10.0, 30.0, 70.0)  # [N] at which f_const is held
 
 
 @dataclass(frozen=True)
@@ -47,12 +45,12 @@ class SearchSettings:
     least_width: float = 0.02  # and of the others
 
 
-SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
+_SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
 
 
 def cross_entropy(
-    cost: Cost,
-    starts: ArrayLike,
+    cost: Callable[[np.ndarray], np.ndarray],
+    starts: np.ndarray,
     lower: ArrayLike,
     upper: ArrayLike,
     settings: SearchSettings | None = None,
@@ -65,11 +63,10 @@ def cross_entropy(
     good in none. A command whose range is a point stays there.
 
     Args:
-        cost: of each plan, called once with the starts and once a round.
-        starts: plans to begin with `[N, T, D_u]`; what is out of range is clipped.
-        lower: smallest command `[D_u]`.
-        upper: largest command `[D_u]`.
-        settings: rounds, tries, widths; how many starts there are, the starts say.
+        cost: plans `[N, T, D_u]` → cost of each `[N]`; called once with the starts and once a round.
+        starts: plans to begin with `[N, T, D_u]`, of any number; what is out of range is clipped.
+        lower, upper: range of the commands `[D_u]`.
+        settings: rounds, tries, widths.
         rng: random numbers.
 
     Returns:
@@ -77,7 +74,7 @@ def cross_entropy(
         `[rounds + 1]`, which never rises.
     """
     settings, lower, upper = settings or SearchSettings(), np.asarray(lower), np.asarray(upper)
-    plans = np.clip(check_array("starts", starts, ("N", "T", len(lower))), lower, upper)
+    plans = np.clip(starts, lower, upper)
     costs, trace = cost(plans), []
     for left in reversed(range(settings.rounds + 1)):
         best = np.argsort(costs, kind="stable")[: settings.elite]
@@ -93,24 +90,12 @@ def cross_entropy(
     return plans, np.array(trace)
 
 
-def copy_state(env: ClothEnv, copy: ClothEnv) -> None:
-    """Put `copy`, a scene with the same arm, cloth and time step, where `env` is, bit for bit."""
-    mujoco.mj_copyData(copy.data, copy.model, env.data)
-
-
 class SimulatorMPC(Policy):
     """Tries plans in a copy of the scene at the beginning of each period, and sends the one that ends nearest.
 
-    A plan is judged by its last step alone, since each picture takes as long as four steps of physics.
-
-    Args:
-        env: the scene that is controlled.
-        autoencoder: by whose z distances are measured.
-        target: mask `[H, W]` of the cloth to realise.
-        plans: recorded stretches `[N, period, D_u]`, such as `recorded_plans`. Each search starts from the best plans
-            of the one before, and for the rest from these, drawn at random.
-        settings: how much is tried.
-        arm: one with other limits, such as `env.arm.with_stiffness(10)`.
+    A plan is judged by its last step alone, since each picture takes as long as four steps of physics. Each search
+    starts from the best plans of the one before, and for the rest from recorded `plans` `[N, period, D_u]`, drawn at
+    random. Another `arm` than the scene's may have other limits, such as `env.arm.with_stiffness(10)`.
 
     Attributes:
         trace: lowest distance at the period's end, after the starts and after each round, for each search since the
@@ -133,7 +118,7 @@ class SimulatorMPC(Policy):
         self.settings = settings or SearchSettings()
         self.plans = check_array("plans", plans, ("N", "T", len(self.arm.command_names)))
         self._copy = ClothEnv(env.arm, env.cloth, scene=env.scene)
-        self.set_target(target)
+        self.z_ref = encode(autoencoder, check_mask(target))
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
@@ -142,9 +127,6 @@ class SimulatorMPC(Policy):
         self._rng = np.random.default_rng(seed)
         self._elite = self.plans[:0]
         self._left: Iterator[np.ndarray] = iter(())
-
-    def set_target(self, mask: ArrayLike) -> None:
-        self.z_ref = encode(self.autoencoder, check_mask(mask))
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = next(self._left, None)
@@ -167,7 +149,7 @@ class SimulatorMPC(Policy):
         """Distance ‖z_ref - z‖₂ to the target after each of the plans `[N, T, D_u]` is sent from here, `[N]`."""
         images = []
         for plan in plans:
-            copy_state(self.env, self._copy)
+            mujoco.mj_copyData(self._copy.data, self._copy.model, self.env.data)
             for u in plan:
                 self._copy.advance(u)
             images.append(self._copy.observe()["image"])
@@ -195,18 +177,14 @@ def search_trial(
     Returns:
         The run of `periods` periods, and the predicted distances `[periods, rounds + 1]` (`SimulatorMPC.trace`).
     """
-    env = ClothEnv(arm, cloth)
-    limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
-    policy = SimulatorMPC(env, autoencoder, target, plans, search, arm=limited)
-    try:
-        trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
-    finally:
-        policy.close()
-        env.close()
-    return trial, np.array(policy.trace)
+    with closing(ClothEnv(arm, cloth)) as env:
+        limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
+        with closing(SimulatorMPC(env, autoencoder, target, plans, search, arm=limited)) as policy:
+            trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
+            return trial, np.array(policy.trace)
 
 
-def run_one(
+def _run_one(
     arm: str,
     target: str,
     cloth: str,
@@ -218,24 +196,17 @@ def run_one(
 ) -> dict[str, Any]:
     """Distance at each step `[T]`, and its predictions; without memory each search starts from recorded plans alone."""
     autoencoder, _ = artifacts.load_autoencoder(arm)
-    plans = recorded_plans(artifacts.load_trials(RECORDINGS[arm]), PERIOD, POOL, seed=seed)
-    settings = search or SearchSettings()
+    # Of these recorded stretches each search draws its starts.
+    plans = recorded_plans(artifacts.load_trials(RECORDINGS[arm]), ControlSettings.period, 400, seed=seed)
+    settings, mask = search or SearchSettings(), artifacts.load_target(target)
     settings = settings if remembers else replace(settings, remembered=0)
-    mask = artifacts.load_target(target)
     trial, trace = search_trial(
         autoencoder, arm, cloth, mask, plans, periods, f_const=f_const, search=settings, seed=seed
     )
     return {"distance": target_distance(autoencoder, trial, mask).round(4), "trace": trace.round(4)}
 
 
-TASKS = (
-    *(("torque", t, c) for t in ("target-1", "target-2") for c in (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15))),
-    *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
-)
-TENSIONS = (10.0, 30.0, 70.0)  # [N] at which f_const is held
-
-
-def cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
+def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
     """Every task with free stiffness, on the muscle arm with held stiffness too; one seed without memory."""
     found = []
     for tensions, remembers, chosen in (((None,), True, seeds), (TENSIONS, True, seeds), ((None,), False, (0,))):
@@ -253,18 +224,20 @@ def best_possible(table: pd.DataFrame) -> pd.Series:
     return last.groupby([free["target"], free["cloth"]], sort=False).mean()
 
 
-def run_speed(seed: int, foam: str = "hard-1", steps: int = 16, search: SearchSettings | None = None) -> dict[str, Any]:
+def _run_speed(
+    seed: int, foam: str = "hard-1", steps: int = 16, search: SearchSettings | None = None
+) -> dict[str, Any]:
     """Peak speeds of the hand [m/s] from rest, with f_const held at 10, 30 and 70 N and free, and the commands for it.
 
     The free search starts from the best plans of the others too: it may do all that they do.
     """
-    arm, search = get_arm("muscle"), search or SPEED_SEARCH
+    arm, search = get_arm("muscle"), search or _SPEED_SEARCH
     home, env = ClothEnv(arm, foam), ClothEnv(arm, foam)
 
     def slowness(plans: np.ndarray) -> np.ndarray:
         peaks = []
         for plan in plans:
-            copy_state(home, env)
+            mujoco.mj_copyData(env.data, env.model, home.data)
             watch = MotionWatch(env)
             for u in plan:
                 env.advance(u, watch, SAMPLES)
@@ -288,7 +261,7 @@ def run_speed(seed: int, foam: str = "hard-1", steps: int = 16, search: SearchSe
     }
 
 
-ORACLE = Experiment("oracle", run_one, cases, seconds=120, slow=True)
-PEAK_SPEED = Experiment(
-    "peak_speed", run_speed, lambda seeds=range(3), **same: grid(seed=seeds, **same), seconds=600, slow=True
+EXPERIMENTS = (
+    Experiment("oracle", _run_one, _cases, seconds=120, slow=True),
+    Experiment("peak_speed", _run_speed, over(seed=range(3)), seconds=600, slow=True),
 )

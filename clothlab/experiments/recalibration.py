@@ -22,12 +22,12 @@ from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks, focal_length
 from clothlab.trials import Trial
 
-DARK = 75  # of 255: the bar is darker in every colour, shaded skin, cloth and floor are not
-FEWEST = 4  # pictures from which six numbers follow with some certainty
-LEAST_PART = 50  # [pixel] of it: the hand may cover its middle, and what is smaller is the shade in a corner
-MARGIN = 0.1  # of the joints' ranges, left out at both ends
-HOLD = 8  # [step] for each posture
-DOUBTFUL = 2.0 / HEIGHT / 5  # beyond 2 pixels of the picture in full size an end counts less: cloth may hide it
+_DARK = 75  # of 255: the bar is darker in every colour, shaded skin, cloth and floor are not
+_FEWEST = 4  # pictures from which six numbers follow with some certainty
+_LEAST_PART = 50  # [pixel] of it: the hand may cover its middle, and what is smaller is the shade in a corner
+_MARGIN = 0.1  # of the joints' ranges, left out at both ends
+_HOLD = 8  # [step] for each posture
+_DOUBTFUL = 2.0 / HEIGHT / 5  # beyond 2 pixels of the picture in full size an end counts less: cloth may hide it
 
 
 class View(NamedTuple):
@@ -47,13 +47,13 @@ class Recalibration:
 
     def homography(self, theta: ArrayLike) -> np.ndarray:
         """From the old camera's pixels (column, row, 1) to the new one's, on the plane through the hand, `[3, 3]`."""
-        old, hand = self.arm.camera, bar_ends(self.arm, check_array("theta", theta, (2,))).mean(axis=0)
+        old, hand = self.arm.camera, _bar_ends(self.arm, check_array("theta", theta, (2,))).mean(axis=0)
         corners = np.array(list(product((0.0, WIDTH - 1.0), (0.0, HEIGHT - 1.0))))
         depth, focal = (np.array(old.position) - hand) @ old.axes[2], focal_length(old.fovy)
         rays = np.column_stack([(corners + 0.5) / HEIGHT - (WIDTH / HEIGHT / 2, 0.5), np.ones(4)])
         rays *= [1 / focal, -1 / focal, -1]
         points = old.position + depth * rays @ old.axes
-        there = project(self.camera, points) * HEIGHT - 0.5
+        there = _project(self.camera, points) * HEIGHT - 0.5
         return cv2.getPerspectiveTransform(corners.astype(np.float32), there.astype(np.float32))
 
     def warp(self, mask: ArrayLike, theta: ArrayLike) -> np.ndarray:
@@ -81,7 +81,7 @@ class RecalibratedPolicy(Wrapper):
         return self.policy(observation | {"image": image.astype(np.int8)})
 
 
-def project(camera: Camera, points: np.ndarray) -> np.ndarray:
+def _project(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Where points `[N, 3]` [m] are in the picture: column and row `[N, 2]` as parts of its height."""
     axes = camera.axes * [[1], [-1], [-1]]  # for OpenCV: right, down, forward
     focal = focal_length(camera.fovy)
@@ -90,32 +90,29 @@ def project(camera: Camera, points: np.ndarray) -> np.ndarray:
     return cv2.projectPoints(points, rotation, -axes @ camera.position, intrinsic, None)[0].reshape(-1, 2)
 
 
-def bar_ends(arm: Arm, theta: np.ndarray) -> np.ndarray:
+def _bar_ends(arm: Arm, theta: np.ndarray) -> np.ndarray:
     """The ends of the bar in the world `[2, 3]` [m], right and left, for joint angles `[2]` [rad]."""
     (forward, up), reach = arm.hand(theta), arm.bar_length / 2
     return SHOULDER_POSITION + np.array([[forward, -reach, up], [forward, reach, up]])
 
 
-def project_tips(camera: Camera, ends: np.ndarray) -> np.ndarray:
-    """Where the outlines of bars end `[N, 2, 2]`, whose ends `[N, 2, 3]` [m] are half balls, as `project`."""
-    centres = project(camera, ends.reshape(-1, 3)).reshape(-1, 2, 2)
+def _project_tips(camera: Camera, ends: np.ndarray) -> np.ndarray:
+    """Where the outlines of bars end `[N, 2, 2]`, whose ends `[N, 2, 3]` [m] are half balls, as `_project`."""
+    centres = _project(camera, ends.reshape(-1, 3)).reshape(-1, 2, 2)
     along = centres[:, 1] - centres[:, 0]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     radius = BAR_RADIUS * focal_length(camera.fovy) / ((camera.position - ends) @ camera.axes[2])  # [N, 2]
     return centres + radius[..., None] * np.stack([-along, along], axis=1)
 
 
-def find_bar(picture: np.ndarray) -> np.ndarray | None:
+def _find_bar(picture: np.ndarray) -> np.ndarray | None:
     """Both tips of the bar in a colour picture `[h, w, 3]`, `[2, 2]`: column and row as parts of its height.
 
     None where the bar is not to be seen, or leaves the picture.
     """
-    picture = np.asarray(picture)
-    if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
-        raise ValueError(f"a colour picture is [height, width, 3], got the shape {list(picture.shape)}")
-    below = np.asarray((picture < DARK).all(axis=2), np.uint8)
+    below = np.asarray((picture < _DARK).all(axis=2), np.uint8)
     _, labels, parts, _ = cv2.connectedComponentsWithStats(below)
-    dark = np.isin(labels, 1 + np.flatnonzero(parts[1:, cv2.CC_STAT_AREA] >= LEAST_PART))
+    dark = np.isin(labels, 1 + np.flatnonzero(parts[1:, cv2.CC_STAT_AREA] >= _LEAST_PART))
     if not dark.any() or dark[[0, -1]].any() or dark[:, [0, -1]].any():
         return None
     points = np.argwhere(dark)[:, ::-1] + 0.5  # column and row
@@ -131,44 +128,42 @@ def take_views(env: ClothEnv, shoulder: int = 4, elbow: int = 3) -> list[View]:
     arm = env.arm
     if arm.sensed_angles == slice(0, 0):
         raise ValueError(f"the {arm.name} arm does not sense its joint angles, and so cannot say where its hand is")
-    span = np.subtract(arm.upper, arm.lower) * MARGIN
+    span = np.subtract(arm.upper, arm.lower) * _MARGIN
     ranges = zip(arm.lower + span, arm.upper - span, (shoulder, elbow), strict=True)
     views, u = [], arm.home_command
     env.start()
     for posture in product(*(np.linspace(low, high, count) for low, high, count in ranges)):
         u[arm.angle_command] = posture
-        for _ in range(HOLD):
+        for _ in range(_HOLD):
             env.advance(u)
-        seen = find_bar(env.picture())
+        seen = _find_bar(env.picture())
         if seen is not None:
-            views.append(View(bar_ends(arm, arm.state(env.data)[arm.sensed_angles]), seen))
+            views.append(View(_bar_ends(arm, arm.state(env.data)[arm.sensed_angles]), seen))
     return views
 
 
 def recalibrate(arm: Arm, views: Sequence[View]) -> Recalibration:
-    """Estimate the camera's pose, by robust least squares of the reprojection errors.
+    """Estimate the camera's pose from views of the bar, by robust least squares of the reprojection errors.
 
-    Args:
-        arm: with its camera in the old pose.
-        views: of the bar from the new pose, four at the least.
+    The arm has its camera in the old pose.
     """
-    if len(views) < FEWEST:
-        raise ValueError(f"the bar is in {len(views)} pictures; {FEWEST} are needed: is the camera turned away?")
+    if len(views) < _FEWEST:
+        raise ValueError(f"the bar is in {len(views)} pictures; {_FEWEST} are needed: is the camera turned away?")
     ends = np.array([view.ends for view in views])
     seen = np.array([_in_order(arm.camera, view) for view in views])
 
     def errors(move: np.ndarray) -> np.ndarray:
-        return (project_tips(arm.camera.moved(move[:3], np.rad2deg(move[3:])), ends) - seen).ravel()
+        return (_project_tips(arm.camera.moved(move[:3], np.rad2deg(move[3:])), ends) - seen).ravel()
 
     # Not cv2.solvePnP with solvePnPRefineLM: of the 22 poses of the experiment `camera_pose` it misses the median one
     # by 57 mm, since the outline of a bar's end is not the picture of its centre (this misses it by 3 mm). With centres
     # computed from outlines it is as good, but for one pose where cloth hides an end, which it misses by 92 mm (4 mm).
-    found = least_squares(errors, np.zeros(6), loss="soft_l1", f_scale=DOUBTFUL)
+    found = least_squares(errors, np.zeros(6), loss="soft_l1", f_scale=_DOUBTFUL)
     camera = arm.camera.moved(found.x[:3], np.rad2deg(found.x[3:]))
     return Recalibration(arm, camera, float(np.sqrt(np.mean(found.fun**2) * 2)))
 
 
 def _in_order(camera: Camera, view: View) -> np.ndarray:
     """The tips in the order in which they are in space: no camera is turned by a quarter."""
-    wanted, got = (np.subtract(*tips) for tips in (project(camera, view.ends), view.seen))
+    wanted, got = (np.subtract(*tips) for tips in (_project(camera, view.ends), view.seen))
     return view.seen if wanted @ got > 0 else view.seen[::-1]

@@ -15,7 +15,7 @@ from clothlab.experiments._runs import trained
 from clothlab.simulation.cloth import CLOTHS
 
 
-def run_one(model: int, weights: str = "torque") -> dict[str, Any]:
+def _run_one(model: int, weights: str = "torque") -> dict[str, Any]:
     """Leave-one-cloth-out R² of the log material constants from the trained p of one training."""
     biases = trained(f"{weights}-{model}").biases
     readout = MaterialReadout.fit(biases, {name: CLOTHS[name] for name in biases})
@@ -27,15 +27,15 @@ def run_one(model: int, weights: str = "torque") -> dict[str, Any]:
     }
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """R² of each constant."""
     table = tables["self_organisation"]
     ratio = f"of their ratio {table['ratio_r2'].mean():.2f} ± {table['ratio_r2'].std(ddof=0):.2f}"
     return [
         Row(
-            key=f"self_organisation/{name}",
-            label=f"log {name} from p, leave one cloth out: R²",
-            value=values.mean(),
+            f"self_organisation/{name}",
+            f"log {name} from p, leave one cloth out: R²",
+            values.mean(),
             spread=values.std(),
             paper=paper,
             above=0.5,
@@ -48,6 +48,5 @@ def rows(tables: Tables) -> list[Row]:
     ]
 
 
-SELF_ORGANISATION = Experiment(
-    "self_organisation", run_one, over(model=range(5)), seconds=1, paper={"weights": "torque-paper"}, rows=rows
-)
+_PAPER = {"weights": "torque-paper"}
+EXPERIMENTS = (Experiment("self_organisation", _run_one, over(model=range(5)), seconds=1, paper=_PAPER, rows=_rows),)

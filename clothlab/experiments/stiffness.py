@@ -15,7 +15,7 @@ from clothlab import artifacts
 from clothlab.analysis import bias_error, empty_distance, median_best, nearest_material, success_rate, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import RECORDINGS, estimate_at_random, new_trial, random_trial, trained
+from clothlab.experiments._runs import EVALUATION, RECORDINGS, estimate_at_random, new_trial, random_trial, trained
 from clothlab.experiments.motion import replay
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.estimation import estimate_bias
@@ -27,26 +27,14 @@ from clothlab.trials import Trial
 ARM = MuscleArm()
 POSTURE = (0.0, -np.pi / 2)  # of the ellipses [rad]: elbow at 90 degrees, as in the paper
 TENSIONS = (10.0, 30.0, 50.0, 70.0)  # of the ellipses [N]
-SPRINGS = {  # the second is as stiff as the first at about 30 N
-    "nonlinear": ARM,
-    "linear": replace(ARM, spring_linear=5000.0, spring_cubic=0.0),
-}
-EVALUATION = "muscle-evaluation"  # recorded, never trained on
+_SPRINGS = {"nonlinear": ARM, "linear": replace(ARM, spring_linear=5000.0, spring_cubic=0.0)}  # as stiff at about 30 N
 ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
 HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
-CORRECT, WRONG, FIXED, WARM, RANDOM = (
-    "Correct",
-    "Wrong",
-    "Correct w/o stiffness",
-    "Correct, warm start only",  # the others also try recorded commands at the start of each period
-    "Random",
-)
-CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
-PAPERS = (CORRECT, WRONG, FIXED, RANDOM)  # those of them that the paper has
+CORRECT, WRONG, FIXED, RANDOM = PAPERS = ("Correct", "Wrong", "Correct w/o stiffness", "Random")  # the paper's
+WARM = "Correct, warm start only"  # the others also try recorded commands at the start of each period
+_CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}  # sign of Correct minus another
-FIXED_TENSION = 10.0  # the paper's "w/o stiffness" [N]
-THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
-SPEED_STEPS = 100  # 20 s, in which the hand's peak speed is looked for
+_THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
 VARIANTS: dict[str, dict[str, Any]] = {  # what the hand's speed may depend on, and the paper does not publish
     "as assumed": {},
     "motor speed 0.05 m/s": {"motor_speed": 0.05},
@@ -56,16 +44,16 @@ VARIANTS: dict[str, dict[str, Any]] = {  # what the hand's speed may depend on, 
 }
 
 
-def push(spring: str, f_const: float) -> dict[str, Any]:
+def _push(spring: str, f_const: float) -> dict[str, Any]:
     """Stiffness ellipse of the hand at a co-contraction [N]: area [m²] for a push of 1 N, semi-axes [m]."""
-    displacements = stiffness_ellipse(SPRINGS[spring], POSTURE, f_const)
+    displacements = stiffness_ellipse(_SPRINGS[spring], POSTURE, f_const)
     axes = np.linalg.svd(displacements, compute_uv=False) * np.sqrt(2 / len(displacements))
     return {"area": ellipse_area(displacements), "semi_axes": axes}
 
 
-def estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[str, Any]:
+def _estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[str, Any]:
     """Estimate p from a recorded trial that the training has not seen, by its number."""
-    learned, trial = trained(f"{weights}-{model}"), artifacts.load_trials(EVALUATION)[number]
+    learned, trial = trained(f"{weights}-{model}"), artifacts.load_trials(EVALUATION["muscle"])[number]
     p, _ = estimate_bias(learned.model, learned.sequences(trial))
     return {
         "cloth": trial.cloth.name,
@@ -75,26 +63,29 @@ def estimate_recorded(model: int, number: int, weights: str = "muscle") -> dict[
     }
 
 
-def estimate_moved(cloth: str, model: int, weights: str = "muscle", steps: int = 150) -> dict[str, Any]:
+def _estimate_moved(cloth: str, model: int, weights: str = "muscle", steps: int = 150) -> dict[str, Any]:
     """Estimate p of a foam from 0 while it is moved at random, 30 s."""
     learned = trained(f"{weights}-{model}")
-    seed = 16000 + 100 * model + ESTIMATED.index(cloth)
-    p, trace = estimate_at_random(learned, cloth, steps, seed)
+    p, trace = estimate_at_random(learned, cloth, steps, 16000 + 100 * model + ESTIMATED.index(cloth))
     first, last = (learned.biases[ESTIMATED[end]] for end in (0, -1))
     # Where the last p lies from hard-1 (0) to hard-3 (1).
     return {"trace": trace.round(4), "place": float((p - first) @ (last - first) / ((last - first) @ (last - first)))}
 
 
-def control_one(
+def _control_one(
     condition: str,
     cloth: str,
     model: int,
     weights: str = "muscle",
     steps: int = 125,
-    fixed_tension: float = FIXED_TENSION,
-    speed_steps: int = SPEED_STEPS,
+    fixed_tension: float = 10.0,
+    speed_steps: int = 100,
 ) -> dict[str, Any]:
-    """Distances to the target, commands and the arm's motion under one of the paper's conditions; 25 s."""
+    """Distances to the target, commands and the arm's motion under one of the paper's conditions; 25 s.
+
+    The paper's "w/o stiffness" is a `fixed_tension` [N]; the hand's peak speed is looked for in the first
+    `speed_steps`, 20 s.
+    """
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target("muscle")
     if condition == RANDOM:
         trial = random_trial(learned.arm.name, cloth, steps, 17000 + model)
@@ -105,7 +96,7 @@ def control_one(
     return {
         "empty": empty_distance(learned.autoencoder, mask),
         "distance": distance.round(4),  # [T] [s.d. of z]; the first is that of the foam hanging still
-        "rate": float(success_rate(distance, [THRESHOLD])[0]),
+        "rate": float(success_rate(distance, [_THRESHOLD])[0]),
         # For each of VARIANTS [m/s].
         "peak_hand_speed": [
             float(replay(trial[:speed_steps], arm=replace(ARM, **change)).hand_speed.max())
@@ -150,15 +141,15 @@ def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
     return {f"estimate of {get_cloth(str(cloth)).label}": np.pad(trace, ((1, 0), (0, 0))) for cloth, trace in found}
 
 
-def push_rows(tables: Tables) -> list[Row]:
+def _push_rows(tables: Tables) -> list[Row]:
     """How much co-contraction changes the stiffness."""
     areas = tables["stiffness_ellipse"].pivot(index="spring", columns="f_const", values="area")
     nonlinear, linear = areas.loc["nonlinear"], areas.loc["linear"]
     return [
         Row(
-            key="stiffness_ellipse",
-            label="stiffness ellipse: area at 10 N over that at 70 N",
-            value=nonlinear[10] / nonlinear[70],
+            "stiffness_ellipse",
+            "stiffness ellipse: area at 10 N over that at 70 N",
+            nonlinear[10] / nonlinear[70],
             paper="changes greatly",
             above=2,
             at_least=5,
@@ -167,55 +158,40 @@ def push_rows(tables: Tables) -> list[Row]:
     ]
 
 
-def recorded_rows(tables: Tables) -> list[Row]:
+def _recorded_rows(tables: Tables) -> list[Row]:
     """How often the nearest trained p is that of the foam in the hand."""
     table = tables["foam_recorded"]
-    return [
-        Row(
-            key="foam_recorded",
-            label="foams, recordings not trained on: the nearest trained p is the right one",
-            value=100 * (table["nearest"] == table["cloth"]).mean(),
-            unit=" %",
-            at_least=80,
-        )
-    ]
+    label = "foams, recordings not trained on: the nearest trained p is the right one"
+    return [Row("foam_recorded", label, 100 * (table["nearest"] == table["cloth"]).mean(), " %", at_least=80)]
 
 
-def moved_rows(tables: Tables) -> list[Row]:
+def _moved_rows(tables: Tables) -> list[Row]:
     """Whether a foam that was never trained on lies where it belongs."""
     places = tables["foam_estimation"].query("cloth == 'hard-2'")["place"]
-    return [
-        Row(
-            key="foam_estimation",
-            label=f"hard-2, never trained on, lies between hard-1 and hard-3: trainings of {len(places)}",
-            value=places.between(0, 1, inclusive="neither").sum(),
-            paper="yes",
-            above=len(places) / 2,
-            at_least=4 / 5 * len(places),
-        )
-    ]
+    label = f"hard-2, never trained on, lies between hard-1 and hard-3: trainings of {len(places)}"
+    count, most = places.between(0, 1, inclusive="neither").sum(), len(places)
+    return [Row("foam_estimation", label, count, paper="yes", above=most / 2, at_least=4 / 5 * most)]
 
 
-def control_rows(tables: Tables) -> list[Row]:
+def _control_rows(tables: Tables) -> list[Row]:
     """Distance and success rate under each condition, and the gain in hand speed, for each foam."""
-    table = tables["foam_control"]
-    return [row for cloth, runs in table.groupby("cloth", sort=False) for row in _foam(str(cloth), runs)]
+    return [row for cloth, runs in tables["foam_control"].groupby("cloth", sort=False) for row in _foam(cloth, runs)]
 
 
-def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
+def _foam(cloth: Any, runs: pd.DataFrame) -> list[Row]:
     by_condition = dict([*runs.groupby("condition", sort=False)])
     correct, random = (median_best(by_condition[name]["distance"]) for name in (CORRECT, RANDOM))
     first = by_condition[CORRECT].iloc[0]
-    rates = {name: 100 * by_condition[name]["rate"] for name in CONDITIONS}
-    others = "; ".join(f"{name} {rates[name].mean():.2f} ± {rates[name].std(ddof=0):.2f}" for name in CONDITIONS[1:])
+    rates = {name: 100 * by_condition[name]["rate"] for name in _CONDITIONS}
+    others = "; ".join(f"{name} {rates[name].mean():.2f} ± {rates[name].std(ddof=0):.2f}" for name in _CONDITIONS[1:])
     free, fixed = (np.array([*by_condition[name]["peak_hand_speed"]]) for name in (CORRECT, FIXED))
     gain = 100 * (free.mean(axis=0) / fixed.mean(axis=0) - 1)
     speeds = " / ".join(f"{speed[:, 0].mean():.2f} ± {speed[:, 0].std():.2f}" for speed in (free, fixed))
     return [
         Row(
-            key=f"foam_control/{cloth}/distance",
-            label=f"foam {cloth}: best distance a period, median, Correct over Random",
-            value=correct / random,
+            f"foam_control/{cloth}/distance",
+            f"foam {cloth}: best distance a period, median, Correct over Random",
+            correct / random,
             paper="Correct better",
             below=1,
             at_most=0.4,
@@ -223,49 +199,33 @@ def _foam(cloth: str, runs: pd.DataFrame) -> list[Row]:
             f"empty image {first['empty']:.2f}",
         ),
         Row(
-            key=f"foam_control/{cloth}/rate",
-            label=f"foam {cloth}, Correct: steps nearer than {THRESHOLD}",
-            value=rates[CORRECT].mean(),
-            unit=" %",
+            f"foam_control/{cloth}/rate",
+            f"foam {cloth}, Correct: steps nearer than {_THRESHOLD}",
+            rates[CORRECT].mean(),
+            " %",
             spread=rates[CORRECT].std(ddof=0),
             paper="higher than all others",
             note=others,
         ),
         Row(
-            key=f"foam_control/{cloth}/speed",
-            label=f"foam {cloth}: gain in peak hand speed by optimised stiffness over {FIXED_TENSION:.0f} N",
-            value=gain[0],
-            unit=" %",
+            f"foam_control/{cloth}/speed",
+            f"foam {cloth}: gain in peak hand speed by optimised stiffness over 10 N",
+            gain[0],
+            " %",
             paper="+12 %",
             note=f"{speeds} m/s; {gain.min():.0f} to {gain.max():.0f} % with other motors and friction",
         ),
     ]
 
 
-PAPER_SIZES = {"weights": "muscle-paper"}
-MODELS = range(5)
-ELLIPSE = Experiment("stiffness_ellipse", push, over(spring=SPRINGS, f_const=TENSIONS), seconds=2, rows=push_rows)
-FOAM_RECORDED = Experiment(
-    "foam_recorded",
-    estimate_recorded,
-    over(model=MODELS, number=range(8)),  # as many as EVALUATION has
-    seconds=7,
-    paper=PAPER_SIZES,
-    rows=recorded_rows,
-)
-FOAM_ESTIMATION = Experiment(
-    "foam_estimation",
-    estimate_moved,
-    over(cloth=ESTIMATED, model=MODELS),
-    seconds=4,
-    paper=PAPER_SIZES,
-    rows=moved_rows,
-)
-FOAM_CONTROL = Experiment(
-    "foam_control",
-    control_one,
-    over(condition=CONDITIONS, cloth=HELD, model=MODELS),
-    seconds=9,
-    paper=PAPER_SIZES,
-    rows=control_rows,
+_PAPER, _MODELS = {"weights": "muscle-paper"}, range(5)
+_ELLIPSES = over(spring=_SPRINGS, f_const=TENSIONS)
+_RECORDED = over(model=_MODELS, number=range(8))  # as many as the evaluation has
+_MOVED = over(cloth=ESTIMATED, model=_MODELS)
+_CONTROLLED = over(condition=_CONDITIONS, cloth=HELD, model=_MODELS)
+EXPERIMENTS = (
+    Experiment("stiffness_ellipse", _push, _ELLIPSES, seconds=2, rows=_push_rows),
+    Experiment("foam_recorded", _estimate_recorded, _RECORDED, seconds=7, paper=_PAPER, rows=_recorded_rows),
+    Experiment("foam_estimation", _estimate_moved, _MOVED, seconds=4, paper=_PAPER, rows=_moved_rows),
+    Experiment("foam_control", _control_one, _CONTROLLED, seconds=9, paper=_PAPER, rows=_control_rows),
 )

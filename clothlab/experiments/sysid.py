@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -23,9 +23,9 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 
 MIDDLE = np.log([DAMPINGS[0] * DAMPINGS[-1], MASSES[0] * MASSES[-1]]) / 2  # of the trained range
-WARMUP, BATCH = 10, 36  # steps of a run that say too little of its cloth, and runs in each batch of a training
+_WARMUP, _BATCH = 10, 36  # steps of a run that say too little of its cloth, and runs in each batch of a training
 
-Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (log C_damp, log C_mass), commands → states
+_Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (log C_damp, log C_mass), commands → states
 
 
 def logs(cloth: Cloth) -> np.ndarray:
@@ -34,27 +34,24 @@ def logs(cloth: Cloth) -> np.ndarray:
 
 
 @contextmanager
-def simulator(arm: Arm, autoencoder: Autoencoder, cloth: Cloth | None = None) -> Iterator[Simulate]:
+def simulator(arm: Arm, autoencoder: Autoencoder, cloth: Cloth | None = None) -> Iterator[_Simulate]:
     """The simulation as a function from (log C_damp, log C_mass) and commands `[T, D_u]` to states `[T, D_s]`.
 
     All other constants are those of `cloth`, which hangs still at the beginning.
     """
     cloth = cloth or Cloth("simulated")
-    env = ClothEnv(arm, cloth)
+    with closing(ClothEnv(arm, cloth)) as env:
 
-    def simulate(constants: np.ndarray, u: np.ndarray) -> np.ndarray:
-        damping, mass = np.exp(constants)
-        env.hold(replace(cloth, damping=damping, mass=mass))
-        return to_sequences(autoencoder, rollout(env, ReplayPolicy(u), len(u))).s
+        def simulate(constants: np.ndarray, u: np.ndarray) -> np.ndarray:
+            damping, mass = np.exp(constants)
+            env.hold(replace(cloth, damping=damping, mass=mass))
+            return to_sequences(autoencoder, rollout(env, ReplayPolicy(u), len(u))).s
 
-    try:
         yield simulate
-    finally:
-        env.close()
 
 
 def fit_simulation(
-    simulate: Simulate, run: Sequences, scale: np.ndarray, *, reach: float = 3.0, cells: int = 7, **options: Any
+    simulate: _Simulate, run: Sequences, scale: np.ndarray, *, reach: float = 3.0, cells: int = 7, **options: Any
 ) -> np.ndarray:
     """Fit (log C_damp, log C_mass) `[2]` of a simulation to a run with `mujoco.sysid`; states are compared as sensed.
 
@@ -143,19 +140,11 @@ def train_regressor(
     hidden_size: int = 64,
     learning_rate: float = 3e-3,
 ) -> tuple[Regressor, np.ndarray]:
-    """Train a network on runs with cloths whose constants are known.
+    """Train a network on runs with cloths whose (log C_damp, log C_mass) are known, `{name: [2]}`.
 
-    Args:
-        runs: recorded runs, longer than the `WARMUP`.
-        constants: (log C_damp, log C_mass) of each material, `{name: [2]}`.
-        seed: of the random numbers.
-        updates: each with windows of some runs from random starts, after every step of which the network answers.
-        window: length of these [step].
-        hidden_size: of both layers.
-        learning_rate: at the start; it falls to zero along a cosine.
-
-    Returns:
-        The network, and the loss of each update `[updates]`: mean squared error in standard deviations of the labels.
+    In each update it answers after every step of `window` steps from a random place in some runs. The learning rate
+    falls to zero along a cosine. Besides the network: the loss of each update `[updates]`, mean squared error in
+    standard deviations of the labels.
     """
     labels = torch.as_tensor(np.array([choose("material", run.material, constants) for run in runs], np.float32))
     s, u = ([torch.as_tensor(getattr(run, name)) for run in runs] for name in ("s", "u"))
@@ -170,11 +159,11 @@ def train_regressor(
             starts = [int(torch.randint(len(runs[k]) - length + 1, ())) for k in index]
             pairs = [*zip(index.tolist(), starts, strict=True)]
             batch = (torch.stack([each[k][t : t + length] for k, t in pairs]) for each in (s, u))
-            answers = model(*batch)[:, WARMUP:]
+            answers = model(*batch)[:, _WARMUP:]
             return (((answers - labels[index][:, None]) / model.label_std) ** 2).mean()
 
         def batches() -> list[Tensor]:
-            return [torch.randperm(len(runs))[:BATCH]]
+            return [torch.randperm(len(runs))[:_BATCH]]
 
         losses = [*fit(model.parameters(), loss, batches, updates, learning_rate, fused=False)]
     return model.eval().requires_grad_(False), np.array(losses)

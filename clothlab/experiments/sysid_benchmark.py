@@ -25,28 +25,28 @@ from clothlab.learning.estimation import EstimationSettings, NewtonSettings, est
 from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 
-ARM = "torque"
-OUTSIDE = {  # the trained range, by a factor of 1.5
+_ARM = "torque"
+_OUTSIDE = {  # the trained range, by a factor of 1.5
     "outside-light": Cloth("outside-light", damping=DAMPINGS[0] / 1.5, mass=MASSES[0] / 1.5),
     "outside-heavy": Cloth("outside-heavy", damping=DAMPINGS[-1] * 1.5, mass=MASSES[-1] * 1.5),
 }
-GROUPS = {"trained": CLOTHS, "between": BETWEEN, "outside": OUTSIDE}
-ALL = CLOTHS | BETWEEN | OUTSIDE
-ROUGH = Cloth("rough", stiffness=0.7 * Cloth.stiffness, bending=1.5 * Cloth.bending)
+_GROUPS = {"trained": CLOTHS, "between": BETWEEN, "outside": _OUTSIDE}
+_ALL = CLOTHS | BETWEEN | _OUTSIDE
+_ROUGH = Cloth("rough", stiffness=0.7 * Cloth.stiffness, bending=1.5 * Cloth.bending)
 
-Identify = Callable[[Sequences], np.ndarray]  # a run → (log C_damp, log C_mass)
+_Identify = Callable[[Sequences], np.ndarray]  # a run → (log C_damp, log C_mass)
 
 
-def _by_p(model: int, rule: EstimationSettings | NewtonSettings | None = None) -> Identify:
+def _by_p(model: int, rule: EstimationSettings | NewtonSettings | None = None) -> _Identify:
     """p, estimated online from 0, and read off by a smooth map fitted to the trained cloths."""
-    learned, rule = trained(f"{ARM}-{model}"), rule or NewtonSettings()
+    learned, rule = trained(f"{_ARM}-{model}"), rule or NewtonSettings()
     readout = MaterialReadout.fit(learned.biases, CLOTHS)
     return lambda run: np.log(readout(estimate_bias(learned.model, run, settings=rule)[0]))
 
 
-def _by_fit(model: int, cloth: Cloth | None = None) -> Identify:
+def _by_fit(model: int, cloth: Cloth | None = None) -> _Identify:
     """The simulation, fitted to the same states that the model sees, each in its standard deviation."""
-    learned = trained(f"{ARM}-{model}")
+    learned = trained(f"{_ARM}-{model}")
 
     def identify(run: Sequences) -> np.ndarray:
         with simulator(learned.arm, learned.autoencoder, cloth) as simulate:
@@ -59,14 +59,14 @@ def _by_fit(model: int, cloth: Cloth | None = None) -> Identify:
 def _network(model: int) -> Regressor:
     """A network trained on the same recordings as the model and the constants of their cloths."""
     constants = {name: logs(cloth) for name, cloth in CLOTHS.items()}
-    return train_regressor(recorded_runs(trained(f"{ARM}-{model}")), constants, seed=model)[0]
+    return train_regressor(recorded_runs(trained(f"{_ARM}-{model}")), constants, seed=model)[0]
 
 
-METHODS: dict[str, Callable[[int], Identify]] = {  # by the number of a training
+_METHODS: dict[str, Callable[[int], _Identify]] = {  # by the number of a training
     "p": _by_p,
     "p by momentum": partial(_by_p, rule=EstimationSettings()),
     "sysid": _by_fit,
-    "sysid-rough": partial(_by_fit, cloth=ROUGH),
+    "sysid-rough": partial(_by_fit, cloth=_ROUGH),
     "network": lambda model: _network(model).identify,
 }
 
@@ -74,19 +74,19 @@ METHODS: dict[str, Callable[[int], Identify]] = {  # by the number of a training
 @lru_cache(maxsize=2)
 def _sensed(cloth: str, model: int, steps: int) -> Sequences:
     """A run with random commands, the same for all methods, without the name of the cloth."""
-    seed = 31_000 + 100 * model + [*ALL].index(cloth)
-    run = trained(f"{ARM}-{model}").sequences(random_trial(ARM, ALL[cloth], steps, seed))
+    seed = 31_000 + 100 * model + [*_ALL].index(cloth)
+    run = trained(f"{_ARM}-{model}").sequences(random_trial(_ARM, _ALL[cloth], steps, seed))
     return replace(run, material="unknown")
 
 
-def run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, Any]:
+def _run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, Any]:
     """Errors of log C_damp and log C_mass after an eighth, a quarter, half and all of a run `[4, 2]`."""
-    identify, run = METHODS[method](model), _sensed(cloth, model, steps)
+    identify, run = _METHODS[method](model), _sensed(cloth, model, steps)
     counts = steps // np.array([8, 4, 2, 1])
     return {
-        "group": next(group for group, cloths in GROUPS.items() if cloth in cloths),
+        "group": next(group for group, cloths in _GROUPS.items() if cloth in cloths),
         "time": counts * CONTROL_PERIOD,
-        "error": np.array([identify(run[:count]) - logs(ALL[cloth]) for count in counts]).round(5),
+        "error": np.array([identify(run[:count]) - logs(_ALL[cloth]) for count in counts]).round(5),
     }
 
 
@@ -103,13 +103,13 @@ def over_bound(table: pd.DataFrame, identifiability: pd.DataFrame, sensors: str,
     return ratios[~np.isnan(ratios)]
 
 
-def cases(**sizes: Any) -> list[Case]:
+def _cases(**sizes: Any) -> list[Case]:
     """Every cloth with every training by every method; fitting a simulation takes minutes, and has one training."""
-    every = over(cloth=ALL, model=range(5), method=METHODS)(**sizes)
+    every = over(cloth=_ALL, model=range(5), method=_METHODS)(**sizes)
     return [case for case in every if case["model"] == 0 or not case["method"].startswith("sysid")]
 
 
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """How far p is from the bound, and how the methods compare."""
     table, ratio, found = tables["sysid_benchmark"], "C_damp / C_mass", []
     start, *_, end = table["time"].iloc[0]
@@ -117,13 +117,13 @@ def rows(tables: Tables) -> list[Row]:
     for sensors, observer in observers.items():
         value = np.median(over_bound(table[table.method == "p"], tables["identifiability"], sensors, ratio))
         label = f"p after {end:g} s: error of {ratio} over the Cramér-Rao bound {observer}, median"
-        found.append(Row(key=f"sysid_benchmark/over-bound/{sensors}", label=label, value=float(value), at_most=3))
+        found.append(Row(f"sysid_benchmark/over-bound/{sensors}", label, float(value), at_most=3))
     for method in ("p", "sysid", "network"):
         runs = table[(table.group == "trained") & (table.method == method)]
         early, late = 100 * np.median(errors(runs, ratio)[:, [0, -1]], axis=0)
         label, note = f"{method}: median error of {ratio} after {end:g} s", f"{early:.1f} % after {start:g} s"
-        found.append(Row(key=f"sysid_benchmark/{method}", label=label, value=late, unit=" %", note=note))
+        found.append(Row(f"sysid_benchmark/{method}", label, late, " %", note=note))
     return found
 
 
-BENCHMARK = Experiment("sysid_benchmark", run_one, cases, seconds=30, slow=True, rows=rows)
+EXPERIMENTS = (Experiment("sysid_benchmark", _run_one, _cases, seconds=30, slow=True, rows=_rows),)

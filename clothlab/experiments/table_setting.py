@@ -38,11 +38,11 @@ from clothlab.table_scene.throwing import ExcitationPolicy, OperatorThrow, Throw
 from clothlab.trials import rollout
 
 FIRST_SEED = 500_000
-FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")
-PLACES = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50)  # [m] of the table's edge ahead of the shoulder
 MARGINS = tuple(round(0.09 + 0.005 * k, 3) for k in range(25))  # [m] of slow laying
-BORDER_THROWS = 200  # of an operator who knows nothing of where the table is
-CHOOSING, JUDGING = 3, 20  # starts by which the best margin and the best throw are chosen, and others that judge them
+_FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")
+_PLACES = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50)  # [m] of the table's edge ahead of the shoulder
+_BORDER_THROWS = 200  # of an operator who knows nothing of where the table is
+_CHOOSING, _JUDGING = 3, 20  # starts by which the best margin and the best throw are chosen, and others that judge them
 
 _Notes = dict[str, Any]  # columns that only some methods fill
 
@@ -64,69 +64,51 @@ def _slow(learned: Trained, driver: RobotDriver) -> _Notes:
 
 
 def _best_recorded(learned: Trained, driver: RobotDriver) -> _Notes:
-    commands = best_recorded(learned, driver.env.cloth.name)
+    commands = _commands_of_best(learned, driver.env.cloth.name)
     throw(driver, ReplayPolicy(commands), len(commands))
     return {}
 
 
-METHODS = {"dynamic": _dynamic, "slow": _slow, "best recorded": _best_recorded}
+_METHODS = {"dynamic": _dynamic, "slow": _slow, "best recorded": _best_recorded}
 
 
-def best_recorded(learned: Trained, foam: str) -> np.ndarray:
-    """Commands `[T, D_u]` of the recorded throw after which a foam lay nearest to the target, mean of its trials.
-
-    Raises:
-        ValueError: none of them spread this foam.
-    """
+def _commands_of_best(learned: Trained, foam: str) -> np.ndarray:
+    """Commands `[T, D_u]` of the recorded throw after which a foam lay nearest to the target, mean of its trials."""
     steps, z_ref = ThrowSettings.steps, encode(learned.autoencoder, spread_target(foam))
-    distances = dict[bytes, list[float]]()
     runs = [run for run in successful_throws(learned) if run.material == foam]
-    if not runs:
-        raise ValueError(f"no recorded throw spread {foam}")
+    distances = dict[bytes, list[float]]()
     for run in runs:
         distances.setdefault(run.u.tobytes(), []).append(float(np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref)))
     nearest = min(distances, key=lambda u: np.mean(distances[u]))
     return next(run.u[:steps] for run in runs if run.u.tobytes() == nearest).astype(np.float64)
 
 
-def run_one(method: str, model: int, seed: int) -> dict[str, Any]:
-    """Set the table once.
-
-    Args:
-        method: one of `METHODS`, by which the cloth is spread.
-        model: seed of the training.
-        seed: where rack and basket stand.
-
-    Returns:
-        The phase that `failed` and its `cause`, empty where the robot noticed nothing; whether the cloth was `grasped`,
-        `seen` as spread, `spread`, and the basket `placed`; `flat`, `area` and `angle` [degree] as `ClothPose` has
-        them; `tilt` [degree] of the basket, how far it is `off_centre` [m], and how far the cloth was `dragged` [m]. Of
-        a throw: the `foam` whose p is nearest to the estimate `bias`, and the distances that were `expected` when each
-        attempt began, and `before_release` [s.d. of z].
-    """
-    spread, learned, notes = choose("method", method, METHODS), trained(f"table-{model}"), _Notes()
+def _run_one(method: str, model: int, seed: int) -> dict[str, Any]:
+    """Set the table once, with the cloth spread by one of the methods; rack and basket stand where the seed says."""
+    spread, learned, notes = choose("method", method, _METHODS), trained(f"table-{model}"), _Notes()
     outcome = run_task(lambda driver: notes.update(spread(learned, driver)), seed)
     pose, stands = outcome.pose, outcome.placement
     return {
-        "failed": outcome.failed,
+        "failed": outcome.failed,  # the phase, empty where the robot noticed nothing
         "cause": outcome.cause,
         "grasped": outcome.grasped,
-        "seen": outcome.seen is not None,
+        "seen": outcome.seen is not None,  # as spread
         "spread": outcome.spread,
         "flat": round(pose.flat, 3) if pose else 0.0,
         "area": round(pose.area, 3) if pose else 0.0,
-        "angle": round(pose.angle, 1) if pose else 0.0,
-        "placed": outcome.placed,
-        "tilt": round(stands.tilt, 2) if stands else None,
-        "off_centre": round(stands.off_centre, 4) if stands else None,
-        "dragged": round(outcome.dragged, 4) if outcome.dragged is not None else None,
+        "angle": round(pose.angle, 1) if pose else 0.0,  # [degree]
+        "placed": outcome.placed,  # the basket
+        "tilt": round(stands.tilt, 2) if stands else None,  # of the basket [degree]
+        "off_centre": round(stands.off_centre, 4) if stands else None,  # [m]
+        "dragged": round(outcome.dragged, 4) if outcome.dragged is not None else None,  # the cloth [m]
+        # Of a throw: the foam whose p is nearest to the estimate, and distances when each attempt began [s.d. of z].
         **({"foam": "", "bias": [], "expected": [], "before_release": []} | notes),
         "steps": outcome.steps,
     }
 
 
-def cases(
-    method: str | Iterable[str] = tuple(METHODS), model: int | Iterable[int] = range(5), episodes: int = 50
+def _cases(
+    method: str | Iterable[str] = tuple(_METHODS), model: int | Iterable[int] = range(5), episodes: int = 50
 ) -> list[Case]:
     """The same episodes for every method; the trainings take turns."""
     trainings = grid(model=model)
@@ -134,7 +116,7 @@ def cases(
     return [each | turn for turn in turns for each in grid(method=method)]
 
 
-def run_material(foam: str, model: int, repeat: int) -> dict[str, Any]:
+def _run_material(foam: str, model: int, repeat: int) -> dict[str, Any]:
     """Excite a foam in the hand, whose hold and rest before are drawn, and estimate its p: `nearest` trained p."""
     learned = trained(f"table-{model}")
     with closing(TableEnv(ARM, foam, start_in="hand")) as env:
@@ -143,15 +125,15 @@ def run_material(foam: str, model: int, repeat: int) -> dict[str, Any]:
     return {"nearest": nearest_material(p, learned.biases), "bias": p.round(4)}
 
 
-def run_border(foam: str, near: float) -> dict[str, Any]:
+def _run_border(foam: str, near: float) -> dict[str, Any]:
     """Slow laying and an operator's throws on a table whose edge is `near` [m], each the best of many.
 
     Neither has a model or a camera. A few starts choose the best of them, and others judge it.
 
     Returns:
-        `slow`: from which of the first starts each margin spread the cloth `[margins, CHOOSING]`; `thrown`: whether
-        each throw did, from the very first start `[BORDER_THROWS]`; `best_slow` and `best_thrown`: from which of the
-        other starts the best of them did `[JUDGING]`.
+        `slow`: from which of the first starts each margin spread the cloth `[margins, _CHOOSING]`; `thrown`: whether
+        each throw did, from the very first start `[_BORDER_THROWS]`; `best_slow` and `best_thrown`: from which of the
+        other starts the best of them did `[_JUDGING]`.
     """
     with closing(TableEnv(ARM, foam, start_in="hand", furniture=Furniture(near=near))) as env:
 
@@ -176,11 +158,11 @@ def run_border(foam: str, near: float) -> dict[str, Any]:
         def from_starts(attempt: Callable[[], None], starts: range) -> np.ndarray:
             return np.array([spreads(attempt, start) for start in starts])
 
-        choosing, judging = range(CHOOSING), range(CHOOSING, CHOOSING + JUDGING)
+        choosing, judging = range(_CHOOSING), range(_CHOOSING, _CHOOSING + _JUDGING)
         slow = np.array([from_starts(partial(lays, margin), choosing) for margin in MARGINS])
         best_slow = from_starts(partial(lays, MARGINS[middle_of_best(slow)]), judging)
-        thrown = np.array([spreads(partial(throws, number), 0) for number in range(BORDER_THROWS)])
-        best_thrown = np.zeros(JUDGING, bool)
+        thrown = np.array([spreads(partial(throws, number), 0) for number in range(_BORDER_THROWS)])
+        best_thrown = np.zeros(_JUDGING, bool)
         if thrown.any():
             worked = np.flatnonzero(thrown).tolist()
             again = np.array([from_starts(partial(throws, number), choosing) for number in worked])
@@ -201,38 +183,34 @@ def difference(runs: pd.DataFrame, first: str, second: str) -> tuple[float, floa
     return difference_interval(np.stack(by_model))
 
 
-def rows(tables: Tables) -> list[Row]:
-    """Of throws each part of the task; of all methods how often the cloth is spread; and the foam in the hand."""
+def _rows(tables: Tables) -> list[Row]:
+    """Of throws each part of the task; how often the cloth is spread slowly; and the foam in the hand."""
     runs, materials = tables["table_setting"], tables["table_setting_material"]
-    dynamic = runs[runs["method"] == "dynamic"]
-    parts = {
-        "grasped": ("cloth grasped", dynamic["grasped"], 96),
-        "spread": ("cloth spread by a throw", dynamic["spread"], 80),
-        "placed": ("basket placed, given a spread cloth", dynamic.loc[dynamic["spread"], "placed"], 90),
-        "success": ("table set, the whole run", dynamic["spread"] & dynamic["placed"], 70),
-    }
-    found = [
-        _rate(f"table_setting/{key}", label, held, paper="in one run", above=50, at_least=least)
-        for key, (label, held, least) in parts.items()
-    ]
-    for method in runs.loc[runs["method"] != "dynamic", "method"].unique():
-        spread = runs.loc[runs["method"] == method, "spread"]
-        found.append(_rate(f"table_setting/spread/{method}", f"cloth spread, {method}", spread))
+    dynamic, slow = (runs[runs["method"] == name] for name in ("dynamic", "slow"))
+    success = dynamic["spread"] & dynamic["placed"]
     mean, low, high = (100 * each for each in difference(runs, "dynamic", "slow"))
-    label = "cloth spread: by a throw minus slowly"
-    found.append(Row(key="table_setting/difference", label=label, value=mean, unit=" %", interval=(low, high)))
-    label = f"p after the first swing: nearest of {materials['foam'].nunique()} foams is the right one"
+    over_slow = "cloth spread: by a throw minus slowly"
     right = materials["nearest"] == materials["foam"]
-    return [*found, _rate("table_setting/material", label, right, at_least=75)]
+    foam = f"p after the first swing: nearest of {materials['foam'].nunique()} foams is the right one"
+    once: dict[str, Any] = {"paper": "in one run", "above": 50}
+    return [
+        _rate("table_setting/grasped", "cloth grasped", dynamic["grasped"], at_least=96, **once),
+        _rate("table_setting/spread", "cloth spread by a throw", dynamic["spread"], at_least=80, **once),
+        _rate("table_setting/success", "table set, the whole run", success, at_least=70, **once),
+        _rate("table_setting/spread/slow", "cloth spread, slow", slow["spread"]),
+        Row("table_setting/difference", over_slow, mean, " %", interval=(low, high)),
+        _rate("table_setting/material", foam, right, at_least=75),
+    ]
 
 
 def _rate(key: str, label: str, held: pd.Series, **about: Any) -> Row:
     rate, low, high = (100 * each for each in rate_interval(held))
-    return Row(key=key, label=f"{label}, of {len(held)}", value=rate, unit=" %", interval=(low, high), **about)
+    return Row(key, f"{label}, of {len(held)}", rate, " %", interval=(low, high), **about)
 
 
-TASK = Experiment("table_setting", run_one, cases, seconds=30, slow=True, rows=rows)
-MATERIAL = Experiment(
-    "table_setting_material", run_material, over(foam=FOAMS, model=range(5), repeat=range(5)), seconds=3
+_MATERIALS = over(foam=_FOAMS, model=range(5), repeat=range(5))
+EXPERIMENTS = (
+    Experiment("table_setting", _run_one, _cases, seconds=30, slow=True, rows=_rows),
+    Experiment("table_setting_material", _run_material, _MATERIALS, seconds=3),
+    Experiment("table_setting_border", _run_border, over(foam=_FOAMS, near=_PLACES), seconds=200, slow=True),
 )
-BORDER = Experiment("table_setting_border", run_border, over(foam=FOAMS, near=PLACES), seconds=200, slow=True)

@@ -1,7 +1,7 @@
 """The results as Markdown: all rows in `docs/results.md`, by question, and the chosen ones in the README."""
 
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 
@@ -27,17 +27,7 @@ README = (  # keys of the README's rows
     "table_setting/success",
     "table_setting/difference",
 )
-LEFT_OUT = {  # keys of rows that say little beyond their neighbours
-    "iterative_control/periods",
-    "sysid_benchmark/p by momentum",
-    "sysid_benchmark/sysid-rough",
-    "calibration_test/between",
-    "calibration_test/another size",
-    "camera_control/as it is/paper's controller",
-    "table_setting/placed",
-    "table_setting/spread/best recorded",
-}
-HERE, BESIDE = "here", "here, from the paper's amount of recordings"
+_HERE, _BESIDE = "here", "here, from the paper's amount of recordings"
 
 
 def stored(ending: str = "", *, data: Folder = None) -> Tables:
@@ -52,7 +42,7 @@ def questions(tables: Tables) -> dict[str, list[Row]]:
     for name in tables:
         if rows := EXPERIMENTS[name].rows:
             about = inspect.getdoc(inspect.getmodule(rows)) or ""
-            found.setdefault(about, []).extend(row for row in rows(tables) if row.key not in LEFT_OUT)
+            found.setdefault(about, []).extend(rows(tables))
     return found
 
 
@@ -62,9 +52,9 @@ def results(*, data: Folder = None) -> tuple[list[Row], dict[str, Row]]:
     return here, {row.key: row for row in papers}
 
 
-def in_readme(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
+def _in_readme(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
     """The README's table, with a verdict on what the paper says."""
-    by_key, lines = {row.key: row for row in rows}, [("", "paper", BESIDE, HERE, "what the paper says")]
+    by_key, lines = {row.key: row for row in rows}, [("", "paper", _BESIDE, _HERE, "what the paper says")]
     for row in (by_key[key] for key in README if key in by_key):
         papers = beside[row.key].figure if row.key in beside else ""
         lines.append((row.label, row.paper, papers, row.figure, row.verdict))
@@ -82,7 +72,7 @@ def in_docs(asked: Mapping[str, Iterable[Row]], beside: Mapping[str, Row]) -> st
 
 def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
     """Rows as Markdown, with those of the paper's amount of recordings, by key, beside them."""
-    lines = [("", "paper", BESIDE, HERE, "aim", "")]
+    lines = [("", "paper", _BESIDE, _HERE, "aim", "")]
     for row in rows:
         met = {True: "✓", False: "not met", None: ""}[row.met]
         lines.append((row.label, row.paper, beside[row.key].here if row.key in beside else "", row.here, row.aim, met))
@@ -90,32 +80,19 @@ def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
 
 
 def publish(folder: Path, *, data: Folder = None) -> list[Row]:
-    """Write the stored results into `README.md` and `docs/results.md` of a folder, between their marks.
-
-    Raises:
-        ValueError: a file without its marks.
-    """
+    """Write the stored results into `README.md` and `docs/results.md` of a folder, between their marks."""
     rows, beside = results(data=data)
-    texts = {"README.md": in_readme(rows, beside), "docs/results.md": in_docs(questions(stored(data=data)), beside)}
+    texts = {"README.md": _in_readme(rows, beside), "docs/results.md": in_docs(questions(stored(data=data)), beside)}
     for name, text in texts.items():
         path = folder / name
-        path.write_text(between_marks(path.read_text(), text))
+        before, mark, rest = path.read_text().partition("<!-- results -->")
+        _, end, after = rest.partition("<!-- /results -->")
+        if not mark or not end:
+            raise ValueError(f"{name} has no place for the results: <!-- results --> and <!-- /results -->")
+        path.write_text(f"{before}{mark}\n{text}\n{end}{after}")
     return rows
 
 
-def between_marks(document: str, text: str) -> str:
-    """The document with a text between `<!-- results -->` and `<!-- /results -->`.
-
-    Raises:
-        ValueError: there are no marks.
-    """
-    before, mark, rest = document.partition("<!-- results -->")
-    _, end, after = rest.partition("<!-- /results -->")
-    if not mark or not end:
-        raise ValueError("no place for the results: <!-- results --> and <!-- /results -->")
-    return f"{before}{mark}\n{text}\n{end}{after}"
-
-
-def _markdown(lines: Sequence[tuple[str, ...]]) -> str:
+def _markdown(lines: Iterable[tuple[str, ...]]) -> str:
     head, *body = lines
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, ("---",) * len(head), *body])

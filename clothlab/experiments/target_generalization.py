@@ -7,27 +7,22 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.experiments._grid import Case, Experiment, Tables
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import new_trial, random_trial, recorded_runs, trained
+from clothlab.experiments._runs import MIDDLE, new_trial, random_trial, recorded_runs, trained
 from clothlab.learning.autoencoder import iou
-from clothlab.simulation.cloth import cloth_name
 from clothlab.trials import Trial
 
-DRAWN_CLOTH = cloth_name(0.05, 0.10)  # in the hand where the target does not say which
 
-
-def run_one(target: str, model: int, seed: int, weights: str = "torque", steps: int = 248) -> dict[str, Any]:
+def _run_one(target: str, model: int, seed: int, weights: str = "torque", steps: int = 248) -> dict[str, Any]:
     """Iterative learning control beside random commands: best distance and IoU of each period but the first `[P]`."""
     learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
-    cloth = DRAWN_CLOTH if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
-    controlled = new_trial(
-        learned.iterative_controller(mask, cloth, recorded_runs(learned)), learned.arm, cloth, steps, seed
-    )
+    cloth = MIDDLE if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
+    policy = learned.iterative_controller(mask, cloth, recorded_runs(learned))
+    controlled = new_trial(policy, learned.arm, cloth, steps, seed)
     random = random_trial(learned.arm.name, cloth, steps, seed)
     distance, by_chance = (target_distance(learned.autoencoder, trial, mask) for trial in (controlled, random))
     return {
@@ -45,46 +40,26 @@ def _best_iou(trial: Trial, mask: np.ndarray) -> np.ndarray:
     return 1 - best_per_period(1 - iou(trial.images, mask))
 
 
-def cases(sets: Iterable[str] = ("held-out", "drawn"), first: int | None = None, **same: Any) -> list[Case]:
+def _cases(sets: Iterable[str] = ("held-out", "drawn"), first: int | None = None, **same: Any) -> list[Case]:
     """Every target of the sets, or the `first` of each; the five trainings take turns."""
     names = [name for each in sets for name in list(artifacts.load_targets(each))[:first]]
     return [{"target": name, "model": k % 5, "seed": 30_000 + k, **same} for k, name in enumerate(names)]
 
 
-def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """Add the target's set, and the last ten periods: over random commands (`ratio`), and IoU (`last_iou`)."""
-    return table.assign(
-        set=table["target"].str.partition("/")[0],
-        ratio=table["best"].map(late_median) / table["random"].map(np.median),
-        last_iou=table["iou"].map(late_median),
-    )
-
-
-def rows(tables: Tables) -> list[Row]:
+def _rows(tables: Tables) -> list[Row]:
     """Medians over targets."""
-    table = summary(tables["target_generalization"])
-    held_out, drawn = (table[table["set"] == name] for name in ("held-out", "drawn"))
-    label = f"{len(held_out)} held-out targets: distance, last ten periods, over random commands'"
+    table, name = tables["target_generalization"], "target_generalization"
+    drawn = table["target"].str.startswith("drawn/")
+    ratio = (table["best"].map(late_median) / table["random"].map(np.median))[~drawn]
+    overlap = table["iou"].map(late_median)[drawn]
+    label = f"{len(ratio)} held-out targets: distance, last ten periods, over random commands'"
+    shapes = f"{len(overlap)} drawn shapes: IoU of the best image of a period, last ten periods, median"
+    span = f"{overlap.min():.2f} to {overlap.max():.2f}"
     return [
-        Row(
-            key="target_generalization/held-out/median",
-            label=f"{label}, median",
-            value=float(held_out["ratio"].median()),
-            at_most=0.2,
-        ),
-        Row(
-            key="target_generalization/held-out/90",
-            label=f"{label}, 90th percentile",
-            value=float(held_out["ratio"].quantile(0.9)),
-            at_most=0.45,
-        ),
-        Row(
-            key="target_generalization/drawn/iou",
-            label=f"{len(drawn)} drawn shapes: IoU of the best image of a period, last ten periods, median",
-            value=float(drawn["last_iou"].median()),
-            note=f"{drawn['last_iou'].min():.2f} to {drawn['last_iou'].max():.2f}",
-        ),
+        Row(f"{name}/held-out/median", f"{label}, median", float(ratio.median()), at_most=0.2),
+        Row(f"{name}/held-out/90", f"{label}, 90th percentile", float(ratio.quantile(0.9)), at_most=0.45),
+        Row(f"{name}/drawn/iou", shapes, float(overlap.median()), note=span),
     ]
 
 
-TARGETS = Experiment("target_generalization", run_one, cases, seconds=120, slow=True, rows=rows)
+EXPERIMENTS = (Experiment("target_generalization", _run_one, _cases, seconds=120, slow=True, rows=_rows),)

@@ -58,7 +58,7 @@ def race(record):
     """Answers of all methods."""
     rows = []
     for run in record["runs"]:
-        assert run["seed"] == 31_000 + 100 * run["model"] + [*sysid_benchmark.ALL].index(run["cloth"])
+        assert run["seed"] == 31_000 + 100 * run["model"] + [*sysid_benchmark._ALL].index(run["cloth"])
         rows.append({key: run[key] for key in ("method", "cloth", "model", "error")})
         rows[-1]["time"] = [steps / 5 for steps in record["settings"]["steps"]]
     return {"sysid_benchmark": rows}
@@ -89,7 +89,7 @@ def uncertainty(record):
     """Calibrations; runs with the last of their estimates."""
     columns, rows = ("cloth", "model", "estimate", "bare", "covariance"), []
     for run in record["runs"]:
-        number = run["seed"] - 56_000 - 200 * run["model"] - [*calibration_test.ALL].index(run["cloth"])
+        number = run["seed"] - 56_000 - 200 * run["model"] - [*calibration_test._ALL].index(run["cloth"])
         assert number % 30 == 0
         biases = trained(f"torque-{run['model']}").biases
         last = {"nearest": nearest_material(run["newton"][-1], biases)}

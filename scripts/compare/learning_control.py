@@ -38,7 +38,7 @@ def practice(record):
         case = (*method(run["method"]), *TASKS[run["case"]], run["model"], repeat)
         found = {key: run[key] for key in ("seed", "still", "best", "hand_speed", "bias_ratio")}
         rows[case] = dict(zip(keys, case, strict=True)) | {"steps": 248} | found | {"predicted": run["promises"]}
-    order = [tuple(case[key] for key in keys) for case in ic.cases()]
+    order = [tuple(case[key] for key in keys) for case in ic._cases()]
     assert set(order) == set(rows)
     return {"iterative_control": [rows[case] for case in order]}
 
@@ -47,7 +47,7 @@ def limits(record):
     """Searches in the order of the cases, and speeds by seed."""
     keys = ("arm", "target", "cloth", "f_const", "remembers", "seed")
     rows = {tuple(run["case"][key] for key in keys): run for run in record["runs"]}
-    order = [tuple(case[key] for key in keys) for case in oracle.cases()]
+    order = [tuple(case[key] for key in keys) for case in oracle._cases()]
     assert set(order) == set(rows)
     found = [
         dict(zip(keys, case, strict=True))
@@ -74,7 +74,7 @@ def any_target(record):
     names |= {"practice_overlap": "iou", "random_overlap": "random_iou"}
     rows = [
         case | {"weights": "torque", "steps": 248, "cloth": run["cloth"]} | {names[key]: run[key] for key in names}
-        for case, run in zip(target_generalization.cases(), record["runs"], strict=True)
+        for case, run in zip(target_generalization._cases(), record["runs"], strict=True)
     ]
     assert [row["target"] for row in rows] == [run["target"] for run in record["runs"]]
     return {"target_generalization": rows}
