@@ -18,6 +18,7 @@ import resource
 import shutil
 import signal
 import socket
+import symtable
 import sys
 import tempfile
 from multiprocessing.connection import Connection
@@ -169,9 +170,19 @@ def _needed(name: str, nodes: list[ast.stmt]) -> set[str]:
     needed, new = set[str](), {name}
     while new:
         needed |= new
-        parts = [each for node in nodes if new & _names(node) for each in ast.walk(node)]
-        new = {each.id for each in parts if isinstance(each, ast.Name)} - needed
+        new = {each for node in nodes if new & _names(node) for each in _read(node)} - needed
     return needed
+
+
+def _read(node: ast.stmt) -> set[str]:
+    """The names that a statement reads from its notebook; its functions' own variables are none of them."""
+    top = symtable.symtable(ast.unparse(node), "cell", "exec")
+    read, tables = {each.get_name() for each in top.get_symbols() if each.is_referenced()}, top.get_children()
+    while tables:
+        table = tables.pop()
+        read |= {each.get_name() for each in table.get_symbols() if each.is_global()}
+        tables += table.get_children()
+    return read
 
 
 def confine(home: str, seconds: int, megabytes: int) -> None:
