@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
+EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
+SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS
+SITE := build/book$(if $(STUDENT),-student)
 
 .DEFAULT_GOAL := help
 .PHONY: help lab check budget test notebooks browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
@@ -44,7 +47,7 @@ test: doctor chromium check  ## check, slow tests, every notebook, the live lab 
 	$(BIN)/pytest -m book -rs --numprocesses=auto tests/book
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	$(BIN)/python scripts/make_editions.py --copies
+	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto build/small/*.ipynb
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
@@ -81,20 +84,26 @@ picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, aft
 demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes
 	$(BIN)/python scripts/make_demonstration.py
 
-editions: $(STAMP)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
-	$(BIN)/python scripts/make_editions.py
+$(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
+	$(BIN)/python scripts/make_editions.py $<
 
-grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses, GRADEBOOK=... for nbgrader
-	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY)) $(if $(GRADEBOOK),--gradebook "$(GRADEBOOK)")
+editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
+
+grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses notebooks
+	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
 $(BOOK): $(STAMP) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
 	@touch $@
 
-book: $(BOOK)  ## the executed series as a web site in build/book; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
+book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
+	rm -rf $(SITE)/html
+	CLOTHLAB_BOOK=$(if $(STUDENT),student) $(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
+		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
+	@echo "$(SITE)/html/index.html: open it in a browser"
 
-slides: $(BOOK)  ## decks of four notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
+slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of four notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
 
 container: $(STAMP)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none

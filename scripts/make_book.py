@@ -1,110 +1,62 @@
-"""`make book`: the executed series as a web site, in `build/book`; with `--student` in `build/book-student`.
+"""The pages of `make book`, in `build/book/source`; with `--student` in `build/book-student/source`.
 
-The pages are the notebooks themselves, found by their names, in order, titled by their first cells. They are run as
-`make editions` runs them, about fifteen minutes for the whole series on two cores; what ran already is taken again as
-long as neither the notebook nor the package nor the data have changed. The site opens from its folder, without a server
-and without a network.
+The pages are the notebooks with the outputs of `make editions`, or of `make notebooks` with `--small`. Sphinx makes a
+site of them that opens from its folder, without a server and without a network.
 """
 
 import argparse
 import copy
 import html
-import io
-import os
 import re
 import shutil
-import subprocess
-import sys
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import nbformat
-from make_course import write_syllabus
-from make_editions import ROOT, is_fresh, student_edition, without_solutions, write_editions
-from tqdm.auto import tqdm
+from make_editions import ROOT, student_edition, without_solutions
 
 from clothlab._files import write_bytes
 
 BUILD = ROOT / "build"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 FOLDED = {"solution": "a solution", "plot": "the code of this figure", "claim": "the condition that was checked"}
-HOW_TO_RUN = "A picture of controls that move when the notebook runs; the downloads say how to run it."
-EDITIONS = {"student": "stubs, no solutions, no outputs", "instructor": "with solutions and all outputs"}
-BESIDE = (
-    "README.md",
-    "CHANGELOG.md",
-    "LICENSE",
-    "data/README.md",
-    "docs/scaling.md",
-    "docs/nightly.md",
-    "docs/control.gif",
-)  # what pages link to
+PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "data/README.md", "docs/*.*", "docs/course/*")
 
 
-def ran(path: Path, *, small: bool, old: bool = False) -> nbformat.NotebookNode:
-    """The notebook with the outputs of its run, which is made now unless there is a fresh one.
-
-    Args:
-        path: of the notebook.
-        small: take the run of `make notebooks`, which has the smaller parameters of CI.
-        old: a run that was made before something changed is good enough.
-
-    Raises:
-        FileNotFoundError: no small run is there.
-        nbclient.exceptions.CellExecutionError: a cell fails.
-    """
-    kept = BUILD / ("small" if small else "instructor") / path.name
-    if not (old and kept.exists()) and not is_fresh(kept, path):
-        if small:
-            raise FileNotFoundError(f"{kept} is missing or older than the notebook: run `make notebooks`")
-        write_editions(path, BUILD)
-    return with_outputs(nbformat.read(path, as_version=4), nbformat.read(kept, as_version=4))
-
-
-def with_outputs(notebook: nbformat.NotebookNode, executed: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """A notebook as it is written, with the outputs of its run."""
-    page = copy.deepcopy(notebook)
-    for cell, run in zip(page.cells, executed.cells, strict=True):
+def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
+    """The notebook at `path` with the outputs of its run: of `make editions`, or of `make notebooks` if small."""
+    notebook = nbformat.read(path, as_version=4)
+    run = nbformat.read(BUILD / ("small" if small else "instructor") / path.name, as_version=4)
+    for cell, ran in zip(notebook.cells, run.cells, strict=True):
         if cell.cell_type == "code":
-            cell.outputs, cell.execution_count = copy.deepcopy(run.outputs), run.execution_count
-    return page
+            cell.outputs, cell.execution_count = ran.outputs, ran.execution_count
+    return notebook
 
 
 def web_page(notebook: nbformat.NotebookNode, name: str, *, student: bool) -> nbformat.NotebookNode:
-    """A notebook as the site shows it.
-
-    Args:
-        notebook: with its outputs, if it ran.
-        name: of its file, for the downloads.
-        student: without solutions, and without what they printed.
-    """
+    """A notebook with outputs as the site shows it, with the file of this name to download."""
     page = without_answers(notebook) if student else copy.deepcopy(notebook)
     page.metadata.pop("widgets", None)  # or their library would be fetched
     for cell in page.cells:
         if cell.cell_type != "code":
             continue
         tags = cell.metadata.setdefault("tags", [])
-        what = next((FOLDED[tag] for tag in FOLDED if tag in tags), "the code")
+        shown = cell.metadata.setdefault("mystnb", {})
         if cell.metadata.get("jupyter", {}).get("source_hidden"):
+            folded = next((FOLDED[tag] for tag in FOLDED if tag in tags), "the code")
             tags.append("hide-input")
-            prompts = {"code_prompt_show": f"Show {what}", "code_prompt_hide": f"Hide {what}"}
-            cell.metadata["mystnb"] = {**cell.metadata.get("mystnb", {}), **prompts}
-        words = [
-            output.metadata["image/png"]["alt"] for output in cell.outputs if "image/png" in output.get("metadata", {})
-        ]
-        alt = "; ".join(words) or cell.metadata.get("alt", "")
-        if alt:  # MyST-NB takes it from the cell only
-            cell.metadata["mystnb"] = {**cell.metadata.get("mystnb", {}), "image": {"alt": alt}}
-        cell.outputs = [shown for output in cell.outputs for shown in web_output(output)]
-    editions = ["student"] if student else list(EDITIONS)
-    links = [f"{{download}}`{edition} edition <../downloads/{edition}/{name}>`" for edition in editions]
-    page.cells.insert(1, nbformat.v4.new_markdown_cell(f"This page as a notebook to run: {' · '.join(links)}."))
+            shown |= {"code_prompt_show": f"Show {folded}", "code_prompt_hide": f"Hide {folded}"}
+        words = [output.get("metadata", {}).get("image/png", {}).get("alt") for output in cell.outputs]
+        if alt := "; ".join(filter(None, words)) or cell.metadata.get("alt"):
+            shown["image"] = {"alt": alt}  # MyST-NB takes it from the cell only
+        cell.outputs = [each for output in cell.outputs for each in web_output(output)]
+    link = f"This page as a notebook to run: {{download}}`without solutions <../downloads/{name}>`."
+    page.cells.insert(1, nbformat.v4.new_markdown_cell(link))
     return page
 
 
 def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The student edition; from a stub to the next text, nothing is left of what came out with the solution."""
+    """A copy without solutions; from a stub to the next text, nothing is left of what came out with the solution."""
     edition = copy.deepcopy(notebook)
     answered = False
     for cell in edition.cells:
@@ -116,106 +68,49 @@ def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
 
 def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]:
-    """An output as the site shows it, and what belongs below it; nothing of progress bars."""
-    data = output.get("data", {})
-    if output.output_type == "stream" or not data:
-        if output.get("name") != "stderr":
-            yield output
-        return
-    if WIDGET in data and "image/png" not in data:
-        return
-    shown, widget = copy.deepcopy(output), WIDGET in data
+    """An output as the site shows it, with a figure's numbers in words below it; nothing of live controls."""
+    output, data = copy.deepcopy(output), output.get("data", {})
     if "image/png" in data:
-        shown.data = {"image/png": data["image/png"]}
-    elif "text/html" in data:
-        shown.data["text/html"] = quiet_videos(data["text/html"])
-    yield shown
-    if widget:
-        yield html_output(f'<p class="how-to-run">{HOW_TO_RUN}</p>')
-    details = shown.get("metadata", {}).get("image/png", {}).get("details", [])
-    if details:
+        output.data = {"image/png": data["image/png"]}
+    elif WIDGET in data:
+        return
+    elif "<video" in data.get("text/html", ""):  # it waits until somebody starts it
+        output.data = {"text/html": re.sub(r"(<video\b[^>]*?)((?:\s(?:autoplay|loop)\b)+)", r"\1", data["text/html"])}
+    yield output
+    if details := output.get("metadata", {}).get("image/png", {}).get("details"):
         paragraphs = "".join(f"<p>{html.escape(each)}</p>" for each in details)
-        yield html_output(f'<details class="figure-in-words"><summary>In words</summary>{paragraphs}</details>')
+        words = f'<details class="figure-in-words"><summary>In words</summary>{paragraphs}</details>'
+        yield nbformat.v4.new_output("display_data", {"text/html": words})
 
 
-def quiet_videos(page: str) -> str:
-    """Videos wait until somebody starts them."""
-    return re.sub(r"<video\b[^>]*>", lambda video: re.sub(r"\s(autoplay|loop)\b", "", video[0]), page)
-
-
-def html_output(text: str) -> nbformat.NotebookNode:
-    """HTML as an output."""
-    return nbformat.v4.new_output("display_data", {"text/html": text})
-
-
-def lay_out(paths: list[Path], folder: Path, pages: dict[str, nbformat.NotebookNode], *, student: bool) -> None:
+def lay_out(notebooks: dict[str, nbformat.NotebookNode], folder: Path, *, student: bool) -> None:
     """Write all that Sphinx reads: pages, downloads, and the files of the repository that they link to.
 
     Args:
-        paths: of the notebooks.
+        notebooks: with their outputs, by the names of their files.
         folder: to write to; what was there is replaced.
-        pages: notebooks with their outputs, by the names of their files.
-        student: lay out the student edition.
+        student: leave out the solutions and what they printed.
     """
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(ROOT / "docs" / "book", folder)
-    for name in BESIDE:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, folder / name)
-    shutil.copytree(ROOT / "docs" / "course", folder / "course")
-    write_bytes(
-        folder / "course" / "syllabus.md", write_syllabus(ROOT / "docs" / "course" / "weeks.toml", paths).encode()
-    )
-    table = (folder / "downloads.md").read_text()
-    for edition in ["student"] if student else EDITIONS:
-        archive = io.BytesIO()
-        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as files:
-            for path in paths:
-                notebook = pages[path.name] if edition == "instructor" else student_edition(nbformat.read(path, 4))
-                text = nbformat.writes(notebook)
-                write_bytes(folder / "downloads" / edition / path.name, text.encode())
-                files.writestr(path.name, text)
-        write_bytes(folder / "downloads" / f"{edition}.zip", archive.getvalue())
-        table += f"| {{download}}`{edition} <downloads/{edition}.zip>` | {EDITIONS[edition]} |\n"
-    write_bytes(folder / "downloads.md", table.encode())
-    for path in paths:
-        page = web_page(pages[path.name], path.name, student=student)
-        write_bytes(folder / "notebooks" / path.name, nbformat.writes(page).encode())
-
-
-def build_site(source: Path, site: Path, *, student: bool) -> None:
-    """Let Sphinx make the site; a warning, such as of a broken link, ends it.
-
-    Raises:
-        subprocess.CalledProcessError: Sphinx said what is wrong.
-    """
-    shutil.rmtree(site, ignore_errors=True)
-    command = [sys.executable, "-m", "sphinx", "--builder", "html", "--quiet", "--fail-on-warning", "--keep-going"]
-    doctrees = ["--doctree-dir", str(source.with_name("doctrees"))]
-    edition = {"CLOTHLAB_BOOK": "student" if student else "instructor"}
-    subprocess.run([*command, *doctrees, str(source), str(site)], check=True, env=os.environ | edition)
+    for path in [path for pattern in PAGES for path in ROOT.glob(pattern)]:
+        write_bytes(folder / path.relative_to(ROOT), path.read_bytes())
+    for name, notebook in notebooks.items():
+        write_bytes(folder / "notebooks" / name, nbformat.writes(web_page(notebook, name, student=student)).encode())
+        download = student_edition(nbformat.read(ROOT / "notebooks" / name, as_version=4))
+        write_bytes(folder / "downloads" / name, nbformat.writes(download).encode())
+    shutil.make_archive(str(folder / "notebooks"), "zip", folder / "downloads")
 
 
 def main() -> None:
-    """Make the site of the chosen notebooks."""
-    notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
+    """Lay out the pages of all notebooks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=notebooks, default=list(notebooks), help="numbers to run")
     parser.add_argument("--small", action="store_true", help="take the run of `make notebooks`")
-    parser.add_argument("--old", action="store_true", help="take earlier runs although something changed since")
     parser.add_argument("--student", action="store_true", help="leave out the solutions and what they printed")
     arguments = parser.parse_args()
-    pages = {}
-    progress = tqdm(notebooks.items(), unit="notebook")
-    for number, path in progress:
-        progress.set_description(path.stem)
-        chosen = number in arguments.only
-        how = {"small": arguments.small, "old": arguments.old}
-        pages[path.name] = ran(path, **how) if chosen else nbformat.read(path, as_version=4)
-    folder = BUILD / ("book-student" if arguments.student else "book")
-    lay_out(list(notebooks.values()), folder / "source", pages, student=arguments.student)
-    build_site(folder / "source", folder / "html", student=arguments.student)
-    print(f"{folder / 'html' / 'index.html'}: open it in a browser")
+    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    notebooks = {path.name: executed(path, small=arguments.small) for path in paths}
+    lay_out(notebooks, BUILD / f"book{'-student' * arguments.student}" / "source", student=arguments.student)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,12 @@
-"""Where a submission's functions run for `make grades`.
+"""Where the functions of submissions run for `make grades`.
 
 A server imports the packages once, then forks a process for each exercise. That process defines the submission's
-functions, and answers the grader over a pipe: the check itself, what it knows and its verdict never come here. Limits
-hold on its time, its memory and its files. Where bubblewrap is installed, `make_grades.py` starts the server in it:
-without a network, with nothing to write but a temporary folder, and without the checks and the solutions.
+functions and answers the grader over a socket: the check, what it knows and its verdict never come here. Limits hold on
+its processor time, its memory and its files. Where bubblewrap works, `make_grades.py` starts the server in it.
 """
 
 import ast
-import builtins
 import contextlib
-import importlib
 import importlib.util
 import io
 import json
@@ -18,9 +15,12 @@ import numbers
 import os
 import pickle
 import resource
+import shutil
 import signal
 import socket
+import symtable
 import sys
+import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -29,64 +29,41 @@ import numpy as np
 import psutil
 import torch
 
-CHECKS = "clothlab.checks"
-SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on what a check lends to an answer
+import clothlab
+
+SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on an object that a check lends to an answer
 FILE_BYTES = 10_000_000  # a file that an answer may write
 KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.Assign)
 
 
-def load_alone(name: str) -> Any:
-    """The module `clothlab.checks.NAME`, without those that know the answers."""
-    path = Path(importlib.import_module("clothlab").__file__ or "").parent / "checks" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"worker{name}", path)
-    module = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
-    spec.loader.exec_module(module)  # type: ignore[union-attr]
-    return module
-
-
 class Worker:
-    """Defines a submission's functions, and calls them when it is asked to.
+    """Defines a submission's function, and calls it when the grader asks. What it sends is JSON, which can do nothing.
 
     Args:
-        connection: to the grader. What comes from there is pickled; what goes there is JSON, which can do nothing.
+        connection: to the grader.
         common: `clothlab.checks._check`.
+        name: of the function.
     """
 
-    def __init__(self, connection: Connection, common: Any):
-        self.connection, self.common = connection, common
-        self.handed: list[Any] = []  # functions that the grader may call, by their places here
+    def __init__(self, connection: Connection, common: Any, name: str):
+        self.connection, self.common, self.name = connection, common, name
+        self.functions: list[Any] = []  # that the grader may call, by their places here
 
-    def run(self, sources: list[str], name: str) -> None:
+    def run(self, sources: list[str]) -> None:
         """Define what the sources define, then answer until the grader hangs up."""
-        found, problem = defined(sources, name)
-        self.send("ready" if found is not None else "missing", problem)
-        self.handed.append(found)
+        found, problem = defined(sources, self.name)
+        if found is None:
+            return self.send("failed", problem)
+        self.send("result", self.encode(found, self.name))
         while True:
             place, args, kwargs = self.receive()
             try:
-                self.send("result", self.encode(self.call(self.handed[place], args, kwargs)))
-            except InPlace as argument:
-                self.send("changed", str(argument))
-            except Exception as error:
-                trace = error.__traceback__ and error.__traceback__.tb_next  # from `call` on
-                self.send("error", self.common._described(error.with_traceback(trace)))
+                self.send("result", self.encode(self.functions[place](*args, **kwargs), f"the policy of {self.name}"))
+            except self.common.CheckFailed as failure:
+                self.send("failed", str(failure))
 
-    def call(self, function: Any, args: tuple, kwargs: dict) -> Any:
-        """What the function returns.
-
-        Raises:
-            InPlace: it has changed an argument.
-        """
-        given = self.common._data(function, args, kwargs)
-        before = {name: pickle.dumps(value) for name, value in given.items()}
-        found = function(*args, **kwargs)
-        for name, value in given.items():
-            if not self.common._same(value, pickle.loads(before[name])):
-                raise InPlace(name)
-        return found
-
-    def encode(self, value: Any) -> Any:
-        """A value as JSON can hold it: numbers, arrays, lists and tuples of them, functions; words for all else."""
+    def encode(self, value: Any, name: str = "") -> Any:
+        """A value as JSON can hold it: numbers, arrays, lists of them, functions under a name; words for all else."""
         if isinstance(value, torch.Tensor):
             value = value.detach().cpu().numpy()
         if isinstance(value, np.generic):
@@ -94,41 +71,25 @@ class Worker:
         if value is None or isinstance(value, bool | int | float | str):
             return value
         if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-            return {"array": value.ravel().tolist(), "shape": value.shape, "dtype": value.dtype.name}
+            return {"array": value.ravel().tolist(), "shape": value.shape}
         if isinstance(value, numbers.Real):
             return float(value)
         if isinstance(value, list | tuple):
-            return {type(value).__name__: [self.encode(part) for part in value]}
+            return [self.encode(part, name) for part in value]
         if isinstance(value, Lent):
             return {"lent": value.__dict__["_place"]}
         if callable(value):
-            self.handed.append(value)
-            return {"function": len(self.handed) - 1}
-        return {"odd": self.common._shown(value)}
+            self.functions.append(self.common._careful(value, name, lambda _, found: found))
+            return {"function": len(self.functions) - 1}
+        return self.common._shown(value)
 
     def send(self, *message: Any) -> None:
-        """Say something to the grader."""
         self.connection.send_bytes(json.dumps(message).encode())
 
     def receive(self) -> Any:
-        """What the grader says."""
         reader = pickle.Unpickler(io.BytesIO(self.connection.recv_bytes()))
         reader.persistent_load = lambda place: Lent(self, place)  # type: ignore[method-assign]
         return reader.load()
-
-    def ask(self, *message: Any) -> Any:
-        """Ask the grader for something that only it has; meanwhile it may ask for nothing itself."""
-        self.send(*message)
-        kind, value = self.receive()
-        if kind == "raised":
-            name, words = value
-            error = getattr(builtins, name, RuntimeError)
-            raise (error if issubclass(error, Exception) else RuntimeError)(words)
-        return value
-
-
-class InPlace(Exception):
-    """An argument was changed by a function that it was given to."""
 
 
 class Lent:
@@ -140,14 +101,16 @@ class Lent:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         worker = self.__dict__["_worker"]
         values = {name: worker.encode(value) for name, value in kwargs.items()}
-        return worker.ask("call", self.__dict__["_place"], [worker.encode(value) for value in args], values)
+        worker.send("call", self.__dict__["_place"], [worker.encode(value) for value in args], values)
+        return worker.receive()
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in SETTABLE:
             raise AttributeError(f"{name} can't be set here")
         self.__dict__[name] = value
         worker = self.__dict__["_worker"]
-        worker.ask("set", self.__dict__["_place"], name, worker.encode(value))
+        worker.send("set", self.__dict__["_place"], name, worker.encode(value))
+        worker.receive()
 
 
 def defined(sources: list[str], name: str) -> tuple[Any, str]:
@@ -163,14 +126,14 @@ def defined(sources: list[str], name: str) -> tuple[Any, str]:
         file = f"cell-{number}"
         linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
         try:
-            cells.append((file, [piece for node in ast.parse(source, file).body for piece in _pieces(node)]))
+            cells.append((file, pieces(source)))
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             if f"def {name}" in source:
                 problem = f"the cell of {name} is not Python: {type(error).__name__}: {str(error).splitlines()[0]}"
     needed = _needed(name, [node for _, nodes in cells for node in nodes])
     for file, nodes in cells:
         for node in nodes:
-            if isinstance(node, ast.Assign) and not needed & _defines(node):
+            if isinstance(node, ast.Assign) and not needed & _names(node):
                 continue
             try:
                 exec(compile(ast.Module([node], []), file, "exec"), space)
@@ -181,16 +144,20 @@ def defined(sources: list[str], name: str) -> tuple[Any, str]:
     return (found, "") if callable(found) else (None, problem)
 
 
-def _pieces(node: ast.stmt) -> list[ast.stmt]:
-    """What of a statement is run: imports one by one, since one of them may be missing here."""
-    if isinstance(node, ast.Import):
-        return [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
-    if isinstance(node, ast.ImportFrom):
-        return [ast.copy_location(ast.ImportFrom(node.module, [each], node.level), node) for each in node.names]
-    return [node] if isinstance(node, KEPT) else []
+def pieces(source: str) -> list[ast.stmt]:
+    """What of a cell is run: imports one by one, since one of them may be missing here."""
+    found: list[ast.stmt] = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Import):
+            found += [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found += [ast.copy_location(ast.ImportFrom(node.module, [each], node.level), node) for each in node.names]
+        elif isinstance(node, KEPT):
+            found.append(node)
+    return found
 
 
-def _defines(node: ast.stmt) -> set[str]:
+def _names(node: ast.stmt) -> set[str]:
     """The names that a statement gives a meaning."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         return {node.name}
@@ -203,61 +170,72 @@ def _needed(name: str, nodes: list[ast.stmt]) -> set[str]:
     needed, new = set[str](), {name}
     while new:
         needed |= new
-        parts = [each for node in nodes if new & _defines(node) for each in ast.walk(node)]
-        new = {each.id for each in parts if isinstance(each, ast.Name)} - needed
+        new = {each for node in nodes if new & _names(node) for each in _read(node)} - needed
     return needed
 
 
-def confine(folder: Path, seconds: int, memory: int) -> None:
-    """Make a folder this process's home, and limit its time [s], its further memory [bytes] and its files."""
+def _read(node: ast.stmt) -> set[str]:
+    """The names that a statement reads from its notebook; its functions' own variables are none of them."""
+    top = symtable.symtable(ast.unparse(node), "cell", "exec")
+    read, tables = {each.get_name() for each in top.get_symbols() if each.is_referenced()}, top.get_children()
+    while tables:
+        table = tables.pop()
+        read |= {each.get_name() for each in table.get_symbols() if each.is_global()}
+        tables += table.get_children()
+    return read
+
+
+def confine(home: str, seconds: int, megabytes: int) -> None:
+    """Make a folder this process's home, and limit its processor time, its further memory and its files."""
     os.setsid()
-    os.chdir(folder)
+    os.chdir(home)
     os.environ.clear()
-    os.environ |= {"HOME": str(folder), "TMPDIR": str(folder), "PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"}
+    os.environ |= {"HOME": home, "TMPDIR": home, "PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"}
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
         os.dup2(nothing, stream)
-    space = psutil.Process().memory_info().vms + memory
-    limits = {"AS": space, "CPU": seconds, "FSIZE": FILE_BYTES, "CORE": 0, "NOFILE": 64}
-    for name, most in limits.items():
+    space = psutil.Process().memory_info().vms + megabytes * 1_000_000
+    for name, most in {"AS": space, "CPU": seconds, "FSIZE": FILE_BYTES, "CORE": 0, "NOFILE": 64}.items():
         resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
-    for name in [each for each in sys.modules if each == CHECKS or each.startswith(f"{CHECKS}.")]:
-        del sys.modules[name]
-    sys.modules[CHECKS] = None  # type: ignore[assignment]
+
+
+def prepare(imports: str) -> Any:
+    """Import all that submissions use, but not the checks, which know the answers; returns what checks share."""
+    sys.modules["clothlab.checks"] = None  # type: ignore[assignment]
+    for node in pieces(imports):
+        with contextlib.suppress(ImportError):
+            exec(compile(ast.Module([node], []), "imports", "exec"), {})
+    torch.set_num_threads(1)
+    path = Path(clothlab.__file__).parent / "checks" / "_check.py"
+    spec = importlib.util.spec_from_file_location("_check", path)
+    common = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
+    spec.loader.exec_module(common)  # type: ignore[union-attr]
+    return common
 
 
 def main() -> None:
-    """Serve requests: start a process that answers over the pipe that is sent along, or end one."""
+    """Start a process for each socket that comes along, and end the last one with all that it has started."""
     server = socket.socket(fileno=int(sys.argv[1]))
-    for name in json.loads(sys.argv[2]):
-        importlib.import_module(name)
-    torch.set_num_threads(1)
-    common = load_alone("_check")
+    common = prepare(sys.argv[2])
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     server.sendall(b"ready")
-    while True:
-        request, handles, _, _ = socket.recv_fds(server, 4096, 1)
-        if not request:
-            return
-        asked = json.loads(request)
-        if "end" in asked:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(asked["end"], signal.SIGKILL)
-            continue
-        if pid := os.fork():
-            os.close(handles[0])
-            server.sendall(str(pid).encode())
-            continue
-        try:
-            server.close()
-            os.closerange(3, handles[0])
-            os.closerange(handles[0] + 1, 256)
-            worker = Worker(Connection(handles[0]), common)
-            sources, name = worker.receive()
-            confine(Path(asked["folder"]), asked["seconds"], asked["memory"])
-            worker.run(sources, name)
-        finally:
-            os._exit(1)
+    while (handles := socket.recv_fds(server, 1, 1)[1]) and (home := tempfile.mkdtemp()):
+        child = os.fork()
+        if not child:
+            try:
+                server.close()
+                connection = Connection(handles[0])
+                sources, name, *limits = pickle.loads(connection.recv_bytes())
+                confine(home, *limits)
+                Worker(connection, common, name).run(sources)
+            finally:
+                os._exit(1)
+        os.close(handles[0])
+        server.recv(1)  # the grader is done with it
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(-1 if os.getpid() == 1 else -child, signal.SIGKILL)  # bubblewrap's first process ends all others
+        shutil.rmtree(home, ignore_errors=True)
+        server.sendall(b"ended")
 
 
 if __name__ == "__main__":

@@ -43,13 +43,6 @@ def test_long_text_goes_on_on_the_next_slide_and_nothing_is_lost():
     assert re.findall(r"^\d", "\n".join(found), re.MULTILINE) == list("012345678")
 
 
-def test_a_long_table_keeps_its_head():
-    table = "\n".join(["| a | b |", "| --- | --- |", *(f"| {k} | x |" for k in range(20))])
-    parts = make_slides.tables(table)
-    assert all(part.startswith("| a | b |\n| --- |") for part in parts)
-    assert [part.count("x") for part in parts] == [9, 9, 2]
-
-
 @pytest.mark.parametrize("number", make_slides.DECKS)
 def test_a_deck_begins_with_its_title_and_solves_nothing(number):
     (path,) = (ROOT / "notebooks").glob(f"{number}_*.ipynb")

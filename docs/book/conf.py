@@ -1,4 +1,4 @@
-"""How Sphinx makes the site. `scripts/make_book.py` lays out the pages, runs this, and says where everything is."""
+"""How Sphinx makes the site. `make book` lays out the pages by `scripts/make_book.py`, then runs Sphinx."""
 
 import logging
 import os
@@ -6,8 +6,6 @@ import re
 import shutil
 from importlib.resources import files
 from pathlib import Path
-
-from numpy.typing import ArrayLike
 
 import clothlab
 
@@ -20,7 +18,7 @@ copyright = "The clothlab developers; MIT licence"
 language = "en"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
-exclude_patterns = ["downloads", "templates", "course/measured.md"]
+exclude_patterns = ["downloads", "templates", "docs/course/measured.md"]
 templates_path = ["templates"]
 nitpicky = False  # types of other packages are named in signatures, and nothing offline could be linked to
 
@@ -68,14 +66,6 @@ def read_docstring(app, what: str, name: str, obj: object, options, lines: list[
         lines[:0] = ["..", ""]  # an empty comment, or Napoleon takes the words before a colon for a type
 
 
-def shorten_signature(app, what: str, name: str, obj, options, signature: str | None, returns: str | None):
-    """Write `ArrayLike` where NumPy's alias would be spelled out over four lines."""
-    from sphinx.util.typing import stringify_annotation  # the tests read this file without Sphinx
-
-    long = stringify_annotation(ArrayLike, "smart")
-    return tuple(text and text.replace(long, "~numpy.typing.ArrayLike") for text in (signature, returns))
-
-
 def list_table(table: str) -> str:
     """A Markdown table as Sphinx reads it."""
     rows = [[cell.strip() for cell in row.strip().strip("|").split("|")] for row in table.strip().splitlines()]
@@ -100,5 +90,4 @@ def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("html-page-context", level_captions, priority=900)
     app.connect("autodoc-process-docstring", read_docstring, priority=400)  # before Napoleon
-    app.connect("autodoc-process-signature", shorten_signature)
     app.connect("build-finished", bundle_mathjax)
