@@ -8,7 +8,6 @@ a ValueError that names it, and what brings it back.
 
 import json
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
@@ -35,7 +34,6 @@ LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is 
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 _SUFFIXES = {".npz", ".safetensors", ".png", ".json", ".csv"}  # of files whose hash is recorded
 _WEIGHTS_FORMAT = 1
-_RESULTS_FORMAT = 1
 
 _M = TypeVar("_M", bound=torch.nn.Module)
 Folder = str | Path | None  # None: wherever `data_folder` finds it
@@ -151,24 +149,12 @@ def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
     write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
 
 
-def save_results(results: Mapping[str, Any], name: str, *, data: Folder = None) -> None:
-    """Write what a notebook measured as `data/results/NAME.json`."""
-    text = json.dumps({"format": _RESULTS_FORMAT, **results}, indent=1, allow_nan=False)
-    text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)  # a row of numbers on one line
-    write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}.json", text.encode() + b"\n")
+def save_results(content: bytes, name: str, suffix: str, *, data: Folder = None) -> None:
+    """Write `data/results/NAME SUFFIX`."""
+    write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}{suffix}", content)
 
 
-def load_results(name: str, *, data: Folder = None) -> dict[str, Any]:
-    """Load what `save_results` wrote."""
-    path = _find("results", "results/*.json", name, data)
-    with reading(path, "results"):
-        results = json.loads(path.read_bytes())
-        if results.pop("format") != _RESULTS_FORMAT:
-            raise ValueError(f"its format is not {_RESULTS_FORMAT}, this version's")
-        return results
-
-
-def read_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
+def load_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
     """The content of `data/results/NAME SUFFIX`."""
     return _find("results", f"results/*{suffix}", name, data).read_bytes()
 

@@ -22,7 +22,6 @@ import numpy as np
 import pandas as pd
 
 from clothlab import artifacts
-from clothlab._files import write_bytes
 from clothlab._parallel import Job, cached, run_jobs, version
 from clothlab.artifacts import Folder
 from clothlab.experiments._rows import Row
@@ -144,12 +143,12 @@ def _compute(run_one: Callable[..., dict], keep: Path | None, **case: Any) -> di
 def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:
     """Write a table as `data/results/NAME.csv`."""
     text = table.map(_as_text).to_csv(index=False)
-    write_bytes(artifacts.data_folder(data) / "results" / f"{name}.csv", text.encode())
+    artifacts.save_results(text.encode(), name, ".csv", data=data)
 
 
 def load(name: str, *, data: Folder = None) -> pd.DataFrame:
     """Read a stored table: one row a case, arrays as NumPy arrays."""
-    content = artifacts.read_results(name, ".csv", data=data)
+    content = artifacts.load_results(name, ".csv", data=data)
     table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
     for column in table.columns[table.dtypes == "str"]:
         if table[column].str.startswith("[").any():

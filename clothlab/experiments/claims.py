@@ -5,7 +5,9 @@ live run where that has the full size. To show that it can fail, it is fed noise
 """
 
 import contextlib
+import json
 import os
+import re
 import warnings
 from collections.abc import Callable
 from operator import ge, gt, le, lt
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from clothlab import artifacts
+from clothlab._files import reading
 from clothlab.artifacts import Folder
 
 RECORD = "CLOTHLAB_RECORD_FINDINGS"  # environment variable: live figures are stored, as `make findings` does
@@ -40,9 +43,7 @@ class Findings:
         stored: dict[str, Any] = {"parameters": None, "figures": {}}
         if not self.recording:
             with contextlib.suppress(KeyError):  # nothing was recorded yet; claims about stored tables need nothing
-                stored = artifacts.load_results(self.name, data=data)
-        if not {"parameters", "figures"} <= set(stored):
-            raise ValueError(f"data/results/{self.name}.json is damaged: record it anew with `make findings RECORD=1`")
+                stored = self._load()
         self._figures: dict[str, dict[str, Any]] = stored["figures"]
         self.full_size = self.recording or stored["parameters"] == self.parameters
 
@@ -63,8 +64,7 @@ class Findings:
         bounds, arrays = _sorted_out(claim, given)
         if self.recording:
             self._figures[claim] = {name: _plain(array) for name, array in arrays.items()}
-            stored = {"parameters": self.parameters, "figures": self._figures}
-            artifacts.save_results(stored, self.name, data=self._data)
+            self._save()
         if claim not in self._figures:
             raise ClaimError(f"nothing is stored for the claim {claim!r}: run `make findings RECORD=1`")
         before = {name: np.asarray(array) for name, array in self._figures[claim].items()}
@@ -72,6 +72,18 @@ class Findings:
         _must_hold(claim, "stored", figure, bounds, before)
         if self.full_size:
             _must_hold(claim, "here", figure, bounds, arrays)
+
+    def _load(self) -> dict[str, Any]:
+        content = artifacts.load_results(self.name, ".json", data=self._data)
+        with reading(f"data/results/{self.name}.json", "findings; record them with `make findings RECORD=1`"):
+            stored = json.loads(content)
+            return {name: stored[name] for name in ("parameters", "figures")}
+
+    def _save(self) -> None:
+        stored = {"format": 1, "parameters": self.parameters, "figures": self._figures}
+        text = json.dumps(stored, indent=1, allow_nan=False)
+        text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)  # a row of numbers on one line
+        artifacts.save_results(text.encode() + b"\n", self.name, ".json", data=self._data)
 
 
 def _sorted_out(claim: str, given: dict[str, Any]) -> tuple[dict[str, float], dict[str, np.ndarray]]:
