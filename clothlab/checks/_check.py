@@ -1,4 +1,4 @@
-"""What all checks have in common: how an answer is called, what it may return, and how its reader is told.
+"""What all checks have in common: how an answer is called, what it may return, and how its reader hears of it.
 
 An answer may do anything: raise an error, return None, a string or an array of any shape, change what it was given. All
 that ends here, in one sentence, so that a check compares numbers only. An error in a check itself stays what it is.
@@ -16,8 +16,6 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-__all__ = ["CheckFailed", "Read", "array", "arrays", "check", "expect", "number", "policy"]
-
 Read = Callable[[str, object], object]  # (who returned it, what was returned) -> the same as a check wants it
 
 
@@ -30,13 +28,10 @@ class CheckFailed(AssertionError):
 
 
 def check(read: Read) -> Callable[[Callable[[Callable], None]], Callable[[Callable], None]]:
-    """Turn a function that asserts what is true of an answer into a check.
+    """Turn a function that asserts what is true of an answer into a check: it prints "correct" or raises CheckFailed.
 
     The function takes the reader's function, whose results `read` has made sure of, and asserts, each time with a
-    sentence that says what is wrong. The check prints "correct", or raises CheckFailed.
-
-    Args:
-        read: what the answer must return: `number`, `array`, `arrays` or `policy`.
+    sentence that says what is wrong.
     """
 
     def decorate(compare: Callable[[Callable], None]) -> Callable[[Callable], None]:
@@ -68,19 +63,13 @@ def expect(
 ) -> None:
     """Raise CheckFailed unless `found` is the truth, within what single precision loses.
 
-    Args:
-        found: what the answer returned.
-        truth: what is right.
-        otherwise: what is said of a wrong value that no slip explains.
-        slips: what is said of a usual slip, and the value that it gives.
-        rtol: relative tolerance.
-        atol: absolute tolerance.
+    `slips` are the values that usual slips give, by what is said of them; `otherwise` is said of all other values.
     """
     if np.allclose(found, truth, rtol, atol):
         return
-    for told, value in (slips or {}).items():
+    for message, value in (slips or {}).items():
         if np.allclose(found, value, rtol, atol):
-            raise CheckFailed(told)
+            raise CheckFailed(message)
     raise CheckFailed(otherwise)
 
 
@@ -177,7 +166,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _real(name: str, found: object, what: str) -> np.ndarray:
-    """What was returned as an array of finite numbers."""
+    """What was returned, as an array of finite numbers."""
     failure = CheckFailed(f"{name} returned {_shown(found)}: return {what}")
     try:
         value = np.asarray(found.detach().numpy() if isinstance(found, torch.Tensor) else found)
@@ -195,26 +184,14 @@ def _real(name: str, found: object, what: str) -> np.ndarray:
 
 def _described(error: Exception) -> str:
     """An error in one line, with the line of the answer in which it came up, where that is known."""
-    said = str(error).strip().splitlines()
+    first = str(error).strip().splitlines()[:1]
     frames = traceback.extract_tb(error.__traceback__)[1:]  # the first is the call here
     line = f", in the line `{frames[0].line}`" if frames and frames[0].line else ""
-    return type(error).__name__ + (f": {said[0]}" if said else "") + line
-
-
-class _Short(reprlib.Repr):
-    """Shows a result in a few words."""
-
-    def repr_ndarray(self, found: np.ndarray | torch.Tensor, level: int) -> str:
-        return f"an array of shape {tuple(found.shape)}"
-
-    repr_Tensor = repr_ndarray
-
-    def repr_function(self, found: Callable, level: int) -> str:
-        return "a function"
+    return ": ".join([type(error).__name__, *first]) + line
 
 
 def _shown(found: object) -> str:
     """What was returned, short and in one line."""
-    if isinstance(found, np.generic) or (isinstance(found, np.ndarray) and found.ndim == 0):
-        found = found.item()
-    return " ".join(_Short().repr(found).split())
+    if isinstance(found, np.ndarray | np.generic | torch.Tensor):
+        return f"an array of shape {tuple(found.shape)}" if found.ndim else str(found.item())
+    return "a function" if inspect.isfunction(found) else " ".join(reprlib.repr(found).split())

@@ -7,8 +7,6 @@ import numpy as np
 from clothlab.checks._check import array, check, expect, number
 from clothlab.simulation.cloth import Cloth, get_cloth, point_names, springs
 
-__all__ = ["count_springs", "euler_step", "time_to_reach"]
-
 
 @check(array("three numbers, structural, shear and bending", 3))
 def count_springs(answer: Callable) -> None:
@@ -26,8 +24,8 @@ def count_springs(answer: Callable) -> None:
         ordered = np.array_equal(sorted(found), sorted(truth.values())) and not np.array_equal(found, [*truth.values()])
         assert not ordered, "these are the right numbers in another order: structural, shear, bending"
         for kind, count in zip(truth, found, strict=True):
-            told = f"{rows} × {columns} points have {truth[kind]} {kind} springs, not {count:g}"
-            expect(count, truth[kind], told, {f"{told}; {slips[kind][0]}": slips[kind][1]})
+            message = f"{rows} × {columns} points have {truth[kind]} {kind} springs, not {count:g}"
+            expect(count, truth[kind], message, {f"{message}; {slips[kind][0]}": slips[kind][1]})
 
 
 @check(number("a time in seconds"))
@@ -40,9 +38,7 @@ def time_to_reach(answer: Callable) -> None:
         slips = {
             "use the mass of one point, as the drag is that of one point": 18 * truth,
             f"after that time {share:.0%} of the speed is still missing, not reached": -np.log(share) * scale,
-            "dimensionless: how do mass and drag set the time?": truth / scale,
             "a heavy cloth takes longer, strong drag makes it shorter: yours is upside down": truth / scale**2,
-            "the speed does not go on growing as in the first moment": share * scale,
             "use the natural logarithm": truth / np.log(10),
         }
         assert t > 0, f"{t:.3g} s: the cloth is dropped at 0 s, and reaches its speed later"
@@ -63,19 +59,9 @@ def euler_step(answer: Callable) -> None:
     a = acceleration(cloth, x, v)
     free_v = (v + dt * a)[3:]
     assert not np.allclose(new_v[3:], x[3:] + dt * free_v), "first the positions, then the velocities"
-    slips = {
-        "the velocities do not change: where are the accelerations?": v[3:],
-        "take the time step that is given, `dt`, not always 0.001 s": (v + 0.001 * a)[3:],
-        "that is the change of the velocities alone": (dt * a)[3:],
-        "the accelerations are not yet multiplied by the time step": (v + a)[3:],
-        "take the accelerations before the points move": (v + dt * acceleration(cloth, x + dt * v, v))[3:],
-    }
+    slips = {"the accelerations are not yet multiplied by the time step": (v + a)[3:]}
     expect(new_v[3:], free_v, "new velocities are v + dt · acceleration(cloth, x, v)", slips)
-    slips = {
-        "move the points with the new velocities, not the old": (x + dt * v)[3:],
-        "that is how far the points move, not where they are then": dt * free_v,
-        "the points do not move": x[3:],
-    }
+    slips = {"move the points with the new velocities, not the old": (x + dt * v)[3:]}
     expect(new_x[3:], x[3:] + dt * free_v, "new positions are x + dt · new velocity", slips)
     assert not new_v[:3].any(), "the first row, three points, is held: its velocity stays zero"
     assert np.allclose(new_x[:3], x[:3]), "the first row, three points, is held: it does not move"

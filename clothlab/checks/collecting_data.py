@@ -10,9 +10,6 @@ from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.vision import HEIGHT, WIDTH
 from clothlab.trials import Trial
 
-__all__ = ["take_turns", "transitions", "wave"]
-
-
 _STATES, _COMMANDS = array("the states", None, 4), array("the commands between them", None, 2)
 
 
@@ -45,12 +42,12 @@ def wave(answer: Callable) -> None:
 def _expect_wave(u: np.ndarray, period: int, lower: np.ndarray, upper: np.ndarray) -> None:
     """Two periods of commands `[2 period, 2]` between the limits `[2]`."""
     middle, half = (lower + upper) / 2, (upper - lower) / 2
-    told = f"the first command is the middle of the range, {middle}, not {u[0]}"
+    message = f"the first command is the middle of the range, {middle}, not {u[0]}"
     if period == 12 and np.isclose(u, middle).all(axis=1).any():
-        told += ": each policy counts its own steps"
-    expect(u[0], middle, told)
-    told = "first of all, the angles of the command grow (which lowers the arm: they are positive downwards)"
-    assert (u[1] > u[0]).all(), told + ("; yours become smaller" if (u[1] < u[0]).all() else ", both of them")
+        message += ": each policy counts its own steps"
+    expect(u[0], middle, message)
+    message = "first of all, the angles of the command grow (which lowers the arm: they are positive downwards)"
+    assert (u[1] > u[0]).all(), message + ("; yours become smaller" if (u[1] < u[0]).all() else ", both of them")
     again = f"with period={period}, the wave starts again after {period} calls"
     expect(u[period:], u[:period], again)
     assert not np.allclose(u[: period // 2], u[period // 2 : period]), again + ", yours sooner"

@@ -8,8 +8,6 @@ import torch
 from clothlab.checks._check import CheckFailed, array, check, expect, policy
 from clothlab.learning.control import ControlSettings, period_mask
 
-__all__ = ["alternate", "my_mask", "random_shooting", "steps_along"]
-
 
 @check(array("a list of 0 and 1", None))
 def my_mask(answer: Callable) -> None:
@@ -18,14 +16,14 @@ def my_mask(answer: Callable) -> None:
         found = answer(t, 4, 4)
         assert len(found) == 4, f"one number for each of the 4 predicted steps, not {len(found)}"
         now = np.roll(wanted, 1).tolist()
-        told = f"for t = {t} the paper's example has {wanted}, got {_integers(found)}"
-        expect(found, wanted, told, {told + "; the first number is that of step t + 1, not of step t": now})
+        message = f"for t = {t} the paper's example has {wanted}, got {_integers(found)}"
+        expect(found, wanted, message, {message + "; the first number is that of step t + 1, not of step t": now})
     for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8), (21, 8, 8)):
         found, case = answer(t, horizon, period), f"t = {t}, horizon = {horizon}, period = {period}"
         assert len(found) == horizon, f"{case}: one number for each of the {horizon} predicted steps, not {len(found)}"
         wanted = period_mask(t, ControlSettings(horizon=horizon, period=period)).tolist()
-        told = f"{case}: 1 is where the step is a multiple of {period}; got {_integers(found)}"
-        expect(found, wanted, told)
+        message = f"{case}: 1 is where the step is a multiple of {period}; got {_integers(found)}"
+        expect(found, wanted, message)
 
 
 def _integers(found: np.ndarray) -> list[float]:
@@ -47,8 +45,8 @@ def steps_along(answer: Callable) -> None:
     assert not np.allclose(found, u + way * g / np.linalg.norm(g)), "the step goes uphill"
     moved = np.linalg.norm(found - u, axis=(1, 2))
     assert not np.allclose(moved, gammas * np.linalg.norm(g)), "the length of g must not matter, only its direction"
-    told = f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
-    assert np.allclose(moved, gammas, atol=1e-6), told
+    message = f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
+    assert np.allclose(moved, gammas, atol=1e-6), message
     truth = u - way * g / np.linalg.norm(g)
     expect(found, truth, "the steps have the right lengths, but another direction than straight down along g")
     expect(step(5 * g, gammas), truth, "the length of g must not matter, only its direction")
@@ -78,9 +76,9 @@ def alternate(answer: Callable) -> None:
         solve = answer(_Recorder(), [_REFERENCES[name].clone() for name in names], period=period)
         commands = np.array([solve(float(t)) for t in range(7)])
         found = "".join("abc?"[int(command)] for command in commands[:, 0])
-        told = f"with a period of {period} the references are {' '.join(wanted)}, got {' '.join(found)}"
-        told += "; set z_ref before the policy is asked" if found == "?" + wanted[:-1] else ""
-        assert found == wanted, told
+        message = f"with a period of {period} the references are {' '.join(wanted)}, got {' '.join(found)}"
+        message += "; set z_ref before the policy is asked" if found == "?" + wanted[:-1] else ""
+        assert found == wanted, message
         assert np.array_equal(commands[:, 1], range(7)), "pass the observation on to the policy"
 
 
@@ -116,12 +114,7 @@ def random_shooting(answer: Callable) -> None:
     assert is_start.any(), "the start is a sequence to try, too: without it, the answer can be worse than the start"
     _expect_uniform(asked[~is_start], lower, upper)
     losses = bowl(asked)
-    slips = {
-        "that is the sequence with the largest loss": asked[losses.argmax()],
-        "that is the start; others were better": start,
-        "that is the last sequence tried, not the best": asked[-1],
-        "that is the first sequence tried, not the best": asked[0],
-    }
+    slips = {"that is the sequence with the largest loss": asked[losses.argmax()]}
     expect(found, asked[losses.argmin()], "among the sequences tried, another one has a lower loss", slips)
     expect(shoot(start)[0], start, "where nothing is better than the start, return the start")
     again, other = shoot(upper + 0.2)[1].asked, shoot(upper + 0.2, seed=1)[1].asked
@@ -134,13 +127,10 @@ def _expect_uniform(drawn: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> 
     outside = "a command left its range: each of the two has its own lower and upper"
     assert np.all((drawn >= lower) & (drawn <= upper)), outside
     assert len(drawn) > 1, "draw the others at random: yours are all the start"
-    assert np.ptp(drawn, axis=0).min() > 0, "each sequence gets commands of its own: yours repeat some"
     reach = np.ptp(drawn, axis=(0, 1)) / (upper - lower)
     assert reach.min() > 0.9, f"draw from the whole range; yours fills {reach.min():.0%} of it"
     share = (drawn - lower) / (upper - lower)
     inner = ((share > 0.25) & (share < 0.75)).mean(axis=(0, 1))
-    told = "half of all commands lie in the middle half of their range, yours {:.0%}: draw uniformly, without a peak"
-    assert np.all(abs(inner - 0.5) < 0.1), told.format(inner[abs(inner - 0.5).argmax()])
+    message = "half of all commands lie in the middle half of their range, yours {:.0%}: draw uniformly, without a peak"
+    assert np.all(abs(inner - 0.5) < 0.1), message.format(inner[abs(inner - 0.5).argmax()])
     assert np.ptp(drawn, axis=1).min() > 0, "each step gets a command of its own: yours repeat one"
-    joints = np.corrcoef(share[..., 0].ravel(), share[..., 1].ravel())[0, 1]
-    assert abs(joints) < 0.3, "each of the two commands is drawn for itself: yours move together"

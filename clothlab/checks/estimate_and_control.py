@@ -7,8 +7,6 @@ import numpy as np
 from clothlab.checks._check import check, expect, number, policy
 from clothlab.simulation.arm import get_arm
 
-__all__ = ["half_time", "shaken"]
-
 
 @check(number("a time in seconds, or None", none=True))
 def half_time(answer: Callable) -> None:
@@ -21,7 +19,6 @@ def half_time(answer: Callable) -> None:
         "3 is the number of steps: a step is 0.2 s": 3,
         "after two steps the distance is just half of the first one, not below it": 0.4,
         "that is when the distance stays below half; asked is when it is first below": 1.0,
-        "the first value is that at 0 s": 0.8,
     }
     expect(found, 0.6, f"the distance is first below half after 3 steps, 0.6 s; got {found:g}", slips)
     assert answer(way[:3], goal.copy()) is None, "a path that never gets below half must give None"
@@ -42,8 +39,10 @@ def shaken(answer: Callable) -> None:
 
         policy = answer(other, arm, sigma, np.random.default_rng(seed))
         sent = np.array([policy(t) for t in range(steps)])
-        told = "your policy changes the command of the other one in place, as `u += …` does: noise adds up; use a copy"
-        assert np.array_equal(command, quiet), told
+        message = (
+            "your policy changes the other one's command in place, as `u += …` does, and noise adds up: use a copy"
+        )
+        assert np.array_equal(command, quiet), message
         return sent
 
     _expect_noise(send(1, 2000) - quiet, sigma)
@@ -56,7 +55,6 @@ def shaken(answer: Callable) -> None:
         sent = np.array([edge(None) for _ in range(50)])
         inside = (sent >= arm.command_lower - 1e-6) & (sent <= arm.command_upper + 1e-6)
         assert inside.all(), "a command left its range: use numpy.clip"
-        assert np.ptp(sent, axis=0).min() > 0, "at the edge of the range there is noise, too"
 
 
 def _expect_noise(noise: np.ndarray, sigma: float) -> None:
@@ -65,13 +63,11 @@ def _expect_noise(noise: np.ndarray, sigma: float) -> None:
     assert spread.min() > 1e-9, "the commands are not disturbed at all, or always in the same way"
     alike = abs(np.corrcoef(noise.T)[0, 1])
     assert alike < 0.3, "both commands get the same noise: draw a number for each"
-    told = f"the noise has a standard deviation of {spread.round(4)} rad, not {sigma} rad"
+    message = f"the noise has a standard deviation of {spread.round(4)} rad, not {sigma} rad"
     if np.allclose(spread, sigma**2, rtol=0.1):
-        told += ": is σ, or σ², what you multiply with?"
-    assert np.allclose(spread, sigma, rtol=0.1), told
+        message += ": is σ, or σ², what you multiply with?"
+    assert np.allclose(spread, sigma, rtol=0.1), message
     assert np.allclose(noise.mean(axis=0), 0, atol=0.2 * sigma), "the noise must have the mean 0"
     within = (abs(noise) < sigma).mean()
-    told = (
-        f"two thirds of normal noise lie within one standard deviation, of yours {within:.0%}: draw from a normal one"
-    )
-    assert abs(within - 0.683) < 0.05, told
+    message = f"two thirds of normal noise lie within one standard deviation, of yours {within:.0%}: is it normal?"
+    assert abs(within - 0.683) < 0.05, message

@@ -9,8 +9,6 @@ from clothlab.analysis import principal_axes
 from clothlab.checks._check import array, check, expect, number
 from clothlab.simulation.cloth import get_cloth
 
-__all__ = ["matching_drag", "shares_by_hand"]
-
 
 @check(number("a drag in N s/m"))
 def matching_drag(answer: Callable) -> None:
@@ -26,8 +24,6 @@ def matching_drag(answer: Callable) -> None:
             * cloth.mass
             / cloth.point_mass,
             "that is a speed: which drag brings it about?": cloth.terminal_speed,
-            "that is how many times as much drag it needs": mass / cloth.mass,
-            "that is drag over mass: equal for both cloths, and not yet a drag": cloth.damping / cloth.mass,
         }
         otherwise = f"with your drag of {found:.4f} N s/m, a cloth of {mass:g} kg falls at "
         speed = replace(cloth, mass=mass, damping=abs(found)).terminal_speed
@@ -44,9 +40,7 @@ def shares_by_hand(answer: Callable) -> None:
     slips = {
         "the right shares in the wrong order: the larger one first": truth[::-1],
         "these are the variances: divide by their sum": truth * columns.sum() * 9 / 8,
-        "per cent; shares add up to 1": 100 * truth,
         "a share of the variance, not of its root": np.sqrt(truth) / np.sqrt(truth).sum(),
-        "these are shares of the squares: an eigenvalue is a variance already": truth**2 / (truth**2).sum(),
         "subtract the mean of the points first": moments / moments.sum(),
         "these are shares of the two columns: the principal axes lie across them": columns / columns.sum(),
     }

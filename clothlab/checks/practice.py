@@ -6,8 +6,6 @@ import numpy as np
 
 from clothlab.checks._check import array, arrays, check, expect, policy
 
-__all__ = ["honest", "one_outcome", "practise_then_perform"]
-
 
 @check(array("an honest promise for each", None))
 def honest(answer: Callable) -> None:
@@ -15,24 +13,20 @@ def honest(answer: Callable) -> None:
     promises = np.array([5 - 2**1.5, 5.0, 5 + 2**1.5, 5.0])
     away = promises - promises.mean()
     found = answer(promises, 1.0)
-    told = "give each promise back, shrunk: four promises, four numbers"
-    assert len(found) == 4, told
+    message = "give each promise back, shrunk: four promises, four numbers"
+    assert len(found) == 4, message
     slips = {
-        "these are the promises as they were": promises,
         "shrink towards the mean, not towards 0": 0.75 * promises,
         "add the mean again": 0.75 * away,
         "a quarter of the variance is error here: what is left is the other part": 5 + 0.25 * away,
         "variances add up, standard deviations don't": 5 + 0.5 * away,
-        "the share is one of variances; you took its root": 5 + 0.75**0.5 * away,
-        "the variance of the promises has the variance of the errors in it already": 5 + 0.8 * away,
-        "divide by the variance of the promises, not by their standard deviation": 5 + 0.5 * away,
     }
     expect(found, 5 + 0.75 * away, "with errors of 1 and a variance of 4, three quarters of a promise stay", slips)
     expect(answer(promises, 0.0), promises, "promises without errors are honest as they are")
     expect(answer(promises + 3, 1.0), 8 + 0.75 * away, "the mean is that of the promises, whatever it is")
     expect(answer(promises, 1.6), 5 + 0.36 * away, "errors of 1.6 are 2.56 of a variance of 4")
-    told = "where errors would explain more than all of the spread, every honest promise is the mean"
-    expect(answer(promises, 3.0), np.full(4, 5.0), told)
+    message = "where errors would explain more than all of the spread, every honest promise is the mean"
+    expect(answer(promises, 3.0), np.full(4, 5.0), message)
 
 
 @check(arrays("the mean and the share of the variance", array("the mean", None), array("the share", None)))
@@ -47,16 +41,12 @@ def one_outcome(answer: Callable) -> None:
             "the mean is what was missed, weighted by k: where is what was missed?": k / (1 + noise),
             "an outcome with noise teaches less: the noise is added to k of the tried plan with itself": k * missed,
             "the kernel has a half in its exponent": k**2 * missed / (1 + noise),
-            "the kernel squares the distance": np.exp(-0.5 * np.abs(x - tried)) * missed / (1 + noise),
-            "k of a plan with the tried one, not of all plans with 0": np.exp(-0.5 * x**2) * missed / (1 + noise),
         }
         expect(mean, wanted, f"the mean is {wanted.round(3)} here, got {mean.round(3)}", slips)
         share = 1 - k**2 / (1 + noise)
         slips = {
             "that is the share that is known: asked is what is left": 1 - share,
             "k enters twice": 1 - k / (1 + noise),
-            "the noise is left out of the variance": 1 - k**2,
-            "how sure one is does not depend on what was missed": 1 - k**2 * missed / (1 + noise),
             "that is a standard deviation; asked is the variance": share**0.5,
         }
         expect(left, share, f"of the variance, {share.round(3)} are left here, got {left.round(3)}", slips)
@@ -84,11 +74,11 @@ def practise_then_perform(answer: Callable) -> None:
         wrapped = answer(inner, periods, period)
         assert not inner.noted, "ask the policy in each step, and not before the first"
         sent = np.array([wrapped(t) for t in range(steps)])
-        told = "ask the policy once in each step, and pass the observation on"
-        assert [t for t, _ in inner.noted] == list(range(steps)), told
+        message = "ask the policy once in each step, and pass the observation on"
+        assert [t for t, _ in inner.noted] == list(range(steps)), message
         expect(sent, np.stack([np.full(steps, 0.5), -np.arange(steps) / 100], axis=1), "send what the policy says")
         practised = [each for _, each in inner.noted]
         last = practised.index(False) if False in practised else steps
-        told = f"{periods} periods of {period} steps are to be practice; yours stops after {last} steps"
-        assert last == periods * period, told
+        message = f"{periods} periods of {period} steps are to be practice; yours stops after {last} steps"
+        assert last == periods * period, message
         assert not any(practised[last:]), "once it performs, it goes on performing"

@@ -6,8 +6,6 @@ import numpy as np
 
 from clothlab.checks._check import array, check, expect, number
 
-__all__ = ["choose_grasp", "plane_of_most", "point_of_pixel", "way_left"]
-
 
 def _pinhole(pixel: tuple[int, int], depth: float, size: tuple[int, int], focal: float, shift: float) -> np.ndarray:
     """Where a pixel's surface is, for a focal length [pixel] and where in a pixel its middle is."""
@@ -24,22 +22,18 @@ def point_of_pixel(answer: Callable) -> None:
         ((2, 9), 1.3, (8, 12), 90.0),
     ):
         half = np.deg2rad(fovy) / 2
-        focal = size[0] / 2 / np.tan(half)
+        focal, ratio = size[0] / 2 / np.tan(half), size[1] / size[0]
         truth = _pinhole(pixel, depth, size, focal, 0.5)
+        corner = _pinhole(pixel, depth, size, focal, 0.0)
+        whole, degrees = (_pinhole(pixel, depth, size, size[0] / 2 / np.tan(x), 0.5) for x in (2 * half, fovy / 2))
         slips = {
-            "rows and columns count from the corner of a pixel, and its middle is half a pixel away": _pinhole(
-                pixel, depth, size, focal, 0.0
-            ),
+            "rows and columns count from the corner of a pixel, and its middle is half a pixel away": corner,
             "rows count downwards: what is higher has a smaller row": truth * [1, -1, 1],
             "the camera looks along its minus z axis: what is ahead has a negative third number": truth * [1, 1, -1],
-            "right and up grow with the depth, too": truth / [depth, depth, 1],
             "depth is measured along the camera's axis, not along the ray": truth * depth / np.linalg.norm(truth),
-            "fovy spans the picture's height, not its width": truth / [size[1] / size[0], size[1] / size[0], 1],
-            "half of the picture's height is seen under half of fovy": _pinhole(
-                pixel, depth, size, size[0] / 2 / np.tan(2 * half), 0.5
-            ),
-            "half of the picture's height belongs to half of fovy, not all of it": truth / [2, 2, 1],
-            "np.tan takes radians": _pinhole(pixel, depth, size, size[0] / 2 / np.tan(fovy / 2), 0.5),
+            "fovy spans the picture's height, not its width": truth / [ratio, ratio, 1],
+            "half of the picture's height is seen under half of fovy": whole,
+            "np.tan takes radians": degrees,
         }
         found = answer(*pixel, depth, size, fovy)
         where = f"row {pixel[0]}, column {pixel[1]} of {size[0]}×{size[1]} pixels, {depth} m deep, fovy {fovy:g}°"
@@ -56,19 +50,15 @@ def plane_of_most(answer: Callable) -> None:
         z = columns @ plane + rng.normal(0, 0.002, 900)
         things = x >= np.quantile(x, 1 - share)
         z[things] += rng.uniform(0.05, 0.3, things.sum()) if share else 0.0
+        fitted = np.linalg.lstsq(columns, z, rcond=None)[0]
         slips = {
-            "least squares over all points are pulled up by what stands on the table": np.linalg.lstsq(
-                columns, z, rcond=None
-            )[0],
+            "least squares over all points are pulled up by what stands on the table": fitted,
             "a table may be slanted: a median height is no plane": np.array([0.0, 0.0, np.median(z)]),
-            "x and y the other way round": np.array([plane[1], plane[0], plane[2]]),
             "first the slopes, then the height": np.roll(plane, 1),
         }
         found = answer(np.column_stack([x, y, z]))
-        told = (
-            f"most points lie on the plane {np.round(plane, 2)}, not {found.round(2)}; {share:.0%} are something else"
-        )
-        expect(found, plane, told, slips, atol=0.006)
+        message = f"most points lie on the plane {np.round(plane, 2)}, not {found.round(2)}; {share:.0%} are others"
+        expect(found, plane, message, slips, atol=0.006)
 
 
 def _edge(ahead: float, up: float, middle: tuple[float, float, float] = (0.6, 0.0, 1.0), wide: float = 0.4) -> list:
@@ -82,7 +72,7 @@ def choose_grasp(answer: Callable) -> None:
     """Edges that are turned, slanted, both, and too much of it."""
     turned, slanted, both, steep = _edge(0.05, 0.0), _edge(0.0, 0.045), _edge(0.03, 0.03), _edge(0.0, 0.09)
     wide = _edge(0.02, 0.0, (0.9, 0.3, 1.4), 0.6)
-    for edges, reach, truth, told in (
+    for edges, reach, truth, message in (
         ([slanted, turned], 1.0, 0, "of two edges, the one whose ends differ less ahead and up is better"),
         ([turned, slanted, both], 1.0, 2, "ahead and up count alike: take the root of the sum of both squares"),
         ([steep, turned, _edge(0.04, 0.04)], 1.0, 1, "turn and slant add up: the larger of the two is not enough"),
@@ -90,14 +80,14 @@ def choose_grasp(answer: Callable) -> None:
             [both, wide],
             1.0,
             1,
-            "the bar goes to the edge's middle: where that is, and how wide the edge is, is no matter",
+            "the bar goes to the edge's middle: where that is, and how wide the edge is, do not count",
         ),
         ([_edge(0.05, 0.03)], 0.03, 0, "the bar is at the middle: a corner is off by half of what the ends differ by"),
         ([steep], 0.03, None, "no corner of this edge is within reach: return None"),
         ([steep], 0.05, 0, "a hand that reaches farther takes more: use `reach`"),
         ([_edge(0.045, 0.045)], 0.03, None, "corners off by 32 mm are not within a reach of 30 mm: return None"),
     ):
-        assert answer(np.array(edges), reach) == truth, told
+        assert answer(np.array(edges), reach) == truth, message
 
 
 @check(number("a way [m]"))
@@ -111,16 +101,13 @@ def way_left(answer: Callable) -> None:
     ):
         ahead = np.sqrt(reach**2 - (length - shoulder) ** 2)
         left = near + length - base - ahead
-        truth = max(0.0, left)
+        truth, below = max(0.0, left), np.sqrt(max(0.0, reach**2 - length**2))
         slips = {
             "nothing is left where the cloth gets there: a way is not negative": left,
             "the shoulder goes ahead with the base": left + base,
             "a stretched arm whose hand is above or below the shoulder reaches less far ahead": left + ahead - reach,
             "the far edge has to get to a cloth's length beyond the table's near edge": max(0.0, left - length),
-            "the hand is a cloth's length above the table, not above the shoulder": left
-            + ahead
-            - np.sqrt(max(0.0, reach**2 - length**2)),
-            "that is how far ahead the cloth touches the table: how far is it from there?": base + ahead,
+            "the hand is a cloth's length above the table, not above the shoulder": left + ahead - below,
         }
         found = answer(near, length, reach, shoulder, base)
         where = f"table {near} m ahead, cloth {length} m, arm {reach} m, shoulder {shoulder} m above it, base {base} m"
