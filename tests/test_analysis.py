@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from clothlab.analysis import (
     MaterialReadout,
@@ -12,9 +11,7 @@ from clothlab.analysis import (
     bias_error,
     chamfer_against_z,
     difference_interval,
-    half_widths_from_zero,
     late_median,
-    loss_landscape,
     nearest_material,
     principal_axes,
     rate_interval,
@@ -23,8 +20,6 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.learning.dpmpb import DPMPB, Sequences
-from clothlab.learning.estimation import prediction_loss
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.vision import chamfer_distance
 
@@ -53,22 +48,11 @@ def test_materials_written_on_a_curved_surface_are_read_off_too():
     assert (readout.r2 > readout.linear_r2).all()
 
 
-def test_materials_that_are_not_in_p_are_not_read_off():
+def test_what_is_not_in_p_is_not_read_off():
     rng = np.random.default_rng(1)
     assert (MaterialReadout.fit({name: rng.normal(size=2) for name in GRID}, GRID).r2 < 0.5).all()
-
-
-@pytest.mark.parametrize("p", [[0.0], [0.0, np.nan], None, "a", [[0.0, 0.0]]])
-def test_what_is_no_p_says_nothing_of_a_material(p):
-    readout = MaterialReadout.fit(biases_from([[1.0, -0.5], [0.3, 2.0]]), GRID)
-    with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
-        readout(p)
-
-
-def test_a_p_that_knows_only_the_ratio_explains_only_the_ratio():
-    rng = np.random.default_rng(0)
-    biases = {name: np.array([p[0], rng.normal()]) for name, p in biases_from([[1, -1], [0, 0]]).items()}
-    readout = MaterialReadout.fit(biases, GRID)
+    only_ratio = {name: np.array([p[0], rng.normal()]) for name, p in biases_from([[1, -1], [0, 0]]).items()}
+    readout = MaterialReadout.fit(only_ratio, GRID)
     assert readout.ratio_r2 > 0.99
     assert (readout.r2 < 0.9).all()
 
@@ -78,77 +62,33 @@ def test_the_spread_is_a_distance_and_the_nearest_is_near():
     assert nearest_material([5.0, 0.1], TWO) == "a"
     assert nearest_material(np.float32([5.0, -0.1]), TWO) == "b"
     assert bias_error([TWO["a"][0], TWO["a"][1] + 6.0], "a", TWO) == pytest.approx(2)  # of the spread of 3
-
-
-@pytest.mark.parametrize("p", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [[0.0, 0.0]], None, "a"])
-def test_what_is_no_p_is_near_to_nothing(p):
-    with pytest.raises(ValueError, match=r"p is \[2\] and finite, got"):
-        nearest_material(p, TWO)
-    with pytest.raises(ValueError, match="p is"):
-        bias_error(p, "a", TWO)
-
-
-@pytest.mark.parametrize("biases", [{}, {"a": [np.nan, 0.0]}, {"a": [0.0, 0.0], "b": [0.0]}])
-@pytest.mark.parametrize("use", [spread, principal_axes, lambda biases: nearest_material([0, 0], biases)])
-def test_trained_p_are_all_of_one_size_and_finite(use, biases):
-    with pytest.raises(ValueError, match=r"trained p is \[K, D_p\] and finite, got"):
-        use(biases)
-
-
-def test_the_first_principal_axis_is_the_longest():
-    p = np.random.default_rng(0).normal(size=(50, 2)) * (1, 5)
-    pca = principal_axes({str(k): each for k, each in enumerate(p)})
-    assert abs(pca.components_[0, 1]) > 0.99
-    assert pca.explained_variance_ratio_.sum() == pytest.approx(1)
-
-
-def test_a_landscape_covers_the_trained_p_and_zero_and_says_where_it_is_lowest(trial):
-    torch.manual_seed(0)
-    model = DPMPB(7, 2).eval().requires_grad_(False)
-    run = Sequences(np.random.default_rng(0).normal(size=(14, 7)), np.zeros((14, 2)), "a")
-    biases = {"a": np.array([1.0, 0.5]), "b": np.array([2.0, -0.5]), "c": np.array([1.5, 1.0])}
-    ground = loss_landscape(model, run, biases, points=7)
-    assert ground.loss.shape == (7, 7)
-    places = ground.axes.transform([*biases.values(), np.zeros(2)])
-    assert ground.x[0] < places[:, 0].min() < places[:, 0].max() < ground.x[-1]
-    assert ground.y[0] < places[:, 1].min() < places[:, 1].max() < ground.y[-1]
-    lowest = torch.as_tensor(ground.lowest, dtype=torch.float32)
-    loss = prediction_loss(model, torch.as_tensor(run.s), torch.as_tensor(run.u), lowest)
-    assert float(loss) == pytest.approx(ground.loss.min(), rel=1e-4)
-    with pytest.raises(ValueError, match=r"points must be at least 2"):
-        loss_landscape(model, run, biases, points=1)
+    with pytest.raises(ValueError, match="two materials"):
+        principal_axes({"a": [0.0, 1.0]})
 
 
 def test_the_best_of_each_period_leaves_the_swing_up_and_the_rest_out():
     distances = [0, 0, 0, 0, 5, 2, 7, 9, 4, 4, 3, 4, -1]  # three whole periods of four
     assert best_per_period(distances, period=4) == pytest.approx([2, 3])
     assert len(best_per_period(distances[:5], period=4)) == 0
+    with pytest.raises(ValueError, match="period must be at least 1"):
+        best_per_period(distances, 0)
+
+
+def test_what_learns_is_judged_by_its_last_ten_periods():
+    assert late_median([9.0] * 20 + [1.0] * 5 + [3.0] * 5) == 2.0
 
 
 def test_success_rises_with_the_threshold():
     assert success_rate([0.1, 0.5, 0.9, 1.3], [0.0, 0.5, 1.0, 2.0]) == pytest.approx([0, 0.25, 0.75, 1])
 
 
-@pytest.mark.parametrize("distances", [[np.nan], None, "far"])
-def test_distances_are_finite_numbers_in_a_row(distances):
-    for use in (best_per_period, lambda distances: success_rate(distances, [1.0])):
-        with pytest.raises(ValueError, match=r"distances is \[.*T\] and finite"):
-            use(distances)
-
-
-@pytest.mark.parametrize("period", [0, -4, 2.5, None])
-def test_a_period_has_steps(period):
-    with pytest.raises(ValueError, match=r"period (must be at least 1|is a whole number)"):
-        best_per_period([1.0] * 10, period)
-
-
 def test_distance_to_a_target_is_that_of_their_z(trial):
     autoencoder = Autoencoder().eval()
     distances = target_distance(autoencoder, trial, trial.images[0])
-    assert distances.shape == (12,)
-    assert distances[0] == pytest.approx(0, abs=1e-5)
     z = encode(autoencoder, trial.images)
     assert distances == pytest.approx(np.linalg.norm(z - z[0], axis=1), abs=1e-5)
+    with pytest.raises(ValueError, match=r"cloth image|no cloth"):
+        target_distance(autoencoder, trial, np.zeros((96, 128)))
 
 
 def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_exists(trial):
@@ -161,38 +101,28 @@ def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_ex
     assert len(z) == len(compared)
 
 
-@pytest.mark.parametrize("target", [np.zeros((96, 128)), np.ones((48, 64)), np.full((96, 128), 0.3)])
-def test_a_target_is_a_mask_with_cloth(trial, target):
-    for use in (target_distance, chamfer_against_z):
-        with pytest.raises(ValueError, match=r"cloth image|no cloth"):
-            use(Autoencoder().eval(), trial, target)
-
-
 def test_an_interval_of_differences_covers_what_it_says_and_knows_that_runs_of_a_training_resemble_each_other():
     rng, inside = np.random.default_rng(0), 0
-    for k in range(200):
+    for k in range(100):
         runs = rng.normal(0.3, 0.2, (20, 1)) + rng.normal(0.0, 0.2, (20, 4))
         _, low, high = difference_interval(runs, resamples=400, seed=k)
         inside += low < 0.3 < high
-    assert 0.88 < inside / 200 < 0.99
+    assert 0.88 < inside / 100 < 0.99
     _, low, high = difference_interval(runs)
     _, low_alone, high_alone = difference_interval(runs.reshape(-1, 1))
     assert high - low > 1.2 * (high_alone - low_alone)
-
-
-def test_equal_differences_have_no_interval_to_speak_of():
-    assert difference_interval(np.full((5, 4), 0.2)) == pytest.approx((0.2, 0.2, 0.2))
     with pytest.raises(ValueError, match="differences is"):
-        difference_interval([0.1, 0.2])
+        difference_interval(runs[:, 0])
 
 
 def test_a_rate_has_an_interval_that_holds_the_true_one():
     rng = np.random.default_rng(0)
     for truth in (0.1, 0.5, 0.9):
-        intervals = [rate_interval(rng.random(50) < truth) for _ in range(400)]
-        inside = np.mean([low <= truth <= high for _, low, high in intervals])
-        assert 0.9 < inside < 0.99
+        intervals = [rate_interval(rng.random(50) < truth) for _ in range(150)]
+        assert 0.88 < np.mean([low <= truth <= high for _, low, high in intervals]) < 0.99
     assert rate_interval([True, False, False, False])[0] == 0.25
+    with pytest.raises(ValueError, match="held says"):
+        rate_interval([0.5, 1.0])
 
 
 def test_a_rate_of_all_or_none_is_not_sure():
@@ -200,24 +130,3 @@ def test_a_rate_of_all_or_none_is_not_sure():
     assert (rate, high) == pytest.approx((1.0, 1.0))
     assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)  # Wilson's, solved for all of fifty
     assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)
-
-
-@pytest.mark.parametrize("held", [[], [0.5, 1.0], [2], [NotImplemented], ["yes"], [[True]]])
-def test_a_rate_is_of_what_held_or_not(held):
-    with pytest.raises(ValueError, match="held"):
-        rate_interval(held)
-
-
-def test_what_learns_is_judged_by_its_last_ten_periods():
-    assert late_median([9.0] * 20 + [1.0] * 5 + [3.0] * 5) == 2.0
-    with pytest.raises(ValueError, match="best is"):
-        late_median([[1.0]])
-
-
-def test_a_difference_is_far_from_zero_where_its_interval_is_narrow():
-    rng = np.random.default_rng(0)
-    noise = rng.normal(0, 1, (5, 4))
-    mean, low, high = difference_interval(noise + 10)
-    assert half_widths_from_zero(noise + 10) == pytest.approx(2 * mean / (high - low))
-    assert abs(half_widths_from_zero(noise - noise.mean())) < 0.1
-    assert half_widths_from_zero(noise - 10) < -5
