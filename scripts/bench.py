@@ -1,16 +1,18 @@
-"""`make bench`: speed, about 15 minutes on two cores, of which the live lab takes 12 in a browser.
+"""`make bench`: speed in one table of ratios, some minutes on two cores. `python scripts/bench.py solve` runs one part.
 
-Ratios are measured in one run against a stated reference. `python scripts/bench.py solve` runs one of them.
-
-The machine may be shared, so that milliseconds vary from run to run; both sides of a ratio are measured alternately.
+Both sides of a ratio are measured alternately in one run, since milliseconds vary from run to run on a shared machine.
+`--against CHECKOUT` measures the package of another checkout, too, and puts its ratios beside these.
 """
 
 import argparse
 import contextlib
+import io
 import os
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,13 +20,12 @@ from pathlib import Path
 import joblib
 import mujoco
 import numpy as np
-import psutil
+import pandas as pd
 import torch
-from browser_lab import Lab, Notebook, answers, frame, launch_options
+from browser_lab import Lab, Notebook, launch_options
 from playwright.sync_api import sync_playwright
 from threadpoolctl import threadpool_limits
 from torch.utils.flop_counter import FlopCounterMode
-from tqdm.auto import tqdm, trange
 
 from clothlab import artifacts
 from clothlab.datasets import DATASETS, record
@@ -32,34 +33,29 @@ from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, trai
 from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, predict, stretches, train_dpmpb
 from clothlab.learning.fast_rollout import FastDPMPB
-from clothlab.policies import Timed
-from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, build_spec
-from clothlab.table_scene.table_env import TableEnv
+from clothlab.simulation.env import ClothEnv
 from clothlab.training_configs import TRAINING_CONFIGS
 
-COMPARED = {name: get_arm(name) for name in ("torque", "muscle")}
+Row = tuple[str, float, str, str]  # what was measured, figure, aim, the times behind it
 
 
-def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """Time functions in turn, `{name: seconds [repeats]}`."""
+def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Medians [s] of the times of functions that are called in turn."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
         function()
-    for _ in tqdm(range(repeats), leave=False):
+    for _ in range(repeats):
         for name, function in functions.items():
             start = time.perf_counter()
             function()
             times[name].append(time.perf_counter() - start)
-    return {name: np.array(values) for name, values in times.items()}
+    return {name: float(np.median(values)) for name, values in times.items()}
 
 
-def bench_step() -> None:
+def bench_step() -> Iterator[Row]:
     """`env.step` against the bare MuJoCo step and bare rendering of the same scene, under commands of the same kind."""
     env = ClothEnv()
     env.reset(seed=0)
-    env.step(env.arm.home_command)
     rng = np.random.default_rng(0)
     renderer = env.renderer(96, 128)
 
@@ -73,149 +69,58 @@ def bench_step() -> None:
         renderer.update_scene(env.data, "camera")
         renderer.render()
 
-    def full() -> None:
-        env.step(command())
-
-    times = alternate({"bare": bare, "env.step": full}, 1000)
+    times = alternate({"bare": bare, "ours": lambda: env.step(command())}, 1000)
     env.close()
-    bare_ms, full_ms = (1e3 * np.median(times[name]) for name in ("bare", "env.step"))
-    ratio = full_ms / bare_ms
-    print(f"env.step / bare MuJoCo step and rendering: {ratio:.2f}  ({full_ms:.2f} / {bare_ms:.2f} ms; ≤ 1.05)")
+    yield "env.step / bare step and rendering", times["ours"] / times["bare"], "≤ 1.05", f"{1e3 * times['ours']:.2f} ms"
 
 
-def bench_collection() -> None:
+def bench_recording() -> Iterator[Row]:
     """Recording what the paper recorded, and trials to evaluate, on two cores against one."""
     todo = [dataset for dataset in DATASETS.values() if dataset.repeats == 1]
-    cores = sorted(os.sched_getaffinity(0))[:2]
+    cores = os.sched_getaffinity(0)
     seconds = {}
-    for used in (cores[:1], cores):
-        os.sched_setaffinity(0, used)  # workers inherit it; drawing would otherwise take a second core
+    for used in (1, 2):
+        os.sched_setaffinity(0, sorted(cores)[:used])  # workers inherit it; drawing would otherwise take a second core
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
-            files = [file for dataset in todo for file in record(dataset, data=folder, workers=len(used))]
-            seconds[len(used)] = time.perf_counter() - start
-    print(
-        f"recording {len(files)} trials, 1 core / 2 cores: {seconds[1] / seconds[2]:.2f}"
-        f"  ({seconds[1]:.0f} / {seconds[2]:.0f} s; ≥ 1.7)"
-    )
-
-
-def bench_arms() -> None:
-    """Physics of the muscle arm against the torque arm's, both with a cloth in the hand."""
-    models = {name: build_spec(arm, get_cloth("damp0.05-mass0.10")).compile() for name, arm in COMPARED.items()}
-    data = {name: mujoco.MjData(model) for name, model in models.items()}
-    for name, arm in COMPARED.items():
-        arm.reset(data[name], arm.home_command)
-    steps = 500
-    times = alternate(
-        {name: lambda name=name: mujoco.mj_step(models[name], data[name], steps) for name in COMPARED}, 20
-    )
-    rate = {name: steps / np.median(times[name]) for name in COMPARED}
-    ratio = rate["muscle"] / rate["torque"]
-    print(
-        f"physics, muscle arm / torque arm: {ratio:.2f}  ({rate['muscle']:,.0f} / {rate['torque']:,.0f} steps a second)"
-    )
-
-
-def bench_table() -> None:
-    """Physics of the table's scene against the muscle arm's, a control period with the same cloth in the hand."""
-    scenes = {"muscle": ClothEnv("muscle", "hard-1"), "table": TableEnv("muscle", "hard-1", start_in="hand")}
-    arm, rng = scenes["muscle"].arm, np.random.default_rng(0)
-    commands = rng.uniform(arm.command_lower, arm.command_upper, (25, len(arm.command_names)))
-
-    def swing(env: ClothEnv) -> None:
-        env.start(seed=0)
-        for u in commands:
-            env.advance(u)
-
-    times = alternate({name: partial(swing, env) for name, env in scenes.items()}, 20)
-    table, muscle = (1e3 * np.median(times[name]) / len(commands) for name in ("table", "muscle"))
-    print(f"control period, table / muscle arm: {table / muscle:.2f}  ({table:.2f} / {muscle:.2f} ms)")
-
-
-def bench_solve() -> None:
-    """One solve of the controller against the straightforward loop over `nn.LSTM`, on one core."""
-    torch.set_num_threads(1)
-    for name, arm in COMPARED.items():
-        bench_solve_of(name, arm)
-
-
-def bench_solve_of(name: str, arm: Arm) -> None:
-    """The same, for one arm's numbers of commands and states."""
-    learned, settings = artifacts.load(f"{name}-0"), ControlSettings()
-    model, tension = learned.model, learned.layout.tensions
-    generator = torch.Generator().manual_seed(0)
-    p = torch.as_tensor(next(iter(learned.biases.values())))
-    frozen = FastDPMPB(model, p)
-    lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
-    mask = torch.as_tensor(period_mask(3, settings))
-    problems = []
-    for _ in range(20):
-        s = model.s_mean + model.s_std * torch.randn(model.state_size, generator=generator)
-        u = lower + (upper - lower) * torch.rand(settings.horizon, model.command_size, generator=generator)
-        memory = Memory(*(0.3 * torch.randn(2, 1, 30, generator=generator) for _ in range(2)))
-        problems.append((s, u, memory, torch.randn(3, generator=generator)))
-
-    def solve(function, k: int) -> torch.Tensor:
-        s, u, memory, z_ref = problems[k % len(problems)]
-        return optimise_commands(
-            lambda candidates: function(s, candidates, memory),
-            lambda states: control_loss(states, z_ref, mask, tension, settings.tension_weight),
-            u,
-            lower,
-            upper,
-            model.u_std,
-            settings,
-        )[0]
-
-    def plain(s, u, memory):
-        return predict(model, s, u, p, memory)
-
-    gaps = [(solve(frozen, k) - solve(plain, k)).abs() / (upper - lower) for k in range(len(problems))]
-    difference = max(gap.max().item() for gap in gaps)  # of the command's range, since commands have different units
-    count = iter(range(10**6))
-    times = alternate({"plain": lambda: solve(plain, next(count)), "frozen": lambda: solve(frozen, next(count))}, 200)
-    ratio = np.median(times["plain"]) / np.median(times["frozen"])
-    median, late = 1e3 * np.percentile(times["frozen"], [50, 99])
-    sizes = f"{model.command_size} commands, {model.state_size} states"
-    print(f"one solve ({sizes}), loop over nn.LSTM / ours: {ratio:.2f}  (≥ 2)")
-    print(f"    largest difference {difference:.1e} of the command's range (≤ 1e-5)")
-    print(
-        f"    ours: median {median:.1f} ms (≤ 10), 99th percentile {late:.1f} ms (≤ 20),"
-        f" of the {CONTROL_PERIOD * 1e3:.0f} ms period"
-    )
-
-
-def bench_loop() -> None:
-    """Physics, camera and solve together, on one core with one model, against the time that a robot would take."""
-    torch.set_num_threads(1)
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, sorted(cores)[:1])  # drawing would otherwise take a second core
-    for name, target in {"torque": "target-1", "muscle": "muscle"}.items():
-        learned, mask = artifacts.load(f"{name}-0"), artifacts.load_target(target)
-        cloth, p = next(iter(learned.biases.items()))
-        runs = [learned.sequences(trial) for trial in TRAINING_CONFIGS[f"{name}-paper"].load_trials()]
-        policies = {
-            "control": Timed(learned.controller(mask, p)),
-            "practice": Timed(learned.iterative_controller(mask, p, runs)),
-        }
-        for who, policy in policies.items():
-            with contextlib.closing(ClothEnv(learned.arm, cloth)) as env:
-                env.reset()
-
-                def step(env=env, policy=policy) -> None:
-                    env.advance(policy(env.observe()))
-
-                seconds = alternate({who: step}, 200)[who].mean()
-            solves = 1e3 * np.array(policy.seconds)[:: 1 if who == "control" else ControlSettings.period]
-            print(
-                f"closed loop on one core, {name} arm, {who}, real time / ours: {CONTROL_PERIOD / seconds:.1f}"
-                f"  ({1e3 * seconds:.1f} ms a step; one solve: median {np.median(solves):.1f} ms)"
-            )
+            for dataset in todo:
+                record(dataset, data=folder, workers=used)
+            seconds[used] = time.perf_counter() - start
     os.sched_setaffinity(0, cores)
+    yield "recording, 1 core / 2 cores", seconds[1] / seconds[2], "≥ 1.7", f"{seconds[1]:.0f} s / {seconds[2]:.0f} s"
 
 
-def alone(function: Callable[..., object], arguments: tuple) -> object:
+def solves(name: str) -> dict[str, Callable[[], object]]:
+    """One solve of the controller for an arm, by the straightforward loop over `nn.LSTM` and by ours."""
+    learned, settings = artifacts.load(f"{name}-0"), ControlSettings()
+    model, arm = learned.model, learned.arm
+    p = torch.as_tensor(next(iter(learned.biases.values())))
+    lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
+    torch.manual_seed(0)
+    s = model.s_mean + model.s_std * torch.randn(model.state_size)
+    u = lower + (upper - lower) * torch.rand(settings.horizon, model.command_size)
+    memory = Memory(*0.3 * torch.randn(2, 2, 1, 30))
+    z_ref, mask = torch.randn(3), torch.as_tensor(period_mask(3, settings))
+    fast = FastDPMPB(model, p)
+
+    def loss(states: torch.Tensor) -> torch.Tensor:
+        return control_loss(states, z_ref, mask, learned.layout.tensions, settings.tension_weight)
+
+    rollouts = {"plain": lambda c: predict(model, s, c, p, memory), "ours": lambda c: fast(s, c, memory)}
+    fixed = (loss, u, lower, upper, model.u_std, settings)
+    return {each: partial(optimise_commands, rollout, *fixed) for each, rollout in rollouts.items()}
+
+
+def bench_solve() -> Iterator[Row]:
+    """One solve of the controller on one core, for each arm."""
+    torch.set_num_threads(1)
+    for name in ("torque", "muscle"):
+        times = alternate(solves(name), 100)
+        what = f"one solve of the {name} arm, loop over nn.LSTM / ours"
+        yield what, times["plain"] / times["ours"], "≥ 2", f"{1e3 * times['ours']:.1f} ms"
+
+
+def alone(function: Callable[..., object], *arguments: object) -> object:
     """Call a function on one core, as `make train` does side by side."""
     with threadpool_limits(1):
         torch.set_num_threads(1)
@@ -236,19 +141,17 @@ def operations(step: Callable[[], torch.Tensor]) -> int:
     return int(counter.get_total_flops())
 
 
-def bench_training() -> None:
-    """GFLOP/s of trainings side by side, one on each core, as `make train` runs them, beside large matrix products."""
+def bench_training() -> Iterator[Row]:
+    """GFLOP/s of trainings side by side, one on each core, as `make train` runs them, by those of matrix products."""
     cores = len(os.sched_getaffinity(0))
     images, eyes = np.random.default_rng(0).random((64 * 10, 96, 128)) > 0.9, AutoencoderTraining(epochs=10)
-    runs, model = (
-        [Sequences(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9,
-        replace(TRAINING_CONFIGS["torque"].model, epochs=10),
-    )
+    runs = [Sequences(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9
+    model = replace(TRAINING_CONFIGS["torque"].model, epochs=10)
     windows = len(stretches(runs, model.sequence_length, model.stride)[0])
     jobs = {
-        "product": joblib.delayed(alone)(multiply, (2000, 20)),
-        "autoencoder": joblib.delayed(alone)(partial(train_autoencoder, progress=False), (images, eyes)),
-        "DPMPB": joblib.delayed(alone)(partial(train_dpmpb, progress=False), (runs, model)),
+        "product": joblib.delayed(alone)(multiply, 2000, 20),
+        "autoencoder": joblib.delayed(alone)(partial(train_autoencoder, progress=False), images, eyes),
+        "DPMPB": joblib.delayed(alone)(partial(train_dpmpb, progress=False), runs, model),
     }
     with joblib.Parallel(n_jobs=cores, max_nbytes=None) as side_by_side:
         times = alternate({name: partial(side_by_side, [job] * cores) for name, job in jobs.items()}, 5)
@@ -257,87 +160,53 @@ def bench_training() -> None:
     # The counter does not see inside nn.LSTM: 2 layers, 4 gates, 30 units from 60 inputs; backward is twice forward.
     in_lstm = 3 * 2 * (2 * 4 * 30 * 60) * size * 30
     flops = {
-        "product": cores * 20 * 2 * 2000**3,
-        "autoencoder": cores * operations(lambda: Autoencoder()(torch.rand(64, 1, 96, 128)).mean()) * 10 * eyes.epochs,
-        "DPMPB": cores * (operations(lambda: network(s, u, p)[0].mean()) + in_lstm) * windows / size * model.epochs,
+        "product": 20 * 2 * 2000**3,
+        "autoencoder": operations(lambda: Autoencoder()(torch.rand(64, 1, 96, 128)).mean()) * 10 * eyes.epochs,
+        "DPMPB": (operations(lambda: network(s, u, p)[0].mean()) + in_lstm) * windows / size * model.epochs,
     }
-    rates = {name: flops[name] / float(np.median(times[name])) / 1e9 for name in flops}
-    print(f"matrix products 2000³, one on each of {cores} cores: {rates['product']:.0f} GFLOP/s")
-    for name, bound in (("autoencoder", 0.5), ("DPMPB", 0.45)):
-        share = f"{rates[name] / rates['product']:.2f}  ({rates[name]:.0f} GFLOP/s; ≥ {bound})"
-        print(f"    {cores} trainings of the {name} side by side, by the products: {share}")
+    rates = {name: cores * flops[name] / times[name] / 1e9 for name in flops}
+    for name, aim in (("autoencoder", "≥ 0.5"), ("DPMPB", "≥ 0.45")):
+        share = rates[name] / rates["product"]
+        yield f"GFLOP/s, training the {name} / matrix products", share, aim, f"{rates[name]:.0f} GFLOP/s"
 
 
-PANEL_MINUTES, PRESSES = 10, 20  # how long its memory is watched; how often each control is pressed
-
-
-def bench_panel() -> None:
-    """The live lab in a real browser: does it keep the paper's 5 Hz, how soon does it answer, does it grow?"""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        contextlib.closing(Lab(Path(folder))) as lab,
-        sync_playwright() as playwright,
-    ):
+def bench_lab() -> Iterator[Row]:
+    """The live lab in a browser, from "Run All Cells" to a robot that moves."""
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        lab = stack.enter_context(contextlib.closing(Lab(Path(folder))))
         lab.wait()
-        page = playwright.chromium.launch(**launch_options()).new_page(viewport={"width": 1500, "height": 1100})
-        notebook = Notebook(lab, page, "14_live_lab.ipynb")
-        print(f"live lab, from run all to a moving robot: {notebook.start_panel():.1f} s  (≤ 15)")
-        page.get_by_role("button", name="estimate p online").click()
-        notebook.until("panel.session.estimating and panel.session.driver == 'control'")
-        bench_panel_pace(notebook)
-        bench_panel_answers(notebook)
-
-
-def bench_panel_pace(notebook: Notebook) -> None:
-    """Steps, late steps and pictures in a minute, and the kernel's memory over `PANEL_MINUTES`."""
-
-    def counts() -> np.ndarray:
-        steps, late = eval(notebook.evaluate("panel.steps, panel.late"))
-        return np.array([time.monotonic(), steps, late, frame(notebook.page)])
-
-    kernel = psutil.Process(int(notebook.evaluate("__import__('os').getpid()")))
-    before = counts()
-    notebook.page.wait_for_timeout(60_000)
-    seconds, steps, late, shown = counts() - before
-    print(
-        f"    60 s with control and estimation: {steps / seconds:.2f} steps a second (≥ 4.9), {late / steps:.1%} late"
-        f" (≤ 1 %), {shown / seconds:.2f} pictures a second (≥ 4)"
-    )
-    size = kernel.memory_info().rss  # after a minute, since the more estimation looks back on, the more memory it takes
-    for _ in trange(PANEL_MINUTES, unit="minute", leave=False):
-        notebook.page.wait_for_timeout(60_000)
-    growth = (kernel.memory_info().rss - size) / 2**20
-    print(f"    the kernel grew by {growth:.1f} MiB in {PANEL_MINUTES} minutes  (< 20 in 10), from {size / 2**20:.0f}")
-
-
-def bench_panel_answers(notebook: Notebook) -> None:
-    """From pressing a key or clicking to the frame that shows the effect, drawn by the browser."""
-    waits = answers(notebook, PRESSES)
-    median, late = np.percentile([seconds for seconds, _ in waits.reshape(-1, 2)], [50, 95]) / CONTROL_PERIOD
-    print(
-        f"    from a control to its effect: median {median:.1f}, 95th percentile {late:.1f} control periods (≤ 2)"
-        f"; {PRESSES} times each of {len(waits)} controls"
-    )
+        browser = stack.enter_context(sync_playwright()).chromium.launch(**launch_options())
+        page = browser.new_page(viewport={"width": 1500, "height": 1100})
+        seconds = Notebook(lab, page, "14_live_lab.ipynb").start_panel()
+    yield "live lab, from run all to a moving robot [s]", seconds, "≤ 15", ""
 
 
 BENCHES = {
     "step": bench_step,
-    "arms": bench_arms,
-    "table": bench_table,
-    "collection": bench_collection,
+    "recording": bench_recording,
     "solve": bench_solve,
-    "loop": bench_loop,
     "training": bench_training,
-    "panel": bench_panel,
+    "lab": bench_lab,
 }
 
 
 def main() -> None:
-    """Run all, or those named."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Run all, or those named, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*BENCHES, []], help="which; all by default")
-    for name in parser.parse_args().names or BENCHES:
-        BENCHES[name]()
+    parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="measure that package, too")
+    parser.add_argument("--csv", action="store_true", help="print CSV")
+    arguments = parser.parse_args()
+    names = arguments.names or list(BENCHES)
+    rows = [row for name in names for row in BENCHES[name]()]
+    table = pd.DataFrame(rows, columns=["measured", "ratio", "aim", "time"]).round(3)
+    if arguments.against:
+        command = [sys.executable, __file__, *names, "--csv"]
+        path = {"PYTHONPATH": str(arguments.against.resolve())}
+        said = subprocess.run(command, env=os.environ | path, check=True, stdout=subprocess.PIPE, text=True).stdout
+        table["there"] = pd.read_csv(io.StringIO(said))["ratio"]
+    print(table.to_csv(index=False) if arguments.csv else table.to_string(index=False))
 
 
 if __name__ == "__main__":
