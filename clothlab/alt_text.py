@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
 _Drawn = Line2D | PathCollection
-LONGEST = 240  # characters of a summary, which a screen reader reads in one go and cannot stop within
+_LONGEST = 240  # characters of a summary, which a screen reader reads in one go and cannot stop within
 _MANY = 12  # labels, or lines without a label, that are still named one by one
 
 
@@ -41,8 +41,8 @@ def describe(figure: Figure) -> AltText:
     parts += _few([_plain(ax.get_ylabel()) for ax in charts], "vertical: ")
     parts += _few([_label(each) for ax in panels for each in _drawn(ax)], "shown: ")
     summary = "; ".join(parts)
-    if len(summary) > LONGEST:
-        summary = f"{summary[: LONGEST - 2].rsplit(' ', 1)[0]} …"
+    if len(summary) > _LONGEST:
+        summary = f"{summary[: _LONGEST - 2].rsplit(' ', 1)[0]} …"
     heads = [f"Panel {k}, {name}".removesuffix(", ") for k, name in enumerate(names, 1)] if len(panels) > 1 else names
     details = [". ".join(filter(None, [head, *_contents(ax)])) for head, ax in zip(heads, panels, strict=True)]
     details += [f"Colours: {_axis(bar.yaxis)}" for bar in bars]
