@@ -47,6 +47,7 @@ def test_rows_give_accuracy_coverage_and_alarms_by_kind(table):
     assert [row.note for row in found[1:]] == notes
 
 
+@pytest.mark.slow
 def test_a_run_is_looked_at_after_each_length(monkeypatch):
     stored = load("calibration").iloc[0][[field.name for field in dataclasses.fields(Calibration)]]
     monkeypatch.setattr(calibration_test, "_calibration", lambda model: Calibration(**stored))

@@ -50,6 +50,7 @@ def test_p_is_estimated_from_what_the_camera_sees(exact, monkeypatch):
     assert np.abs(moved_away - unmoved).mean() > 2 * np.abs(back - unmoved).mean() > 0
 
 
+@pytest.mark.slow
 def test_control_is_judged_from_the_old_pose(exact, monkeypatch):
     judged, real = [], camera_recalibration.target_distance
     monkeypatch.setattr(

@@ -55,17 +55,6 @@ def test_a_condition_that_cannot_fail_is_refused(findings, figure, bounds):
         findings.stored("anything", figure, distances=DISTANCES, **bounds)
 
 
-def test_noise_is_refused_by_conditions_on_names_and_on_yes_or_no(findings):
-    cloths = np.array(list("abcdefghi"))
-    findings.stored("right", lambda a, b: np.mean(a == b), above=0.9, a=cloths, b=cloths)
-    findings.stored("often", lambda won: won.mean(), above=0.9, won=np.ones(20, bool))
-
-
-def test_nan_is_no_figure(findings):
-    with pytest.raises(ClaimError, match="nan, claimed"):
-        findings.stored("near", lambda a: a.mean() if len(set(a)) < 1 else np.nan, above=-9, a=DISTANCES)
-
-
 def test_a_claim_needs_bounds_and_arrays(findings):
     with pytest.raises(ValueError, match="needs a bound"):
         findings.stored("near", mean, distances=DISTANCES)

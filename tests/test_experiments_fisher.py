@@ -30,11 +30,6 @@ def test_the_bound_falls_with_the_root_of_time_when_the_motion_goes_on_as_it_is(
     assert slope == pytest.approx([-0.5, -0.5], abs=0.02)
 
 
-def test_correlated_noise_tells_less_of_a_constant():
-    f = fisher_information(np.ones((5000, 1, 1)), Noise([[1.0]], 0.5))
-    assert f[-1, 0, 0] == pytest.approx(5000 * (1 - 0.5) / (1 + 0.5), rel=1e-3)
-
-
 def test_the_bound_is_reached_by_weighted_least_squares_in_correlated_noise():
     rng, rho, deviations, x = np.random.default_rng(1), 0.7, np.array([0.2, 0.5]), np.array([0.3, -0.2])
     s, noise = stationary(60, 2), Noise(np.diag(deviations**2), rho)
@@ -43,21 +38,6 @@ def test_the_bound_is_reached_by_weighted_least_squares_in_correlated_noise():
     errors = np.linalg.lstsq(noise.whiten(s).reshape(-1, 2), sensed, rcond=None)[0].T - x
     assert errors.mean(axis=0) == pytest.approx([0, 0], abs=0.005)
     assert errors.std(axis=0) == pytest.approx(cramer_rao(fisher_information(s, noise))[-1], rel=0.06)
-
-
-def test_information_adds_up_over_independent_sensors():
-    s, deviations = stationary(channels=5), np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-    both = fisher_information(s, Noise(np.diag(deviations**2), 0.3))
-    one = fisher_information(s[:, :2], Noise(np.diag(deviations[:2] ** 2), 0.3))
-    other = fisher_information(s[:, 2:], Noise(np.diag(deviations[2:] ** 2), 0.3))
-    assert one + other == pytest.approx(both)
-
-
-def test_the_bound_of_a_combination_is_that_of_the_inverse():
-    f, a = np.array([[5.0, 2.0], [2.0, 1.0]]), np.array([[1.0, -1.0], [0.5, 2.0]])
-    inverse = np.linalg.inv(f)
-    assert cramer_rao(f) == pytest.approx(np.sqrt(np.diag(inverse)))
-    assert cramer_rao(f, a) ** 2 == pytest.approx(np.diag(a @ inverse @ a.T))
 
 
 def test_what_only_the_ratio_moves_says_nothing_of_the_product():

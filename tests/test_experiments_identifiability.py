@@ -36,6 +36,7 @@ def test_what_moves_with_the_camera_is_no_noise_and_what_scatters_is_measured_in
     assert identifiability._residuals(noisy, turns).std() == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_motion_says_more_in_a_longer_run_and_to_an_observer_with_more_sensors(monkeypatch):
     whole = artifacts.load_trials
     monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial[:60] for trial in whole(name)[:3]])

@@ -17,7 +17,7 @@ from clothlab.table_scene import task
 from clothlab.table_scene.servoing import RobotDriver
 from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv
 from clothlab.table_scene.task import Outcome
-from clothlab.table_scene.throwing import OperatorThrow, ThrowSettings, closed_until, label_spread
+from clothlab.table_scene.throwing import ThrowSettings, closed_until, label_spread
 from clothlab.trials import Trial
 
 ARM = get_arm("muscle-hand")
@@ -52,14 +52,6 @@ def learned(monkeypatch):
     return found
 
 
-def test_the_methods_meet_the_same_episodes_and_the_trainings_take_turns():
-    found = pd.DataFrame(_cases(method=["dynamic", "slow"], model=[0, 1], episodes=4))
-    assert list(found["method"]) == ["dynamic", "slow"] * 4
-    assert list(found["model"]) == [0, 0, 1, 1] * 2
-    assert list(found["seed"].unique()) == [500_000, 500_001, 500_002, 500_003]
-    assert len(_cases()) == 3 * 50
-
-
 @pytest.mark.parametrize("outcome", [GOOD, FOLDED], ids=["good", "folded"])
 def test_an_episode_is_a_row(learned, monkeypatch, outcome):
     monkeypatch.setattr(table_setting, "run_task", lambda spreader, seed: outcome)
@@ -86,47 +78,16 @@ def test_the_dynamic_method_excites_estimates_and_lets_go(learned, monkeypatch):
     assert len(notes["expected"]) == len(notes["before_release"]) > 0
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """A border that is searched in seconds."""
+@pytest.mark.slow
+def test_the_border_is_tried_with_every_margin_and_every_throw(monkeypatch):
     for name, value in {"MARGINS": (0.17, 0.30), "_BORDER_THROWS": 2, "_CHOOSING": 1, "_JUDGING": 2}.items():
         monkeypatch.setattr(table_setting, name, value)
-    return monkeypatch
-
-
-def test_the_border_is_tried_with_every_margin_and_every_throw(small):
     close, far = (_run_border("hard-1", near) for near in (0.15, 0.8))
     assert close["slow"].tolist() == [[True], [False]]
     assert close["best_slow"].tolist() == [True, True]  # of the better margin
     assert not far["slow"].any()
     assert not far["best_slow"].any()
     assert far["thrown"].tolist() == far["best_thrown"].tolist() == [False, False]
-
-
-def test_a_throw_that_worked_is_judged_from_other_starts(small):
-    tried = []
-
-    class Lucky(OperatorThrow):
-        def reset(self, seed=None):
-            super().reset(seed)
-            tried.extend([] if seed is None else [seed])
-
-    small.setattr(table_setting, "OperatorThrow", Lucky)
-    for name, value in {
-        "MARGINS": (0.02,),
-        "_BORDER_THROWS": 4,
-        "_CHOOSING": 2,
-        "_JUDGING": 3,
-        "FIRST_SEED": 0,
-    }.items():
-        small.setattr(table_setting, name, value)  # of these throws, some work from the first start on a table so near
-    found = _run_border("hard-3", 0.30)
-    worked = np.flatnonzero(found["thrown"]).tolist()
-    assert len(worked) > 0
-    assert found["best_thrown"].shape == (3,)
-    assert tried[:4] == [0, 1, 2, 3]
-    assert tried[4 : 4 + 2 * len(worked)] == [number for number in worked for _ in range(2)]
-    assert len(set(tried[-3:])) == 1
 
 
 @pytest.mark.parametrize(("worked", "best"), [([0, 2, 1], 1), ([2, 2, 2, 0], 1), ([1], 0)])

@@ -42,12 +42,6 @@ def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others
     assert papers.keys() <= here.keys()
 
 
-def test_a_page_without_a_place_for_the_results_is_refused(tmp_path):
-    (tmp_path / "README.md").write_text("# clothlab")
-    with pytest.raises(ValueError, match=r"README.md has no place for the results"):
-        tables.publish(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("bounds", "aim", "met"),
     [

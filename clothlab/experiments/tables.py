@@ -81,8 +81,8 @@ def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
 
 def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     """Write the stored results into `README.md` and `docs/results.md` of a folder, between their marks."""
-    rows, beside = results(data=data)
-    texts = {"README.md": _in_readme(rows, beside), "docs/results.md": in_docs(questions(stored(data=data)), beside)}
+    asked, (rows, beside) = questions(stored(data=data)), results(data=data)
+    texts = {"README.md": _in_readme(rows, beside), "docs/results.md": in_docs(asked, beside)}
     for name, text in texts.items():
         path = folder / name
         before, mark, rest = path.read_text().partition("<!-- results -->")
