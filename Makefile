@@ -51,7 +51,7 @@ notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small si
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto build/small/*.ipynb
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
-	$(BIN)/python scripts/make_findings.py $(if $(RECORD),--record)
+	$(BIN)/python scripts/make_editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
 browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser

@@ -8,11 +8,9 @@ import subprocess
 import sys
 import time
 import urllib.request
-from ast import literal_eval
 from pathlib import Path
 
 import nbformat
-import numpy as np
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
 from playwright.sync_api import Locator, Page
@@ -42,11 +40,7 @@ class Lab:
     """A running JupyterLab on copies of the notebooks, which it would otherwise save over."""
 
     def __init__(self, folder: Path):
-        """Start it.
-
-        Args:
-            folder: for the copies, the settings and the log.
-        """
+        """Start it, with a folder for the copies, the settings and the log."""
         for path in (ROOT / "notebooks").glob("*.ipynb"):
             notebook = nbformat.read(path, as_version=4)
             for cell in notebook.cells:  # CI's smaller values, as nbmake has them
@@ -61,14 +55,8 @@ class Lab:
         news = folder / "settings" / "@jupyterlab" / "apputils-extension" / "notification.jupyterlab-settings"
         news.parent.mkdir(parents=True)
         news.write_text('{"fetchNews": "false", "checkForUpdates": false}')  # or it asks, in front of the panel
-        options = [
-            f"--LabApp.user_settings_dir={folder / 'settings'}",
-            "--no-browser",
-            "--allow-root",
-            f"--port={self.port}",
-            "--ServerApp.token=t",
-            "--ServerApp.password=",
-        ]
+        options = [f"--LabApp.user_settings_dir={folder / 'settings'}", f"--port={self.port}", "--ServerApp.token=t"]
+        options += ["--ServerApp.password=", "--no-browser", "--allow-root"]
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "jupyter", "lab", *options], cwd=folder / "notebooks", stdout=log, stderr=log
@@ -81,11 +69,7 @@ class Lab:
             return json.loads(answer.read() or "null")
 
     def wait(self) -> None:
-        """Wait until it answers.
-
-        Raises:
-            TimeoutError: with the server's log.
-        """
+        """Wait until it answers; a TimeoutError with the server's log if it does not."""
         for _ in range(120):
             try:
                 self.ask("api/status")
@@ -110,12 +94,7 @@ class Lab:
 
 
 class Notebook:
-    """One notebook in the browser, and its kernel.
-
-    Attributes:
-        page: the browser's page.
-        errors: what appeared as an error in the browser's console.
-    """
+    """One notebook in the browser, and its kernel; `errors` is what appeared as an error in the browser's console."""
 
     def __init__(self, lab: Lab, page: Page, name: str):
         """Open it; nothing is run."""
@@ -141,11 +120,7 @@ class Notebook:
         self.page.locator(".lm-Menu-itemLabel", has_text=re.compile("^Run All Cells$")).click()
 
     def start_panel(self) -> float:
-        """Run all of the live lab.
-
-        Returns:
-            Time from the click to the robot's first picture after a step [s].
-        """
+        """Run all of the live lab: the time from the click to the robot's first picture after a step [s]."""
         start = time.monotonic()
         self.run_all()
         self.page.wait_for_function(
@@ -166,11 +141,7 @@ class Notebook:
         self.client.kernel_info(reply=True, timeout=60)
 
     def evaluate(self, expression: str, code: str = "") -> str:
-        """What an expression is in the kernel, after some code.
-
-        Raises:
-            RuntimeError: it fails there.
-        """
+        """What an expression is in the kernel, after some code; a RuntimeError if it fails there."""
         reply = self.client.execute(code, user_expressions={"x": expression}, reply=True, timeout=60)
         answer = reply["content"].get("user_expressions", {}).get("x", reply["content"])
         if reply["content"]["status"] != "ok" or answer["status"] != "ok":
@@ -178,56 +149,9 @@ class Notebook:
         return answer["data"]["text/plain"]
 
     def until(self, expression: str, seconds: float = 15) -> None:
-        """Wait until an expression is true in the kernel.
-
-        Raises:
-            TimeoutError: it stays false.
-        """
+        """Wait until an expression is true in the kernel; a TimeoutError if it stays false."""
         end = time.monotonic() + seconds
         while self.evaluate(f"bool({expression})") != "True":
             if time.monotonic() > end:
                 raise TimeoutError(f"not within {seconds} s: {expression}")
             time.sleep(0.1)
-
-
-def answers(notebook: Notebook, presses: int) -> np.ndarray:
-    """From pressing a key or clicking to the frame that shows the effect, drawn by the browser, again and again.
-
-    Args:
-        notebook: the live lab, where time goes by; p is estimated online.
-        presses: of each control: a slider of the hand, the map of p, a slider of the material.
-
-    Returns:
-        `[controls, presses, 2]`: time [s], and steps of the panel.
-    """
-    page = notebook.page
-    notebook.evaluate(
-        "None",
-        "import time as _time\n"
-        "drawn = []\n"
-        "def _note(*_):\n"
-        "    moment = panel.history[-1] if panel.history else None\n"
-        "    if moment: drawn.append("
-        "(_time.time(), panel.steps, moment.command[0], moment.p[0], panel.session.env.cloth.mass))\n"
-        "panel.on_msg(lambda _, content, __: _note() if content['do'] == 'drawn' else None)",
-    )
-    rng, waits = np.random.default_rng(0), []
-    controls = {  # which column of `drawn` each changes for good
-        2: lambda k: slider(page, "shoulder").press("ArrowLeft"),
-        3: lambda k: page.get_by_role("application", name="map of the parametric bias").click(
-            position=dict(zip("xy", rng.uniform(60, 250, 2), strict=True))
-        ),
-        4: lambda k: slider(page, "C_mass").press("ArrowRight" if k % 2 else "ArrowLeft"),
-    }
-    page.get_by_role("button", name="estimate p online").click()  # p is to move by clicks alone
-    slider(page, "shoulder").press("ArrowLeft")  # takes over: the command now is the slider's
-    for column, press in controls.items():
-        for k in range(presses):
-            page.wait_for_timeout(600 + rng.uniform(0, 200))  # any moment of the control period
-            old, step = literal_eval(notebook.evaluate(f"(float(drawn[-1][{column}]), panel.steps)"))
-            start = time.time()
-            press(k)
-            notebook.until(f"drawn[-1][{column}] != {old}")
-            shown = notebook.evaluate(f"next(row[:2] for row in drawn if row[0] > {start} and row[{column}] != {old})")
-            waits.append(np.subtract(literal_eval(shown), (start, step)))
-    return np.reshape(waits, (len(controls), presses, 2))

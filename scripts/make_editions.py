@@ -1,18 +1,23 @@
 """`make editions`: the notebooks for a class, in `build/`, about eight minutes for all of them on two cores.
 
-`build/student` has the stubs and no solutions. `build/instructor` has the solutions, executed, with all outputs, and
-each notebook as a web page, too.
+`build/student` has the stubs and no solutions. `build/instructor` has the solutions, executed with the parameters that
+are written in them, with all outputs, and each notebook as a web page, too. So every claim is checked on what was
+measured; `--record` stores the figures (`make findings RECORD=1`).
 """
 
 import argparse
 import copy
+import os
+import time
 from pathlib import Path
 
 import nbformat
 from nbconvert import HTMLExporter
 from nbconvert.preprocessors import ExecutePreprocessor
 
+from clothlab import artifacts
 from clothlab._files import write_bytes
+from clothlab.experiments.claims import RECORD
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL_SECONDS = 600  # [s] a cell that takes longer has hung
@@ -43,26 +48,26 @@ def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbforma
     edition = _moved(notebook)
     for cell in edition.cells:
         cell.metadata.get("jupyter", {}).pop("source_hidden", None)
-    execute(edition, folder)
-    return edition
-
-
-def execute(notebook: nbformat.NotebookNode, folder: Path) -> None:
-    """Run a notebook's cells in a folder, and keep their outputs in it; an error in a cell ends it."""
     quiet = ["--IPKernelApp.log_level=ERROR"]  # each kernel would warn that it speaks TCP
-    ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet).preprocess(
-        notebook, {"metadata": {"path": str(folder)}}
-    )
+    run = ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet)
+    return run.preprocess(edition, {"metadata": {"path": str(folder)}})[0]
 
 
-def write_editions(path: Path, build: Path) -> None:
-    """Write both editions of the notebook at `path` into `build`: nothing of the second if a cell fails."""
+def claims(executed: nbformat.NotebookNode) -> list[str]:
+    """The claims that a run of a notebook has printed."""
+    printed = [output.get("text", "") for cell in executed.cells for output in cell.get("outputs", [])]
+    return [line for text in printed for line in text.splitlines() if line.startswith("✓")]
+
+
+def write_editions(path: Path, build: Path) -> nbformat.NotebookNode:
+    """Write both editions of the notebook at `path` into `build`, the second only if no cell fails, and return it."""
     notebook = nbformat.read(path, as_version=4)
     write_bytes(build / "student" / path.name, nbformat.writes(student_edition(notebook)).encode())
     executed = instructor_edition(notebook, path.parent)
     page, _ = HTMLExporter().from_notebook_node(executed, {"metadata": {"name": path.stem}})
     write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
     write_bytes(build / "instructor" / path.name, nbformat.writes(executed).encode())
+    return executed
 
 
 def _moved(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -78,9 +83,16 @@ def main() -> None:
     """Make both editions of each notebook that is named."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("notebooks", nargs="+", type=Path)
-    for path in parser.parse_args().notebooks:
-        write_editions(path.resolve(), ROOT / "build")
-        print(f"{path.name}: build/student, build/instructor")
+    parser.add_argument("--record", action="store_true", help="store what is measured as the new figures")
+    arguments = parser.parse_args()
+    os.environ |= {RECORD: "1"} if arguments.record else {}
+    for path in arguments.notebooks:
+        start = time.perf_counter()
+        held = claims(write_editions(path.resolve(), ROOT / "build"))
+        print(f"{path.stem}: {len(held)} claims hold, {time.perf_counter() - start:.0f} s")
+        print("".join(f"  {claim}\n" for claim in held), end="", flush=True)
+    if arguments.record:
+        artifacts.write_checksums()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
-SHOWN: dict[str, int] = {}  # which figure of a notebook, where it is not the first
 GALLERY_SIZE = (420, 280)  # [pixel], at most
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
@@ -40,9 +39,8 @@ def gallery() -> None:
     """Write `docs/gallery/NN.png`, one small figure of each notebook."""
     for path in sorted((ROOT / "build" / "small").glob("*.ipynb")):
         outputs = [each for cell in nbformat.read(path, as_version=4).cells for each in cell.get("outputs", [])]
-        pictures = [each.data["image/png"] for each in outputs if "image/png" in each.get("data", {})]
-        chosen = pictures[min(SHOWN.get(path.stem[:2], 0), len(pictures) - 1)]
-        picture = Image.open(io.BytesIO(base64.b64decode(chosen))).convert("RGB")
+        first = next(each.data["image/png"] for each in outputs if "image/png" in each.get("data", {}))
+        picture = Image.open(io.BytesIO(base64.b64decode(first))).convert("RGB")
         picture.thumbnail(GALLERY_SIZE)
         target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
         target.parent.mkdir(exist_ok=True)

@@ -22,7 +22,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "inputs": ((*PYTEST, "tests/test_properties.py"), {"CLOTHLAB_INPUTS": "10000"}),
     "faults": ((*PYTEST, "tests/test_faults.py"), {"CLOTHLAB_FAULTS": "100"}),
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
-    "findings": ((sys.executable, "scripts/make_findings.py"), {}),
+    "findings": (("make", "findings"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
     "bench": ((sys.executable, "scripts/bench.py"), {}),
 }
