@@ -3,7 +3,6 @@
 import asyncio
 import base64
 import json
-import threading
 import time
 from threading import get_ident
 
@@ -11,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel, table
+from clothlab.lab import LivePanel
 from clothlab.lab import panel as panel_module
 from clothlab.lab.actions import stick_command
 from clothlab.lab.targets import LARGEST_FILE
@@ -299,34 +298,6 @@ def test_missing_weights_are_a_message(panel, monkeypatch):
     assert "make data train" in says(panel)
     send(panel, "step")
     assert panel.session.arm.name == panel.state["arm"] == "torque"
-
-
-def test_the_table_is_set_beside_the_session_until_the_panel_closes(panel, new_session, monkeypatch):
-    def play(method, seed, watch, progress):
-        progress("fetch cloth")
-        while True:
-            watch(lambda: np.zeros((6, 8, 3), np.uint8))
-
-    def robots():
-        return [thread for thread in threading.enumerate() if thread.name == "setting the table"]
-
-    async def main():
-        panel.observe(lambda change: send(panel, "table drawn", frame=change["new"]["number"]), "table")
-        send(panel, "table drawn", frame=panel.table["number"])
-        send(panel, "set the table", method="lay it slowly")
-        await until(lambda: panel.table["phases"][0][1] == "running")
-        assert not panel.running  # the live session has a time of its own
-        send(panel, "stop the task")
-        await until(lambda: not panel.table["running"])
-        assert panel.table["phases"][0][1] == "stopped"
-        send(panel, "set the table", method="lay it slowly")
-        assert len(robots()) == 1
-        other = LivePanel(new_session())  # as running the cell again
-        assert not robots()
-        other.close()
-
-    monkeypatch.setattr(table, "_play", play)
-    asyncio.run(main())
 
 
 def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):

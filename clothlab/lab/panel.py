@@ -16,7 +16,6 @@ from clothlab.lab.clock import Clock, LoopCallbacks
 from clothlab.lab.messages import Messages
 from clothlab.lab.playback import Playback
 from clothlab.lab.session import LiveSession, StepInfo
-from clothlab.lab.table import TableSection
 from clothlab.lab.widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
@@ -31,13 +30,12 @@ class LivePanel(Widget, anywidget.AnyWidget):
         session: what is steered; by default a new session with the torque arm.
     """
 
-    _esm = views.javascript("text", "traces", "target", "map", "gamepad", "table", "style", "panel")
+    _esm = views.javascript("text", "traces", "target", "map", "gamepad", "style", "panel")
     about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
     state = traitlets.Dict().tag(sync=True)  # where every control stands, and the message
     target = traitlets.Dict().tag(sync=True)  # with what the autoencoder makes of it
     frame = traitlets.Dict().tag(sync=True)  # pictures, traces and p; the next one waits until this one is drawn
     ellipse = traitlets.Bytes().tag(sync=True)  # PNG
-    table = traitlets.Dict().tag(sync=True)  # the task of setting the table, which is no part of the session
 
     _active: ClassVar["LivePanel | None"] = None
 
@@ -56,7 +54,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._answered = ""  # the last message that was acted on
         super().__init__()
         self._playback = Playback(self)
-        self._setting = TableSection(lambda news: setattr(self, "table", news), self.errors)
         self._actions = PanelActions(self, self._messages.say)
         self.on_msg(self._hear)
         self._meet_arm()
@@ -103,10 +100,9 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._show(force=True)
 
     def close(self) -> None:
-        """Leave nothing behind: no task, no thread, no widget, no OpenGL context."""
+        """Leave nothing behind: no thread, no widget, no OpenGL context."""
         self._clock.pause()
         self._playback.close()
-        self._setting.close()
         if LivePanel._active is self:
             LivePanel._active = None
         self.session.close()
@@ -182,8 +178,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
         if content.get("do") == "drawn":
             self.drawn = content["frame"]
-        elif content.get("do") == "table drawn":
-            self._setting.drawn = content["frame"]
         else:
             self._callbacks.take(self._act, content, buffers)
 
@@ -192,11 +186,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
         if buffers:
             arguments["content"] = bytes(buffers[0])
-        actions = self._actions.named() | {
-            "play": self._playback.start,
-            "set the table": self._setting.start,
-            "stop the task": self._setting.stop,
-        }
+        actions = self._actions.named() | {"play": self._playback.start}
         self._messages.say("")
         self._playback.stop()  # any action is meant for the robot that is here
         self._messages.guarded(lambda: choose("action", content.get("do", ""), actions)(**arguments))

@@ -134,24 +134,23 @@ function render({ model, el }) {
   const recording = make("div", {}, make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
   const own = make("section", { className: "split halves", style: "--least:280px" }, stiffness, make("div", {}, make("h3", { textContent: "Your own hand" }), handNote, hand, recording), again);
 
-  const table = tableSection(act), rest = make("div", { className: "columns" });
+  const rest = make("div", { className: "columns" });
 
   // -- a projector: three views and the distance; the rest is folded away behind buttons
   const more = make("section"), drawer = make("div", { className: "drawer" });
-  const folds = Object.entries({ target, material: materials, hand: own, "more plots": more, table: table.details }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
+  const folds = Object.entries({ target, material: materials, hand: own, "more plots": more }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
   const project = button("projector", () => arrange(!projecting()));
   project.className = "away";
   const replay = button("recorded run", () => act(get("state").status === "recorded" ? "live" : "play"));
   const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, explore, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
-  const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest, table.details);
+  const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest);
   const projecting = () => root.classList.contains("projector");
   function unfold(part) {
     const open = part && part.parentNode !== drawer ? part : null;
     drawer.replaceChildren(...(open ? [open] : []));
     drawer.classList.toggle("left", open === target); // beside what it is about
-    table.details.open = open === table.details;
     for (const each of folds) each.opener.setAttribute("aria-pressed", each.part === open);
   }
   function arrange(on) {
@@ -170,9 +169,8 @@ function render({ model, el }) {
     if (!on) beside.after(reason);
     shown.replaceChildren(...(on ? [scene.figure, seen.figure, aim, plots, drawer] : [pictures, curves]));
     pictures.replaceChildren(...(on ? [] : [scene.figure, pair]));
-    if (on) unfold(get("table").running ? table.details : null);
+    if (on) unfold(null);
     rest.replaceChildren(...(on ? [] : [target, materials, own]));
-    if (!on) root.append(table.details);
     if (on) bar.firstChild.append(replay); // the first row is full
     else project.before(replay);
     if (on) bar.append(message);
@@ -301,14 +299,10 @@ function render({ model, el }) {
     frame.traces.forEach((trace, i) => traces[i]?.draw(trace, frame.marks, get("about"), projecting()));
   }
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
-  function showTable() {
-    table.draw(get("table"));
-    model.send({ do: "table drawn", frame: get("table").number });
-  }
 
   arrange(false);
   el.append(make("style", { textContent: STYLE }), root);
-  for (const [trait, show] of [["about", showState], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse], ["table", showTable]]) {
+  for (const [trait, show] of [["about", showState], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
     model.on(`change:${trait}`, show);
     cleanUp.push(() => model.off(`change:${trait}`, show));
     show();

@@ -44,15 +44,8 @@ const STYLE = `
 .clothlab .beside { display: flex; gap: 8px; }
 .clothlab .beside > div { flex: 1 1 0; min-width: 0; }
 .clothlab .no { color: #b00020; font-weight: 600; }
-.clothlab details { margin-top: 12px; border-top: 2px solid #0072B2; padding-top: 4px; }
-.clothlab summary { font-size: 1.07em; font-weight: bold; cursor: pointer; }
-.clothlab ol.phases { list-style: none; margin: 8px 0; padding: 0; }
-.clothlab ol.phases li { padding: 1px 10px; border: 1px solid #888; border-radius: 12px; }
-.clothlab ol.phases .waiting { color: #595959; border-color: #ccc; }
-.clothlab ol.phases .running { background: #009E73; border-color: #009E73; color: #fff; font-weight: 600; }
-.clothlab ol.phases .failed { border-color: #b00020; color: #b00020; font-weight: 600; }
 .clothlab.projector { position: fixed; inset: 0; width: 100vw; height: 100vh; max-width: none; max-height: none; margin: 0; border: 0; padding: 1vh 1.4vh; overflow: hidden; display: flex; flex-direction: column; gap: 0.8vh; font-size: 2.7vh; line-height: 1.25; }
-.clothlab.projector > .columns, .clothlab.projector > details { display: none; }
+.clothlab.projector > .columns { display: none; }
 .clothlab.projector button, .clothlab.projector select { padding: 0.3vh 1.1vh; }
 .clothlab.projector .row { gap: 0.8vh; }
 .clothlab.projector .status { padding: 0.3vh 2vh; }
@@ -73,7 +66,7 @@ const STYLE = `
 .clothlab.projector canvas.plot, .clothlab.projector canvas.map { font-size: 2.5vh; }
 .clothlab.projector .drawer:not(:empty) { display: block; grid-area: 1 / 2 / 2 / 4; background: #fff; overflow: auto; min-height: 0; height: 47vh; padding: 0 1vh; border: 0.3vh solid #0072B2; z-index: 1; }
 .clothlab.projector .drawer.left { grid-area: 1 / 1 / 2 / 3; }
-.clothlab.projector .drawer section, .clothlab.projector .drawer details { max-width: none; border: 0; margin: 0; padding: 0; }
+.clothlab.projector .drawer section { max-width: none; border: 0; margin: 0; padding: 0; }
 .clothlab.projector .drawer { --map: 44vh; }
 .clothlab.projector .drawer section.split { display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 0 1.4vh; }
 .clothlab.projector .drawer section.halves { grid-template-columns: repeat(2, minmax(0, 1fr)); }
