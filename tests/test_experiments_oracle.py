@@ -32,10 +32,10 @@ def policy(square):
     """Makes a search on a scene: periods of two steps, an autoencoder that has not learned anything."""
     made = []
 
-    def make(env, settings=TINY, count=6, **options):
+    def make(env, settings=TINY, arm=None):
         rng = np.random.default_rng(2)
-        plans = rng.uniform(env.arm.command_lower, env.arm.command_upper, (count, 2, len(env.arm.command_names)))
-        made.append(SimulatorMPC(env, Autoencoder().eval(), square, plans, settings, **options))
+        plans = rng.uniform(env.arm.command_lower, env.arm.command_upper, (6, 2, len(env.arm.command_names)))
+        made.append(SimulatorMPC(env, Autoencoder().eval(), square, plans, settings, arm or env.arm))
         return made[-1]
 
     yield make

@@ -15,7 +15,6 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab._validation import check_array
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.experiments._grid import Case, Experiment, grid, over
 from clothlab.experiments._runs import RECORDINGS, SAMPLES, TASKS
@@ -26,7 +25,6 @@ from clothlab.policies import Policy
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv, Observation
-from clothlab.simulation.vision import check_mask
 from clothlab.trials import Trial, rollout
 
 TENSIONS = (10.0, 30.0, 70.0)  # [N] at which f_const is held
@@ -90,6 +88,7 @@ def cross_entropy(
     return plans, np.array(trace)
 
 
+@dataclass(eq=False)
 class SimulatorMPC(Policy):
     """Tries plans in a copy of the scene at the beginning of each period, and sends the one that ends nearest.
 
@@ -102,23 +101,18 @@ class SimulatorMPC(Policy):
             reset: a list of `[rounds + 1]` [s.d. of z].
     """
 
+    env: ClothEnv
+    autoencoder: Autoencoder
+    target: np.ndarray
+    plans: np.ndarray
+    settings: SearchSettings
+    arm: Arm
+
     name = "simulator MPC"
 
-    def __init__(
-        self,
-        env: ClothEnv,
-        autoencoder: Autoencoder,
-        target: ArrayLike,
-        plans: ArrayLike,
-        settings: SearchSettings | None = None,
-        *,
-        arm: Arm | None = None,
-    ):
-        self.env, self.autoencoder, self.arm = env, autoencoder, arm or env.arm
-        self.settings = settings or SearchSettings()
-        self.plans = check_array("plans", plans, ("N", "T", len(self.arm.command_names)))
-        self._copy = ClothEnv(env.arm, env.cloth, scene=env.scene)
-        self.z_ref = encode(autoencoder, check_mask(target))
+    def __post_init__(self) -> None:
+        self._copy = ClothEnv(self.env.arm, self.env.cloth, scene=self.env.scene)
+        self._z_ref = encode(self.autoencoder, self.target)
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
@@ -153,7 +147,7 @@ class SimulatorMPC(Policy):
             for u in plan:
                 self._copy.advance(u)
             images.append(self._copy.observe()["image"])
-        return np.linalg.norm(encode(self.autoencoder, np.stack(images)) - self.z_ref, axis=1)
+        return np.linalg.norm(encode(self.autoencoder, np.stack(images)) - self._z_ref, axis=1)
 
     def close(self) -> None:
         """Release the copy's OpenGL context."""
@@ -164,8 +158,8 @@ def search_trial(
     autoencoder: Autoencoder,
     arm: Arm | str,
     cloth: Cloth | str,
-    target: ArrayLike,
-    plans: ArrayLike,
+    target: np.ndarray,
+    plans: np.ndarray,
     periods: int,
     *,
     f_const: float | None = None,
@@ -179,7 +173,7 @@ def search_trial(
     """
     with closing(ClothEnv(arm, cloth)) as env:
         limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
-        with closing(SimulatorMPC(env, autoencoder, target, plans, search, arm=limited)) as policy:
+        with closing(SimulatorMPC(env, autoencoder, target, plans, search or SearchSettings(), limited)) as policy:
             trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
             return trial, np.array(policy.trace)
 
