@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections import Counter
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions, version
 from pathlib import Path
 
 from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
@@ -23,17 +23,12 @@ def _check_versions() -> list[str]:
     print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
     if not _ENVIRONMENT.exists():
         return []  # installed as a wheel, whose user chooses versions
-    advice = []
-    pins = re.findall(r"^([\w.-]+)==(\S+)$", _ENVIRONMENT.read_text(), flags=re.MULTILINE)
-    for name, pinned in pins:
-        try:
-            installed = version(name).split("+")[0]
-        except PackageNotFoundError:
-            installed = "missing"
-        if installed != pinned:
-            advice.append(f"{name} is {installed}, pinned is {pinned}: pip install {name}=={pinned}")
-    print(f"          {len(pins) - len(advice)} of {len(pins)} pins met")
-    return advice
+    pins = dict(re.findall(r"^([\w.-]+)==(\S+)$", _ENVIRONMENT.read_text(), flags=re.MULTILINE))
+    installed = {each.name.lower().replace("_", "-"): each.version.split("+")[0] for each in distributions()}
+    found = {name: installed.get(name.lower().replace("_", "-"), "missing") for name in pins}
+    wrong = [name for name in pins if found[name] != pins[name]]
+    print(f"          {len(pins) - len(wrong)} of {len(pins)} pins met")
+    return [f"{name} is {found[name]}, pinned is {pins[name]}: pip install {name}=={pins[name]}" for name in wrong]
 
 
 def _check_drawing() -> list[str]:
@@ -65,10 +60,7 @@ def check_files() -> list[str]:
     print(f"data      {folder}: " + ", ".join(f"{number} {word}" for word, number in counts.items()))
     if not verdict:
         return ["data/ is empty: git checkout data, or make data train"]
-    known = {
-        "not recorded": "record its hash with `python -m clothlab checksums`",
-        "left over": "an interrupted write; delete it",
-    }
+    known = {"not recorded": "record its hash with `python -m clothlab checksums`"}
     faults = {name: word for name, word in verdict.items() if word not in ("ok", LEFT_TO_MAKE)}
     return [f"data/{name} is {word}: {known.get(word) or cure(name)}" for name, word in faults.items()]
 

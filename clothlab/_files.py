@@ -6,12 +6,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from safetensors import safe_open
-
-if TYPE_CHECKING:
-    import torch
 
 _LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
@@ -46,12 +40,6 @@ def reading(path: str | Path, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise ValueError(f"{path} is damaged or holds no {kind}: {error}") from error
-
-
-def read_tensors(path: str | Path) -> "tuple[dict[str, str], dict[str, torch.Tensor]]":
-    """Metadata and tensors of a `.safetensors` file."""
-    with safe_open(path, "pt") as file:
-        return file.metadata() or {}, {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
 
 
 def sha256(path: str | Path) -> str:

@@ -1,6 +1,6 @@
 """What the figures and the results table show: geometry of p, distances to a target, success rates."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,11 @@ from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from clothlab._validation import check_array, check_number, choose
+from clothlab._validation import check_array, check_number
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlSettings
 from clothlab.simulation.cloth import Cloth
-from clothlab.simulation.vision import HEIGHT, WIDTH, chamfer_distance, check_mask
+from clothlab.simulation.vision import HEIGHT, WIDTH, check_mask
 from clothlab.trials import Trial
 
 LATE = slice(-10, None)  # the last periods of a run, by which what learns from its outcomes is judged
@@ -52,12 +52,6 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
     trained = _stacked(biases)
     gaps = trained - check_array("p", p, trained.shape[1:])
     return list(biases)[np.linalg.norm(gaps, axis=1).argmin()]
-
-
-def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> float:
-    """Distance of `p` `[D_p]` to the trained p of a material, over the `spread` of all."""
-    right = choose("material", material, biases)
-    return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(biases)
 
 
 @dataclass(frozen=True)
@@ -114,16 +108,6 @@ def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
     return float(np.linalg.norm(encode(autoencoder, check_mask(target)) - encode(autoencoder, nothing)))
 
 
-def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Log chamfer distance [log pixel] and ‖z_ref - z‖₂ to a target, each `[N]`.
-
-    Steps with no cloth in view, or exactly the target's image, have no logarithm and are left out.
-    """
-    chamfer = np.array([chamfer_distance(image, target) if image.any() else np.nan for image in trial.images])
-    seen = chamfer > 0
-    return np.log(chamfer[seen]), target_distance(autoencoder, trial, target)[seen]
-
-
 def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) -> np.ndarray:
     """Smallest distance within each whole period, `[T // period]`: a periodic motion meets its target once in each.
 
@@ -137,11 +121,6 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
 def late_median(best: ArrayLike) -> float:
     """Median of the last ten periods of `best_per_period` `[P]`."""
     return float(np.median(check_array("best", best, ("P",))[LATE]))
-
-
-def median_best(runs: Iterable[ArrayLike]) -> float:
-    """Median over periods and runs of the smallest distance in a period."""
-    return float(np.median(np.concatenate([best_per_period(distances) for distances in runs])))
 
 
 def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:

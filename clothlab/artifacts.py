@@ -16,10 +16,11 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
+from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import read_tensors, reading, sha256, write_bytes
-from clothlab._validation import check_name, check_number, choose
+from clothlab._files import reading, sha256, write_bytes
+from clothlab._validation import check_name, choose
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
@@ -28,8 +29,7 @@ from clothlab.simulation.vision import check_mask, mask_from_file
 from clothlab.trials import Trial, load_trial
 
 OWN_TRIALS = Path("trials") / "mine"  # what a user records: not part of the repository, so without a hash
-MORE = "-more"  # ending of sets of trials beyond the paper's amount
-_LEFT_OUT = f"trials/*{MORE}/*"  # the repository has only their hashes
+_LEFT_OUT = "trials/*-more/*"  # beyond the paper's amount: the repository has only their hashes
 LEFT_TO_MAKE = "left to `make data`"  # verdict on such a recording where it is not there, which is no fault
 CHECKSUMS = "SHA256SUMS"  # in the format of `sha256sum`, so that `sha256sum --check --ignore-missing` works too
 _SUFFIXES = {".npz", ".safetensors", ".png", ".json", ".csv"}  # of files whose hash is recorded
@@ -102,19 +102,17 @@ def _filled(model: _M, tensors: Mapping[str, torch.Tensor]) -> _M:
     return model.eval().requires_grad_(False)
 
 
-def load_trials(name: str, *, first: int | None = None, data: Folder = None) -> list[Trial]:
-    """Load a set of recorded trials, such as `"train"` or `"evaluation"`, or its first few, by their file names.
+def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
+    """Load a set of recorded trials, such as `"train"` or `"evaluation"`, in the order of their file names.
 
     `"mine"` is what you recorded in the live lab, perhaps nothing yet. Sets that end in `-more` are not part of the
     repository: `make data` records them.
     """
-    first = None if first is None else check_number("first", first, int, at_least=0)
     own, data = own_trials(data), data_folder(data)
     folder = choose("trials", name, _sets("trials", data) | {OWN_TRIALS.name: own})
     if folder == own:
-        return [load_trial(path) for path in sorted(own.glob("*.npz"))[:first]]
-    paths = list(_listed(f"trials/{name}/*.npz", data).values())
-    return [load_trial(_checked(path, data)) for path in paths[:first]]
+        return [load_trial(path) for path in sorted(own.glob("*.npz"))]
+    return [load_trial(_checked(path, data)) for path in _listed(f"trials/{name}/*.npz", data).values()]
 
 
 def load_targets(name: str | None = None, *, data: Folder = None) -> dict[str, np.ndarray]:
@@ -257,8 +255,9 @@ def _save_tensors(
 def _load_tensors(kind: str, name: str, data: Folder) -> tuple[Path, dict[str, Any], dict[str, torch.Tensor]]:
     path = _find(f"{kind} weights", f"weights/{kind}-*.safetensors", name, data)
     with reading(path, f"{kind} weights"):
-        metadata, tensors = read_tensors(path)
-        about = json.loads(metadata["clothlab"])
+        with safe_open(path, "pt") as file:
+            about = json.loads(file.metadata()["clothlab"])
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
         if (about["format"], about["kind"]) != (_WEIGHTS_FORMAT, kind):
             raise ValueError(f"its format is not {_WEIGHTS_FORMAT}, this version's")
         _check_numbers(tensors)

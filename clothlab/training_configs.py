@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothlab import artifacts
-from clothlab._validation import choose
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
 from clothlab.learning.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
 from clothlab.learning.trained import Trained
@@ -74,8 +73,3 @@ _CONFIGS = (
     ),
 )
 TRAINING_CONFIGS = {config.name: config for config in _CONFIGS}
-
-
-def config_of(learned: Trained) -> TrainingConfig:
-    """The configuration with which stored weights were trained, or others on top of the same autoencoder."""
-    return choose("training configuration", learned.autoencoder_name, TRAINING_CONFIGS)

@@ -8,8 +8,6 @@ import pytest
 from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
-    bias_error,
-    chamfer_against_z,
     difference_interval,
     late_median,
     nearest_material,
@@ -19,6 +17,7 @@ from clothlab.analysis import (
     success_rate,
     target_distance,
 )
+from clothlab.experiments._runs import bias_error, chamfer_against_z
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.vision import chamfer_distance

@@ -210,12 +210,6 @@ def test_all_trials_and_all_targets_of_a_set_are_there_or_none(data, trial, squa
         artifacts.load_targets(data=data)
 
 
-def test_only_the_first_trials_are_read_where_no_more_are_wanted(data, trial):
-    save_trial(trial[:3], data / "trials" / "train" / "zwei.npz")
-    lengths = [[len(each) for each in artifacts.load_trials("train", first=n, data=data)] for n in (1, 2, 9)]
-    assert lengths == [[12], [12, 3], [12, 3]]
-
-
 def test_a_file_that_nobody_recorded_is_read_and_reported(data, square):
     artifacts.save_target(np.roll(square, 3, axis=0), "mine", data=data)
     assert list(artifacts.load_targets(data=data)) == ["mine", "target-1"]

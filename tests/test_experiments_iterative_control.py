@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from clothlab import artifacts
-from clothlab.experiments import _runs, ablations, sample_complexity, target_generalization
+from clothlab.experiments import _runs, ablations, target_generalization
 from clothlab.experiments import iterative_control as ic
 
 TASK = {"arm": "torque", "target": "target-2", "cloth": ic.LIGHT, "model": 0, "repeat": 0, "steps": 24}
@@ -19,7 +19,7 @@ def short_trials(monkeypatch):
     whole = artifacts.load_trials
 
     def short(name, **options):
-        return [trial[:40] for trial in whole(name.removesuffix(artifacts.MORE), **options)]
+        return [trial[:40] for trial in whole(name.removesuffix("-more"), **options)]
 
     monkeypatch.setattr(artifacts, "load_trials", short)
     _runs._encoded.cache_clear()
@@ -93,24 +93,3 @@ def test_a_target_is_practised_with_its_own_cloth_and_the_trainings_take_turns()
     assert row["cloth"] in cases[0]["target"]
     assert row["iou"].shape == row["best"].shape == (2,)
     assert ((row["iou"] >= 0) & (row["iou"] <= 1)).all()
-
-
-def test_amounts_are_parts_of_the_papers_recordings_or_whole_repeats(monkeypatch):
-    paper = artifacts.load_trials("train")
-    assert sum(map(len, sample_complexity._recordings("torque", 0.5))) * 2 == sum(map(len, paper))
-    assert len(sample_complexity._recordings("torque", 2.0)) == 2 * len(paper)
-    missing = artifacts.load_trials
-    monkeypatch.setattr(artifacts, "load_trials", lambda name, **_: missing(name)[: None if name == "train" else 1])
-    with pytest.raises(FileNotFoundError, match="make data"):
-        sample_complexity._recordings("torque", 2.0)
-
-
-@pytest.mark.slow
-def test_a_small_amount_is_learned_and_measured_from_end_to_end():
-    seen = sample_complexity._run_autoencoder("torque", 1.0, updates=5, moved_steps=20)
-    assert 0 <= seen["iou"] <= 1
-    assert seen["updates_done"] == seen["steps"] // 64  # one whole epoch
-    sizes = {"autoencoder_updates": 5, "updates": 1, "estimation_steps": 15, "control_steps": 16}
-    row = sample_complexity._run_model("torque", 1.0, 0, **sizes)
-    assert row["prediction"] > 0
-    assert row["iterative_last"].shape == row["random"].shape == (2,)

@@ -125,7 +125,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "encode": (lambda images: autoencoder.encode(learned().autoencoder, images), {"images": square()[None]}),
     "decode": (lambda z: autoencoder.decode(learned().autoencoder, z), {"z": np.zeros(3)}),
     "load": (artifacts.load, {"name": "x-0"}),
-    "load_trials": (artifacts.load_trials, {"name": "short", "first": 1}),
+    "load_trials": (artifacts.load_trials, {"name": "short"}),
     "load_target": (artifacts.load_target, {"name": "a"}),
     "save_target": (artifacts.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),

@@ -7,8 +7,9 @@ import pytest
 
 from clothlab import artifacts
 from clothlab.datasets import DATASETS
+from clothlab.experiments._runs import config_of
 from clothlab.learning.autoencoder import AutoencoderTraining
-from clothlab.training_configs import TRAINING_CONFIGS, config_of
+from clothlab.training_configs import TRAINING_CONFIGS
 
 
 @pytest.mark.parametrize("name", TRAINING_CONFIGS)

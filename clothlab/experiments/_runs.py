@@ -1,11 +1,16 @@
 """What several experiments need: cloths and tasks, trained weights, loaded once, and trials on fresh scenes."""
 
+from collections.abc import Iterable
 from contextlib import closing
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clothlab import artifacts
+from clothlab._validation import check_array, choose
+from clothlab.analysis import best_per_period, spread, target_distance
+from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import Sequences, to_sequences
 from clothlab.learning.estimation import estimate_bias
 from clothlab.learning.trained import Trained
@@ -13,7 +18,8 @@ from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth, cloth_name
 from clothlab.simulation.env import ClothEnv
-from clothlab.training_configs import TRAINING_CONFIGS, config_of
+from clothlab.simulation.vision import chamfer_distance
+from clothlab.training_configs import TRAINING_CONFIGS, TrainingConfig
 from clothlab.trials import Trial, rollout
 
 RECORDINGS = {arm: TRAINING_CONFIGS[f"{arm}-paper"].recordings[0] for arm in ("torque", "muscle")}  # the paper's amount
@@ -58,3 +64,29 @@ def estimate_at_random(learned: Trained, cloth: Cloth | str, steps: int, seed: i
     """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`, and its trace `[T, D_p]`."""
     trial = random_trial(learned.arm.name, cloth, steps, seed)
     return estimate_bias(learned.model, learned.sequences(trial))
+
+
+def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> float:
+    """Distance of `p` `[D_p]` to the trained p of a material, over the `spread` of all."""
+    right = choose("material", material, biases)
+    return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(biases)
+
+
+def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Log chamfer distance [log pixel] and ‖z_ref - z‖₂ to a target, each `[N]`.
+
+    Steps with no cloth in view, or exactly the target's image, have no logarithm and are left out.
+    """
+    chamfer = np.array([chamfer_distance(image, target) if image.any() else np.nan for image in trial.images])
+    seen = chamfer > 0
+    return np.log(chamfer[seen]), target_distance(autoencoder, trial, target)[seen]
+
+
+def median_best(runs: Iterable[ArrayLike]) -> float:
+    """Median over periods and runs of the smallest distance in a period."""
+    return float(np.median(np.concatenate([best_per_period(distances) for distances in runs])))
+
+
+def config_of(learned: Trained) -> TrainingConfig:
+    """The configuration with which stored weights were trained, or others on top of the same autoencoder."""
+    return choose("training configuration", learned.autoencoder_name, TRAINING_CONFIGS)

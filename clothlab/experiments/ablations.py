@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from clothlab.experiments._grid import shared
-from clothlab.experiments._runs import recorded_runs, trained
+from clothlab.experiments._runs import config_of, recorded_runs, trained
 from clothlab.learning.dpmpb import train_dpmpb
 from clothlab.learning.trained import Trained
 from clothlab.simulation.cloth import get_cloth
-from clothlab.training_configs import config_of
 
 KINDS = ("none", "known")
 

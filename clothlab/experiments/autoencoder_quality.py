@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from clothlab import artifacts
-from clothlab.analysis import chamfer_against_z
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import MIDDLE, random_trial
+from clothlab.experiments._runs import MIDDLE, chamfer_against_z, random_trial
 from clothlab.learning.autoencoder import decode, encode, iou
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from clothlab import artifacts
-from clothlab.analysis import best_per_period, empty_distance, median_best, target_distance
+from clothlab.analysis import best_per_period, empty_distance, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import HEAVY, LIGHT, new_trial, random_trial, trained
+from clothlab.experiments._runs import HEAVY, LIGHT, median_best, new_trial, random_trial, trained
 
 
 def _run_one(target: str, cloth: str, model: int, weights: str = "torque", steps: int = 250) -> dict[str, Any]:

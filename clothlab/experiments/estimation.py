@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from clothlab._validation import choose
-from clothlab.analysis import MaterialReadout, bias_error, nearest_material
+from clothlab.analysis import MaterialReadout, nearest_material
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import estimate_at_random, trained
+from clothlab.experiments._runs import bias_error, estimate_at_random, trained
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 

@@ -12,10 +12,19 @@ import numpy as np
 import pandas as pd
 
 from clothlab import artifacts
-from clothlab.analysis import bias_error, empty_distance, median_best, nearest_material, success_rate, target_distance
+from clothlab.analysis import empty_distance, nearest_material, success_rate, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
-from clothlab.experiments._runs import EVALUATION, RECORDINGS, estimate_at_random, new_trial, random_trial, trained
+from clothlab.experiments._runs import (
+    EVALUATION,
+    RECORDINGS,
+    bias_error,
+    estimate_at_random,
+    median_best,
+    new_trial,
+    random_trial,
+    trained,
+)
 from clothlab.experiments.motion import replay
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.estimation import estimate_bias

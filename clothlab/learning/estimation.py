@@ -5,6 +5,7 @@ which also says how sure the estimate is.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -251,10 +252,7 @@ def estimate_bias(
 
     The settings say which one: of momentum SGD, as by default, or of Gauss-Newton.
     """
-    estimator: Estimator
-    if isinstance(settings, NewtonSettings):
-        estimator = NewtonEstimator(model, p, settings)
-    else:
-        estimator = BiasEstimator(model, p, settings)
+    kind: Any = NewtonEstimator if isinstance(settings, NewtonSettings) else BiasEstimator
+    estimator = kind(model, p, settings)
     trace = np.stack([estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)])
     return trace[-1], trace

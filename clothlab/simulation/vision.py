@@ -7,8 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from clothlab._validation import check_array, check_number
-
 HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three numbers could describe.
@@ -90,19 +88,3 @@ def _distance_to(mask: np.ndarray) -> np.ndarray:
 def focal_length(fovy: float, height: float = 1.0) -> float:
     """Focal length of a pinhole camera with a vertical field of view [degree], in the unit of the picture's height."""
     return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))
-
-
-def depth_points(depth: ArrayLike, fovy: float, position: ArrayLike, axes: ArrayLike) -> np.ndarray:
-    """Where in the world the pixels of a depth image `[h, w]` [m] are, `[h, w, 3]` [m]: a pinhole camera, backwards.
-
-    The camera has the vertical field of view `fovy` [degree], a position `[3]` [m], and `axes` as `Camera.axes`.
-    """
-    depth = check_array("a depth image", depth, ("h", "w"))
-    check_number("fovy", fovy, above=0, at_most=170)
-    position, axes = check_array("position", position, (3,)), check_array("axes", axes, (3, 3))
-    height, width = depth.shape
-    focal = focal_length(fovy, height)  # [pixel]
-    right = (np.arange(width) + 0.5 - width / 2) / focal
-    up = -(np.arange(height) + 0.5 - height / 2) / focal
-    rays = np.stack([*np.broadcast_arrays(right, up[:, None]), -np.ones((height, width))], axis=-1)
-    return position + depth[..., None] * (rays @ axes)

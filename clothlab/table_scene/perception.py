@@ -18,7 +18,7 @@ from clothlab._validation import check_number
 from clothlab.simulation.arm import BAR_RADIUS
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.simulation.vision import depth_points
+from clothlab.simulation.vision import focal_length
 from clothlab.table_scene.scene import Basket
 from clothlab.table_scene.table_env import ClothPose
 
@@ -80,11 +80,21 @@ def capture_point_cloud(
             raise ValueError("a noisy depth image needs an rng: numpy.random.default_rng(seed)")
         depth += rng.normal(0.0, noise, depth.shape) * depth**2
     camera, fovy = env.data.camera("camera"), float(env.model.camera("camera").fovy[0])
-    points = depth_points(depth, fovy, camera.xpos, camera.xmat.reshape(3, 3).T)
+    points = _depth_points(depth, fovy, camera.xpos, camera.xmat.reshape(3, 3).T)
     inside = np.zeros(depth.shape, bool)
     inside[2:-2, 2:-2] = True
     near = depth < _FARTHEST
     return PointCloud(points[near], colours[near], inside[near], camera.xpos.copy())
+
+
+def _depth_points(depth: np.ndarray, fovy: float, position: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Where in the world the pixels of a depth image `[h, w]` [m] are, `[h, w, 3]` [m]: a pinhole camera, backwards."""
+    height, width = depth.shape
+    focal = focal_length(fovy, height)  # [pixel]
+    right = (np.arange(width) + 0.5 - width / 2) / focal
+    up = -(np.arange(height) + 0.5 - height / 2) / focal
+    rays = np.stack([*np.broadcast_arrays(right, up[:, None]), -np.ones((height, width))], axis=-1)
+    return position + depth[..., None] * (rays @ axes)
 
 
 def find_cloth_edge(cloud: PointCloud) -> np.ndarray:

@@ -6,7 +6,7 @@ The robot decides by what it senses. What really became of cloth and basket is m
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -169,22 +169,11 @@ def set_table(driver: RobotDriver, spreader: Spreader, progress: Callable[[str],
     return Outcome(failed, cause, phase != "fetch cloth", seen, pose, placement, dragged, driver.steps)
 
 
-def run_task(
-    spreader: Spreader,
-    seed: int,
-    *,
-    watch: Callable[[TableEnv], None] | None = None,
-    progress: Callable[[str], None] = lambda phase: None,
-) -> Outcome:
-    """Set the table in a scene of its own; the seed draws the places of rack and basket, and the camera's noise.
-
-    `watch` is called with the scene after each control period; what it raises ends the task.
-    """
+def run_task(spreader: Spreader, seed: int) -> Outcome:
+    """Set the table in a scene of its own; the seed draws the places of rack and basket, and the camera's noise."""
     with closing(TableEnv(ARM, FOAM)) as env:
         env.start(seed=seed)
-        look = None if watch is None else partial(watch, env)
-        driver = RobotDriver(env, noise=NOISE, watch=look, samples=1, rng=np.random.default_rng(seed))
-        return set_table(driver, spreader, progress)
+        return set_table(RobotDriver(env, noise=NOISE, samples=1, rng=np.random.default_rng(seed)), spreader)
 
 
 @cache
