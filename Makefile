@@ -69,8 +69,8 @@ nightly: $(STAMP) chromium  ## what takes hours: hostile inputs, faults, a soak,
 data: $(STAMP)  ## record all trials and targets anew (simulation)
 	$(BIN)/python scripts/make_data.py
 
-train: $(STAMP)  ## train autoencoder and DPMPB anew, at the paper's settings
-	$(BIN)/python scripts/make_weights.py
+train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials (OPTIONS="--train torque-paper --seeds 1")
+	$(BIN)/python scripts/reproduce.py --train $(OPTIONS)
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
 	$(BIN)/python scripts/make_results.py
@@ -105,6 +105,10 @@ book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site;
 
 slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of four notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
+	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
+		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \
+		--SlidesExporter.reveal_theme=white build/slides/*.ipynb
+	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
 
 container: $(STAMP)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none
 	$(BIN)/pytest -m container -rs tests/test_container.py

@@ -13,14 +13,9 @@ from clothlab.lab.views import MATERIAL
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.vision import HEIGHT, WIDTH
 
+L = np.zeros((HEIGHT, WIDTH), bool)  # a letter, which no cloth looks like
+L[20:80, 30:42] = L[68:80, 30:80] = True
 Press = tuple[str, dict]  # an action, by the name that the browser has for it, and its arguments
-
-
-def letter() -> np.ndarray:
-    """The letter L, which no cloth looks like, `[H, W]`, bool."""
-    image = np.zeros((HEIGHT, WIDTH), bool)
-    image[20:80, 30:42] = image[68:80, 30:80] = True
-    return image
 
 
 def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
@@ -31,6 +26,7 @@ def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
         key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])),
     )
     heavy = {"damping": cloth["material"][0], "mass": MATERIAL["C_mass [kg]"][1]}
+    last = [("pick", {"name": "target-2"}), ("set driver", {"driver": "iterative"})]
     return [
         (4, "a robot holds a cloth; how should it move?", [("set driver", {"driver": "manual"})]),
         (12, "random commands", [("set driver", {"driver": "random"})]),
@@ -38,16 +34,8 @@ def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
         (12, "the p of another material", [("set p", {"at": far})]),
         (16, "p is estimated online", [("estimate", {"on": True})]),
         (16, "another cloth in the hand", [("set material", heavy)]),
-        (
-            5,
-            "a target that no cloth looks like",
-            [("set cloth", {"cloth": cloth["name"]}), ("draw", {"content": letter()})],
-        ),
-        (
-            27,
-            "iterative learning control learns from achieved distances",
-            [("pick", {"name": "target-2"}), ("set driver", {"driver": "iterative"})],
-        ),
+        (5, "a target that no cloth looks like", [("set cloth", {"cloth": cloth["name"]}), ("draw", {"content": L})]),
+        (27, "iterative learning control learns from achieved distances", last),
     ]
 
 

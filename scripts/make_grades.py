@@ -21,7 +21,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from itertools import product
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -40,20 +40,8 @@ MESSAGE_BYTES = 20_000_000  # what an answer may return
 WAIT = 10  # how many times its processor time an exercise may take by the clock, on a busy machine
 
 
-@dataclass(frozen=True)
-class Grade:
-    """A row of the table; `most` is what the exercise could count."""
-
-    student: str
-    notebook: str
-    exercise: str
-    points: int
-    most: int
-    words: str
-
-
 class Sandbox:
-    """Starts processes in which answers run; to be used in a `with`.
+    """Starts processes in which answers run.
 
     Where bubblewrap works, they see no network, no checks and no solutions, and write into memory only. Elsewhere
     limits are all there is, and `isolated` is False.
@@ -71,17 +59,14 @@ class Sandbox:
         self.isolated = bool(prefix)
         settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
         settings["MPLCONFIGDIR"] = tempfile.gettempdir()
-        worker = [sys.executable, str(ROOT / "scripts" / "sandbox_worker.py"), str(there.fileno())]
-        command = [*prefix, *worker, imports(notebooks)]
-        self._server = subprocess.Popen(command, pass_fds=[there.fileno()], env=os.environ | settings)
+        worker = [sys.executable, str(ROOT / "scripts" / "sandbox_worker.py"), str(there.fileno()), imports(notebooks)]
+        self._server = subprocess.Popen([*prefix, *worker], pass_fds=[there.fileno()], env=os.environ | settings)
         there.close()
         if self._control.recv(16) != b"ready":
             raise RuntimeError("the process in which answers run did not start; it says above why")
 
-    def __enter__(self) -> "Sandbox":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """End all processes."""
         self._control.close()
         self._server.wait()
 
@@ -119,12 +104,7 @@ def bubblewrap() -> list[str]:
 
 
 class Answer:
-    """Functions that run elsewhere. They may say what they like: only numbers, arrays, words and functions get through.
-
-    Args:
-        connection: to the process.
-        seconds: of processor time that it has.
-    """
+    """Functions that run elsewhere. They may say what they like: only numbers, arrays, words and functions get through."""
 
     def __init__(self, connection: Connection, seconds: int):
         self._connection, self._seconds, self._end = connection, seconds, time.monotonic() + WAIT * seconds
@@ -225,53 +205,45 @@ def handed_in(student: Path, name: str) -> list[str]:
     return code_cells(found[0])
 
 
-def grade(
-    sandbox: Sandbox, folder: Path, notebooks: list[Path], points: Mapping[str, int], progress: bool = False
-) -> list[Grade]:
-    """Grade a class.
+def grade(sandbox: Sandbox, folder: Path, notebooks: list[Path], points: Mapping[str, int]) -> pd.DataFrame:
+    """A row for each exercise of each student.
 
     Args:
         sandbox: where answers run.
         folder: with a folder for each student.
         notebooks: to grade, as they were written.
         points: of exercises by their functions' names; each other counts 1.
-        progress: show a bar.
 
     Raises:
-        ValueError: there is no submission.
+        ValueError: there is no folder of a student.
     """
     students = sorted(each for each in folder.iterdir() if each.is_dir() and not each.name.startswith("."))
     if not students:
         raise ValueError(f"{folder} has no folder of a student")
     asked = {path: exercises(nbformat.read(path, as_version=4).cells) for path in notebooks}
-    grades = []
-    for student in tqdm(students, unit="student", disable=not progress):
-        for path, names in asked.items():
-            try:
-                sources = handed_in(student, path.name)
-                words = {name: sandbox.judge(name, sources) for name in names}
-            except ValueError as error:
-                words = dict.fromkeys(names, str(error))
-            for name in names:
-                most = points.get(name, 1)
-                reached = most * (words[name] == "correct")
-                grades.append(Grade(student.name, path.stem, name, reached, most, words[name]))
-    return grades
+    rows = []
+    for student, (path, names) in tqdm(list(product(students, asked.items())), unit="notebook"):
+        try:
+            sources = handed_in(student, path.name)
+            words = [sandbox.judge(name, sources) for name in names]
+        except ValueError as error:
+            words = [str(error)] * len(names)
+        for name, said in zip(names, words, strict=True):
+            most = points.get(name, 1)
+            rows.append((plain(student.name), path.stem, name, most * (said == "correct"), most, plain(said)))
+    return pd.DataFrame(rows, columns=["student", "notebook", "exercise", "points", "most", "words"])
 
 
-def table(grades: list[Grade]) -> pd.DataFrame:
-    """Every exercise of every student."""
-    rows = pd.DataFrame([asdict(each) for each in grades])
-    for column in ("student", "words"):  # on one line, and such that no spreadsheet takes it for a formula
-        rows[column] = [" ".join(text.split())[:500] for text in rows[column]]
-        rows[column] = rows[column].str.replace(r"^([=+\-@])", r"'\1", regex=True)
-    return rows
+def plain(text: str) -> str:
+    """A text on one line, which no spreadsheet takes for a formula."""
+    line = " ".join(text.split())[:500]
+    return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
 
 
-def totals(rows: pd.DataFrame) -> pd.DataFrame:
+def totals(grades: pd.DataFrame) -> pd.DataFrame:
     """A row for each student, with the points of each notebook and their sum."""
-    points = rows.pivot_table(index="student", columns="notebook", values="points", aggfunc="sum")
-    return points.join(rows.groupby("student")[["points", "most"]].sum())
+    points = grades.pivot_table(index="student", columns="notebook", values="points", aggfunc="sum")
+    return points.join(grades.groupby("student")[["points", "most"]].sum())
 
 
 def main() -> None:
@@ -282,13 +254,12 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=notebooks, default=list(notebooks), help="numbers of notebooks")
     arguments = parser.parse_args()
     chosen = [notebooks[number] for number in arguments.only]
-    with Sandbox(chosen) as sandbox:
+    with contextlib.closing(Sandbox(chosen)) as sandbox:
         if not sandbox.isolated:
             print("answers run with limits on time and memory only: install bubblewrap to keep them from your files")
-        grades = grade(sandbox, arguments.folder, chosen, tomllib.loads(POINTS.read_text("utf-8")), progress=True)
-    rows = table(grades)
-    rows.to_csv(arguments.folder / "grades.csv", index=False)
-    totals(rows).to_csv(arguments.folder / "totals.csv")
+        grades = grade(sandbox, arguments.folder, chosen, tomllib.loads(POINTS.read_text("utf-8")))
+    grades.to_csv(arguments.folder / "grades.csv", index=False)
+    totals(grades).to_csv(arguments.folder / "totals.csv")
     print(f"{arguments.folder}: grades.csv, totals.csv")
 
 

@@ -1,4 +1,4 @@
-"""`make slides`: decks of notebooks for a projector, in `build/slides`, which open from there without a network.
+"""The decks of `make slides` as notebooks in `build/slides`, of which nbconvert makes pages for a projector.
 
 A heading begins a slide, text goes on where it does not fit, each figure has a slide of its own without its code, and
 exercises, code and checked claims are left to the notebook.
@@ -14,9 +14,7 @@ from pathlib import Path
 import nbformat
 from make_book import BUILD, executed, web_output
 from make_editions import ROOT
-from nbconvert import SlidesExporter
 from nbformat.v4 import new_markdown_cell
-from traitlets.config import Config
 
 from clothlab._files import write_bytes
 
@@ -64,14 +62,6 @@ def pieces(text: str) -> list[str]:
     return [piece.strip() for piece in found]
 
 
-def export(deck: nbformat.NotebookNode, name: str) -> str:
-    """The deck as a page, which expects reveal.js and MathJax in a folder `reveal` beside it."""
-    settings = {"exclude_input": True, "reveal_url_prefix": "reveal", "reveal_theme": "white"}
-    config = Config(SlidesExporter=settings, TemplateExporter={"extra_template_basedirs": [str(ROOT / "docs")]})
-    exporter = SlidesExporter(config=config, template_name="slides")
-    return exporter.from_notebook_node(deck, {"metadata": {"name": name}})[0]
-
-
 def lay_out(folder: Path) -> None:
     """Put reveal.js and MathJax into `folder/reveal`, out of the packages that bring them."""
     revealjs = files("sphinx_revealjs") / "_static" / "revealjs"
@@ -82,20 +72,18 @@ def lay_out(folder: Path) -> None:
 
 
 def main() -> None:
-    """Make the chosen decks."""
-    notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
+    """Write the chosen decks as notebooks, and what their pages need."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=notebooks, default=DECKS, help="numbers of notebooks")
+    parser.add_argument("--only", nargs="+", default=DECKS, help="numbers of notebooks")
     parser.add_argument("--small", action="store_true", help="take the run of `make notebooks`")
     arguments = parser.parse_args()
     folder = BUILD / "slides"
+    shutil.rmtree(folder, ignore_errors=True)
     for number in arguments.only:
-        path = notebooks[number]
+        (path,) = (ROOT / "notebooks").glob(f"{number}_*.ipynb")
         deck = deck_of(executed(path, small=arguments.small))
         write_bytes(folder / path.name, nbformat.writes(deck).encode())
-        write_bytes(folder / f"{path.stem}.slides.html", export(deck, path.stem).encode())
     lay_out(folder)
-    print(f"{folder}: open the pages in a browser; the arrow keys lead on")
 
 
 if __name__ == "__main__":

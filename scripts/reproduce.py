@@ -2,6 +2,8 @@
 
 Results lie in build/reproduce/data, laid out like `data/`. Each is kept as soon as it is there, so that the same
 command goes on where it was interrupted; when the code has changed, everything is made anew. More in docs/scaling.md.
+
+`make train` (`--train`) trains anew from the recordings in `data/`, and replaces what is in `data/weights`.
 """
 
 import argparse
@@ -141,9 +143,15 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=Plan.seeds, help="trainings of each DPMPB, by default 5")
     parser.add_argument("--small", action="store_true", help="tiny sizes, a minute, to see whether it works here")
     parser.add_argument("--paper-only", action="store_true", help="only what the paper's amount of recordings teaches")
+    parser.add_argument("--train", nargs="*", choices=TRAINING_CONFIGS, help="only train these, or all")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes in this machine")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose workers do the work")
     arguments = parser.parse_args()
+    if arguments.train is not None:
+        configs = [TRAINING_CONFIGS[name] for name in arguments.train or TRAINING_CONFIGS]
+        train_autoencoders(configs, workers=arguments.workers, progress=True)
+        train_models(configs, range(arguments.seeds), workers=arguments.workers, progress=True)
+        return 0
     folder = (arguments.folder or FOLDER.with_name(FOLDER.name + "-small" * arguments.small)).absolute()
     data = folder / "data"
     data.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,6 @@
 """A made-up class: who is right gets the points, who is wrong a sentence, and who is hostile nothing."""
 
+import contextlib
 import os
 import sys
 import tomllib
@@ -9,24 +10,30 @@ import nbformat
 import pytest
 import sandbox_worker
 from make_editions import student_edition
-from make_grades import ROOT, Grade, Sandbox
+from make_grades import ROOT, Sandbox
 from nbformat.v4 import new_code_cell
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
-def test_every_exercise_is_a_row_and_every_student_a_sum():
-    grades = [Grade("ann", "00_a", "f", 1, 1, "correct"), Grade("ann", "01_b", "g", 0, 2, "Not yet: no")]
-    table = make_grades.table([*grades, Grade("bob", "00_a", "f", 1, 1, "correct")])
-    totals = make_grades.totals(table)
-    assert table["words"].tolist() == ["correct", "Not yet: no", "correct"]
-    assert totals.loc["ann", ["00_a", "01_b", "points", "most"]].tolist() == [1, 0, 1, 3]
-    assert totals.loc["bob", "points"] == 1
+class Nowhere:
+    """Stands for a sandbox: whose sources say "right" are."""
+
+    def judge(self, name, sources):
+        return "correct" if "right" in sources else f"=Not\nyet, {name}"
 
 
-def test_a_spreadsheet_finds_no_formula_in_a_students_words():
-    table = make_grades.table([Grade("=cmd()", "00_a", "f", 0, 1, "@f\nraised   an error")])
-    assert table.loc[0, ["student", "words"]].tolist() == ["'=cmd()", "'@f raised an error"]
+def test_every_exercise_is_a_row_and_every_student_a_sum(tmp_path):
+    for student, source in {"ann": "right", "=bob()": "wrong"}.items():
+        (tmp_path / student / "late").mkdir(parents=True)
+        notebook = nbformat.v4.new_notebook(cells=[new_code_cell(source)])
+        nbformat.write(notebook, tmp_path / student / "late" / NOTEBOOKS[0].name)
+    grades = make_grades.grade(Nowhere(), tmp_path, NOTEBOOKS[:2], {"share_won": 3})
+    ann = grades[grades["student"] == "ann"]
+    assert ann["points"].tolist() == [1, 3, 0, 0, 0]
+    assert ann["words"].tolist() == ["correct"] * 2 + ["not handed in"] * 3
+    assert make_grades.totals(grades).loc["ann", [NOTEBOOKS[0].stem, "points", "most"]].tolist() == [4, 4, 7]
+    assert grades.loc[0, ["student", "words"]].tolist() == ["'=bob()", "'=Not yet, best_moment"], "no formulas"
 
 
 def test_magics_are_left_out(tmp_path):
@@ -183,26 +190,27 @@ def submissions(school, victim):
 
 @pytest.fixture(scope="module")
 def sandbox():
-    with Sandbox(NOTEBOOKS, seconds=300) as sandbox:  # of which a busy machine takes more
+    with contextlib.closing(Sandbox(NOTEBOOKS, seconds=300)) as sandbox:  # of which a busy machine takes more
         if not sandbox.isolated:
             pytest.skip("NO bubblewrap: apt-get install bubblewrap")
         yield sandbox
 
 
 @pytest.mark.slow
-def test_a_class_gets_what_it_deserves(sandbox, tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", ["00", "06", "08"])
+def test_a_class_gets_what_it_deserves(sandbox, tmp_path, monkeypatch, number):
     monkeypatch.setattr(sandbox, "seconds", 5)
-    school, victim = School("00"), tmp_path / "victim"
+    school, victim = School(number), tmp_path / "victim"
     victim.mkdir()
     (victim / "kept.txt").write_text("kept")
     handed = submissions(school, victim)
     for student, (answers, before, _, _) in handed.items():
         school.hand_in(tmp_path / "class" / student, answers, before)
     grades = make_grades.grade(sandbox, tmp_path / "class", [school.path], {})
-    words = {student: [each.words for each in grades if each.student == student] for student in handed}
+    words = {student: rows["words"].tolist() for student, rows in grades.groupby("student")}
     for student, (_, _, first, others) in handed.items():
         assert [each == "correct" for each in words[student]] == [first] + [others] * (len(school.names) - 1), words
-    assert [each.points for each in grades] == [each.words == "correct" for each in grades]
+    assert (grades["points"] == (grades["words"] == "correct")).all()
     assert "took more than 5 s" in words["jon-never-ends"][0]
     assert "ZeroDivisionError" not in words["hal-steals"][0], "an answer has read a solution"
     assert (victim / "kept.txt").read_text() == "kept"
@@ -218,8 +226,8 @@ def test_missing_doubled_broken_and_linked_notebooks_count_nothing(sandbox, tmp_
     (tmp_path / "cem" / school.path.name).write_text("{}")
     (tmp_path / "dia" / school.path.name).symlink_to(school.path)
     grades = make_grades.grade(sandbox, tmp_path, [school.path], {})
-    assert {each.points for each in grades} == {0}
-    words = {each.student: each.words for each in grades}
+    assert not grades["points"].any()
+    words = dict(zip(grades["student"], grades["words"], strict=True))
     assert words["ann"] == words["dia"] == "not handed in"
     assert words["bob"] == "there are 2 of 00_start_here.ipynb"
     assert words["cem"].startswith("00_start_here.ipynb is no notebook")
