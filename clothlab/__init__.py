@@ -29,9 +29,8 @@ __version__ = "0.3.0"
 def _choose_opengl() -> None:
     """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported, unless the user already has.
 
-    EGL draws with and without a display, so it is preferred. With neither library present, MuJoCo is told to do
-    without, so that importing it works and the error comes where something is drawn, with the name of the package to
-    install.
+    EGL draws with and without a display, so it is preferred. With neither library present, importing MuJoCo works, and
+    the error comes where something is drawn, with the name of the package to install.
     """
     if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
         found = (name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name))

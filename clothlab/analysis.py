@@ -60,18 +60,12 @@ class MaterialReadout:
 
     Equal steps of a material are not equal steps of p: the map is curved, and so a Gaussian process whose prior is a
     straight one. Its constants are fixed: nine materials are too few to fit them.
-
-    Attributes:
-        model: the fitted map.
-        r2: leave-one-cloth-out R² of log C_damp and log C_mass, `[2]`.
-        ratio_r2: the same of log (C_damp / C_mass), on which alone the motion of a free point in air depends.
-        linear_r2: as `r2`, of a straight map, `[2]`.
     """
 
     model: Pipeline
-    r2: np.ndarray
-    ratio_r2: float
-    linear_r2: np.ndarray
+    r2: np.ndarray  # leave-one-cloth-out R² of log C_damp and log C_mass [2]
+    ratio_r2: float  # the same of log (C_damp / C_mass), on which alone the motion of a free point in air depends
+    linear_r2: np.ndarray  # as r2, of a straight map [2]
 
     @classmethod
     def fit(cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]) -> "MaterialReadout":

@@ -132,11 +132,8 @@ def material_map(
 ) -> Figure:
     """Parametric biases on their principal axes, with online trajectories (the paper's figure on PB in simulation).
 
-    Args:
-        biases: trained p of each material `{name: [D_p]}`.
-        cloths: the materials; the larger the mass, the larger the marker, whose shape is C_damp's or the foam's.
-        trajectories: estimates over time `{label: [T, D_p]}`; the last one is ringed.
-        covariances: of the last one `{label: [D_p, D_p]}`: its 90 % region is drawn.
+    `trajectories` are estimates over time `{label: [T, D_p]}`, the last one ringed, with a 90 % region where there are
+    `covariances` `{label: [D_p, D_p]}`. The size of a marker is C_mass, its shape C_damp or the foam.
     """
     pca = principal_axes(biases)
     figure, ((ax,),) = new_axes(size=(6.4, 5.0))
@@ -167,10 +164,7 @@ def distance_transition(
 ) -> Figure:
     """Distance to the target over time, each period's best marked (the paper's figure on the integrated experiment).
 
-    Args:
-        distances: `{label: ‖z_ref - z‖₂ [T]}`.
-        baselines: distances that stay, `{label: ‖z_ref - z‖₂}`, such as that of a cloth that hangs still.
-        period: control steps of one period.
+    `distances` are `{label: [T]}`, `baselines` those that stay, `{label: distance}`, as of a cloth that hangs still.
     """
     figure, ((ax,),) = new_axes(size=(8.0, 2.8))
     for k, (label, distance) in enumerate(distances.items()):
@@ -190,11 +184,7 @@ def ellipse_at_hand(
 ) -> Figure:
     """The arm from the side, and where a push of 1 N from any direction would move its hand.
 
-    Args:
-        arm: a muscle arm.
-        theta: posture `[2]` [rad].
-        f_const: co-contraction, one or several [N].
-        enlarged: how much larger than the arm the displacements are drawn.
+    In the posture θ `[2]` [rad], with one or several co-contractions [N]; displacements are `enlarged` beside the arm.
     """
     angles, tensions = np.linspace(0, 2 * np.pi, 25), np.atleast_1d(f_const)
     theta = np.clip(theta, arm.lower, arm.upper)
@@ -240,12 +230,7 @@ def arm_motion(runs: dict[str, pd.Series], until: int = 40, period: int = Contro
 
     Shaded: while the arm comes down, from the moment at which the shoulder's target is highest to the period's end.
     Dashed, below: the distance with which a run begins, of a cloth that hangs still.
-
-    Args:
-        runs: `{title: row of foam_control}`, of an arm whose first commands are angles, positive downwards, and whose
-            last is f_const.
-        until: control steps that are shown.
-        period: control steps of one period.
+    `runs` are `{title: row of foam_control}`.
     """
     names = ("θ shoulder [rad]", "θ elbow [rad]", "f_const [N]", "distance [s.d. of z]")
     figure, axes = new_axes(len(names), len(runs), size=(6.0, 1.75), sharex=True, sharey="row")

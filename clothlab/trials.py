@@ -76,16 +76,9 @@ def rollout(
 ) -> Trial:
     """Let a policy move the cloth for `steps` control steps and record what happens; both are reset first.
 
-    Args:
-        env: the scene.
-        policy: a policy, or a function that returns the command for an observation.
-        steps: number of control steps.
-        seed: of the policy's random numbers and of the random start; stored in the trial.
-        random_start: start from a random posture instead of the arm's home.
-        name: of the policy in the trial; by default its own.
-        watch: called `samples` times in each step, as in `ClothEnv.advance`; 5 make 25 pictures a second.
-        samples: how often.
-        progress: show a progress bar.
+    The policy may be a function that returns the command for an observation; in the trial it has its name, or `name`.
+    The seed is that of its random numbers and of a `random_start` from a posture other than the arm's home. `watch` is
+    called `samples` times in each step, as in `ClothEnv.advance`: 5 make 25 pictures a second.
     """
     check_number("steps", steps, int, at_least=1)
     policy = as_policy(policy)

@@ -104,7 +104,7 @@ def bubblewrap() -> list[str]:
 
 
 class Answer:
-    """Functions that run elsewhere. They may say what they like: only numbers, arrays, words and functions get through."""
+    """Functions that run elsewhere. Only numbers, arrays, words and functions get through."""
 
     def __init__(self, connection: Connection, seconds: int):
         self._connection, self._seconds, self._end = connection, seconds, time.monotonic() + WAIT * seconds

@@ -60,16 +60,8 @@ def cross_entropy(
     The first round draws around the single best start, since starts that are good in different ways have a mean that is
     good in none. A command whose range is a point stays there.
 
-    Args:
-        cost: plans `[N, T, D_u]` → cost of each `[N]`; called once with the starts and once a round.
-        starts: plans to begin with `[N, T, D_u]`, of any number; what is out of range is clipped.
-        lower, upper: range of the commands `[D_u]`.
-        settings: rounds, tries, widths.
-        rng: random numbers.
-
-    Returns:
-        The best plans found, best first `[elite, T, D_u]`; and the lowest cost after the starts and after each round
-        `[rounds + 1]`, which never rises.
+    `cost` says what plans `[N, T, D_u]` cost `[N]`. Returns the best plans found, best first `[elite, T, D_u]`, and the
+    lowest cost after the starts and after each round `[rounds + 1]`.
     """
     settings, lower, upper = settings or SearchSettings(), np.asarray(lower), np.asarray(upper)
     plans = np.clip(starts, lower, upper)
@@ -95,10 +87,7 @@ class SimulatorMPC(Policy):
     A plan is judged by its last step alone, since each picture takes as long as four steps of physics. Each search
     starts from the best plans of the one before, and for the rest from recorded `plans` `[N, period, D_u]`, drawn at
     random. Another `arm` than the scene's may have other limits, such as `env.arm.with_stiffness(10)`.
-
-    Attributes:
-        trace: lowest distance at the period's end, after the starts and after each round, for each search since the
-            reset: a list of `[rounds + 1]` [s.d. of z].
+    `trace` has the lowest distances [s.d. of z] of each search since the reset, `[rounds + 1]`.
     """
 
     env: ClothEnv

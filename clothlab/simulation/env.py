@@ -149,9 +149,7 @@ class ClothEnv(gymnasium.Env):
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[Observation, dict]:
         """Start an episode with the cloth hanging still; return the observation and an empty info.
 
-        Args:
-            seed: for `random_start`; the same seed gives the same episode, bit for bit.
-            options: `{"random_start": True}` draws the posture from the command range instead of the arm's home.
+        The option `{"random_start": True}` draws the posture from the command range; a seed repeats it, bit for bit.
         """
         self.start(seed=seed, **({} if options is None else options))
         return self.observe(), {}
@@ -159,11 +157,8 @@ class ClothEnv(gymnasium.Env):
     def advance(self, u: ArrayLike, watch: Callable[[], None] | None = None, samples: int = 1) -> None:
         """Hold the command `[D_u]` for one control period, without looking; `step`, `rollout` and all else use this.
 
-        Args:
-            u: the command; a ValueError if it is out of range.
-            watch: called without arguments `samples` times in the period, evenly, the last time at its end. It must not
-                change the scene; then a run that is watched is the same, bit for bit.
-            samples: how often.
+        `watch` is called `samples` times in the period, evenly, the last time at its end. It must not change the scene;
+        then a run that is watched is the same, bit for bit.
         """
         check_number("samples", samples, int, at_least=1, at_most=self.scene.substeps)
         self.arm.command(self.data, check_command(self.arm, u))

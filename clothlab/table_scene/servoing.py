@@ -259,10 +259,8 @@ def lay_slowly(driver: RobotDriver, *, margin: float = 0.167) -> None:
     """Lay the cloth in the hand down without throwing it, and let go: the baseline of dynamic spreading.
 
     The far edge is let down near the far end of the table; then the hand goes back and down on a quarter of an ellipse,
-    which ends `margin` [m] before the table's far edge. Beyond its reach the hand stops at its limit.
-
-    The numbers are for hard-1 on this table: the best of 45 draws in three development episodes. With 1 cm more or less
-    of `margin` the cloth sags over the near edge.
+    which ends `margin` [m] before the table's far edge. The numbers are for hard-1 on this table: the best of 45 draws
+    in three development episodes.
     """
     seconds, stretch, rise = 12.0, 0.022, 1.038  # the ellipse is longer and higher than the cloth by these parts
     env, cloth, furniture = driver.env, driver.env.cloth, driver.env.furniture
