@@ -18,13 +18,23 @@ def browser_context_args(browser_context_args):
 
 @pytest.fixture(scope="session")
 def lab(tmp_path_factory):
-    lab = Lab(tmp_path_factory.mktemp("lab"))
+    folder = tmp_path_factory.mktemp("lab")
+    lab = Lab(folder)
+    lab.folder = folder
     lab.wait()
     yield lab
     lab.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def page(browser, browser_context_args):
+    """One page for all tests of a module."""
+    context = browser.new_context(**browser_context_args)
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture(scope="module")
 def open_notebook(lab, page):
     """A notebook by its name; in the end, neither its page nor the server may have complained."""
     opened = []

@@ -104,7 +104,7 @@ def test_the_live_lab_moves_and_answers_in_firefox(lab, firefox):
     while (lab.kernel(name) or {}).get("execution_state") != "idle":
         assert time.monotonic() < end, lab.log.read_text()
         time.sleep(0.2)
-    time.sleep(2)
+    firefox.until("Boolean(document.querySelector('.jp-Notebook-ExecutionIndicator[data-status=idle]'))")
     focus = "document.querySelector('.jp-Notebook .jp-Cell').dispatchEvent(new FocusEvent('focus'))"
     firefox.evaluate(focus)  # a window that nobody sees has no focus, and the menu then knows no notebook to run
     firefox.click(".lm-MenuBar-itemLabel", "Run")

@@ -31,6 +31,7 @@ STORED = {  # with which brush and strokes [pixel] the stored target was drawn
 
 @pytest.mark.parametrize("name", STORED)
 def test_a_stored_target_is_what_the_canvas_makes_of_its_strokes(page, name):
+    page.goto("about:blank")  # without what the page before declared
     page.set_content(PAGE, wait_until="load")
     brush, strokes = STORED[name]
     page.evaluate(f"tool.brush = {brush}")
