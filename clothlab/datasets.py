@@ -143,8 +143,7 @@ def find_targets(
     """Choose target-1, target-2 and the muscle arm's by geometry alone, from an operator's runs that nothing else uses.
 
     Target-1 (hard) and the muscle arm's target are the median of all moments at which the cloth is spread. Target-2
-    (easier) swings half as far, its free edge below the hand. The torque arm makes a run with each seed, the muscle arm
-    one with each foam.
+    (easier) swings half as far, its free edge below the hand.
     """
     runs = [_record_operator("torque", "damp0.05-mass0.10", seed, steps) for seed in seeds]
     found = [_spread_and_swinging("torque", *run) for run in runs]

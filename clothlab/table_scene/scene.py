@@ -33,8 +33,7 @@ class Furniture(Checked):
 
     The arm, 0.6 m long with its shoulder 1 m above the floor, lays an edge on the table 0.43 to 0.45 m ahead, and from
     there a cloth of 0.5 m covers the table's middle. A cloth that is held up touches the table with its far edge
-    0.59 m ahead at most (0.74 m with the base moved forward, 0.2 m before the table); beyond that it must be pushed or
-    thrown. So `near` decides whether a cloth can be laid.
+    0.59 m ahead at most; beyond that it must be pushed or thrown. So `near` decides whether a cloth can be laid.
     """
 
     near: float = setting(0.35, "m", above=0)  # the table's edge ahead of the shoulder, with the base at 0

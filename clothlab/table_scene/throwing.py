@@ -79,8 +79,7 @@ def _arm_with_hand(arm: Arm | str) -> Arm:
 class ExcitationPolicy(Policy):
     """A lively motion with the hand closed and held high, the same each time, from which p of a cloth is estimated.
 
-    On a motion on which it was trained with every cloth the model reliably distinguishes them, on a random one only
-    half the time.
+    On a motion that it was trained on the model tells the cloths apart reliably, on a random one half the time.
     """
 
     name = "swing"
