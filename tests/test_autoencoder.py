@@ -15,6 +15,7 @@ def untrained():
     return Autoencoder().eval()
 
 
+@pytest.mark.slow
 def test_training_lowers_the_loss_and_follows_its_seed(trial):
     images = np.concatenate([trial.images] * 4)
     model, losses = train_autoencoder(images, BRIEF, progress=False)

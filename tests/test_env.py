@@ -72,6 +72,7 @@ def test_a_picture_larger_than_its_room_is_refused_and_the_room_is_named(env, si
         env.camera_picture(*size)
 
 
+@pytest.mark.slow
 def test_another_cloth_in_the_hand_is_like_a_new_scene(own):
     own.picture()
     for cloth in (get_cloth("damp0.03-mass0.15"), replace(own.cloth, rows=8, length=0.4)):

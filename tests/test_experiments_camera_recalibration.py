@@ -38,6 +38,7 @@ def test_poses_are_displacements_of_their_sizes(direction, size, shift, turn):
     assert (moved, turned) == pytest.approx((shift, turn), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_p_is_estimated_from_what_the_camera_sees(exact, monkeypatch):
     seen = []
     monkeypatch.setattr(

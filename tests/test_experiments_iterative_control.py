@@ -35,6 +35,7 @@ def one_epoch(monkeypatch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ic.CONTROLLERS)
 def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
     row = ic._run_one(controller, "right", "all", None, **TASK)

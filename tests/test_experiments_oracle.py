@@ -88,6 +88,7 @@ def test_predicted_distances_are_achieved(arm, policy, square, request):
     assert (np.diff(search.trace, axis=1) <= 0).all()
 
 
+@pytest.mark.slow
 def test_the_policy_sends_its_plans_whole_and_the_same_seed_sends_the_same(env, policy):
     search = policy(env)
     first = rollout(env, search, 5, seed=1)

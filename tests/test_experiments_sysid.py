@@ -38,6 +38,7 @@ def test_the_coarse_search_begins_in_the_right_valley():
     assert miss(cells=21) < 1e-3 < 0.1 < miss(cells=1)
 
 
+@pytest.mark.slow
 def test_the_simulator_senses_what_a_robot_does():
     torch.manual_seed(0)
     autoencoder, cloth = Autoencoder().eval(), Cloth("x", damping=0.04, mass=0.12)
@@ -70,6 +71,7 @@ def network():
     return train_regressor(RUNS, CONSTANTS, **QUICK, seed=3)
 
 
+@pytest.mark.slow
 def test_the_network_learns_a_tiny_set_by_heart_and_the_same_with_the_same_seed(network):
     model, losses = network
     assert losses[-1] < 0.05 < 0.5 < losses[0]

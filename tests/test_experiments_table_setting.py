@@ -67,6 +67,7 @@ def test_the_best_recorded_throw_is_one_of_this_foam_that_was_seen_to_succeed(le
     assert best == pytest.approx(recorded("hard-1", 3).commands[:16], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_dynamic_method_excites_estimates_and_lets_go(learned, monkeypatch):
     tiny = ThrowSettings(steps=4, release=(1.0, 3.0), attempts=2, rest=1)
     monkeypatch.setattr(table_setting, "excite_and_throw", lambda *given: task.excite_and_throw(*given, tiny))

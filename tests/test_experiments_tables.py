@@ -34,6 +34,7 @@ def test_the_pages_show_the_stored_tables(tmp_path):
         assert new.endswith("after")
 
 
+@pytest.mark.slow
 def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others(rows):
     here, papers = rows
     assert len(here) <= 60

@@ -72,6 +72,7 @@ def test_without_exploring_the_best_known_plan_is_repeated(iterative):
     assert distance < 0.2
 
 
+@pytest.mark.slow
 def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_run(iterative, env):
     policy = iterative(remembered=1)
     first, second = (rollout(env, policy, 25, seed=3) for _ in range(2))

@@ -43,6 +43,7 @@ def test_a_manual_command_is_kept_in_the_range(drivers, env):
     assert drive(drivers, env, "manual", 1)[0].command == pytest.approx([TorqueArm().command_upper[0], -0.5])
 
 
+@pytest.mark.slow
 def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(drivers, env):
     drive(drivers, env, "iterative", 11)
     drivers.resume()

@@ -35,6 +35,7 @@ def follow(bias_tracker, run, steps, *, at_rest=True):
     return reports
 
 
+@pytest.mark.slow
 def test_reports_come_now_and_then_and_grow_surer(learned, calibrated, run):
     reports = follow(BiasTracker(learned, "evaluation", np.zeros(2)), run, 60)
     first = next(k for k, report in enumerate(reports, start=1) if report is not None)

@@ -51,6 +51,7 @@ def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
     assert not any(inside(plane.p(at), BIASES["a"], 0.99 * covariance) for at in edge)
 
 
+@pytest.mark.slow
 def test_warnings_are_shown_while_p_is_estimated(session, shown):
     known, nothing = EstimateReport(0.01 * np.eye(2), 0.1, False, False), {"region": [], "warning": ""}
     session.tracker.report = known

@@ -51,6 +51,7 @@ def cloud_of(points, colour, inside=True):
     return PointCloud(points, colours, np.full(len(points), inside), np.array([0.0, -0.25, 1.45]))
 
 
+@pytest.mark.slow
 def test_known_balls_are_seen_within_two_millimetres_at_one_metre():
     arm = MuscleArm()
     spec = build_spec(arm, CLOTH, Scene(), Furniture())
@@ -72,6 +73,7 @@ def test_known_balls_are_seen_within_two_millimetres_at_one_metre():
     env.close()
 
 
+@pytest.mark.slow
 def test_far_things_are_left_out_and_the_border_is_known(env):
     depth, cloud = depth_picture(env, 96), capture_point_cloud(env, 96)
     assert depth.max() > 10  # the floor, far away
@@ -91,6 +93,7 @@ def test_noise_is_as_large_as_it_says_and_needs_an_rng(env):
         capture_point_cloud(env, 96, noise=0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (1, 0.0), (1, 0.003)])
 def test_the_edge_of_a_hanging_cloth_is_found(env, seed, noise):
     env.start(seed=seed)

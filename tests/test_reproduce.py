@@ -37,6 +37,7 @@ def test_a_small_plan_shortens_everything():
     assert [(case["model"], case["steps"]) for case in small.cases("control")] == [(0, 16), (1, 16)]
 
 
+@pytest.mark.slow
 def test_results_are_made_of_the_stored_tables():
     text = reproduce.results()
     assert text.startswith("## ")

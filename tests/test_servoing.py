@@ -63,6 +63,7 @@ def test_the_base_gathers_speed_evenly_and_arrives(driver):
     assert driver.env.base == pytest.approx(driver.env.furniture.base_range[0], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_cloth_is_grasped_from_the_rack_by_its_edge(driver):
     env = driver.env
     errors = grasp(driver, "cloth")
@@ -73,6 +74,7 @@ def test_the_cloth_is_grasped_from_the_rack_by_its_edge(driver):
     assert env.cloth_points()[-1, :, 2].max() < env.hand[2] - 0.4  # it has left the rack
 
 
+@pytest.mark.slow
 def test_the_basket_is_grasped_by_its_handle(driver):
     env = driver.env
     clear_cloth(env)
@@ -85,6 +87,7 @@ def test_the_basket_is_grasped_by_its_handle(driver):
     assert env.data.body("basket").xpos[2] > env.furniture.side_place[2] + 0.1
 
 
+@pytest.mark.slow
 def test_a_missed_grasp_is_tried_once_more(driver, monkeypatch):
     close, calls = driver.env.grasp, []
 
@@ -152,6 +155,7 @@ def test_a_watcher_can_stop_the_robot(driver):
         grasp(driver, "cloth")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("near", "spread"), [(0.15, True), (0.45, False)])
 def test_a_cloth_is_laid_slowly_where_the_robot_gets_near_enough_to_the_table(near, spread):
     env = TableEnv(start_in="hand", furniture=Furniture(near=near))

@@ -14,6 +14,7 @@ BENT = np.array([0.3, -np.pi / 2])
 DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
+@pytest.mark.slow
 def test_more_co_contraction_less_deflection_at_every_posture():
     for theta in product((-0.6, 0.2, 1.0), (-1.6, -0.8, -0.1)):
         for push in DIRECTIONS:

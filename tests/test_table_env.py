@@ -211,6 +211,7 @@ def test_a_basket_put_on_a_cloth_stands_upright_and_drags_nothing(hand):
     assert not hand.placement().success
 
 
+@pytest.mark.slow
 def test_the_room_s_camera_sees_the_basket_which_the_cloth_hides_from_the_robot(table):
     def basket(picture):
         """Share of the pixels."""
