@@ -66,14 +66,14 @@ bench: $(STAMP) chromium  ## measure speed, each figure as a ratio within one ru
 nightly: $(STAMP) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes docs/nightly.md
 	$(BIN)/python scripts/nightly.py
 
-data: $(STAMP)  ## record all trials and targets anew (simulation)
-	$(BIN)/python scripts/make_data.py
+data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
+	$(BIN)/python scripts/reproduce.py --record $(NAMES)
 
-train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials (OPTIONS="--train torque-paper --seeds 1")
-	$(BIN)/python scripts/reproduce.py --train $(OPTIONS)
+train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
+	$(BIN)/python scripts/reproduce.py --train $(NAMES)
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
-	$(BIN)/python scripts/make_results.py
+	$(BIN)/python scripts/reproduce.py --results $(NAMES)
 
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py $(OPTIONS)

@@ -24,7 +24,6 @@ import pandas as pd
 import torch
 from browser_lab import Lab, Notebook, launch_options
 from playwright.sync_api import sync_playwright
-from threadpoolctl import threadpool_limits
 
 from clothlab import artifacts
 from clothlab.datasets import DATASETS, record
@@ -119,24 +118,16 @@ def bench_solve() -> Iterator[Row]:
         yield what, times["plain"] / times["ours"], "≥ 2", f"{1e3 * times['ours']:.1f} ms"
 
 
-def alone(function: Callable[..., object], *arguments: object) -> object:
-    """Call a function on one core, as `make train` does side by side."""
-    with threadpool_limits(1):
-        torch.set_num_threads(1)
-        return function(*arguments)
-
-
 def bench_training() -> Iterator[Row]:
     """Trainings side by side, one on each core, as `make train` runs them, against one after the other."""
     cores = len(os.sched_getaffinity(0))
     images = np.random.default_rng(0).random((64 * 10, 96, 128)) > 0.9
     runs = [Sequences(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9
     model = replace(TRAINING_CONFIGS["torque"].model, epochs=2)
+    eyes = AutoencoderTraining(epochs=3)
     jobs = {
-        "autoencoder": joblib.delayed(alone)(
-            partial(train_autoencoder, progress=False), images, AutoencoderTraining(epochs=3)
-        ),
-        "DPMPB": joblib.delayed(alone)(partial(train_dpmpb, progress=False), runs, model),
+        "autoencoder": joblib.delayed(train_autoencoder)(images, eyes, progress=False),
+        "DPMPB": joblib.delayed(train_dpmpb)(runs, model, progress=False),
     }
     with joblib.Parallel(n_jobs=cores, max_nbytes=None) as side_by_side:
         for name, job in jobs.items():

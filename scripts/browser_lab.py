@@ -21,8 +21,7 @@ HARMLESS = ("Failed to load resource",)  # JupyterLab asks for a translation and
 
 def launch_options() -> dict:
     """The system's Chromium for `playwright.chromium.launch`; without one, Playwright takes its own."""
-    found = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
-    path = next(filter(None, found), None)
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     return {"args": ["--no-sandbox"]} | ({"executable_path": path} if path else {})
 
 
@@ -41,12 +40,12 @@ class Lab:
 
     def __init__(self, folder: Path):
         """Start it, with a folder for the copies, the settings and the log."""
+        (folder / "notebooks").mkdir()
         for path in (ROOT / "notebooks").glob("*.ipynb"):
             notebook = nbformat.read(path, as_version=4)
             for cell in notebook.cells:  # CI's smaller values, as nbmake has them
                 mock = cell.metadata.get("nbmake", {}).get("mock", {})
                 cell.source += "".join(f"\n{name} = {value!r}" for name, value in mock.items())
-            (folder / "notebooks").mkdir(exist_ok=True)
             nbformat.write(notebook, folder / "notebooks" / path.name)
         with socket.socket() as free:
             free.bind(("localhost", 0))
@@ -57,10 +56,9 @@ class Lab:
         news.write_text('{"fetchNews": "false", "checkForUpdates": false}')  # or it asks, in front of the panel
         options = [f"--LabApp.user_settings_dir={folder / 'settings'}", f"--port={self.port}", "--ServerApp.token=t"]
         options += ["--ServerApp.password=", "--no-browser", "--allow-root"]
+        command = [sys.executable, "-m", "jupyter", "lab", *options]
         with self.log.open("w") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "jupyter", "lab", *options], cwd=folder / "notebooks", stdout=log, stderr=log
-            )
+            self.process = subprocess.Popen(command, cwd=folder / "notebooks", stdout=log, stderr=log)
 
     def ask(self, path: str, method: str = "GET"):
         """What the server's REST interface answers; None where it has nothing to say."""
@@ -80,8 +78,7 @@ class Lab:
 
     def kernel(self, name: str) -> dict | None:
         """The kernel of a notebook, once it has one."""
-        sessions = {session["path"]: session["kernel"] for session in self.ask("api/sessions")}
-        return sessions.get(name)
+        return {session["path"]: session["kernel"] for session in self.ask("api/sessions")}.get(name)
 
     def stop_kernel(self, name: str) -> None:
         """Stop the kernel of a notebook, which the next page with that notebook would otherwise go on with."""

@@ -84,13 +84,7 @@ def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]
 
 
 def lay_out(notebooks: dict[str, nbformat.NotebookNode], folder: Path, *, student: bool) -> None:
-    """Write all that Sphinx reads: pages, downloads, and the files of the repository that they link to.
-
-    Args:
-        notebooks: with their outputs, by the names of their files.
-        folder: to write to; what was there is replaced.
-        student: leave out the solutions and what they printed.
-    """
+    """Write all that Sphinx reads into a folder: pages of the notebooks, by name, downloads, and what they link to."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(ROOT / "docs" / "book", folder)
     for path in [path for pattern in PAGES for path in ROOT.glob(pattern)]:

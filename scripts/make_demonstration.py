@@ -21,10 +21,8 @@ Press = tuple[str, dict]  # an action, by the name that the browser has for it, 
 def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
     """How long [s], what to say meanwhile, and what is pressed before."""
     cloth = panel.state["cloth"]
-    far = max(
-        (dot["at"] for dot in panel.about["map"]["dots"]),
-        key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])),
-    )
+    dots = [dot["at"] for dot in panel.about["map"]["dots"]]
+    far = max(dots, key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])))
     heavy = {"damping": cloth["material"][0], "mass": MATERIAL["C_mass [kg]"][1]}
     last = [("pick", {"name": "target-2"}), ("set driver", {"driver": "iterative"})]
     return [

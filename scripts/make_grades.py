@@ -13,6 +13,7 @@ import io
 import json
 import os
 import pickle
+import re
 import shutil
 import socket
 import subprocess
@@ -29,7 +30,6 @@ from typing import Any
 import nbformat
 import numpy as np
 import pandas as pd
-from sandbox_worker import SETTABLE
 from tqdm.auto import tqdm
 
 from clothlab import checks
@@ -37,19 +37,14 @@ from clothlab import checks
 ROOT = Path(__file__).resolve().parents[1]
 POINTS = ROOT / "docs" / "course" / "points.toml"
 MESSAGE_BYTES = 20_000_000  # what an answer may return
+SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on an object that a check lends to an answer
 WAIT = 10  # how many times its processor time an exercise may take by the clock, on a busy machine
 
 
 class Sandbox:
-    """Starts processes in which answers run.
+    """Starts a process for each exercise, with limits; what the notebooks import is imported once.
 
-    Where bubblewrap works, they see no network, no checks and no solutions, and write into memory only. Elsewhere
-    limits are all there is, and `isolated` is False.
-
-    Args:
-        notebooks: whose imports are done once for all processes.
-        seconds: of processor time for an exercise.
-        megabytes: of memory for an exercise, beyond what the packages take.
+    Where bubblewrap works (`isolated`), answers see no network, checks or solutions, and write into memory only.
     """
 
     def __init__(self, notebooks: list[Path], seconds: int = 60, megabytes: int = 1500):
@@ -179,22 +174,8 @@ def imports(notebooks: list[Path]) -> str:
     return "\n".join({ast.unparse(node): None for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)})
 
 
-def code_cells(path: Path) -> list[str]:
-    """Sources of a submission's code cells, without magics.
-
-    Raises:
-        ValueError: it is no notebook.
-    """
-    try:
-        cells = json.loads(path.read_text("utf-8"))["cells"]
-        sources = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path.name} is no notebook that can be read: {type(error).__name__}") from None
-    return ["\n".join("" if line.startswith(("%", "!")) else line for line in each.splitlines()) for each in sources]
-
-
 def handed_in(student: Path, name: str) -> list[str]:
-    """Sources of the notebook of this name in a student's folder.
+    """Sources of the code cells of the notebook of this name in a student's folder, without magics.
 
     Raises:
         ValueError: there is not exactly one, or it can't be read.
@@ -202,23 +183,21 @@ def handed_in(student: Path, name: str) -> list[str]:
     found = [path for path in student.rglob(name) if ".ipynb_checkpoints" not in path.parts and not path.is_symlink()]
     if len(found) != 1:
         raise ValueError(f"there are {len(found)} of {name}" if found else "not handed in")
-    return code_cells(found[0])
+    try:
+        cells = nbformat.read(found[0], as_version=4).cells
+        sources = [cell.source for cell in cells if cell.cell_type == "code"]
+    except Exception as error:
+        raise ValueError(f"{name} is no notebook that can be read: {type(error).__name__}") from None
+    return [re.sub(r"^[%!].*", "", source, flags=re.MULTILINE) for source in sources]
 
 
 def grade(sandbox: Sandbox, folder: Path, notebooks: list[Path], points: Mapping[str, int]) -> pd.DataFrame:
-    """A row for each exercise of each student.
-
-    Args:
-        sandbox: where answers run.
-        folder: with a folder for each student.
-        notebooks: to grade, as they were written.
-        points: of exercises by their functions' names; each other counts 1.
+    """A row for each exercise of each student; exercises that are not in `points` count 1.
 
     Raises:
         ValueError: there is no folder of a student.
     """
-    students = sorted(each for each in folder.iterdir() if each.is_dir() and not each.name.startswith("."))
-    if not students:
+    if not (students := sorted(path for path in folder.glob("[!.]*") if path.is_dir())):
         raise ValueError(f"{folder} has no folder of a student")
     asked = {path: exercises(nbformat.read(path, as_version=4).cells) for path in notebooks}
     rows = []

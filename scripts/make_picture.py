@@ -23,16 +23,11 @@ CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
 
 
-def label(picture: np.ndarray, text: str) -> np.ndarray:
-    """Write a caption into the upper left corner."""
-    return cv2.putText(picture.copy(), text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (140, 140, 140), 1, cv2.LINE_AA)
-
-
-def from_mask(mask: np.ndarray) -> np.ndarray:
-    """A mask as a small grey picture."""
+def labelled(mask: np.ndarray, text: str) -> np.ndarray:
+    """A mask as a small grey picture, with a caption in its upper left corner."""
     grey = np.where(mask, 235, 40).astype(np.uint8)
-    grey = cv2.resize(grey, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
+    grey = cv2.cvtColor(cv2.resize(grey, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2RGB)
+    return cv2.putText(grey, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (140, 140, 140), 1, cv2.LINE_AA)
 
 
 def gallery() -> None:
@@ -48,39 +43,25 @@ def gallery() -> None:
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
 
 
-def main() -> None:
-    """Draw all."""
-    if not list((ROOT / "build" / "small").glob("*.ipynb")):
-        raise SystemExit("the gallery shows figures of executed notebooks: run `make notebooks` first")
-    gallery()
-    moving_picture()
-
-
 def moving_picture() -> None:
     """Run 31 periods and write the last three to `docs/control.gif`."""
     learned, target = artifacts.load(), artifacts.load_target("target-1")
     runs = [learned.sequences(trial) for trial in artifacts.load_trials("train")]
     env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
-    pictures: list[np.ndarray] = []
-    rollout(
-        env,
-        learned.iterative_controller(target, CLOTH, runs),
-        STEPS,
-        watch=lambda: pictures.append(env.picture()),
-        samples=PICTURES_PER_STEP,
-        progress=True,
-    )
+    policy, pictures = learned.iterative_controller(target, CLOTH, runs), []
+    watch = {"watch": lambda: pictures.append(env.picture()), "samples": PICTURES_PER_STEP}
+    rollout(env, policy, STEPS, progress=True, **watch)
     frames = []
     for picture in pictures[FIRST_STEP * PICTURES_PER_STEP :]:
         small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
-        side = np.vstack([label(from_mask(target), "target"), label(from_mask(cloth_mask(small)), "seen")])
+        side = np.vstack([labelled(target, "target"), labelled(cloth_mask(small), "seen")])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
     path = ROOT / "docs" / "control.gif"
-    path.parent.mkdir(exist_ok=True)
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10  # GIF counts in hundredths of a second
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":
-    main()
+    gallery()
+    moving_picture()

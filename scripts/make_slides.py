@@ -33,8 +33,8 @@ def deck_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
             for piece in pieces(cell.source):
                 heading = piece.startswith("#")
                 left_out = bool(LEFT_OUT.match(piece)) if heading else left_out
-                if not left_out:
-                    deck.cells.append(new_markdown_cell(piece, metadata=_slide("slide" if heading else "subslide")))
+                text = new_markdown_cell(piece, metadata=_slide("slide" if heading else "subslide"))
+                deck.cells += [] if left_out else [text]
         elif not left_out and {"stub", "solution"}.isdisjoint(cell.metadata.get("tags", [])):
             outputs = [each for output in cell.outputs for each in web_output(output) if is_picture(each)]
             figure = nbformat.v4.new_code_cell(metadata=_slide("subslide"), outputs=outputs)

@@ -1,8 +1,7 @@
 """`make nightly`: what takes hours, in one command, with a summary in `docs/nightly.md`.
 
-Ten thousand generated inputs, faults at a hundred moments, eight simulated hours of the live lab, every notebook at
-full size, the student edition's site, and the speed measurements. `python scripts/nightly.py --only soak` does one of
-them and writes nothing.
+Generated inputs, faults, eight simulated hours of the live lab, every notebook at full size, the student edition's
+site, and speed. `python scripts/nightly.py --only soak` does one of them and writes nothing.
 """
 
 import argparse
@@ -50,8 +49,7 @@ def main() -> int:
     names = parser.parse_args().only
     outcomes = [run(name) for name in names]
     if names == list(PARTS):
-        asked = ["git", "describe", "--always", "--dirty"]
-        commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+        commit = subprocess.check_output(["git", "describe", "--always", "--dirty"], cwd=ROOT, text=True).strip()
         today = datetime.datetime.now(datetime.UTC).date().isoformat()
         where = f"Commit {commit}; {platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}."
         REPORT.write_text("\n\n".join([f"# Nightly run of {today}", where, *(text for _, text in outcomes)]) + "\n")

@@ -3,7 +3,8 @@
 Results lie in build/reproduce/data, laid out like `data/`. Each is kept as soon as it is there, so that the same
 command goes on where it was interrupted; when the code has changed, everything is made anew. More in docs/scaling.md.
 
-`make train` (`--train`) trains anew from the recordings in `data/`, and replaces what is in `data/weights`.
+`make data`, `make train` and `make results` (`--record`, `--train`, `--results`) do one of these in `data/` itself, and
+replace what is there. Names after an option choose; experiments that take hours run only when they are named.
 """
 
 import argparse
@@ -21,11 +22,12 @@ import joblib
 
 from clothlab import artifacts, experiments
 from clothlab._parallel import Job, run_jobs
-from clothlab.datasets import DATASETS, Dataset, find_targets, record, record_targets
+from clothlab.datasets import DATASETS, TARGET_SETS, Dataset, find_target_set, find_targets, record, record_targets
 from clothlab.experiments import PAPER, tables
 from clothlab.learning.autoencoder import AutoencoderTraining
 from clothlab.training_configs import TRAINING_CONFIGS, TrainingConfig
 
+ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path("build") / "reproduce"
 
 
@@ -69,16 +71,12 @@ class Plan:
         return experiment.cases(**sizes)[:2]
 
 
-def train_autoencoders(configs: Sequence[TrainingConfig], **options: Any) -> None:
-    """Train the autoencoder of each configuration, and save it; options as `run_jobs` has them."""
+def train(configs: Sequence[TrainingConfig], seeds: Iterable[int], **options: Any) -> None:
+    """Train the autoencoder and the DPMPBs of each configuration, and save them; options as `run_jobs` has them."""
     jobs = [Job(TrainingConfig.train_autoencoder, {"self": each}, each.inputs) for each in configs]
     for config, (model, losses) in zip(configs, run_jobs("autoencoders", jobs, **options), strict=True):
         artifacts.save_autoencoder(model, losses, config.name)
     artifacts.write_checksums()
-
-
-def train_models(configs: Sequence[TrainingConfig], seeds: Iterable[int], **options: Any) -> None:
-    """Train the DPMPBs of each configuration, and save them; options as `run_jobs` has them."""
     jobs = [
         Job(TrainingConfig.train_model, {"self": c, "seed": seed}, (*c.inputs, f"weights/autoencoder-{c.name}."))
         for c, seed in product(configs, seeds)
@@ -95,8 +93,7 @@ def reproduce(plan: Plan, **options: Any) -> None:
     short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
     record_targets([Job(find_targets, short if plan.small else {})], **options)
     artifacts.write_checksums()
-    train_autoencoders(plan.configs(), **options)
-    train_models(plan.configs(), range(plan.seeds), **options)
+    train(plan.configs(), range(plan.seeds), **options)
     for experiment, ending in product(experiments.EXPERIMENTS.values(), plan.endings):
         if not experiment.slow and (experiment.paper or not ending):
             name = experiment.name + ending
@@ -124,9 +121,7 @@ def workers_of(address: str | None, data: Path) -> Iterator[None]:
         client = Client(address, timeout=60)
         client.wait_for_workers(1, timeout=60)
     except (ImportError, OSError) as error:
-        sys.exit(
-            f"{error}: --scheduler needs `pip install 'clothlab[cluster]'`, `dask scheduler`, `dask worker ADDRESS`"
-        )
+        sys.exit(f"{error}: --scheduler needs clothlab[cluster] installed, `dask scheduler` and `dask worker ADDRESS`")
     with client, joblib.parallel_config("dask", client=client, wait_for_workers_timeout=60):
         client.register_worker_callbacks(partial(_use, str(data)))
         yield
@@ -136,6 +131,46 @@ def _use(data: str) -> None:
     os.environ["CLOTHLAB_DATA"] = data
 
 
+def record_again(names: Sequence[str], **options: Any) -> None:
+    """Record these sets of trials, or all trials and targets, into `data/`; what was there is replaced."""
+    files = [file for name in names or DATASETS for file in record(DATASETS[name], **options)]
+    if not names:
+        jobs = [Job(find_targets, {}), *(Job(find_target_set, {"targets": each}) for each in TARGET_SETS)]
+        files += record_targets(jobs, **options)
+    say_what_repeats(files)
+    artifacts.write_checksums()
+
+
+def say_what_repeats(files: list[str]) -> None:
+    """Say how many of these files of `data/` are the recorded ones bit for bit, before new hashes are written.
+
+    The simulation is chaotic: another machine, or another version of MuJoCo or OpenGL, may give other bits.
+    """
+    verdict = artifacts.check_data()
+    same, known = (sum(verdict[file] in words for file in files) for words in (("ok",), ("ok", "altered")))
+    print(f"{same} of the {known} whose hash was recorded are the same bit for bit; new hashes are written now")
+
+
+def train_again(names: Sequence[str], **options: Any) -> None:
+    """Train these weights, or all, from the recordings in `data/`."""
+    train([TRAINING_CONFIGS[name] for name in names or TRAINING_CONFIGS], range(Plan.seeds), **options)
+
+
+def run_again(names: Sequence[str], **options: Any) -> None:
+    """Run these experiments, or all that do not take hours, and write the results into README and `docs/results.md`."""
+    for name in names or [name for name, each in experiments.EXPERIMENTS.items() if not each.slow]:
+        for ending in ("", PAPER) if experiments.EXPERIMENTS[name].paper else ("",):
+            table = experiments.run(name + ending, **options, keep=ROOT / "build" / "experiments")
+            experiments.save(table, name + ending)
+            artifacts.write_checksums()
+    for row in tables.publish(ROOT):
+        print(f"{ {True: '✓', False: '✗', None: ' '}[row.met] } {row.label}: {row.here} (aim {row.aim})")
+
+
+STAGES = {"record": (record_again, DATASETS), "train": (train_again, TRAINING_CONFIGS)}
+STAGES["results"] = (run_again, experiments.EXPERIMENTS)
+
+
 def main() -> int:
     """Make what was asked for; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -143,15 +178,16 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=Plan.seeds, help="trainings of each DPMPB, by default 5")
     parser.add_argument("--small", action="store_true", help="tiny sizes, a minute, to see whether it works here")
     parser.add_argument("--paper-only", action="store_true", help="only what the paper's amount of recordings teaches")
-    parser.add_argument("--train", nargs="*", choices=TRAINING_CONFIGS, help="only train these, or all")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes in this machine")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose workers do the work")
+    for stage, (function, choices) in STAGES.items():
+        parser.add_argument(f"--{stage}", nargs="*", choices=choices, metavar="NAME", help=function.__doc__)
     arguments = parser.parse_args()
-    if arguments.train is not None:
-        configs = [TRAINING_CONFIGS[name] for name in arguments.train or TRAINING_CONFIGS]
-        train_autoencoders(configs, workers=arguments.workers, progress=True)
-        train_models(configs, range(arguments.seeds), workers=arguments.workers, progress=True)
-        return 0
+    options = {"workers": arguments.workers, "progress": True}
+    for stage, (function, _) in STAGES.items():
+        if (names := getattr(arguments, stage)) is not None:
+            function(names, **options)
+            return 0
     folder = (arguments.folder or FOLDER.with_name(FOLDER.name + "-small" * arguments.small)).absolute()
     data = folder / "data"
     data.mkdir(parents=True, exist_ok=True)
@@ -159,7 +195,7 @@ def main() -> int:
     plan = Plan(arguments.seeds, arguments.paper_only, arguments.small)
     try:
         with workers_of(arguments.scheduler, data):
-            reproduce(plan, workers=arguments.workers, progress=True, keep=folder / "kept")
+            reproduce(plan, keep=folder / "kept", **options)
     except KeyboardInterrupt:
         print(f"\ninterrupted: the same command goes on from what lies in {folder}")
         return 130

@@ -18,11 +18,11 @@ import resource
 import shutil
 import signal
 import socket
-import symtable
 import sys
 import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -31,19 +31,11 @@ import torch
 
 import clothlab
 
-SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on an object that a check lends to an answer
 FILE_BYTES = 10_000_000  # a file that an answer may write
-KEPT = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.Assign)
 
 
 class Worker:
-    """Defines a submission's function, and calls it when the grader asks. What it sends is JSON, which can do nothing.
-
-    Args:
-        connection: to the grader.
-        common: `clothlab.checks._check`.
-        name: of the function.
-    """
+    """Defines a submission's function, and calls it when the grader asks; it answers in JSON, which can do nothing."""
 
     def __init__(self, connection: Connection, common: Any, name: str):
         self.connection, self.common, self.name = connection, common, name
@@ -63,15 +55,13 @@ class Worker:
                 self.send("failed", str(failure))
 
     def encode(self, value: Any, name: str = "") -> Any:
-        """A value as JSON can hold it: numbers, arrays, lists of them, functions under a name; words for all else."""
+        """Numbers, arrays, lists of them, and functions under a name as JSON can hold them; words for all else."""
         if isinstance(value, torch.Tensor):
             value = value.detach().cpu().numpy()
-        if isinstance(value, np.generic):
-            value = value.item()
         if value is None or isinstance(value, bool | int | float | str):
             return value
-        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-            return {"array": value.ravel().tolist(), "shape": value.shape}
+        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
+            return {"array": value.ravel().tolist(), "shape": value.shape} if value.shape else value.item()
         if isinstance(value, numbers.Real):
             return float(value)
         if isinstance(value, list | tuple):
@@ -99,48 +89,57 @@ class Lent:
         self.__dict__.update(_worker=worker, _place=place)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        worker = self.__dict__["_worker"]
-        values = {name: worker.encode(value) for name, value in kwargs.items()}
-        worker.send("call", self.__dict__["_place"], [worker.encode(value) for value in args], values)
+        worker, place = self.__dict__["_worker"], self.__dict__["_place"]
+        worker.send("call", place, worker.encode(args), {name: worker.encode(kwargs[name]) for name in kwargs})
         return worker.receive()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in SETTABLE:
-            raise AttributeError(f"{name} can't be set here")
+        worker, place = self.__dict__["_worker"], self.__dict__["_place"]
+        worker.send("set", place, name, worker.encode(value))
         self.__dict__[name] = value
-        worker = self.__dict__["_worker"]
-        worker.send("set", self.__dict__["_place"], name, worker.encode(value))
         worker.receive()
+
+
+class Names(dict):
+    """The names of a submission. Its values are computed when one is asked for, and not before."""
+
+    def __init__(self):
+        super().__init__(__name__="submission")
+        self.values_to_compute: dict[str, list[CodeType]] = {}
+
+    def __missing__(self, name: str) -> Any:
+        for assignment in self.values_to_compute.pop(name):
+            exec(assignment, self)
+        return self[name]
 
 
 def defined(sources: list[str], name: str) -> tuple[Any, str]:
     """The function of this name after the sources' imports, functions, classes and values; or why there is none.
 
-    Of values, those that it needs are computed, by name and through other functions. Nothing else is run: a
-    submission's own calls, checks and outputs count for nothing.
+    Nothing else is run: a submission's own calls, checks and outputs count for nothing.
     """
-    space: dict[str, Any] = {"__name__": "submission"}
-    problem = f"there is no function {name}"
-    cells: list[tuple[str, list[ast.stmt]]] = []
+    names, problem = Names(), f"there is no function {name}"
     for number, source in enumerate(sources):
         file = f"cell-{number}"
         linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
         try:
-            cells.append((file, pieces(source)))
+            nodes = pieces(source)
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             if f"def {name}" in source:
                 problem = f"the cell of {name} is not Python: {type(error).__name__}: {str(error).splitlines()[0]}"
-    needed = _needed(name, [node for _, nodes in cells for node in nodes])
-    for file, nodes in cells:
+            continue
         for node in nodes:
-            if isinstance(node, ast.Assign) and not needed & _names(node):
-                continue
             try:
-                exec(compile(ast.Module([node], []), file, "exec"), space)
+                code = compile(ast.Module([node], []), file, "exec")
+                for each in ast.walk(node) if isinstance(node, ast.Assign) else ():
+                    if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+                        names.values_to_compute.setdefault(each.id, []).append(code)
+                if not isinstance(node, ast.Assign):
+                    exec(code, names)
             except Exception as error:
                 if getattr(node, "name", None) == name:
                     problem = f"{name} could not be defined: {type(error).__name__}: {error}"
-    found = space.get(name)
+    found = names[name] if {name} & {*names, *names.values_to_compute} else None
     return (found, "") if callable(found) else (None, problem)
 
 
@@ -148,41 +147,11 @@ def pieces(source: str) -> list[ast.stmt]:
     """What of a cell is run: imports one by one, since one of them may be missing here."""
     found: list[ast.stmt] = []
     for node in ast.parse(source).body:
-        if isinstance(node, ast.Import):
-            found += [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            found += [ast.copy_location(ast.ImportFrom(node.module, [each], node.level), node) for each in node.names]
-        elif isinstance(node, KEPT):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found += [type(node)(**vars(node) | {"names": [each]}) for each in node.names]
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Assign):
             found.append(node)
     return found
-
-
-def _names(node: ast.stmt) -> set[str]:
-    """The names that a statement gives a meaning."""
-    if isinstance(node, ast.FunctionDef | ast.ClassDef):
-        return {node.name}
-    targets = node.targets if isinstance(node, ast.Assign) else []
-    return {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
-
-
-def _needed(name: str, nodes: list[ast.stmt]) -> set[str]:
-    """The names that a function needs, and what these need."""
-    needed, new = set[str](), {name}
-    while new:
-        needed |= new
-        new = {each for node in nodes if new & _names(node) for each in _read(node)} - needed
-    return needed
-
-
-def _read(node: ast.stmt) -> set[str]:
-    """The names that a statement reads from its notebook; its functions' own variables are none of them."""
-    top = symtable.symtable(ast.unparse(node), "cell", "exec")
-    read, tables = {each.get_name() for each in top.get_symbols() if each.is_referenced()}, top.get_children()
-    while tables:
-        table = tables.pop()
-        read |= {each.get_name() for each in table.get_symbols() if each.is_global()}
-        tables += table.get_children()
-    return read
 
 
 def confine(home: str, seconds: int, megabytes: int) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from make_data import say_what_repeats
+from reproduce import say_what_repeats
 
 from clothlab import artifacts
 from clothlab._parallel import Job

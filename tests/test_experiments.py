@@ -1,9 +1,9 @@
 """Experiments: cases become rows, rows are kept, stored and made anew."""
 
-import make_results
 import numpy as np
 import pandas as pd
 import pytest
+import reproduce
 
 from clothlab import _parallel, analysis, artifacts, experiments
 from clothlab.experiments import EXPERIMENTS, PAPER, Experiment, _grid, tables
@@ -171,14 +171,14 @@ def test_a_table_keeps_words_arrays_and_what_is_not_there(counted, tmp_path):
     same(both.loc[["stored"]], both.loc[["here"]])
 
 
-@pytest.mark.parametrize("asked", [[], ["--only", "control"]])
+@pytest.mark.parametrize("asked", [[], ["control"]])
 def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
     ran, usual = [], [name for name, each in EXPERIMENTS.items() if not each.slow]
     monkeypatch.setattr(experiments, "run", lambda name, **_: ran.append(name))
     monkeypatch.setattr(experiments, "save", lambda *_: None)
     monkeypatch.setattr(artifacts, "write_checksums", lambda: None)
     monkeypatch.setattr(tables, "publish", lambda _: [])
-    monkeypatch.setattr("sys.argv", ["make_results.py", *asked])
-    make_results.main()
-    wanted = asked[1:] or usual
+    monkeypatch.setattr("sys.argv", ["reproduce.py", "--results", *asked])
+    reproduce.main()
+    wanted = asked or usual
     assert ran == [name + end for name in wanted for end in ("", PAPER) if not end or EXPERIMENTS[name].paper]

@@ -20,13 +20,13 @@ class Nowhere:
     """Stands for a sandbox: whose sources say "right" are."""
 
     def judge(self, name, sources):
-        return "correct" if "right" in sources else f"=Not\nyet, {name}"
+        return "correct" if sources == ["\nright\n"] else f"=Not\nyet, {name}"
 
 
 def test_every_exercise_is_a_row_and_every_student_a_sum(tmp_path):
     for student, source in {"ann": "right", "=bob()": "wrong"}.items():
         (tmp_path / student / "late").mkdir(parents=True)
-        notebook = nbformat.v4.new_notebook(cells=[new_code_cell(source)])
+        notebook = nbformat.v4.new_notebook(cells=[new_code_cell(f"%magic\n{source}\n!ls")])
         nbformat.write(notebook, tmp_path / student / "late" / NOTEBOOKS[0].name)
     grades = make_grades.grade(Nowhere(), tmp_path, NOTEBOOKS[:2], {"share_won": 3})
     ann = grades[grades["student"] == "ann"]
@@ -34,11 +34,6 @@ def test_every_exercise_is_a_row_and_every_student_a_sum(tmp_path):
     assert ann["words"].tolist() == ["correct"] * 2 + ["not handed in"] * 3
     assert make_grades.totals(grades).loc["ann", [NOTEBOOKS[0].stem, "points", "most"]].tolist() == [4, 4, 7]
     assert grades.loc[0, ["student", "words"]].tolist() == ["'=bob()", "'=Not yet, best_moment"], "no formulas"
-
-
-def test_magics_are_left_out(tmp_path):
-    nbformat.write(nbformat.v4.new_notebook(cells=[new_code_cell("%matplotlib inline\n!ls\nx = 1")]), tmp_path / "a")
-    assert make_grades.code_cells(tmp_path / "a") == ["\n\nx = 1"]
 
 
 def test_of_a_submission_definitions_run_and_the_values_that_they_need():
@@ -197,7 +192,7 @@ def sandbox():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", ["00", "06", "08"])
+@pytest.mark.parametrize("number", ["00", "08"])
 def test_a_class_gets_what_it_deserves(sandbox, tmp_path, monkeypatch, number):
     monkeypatch.setattr(sandbox, "seconds", 5)
     school, victim = School(number), tmp_path / "victim"
