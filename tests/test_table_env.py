@@ -137,14 +137,6 @@ def test_the_rack_holds_the_cloth_until_the_hand_takes_it(table):
         table.hold_fast(["spoon"])
 
 
-def test_the_base_goes_where_it_is_sent_and_stays_without_being_asked(table):
-    start = table.base
-    table.advance([*table.command, start + 0.05])
-    for _ in range(3):
-        table.advance(table.command)
-    assert table.base == pytest.approx(start + 0.05, abs=1e-4)
-
-
 @pytest.mark.parametrize(
     ("u", "message"),
     [
@@ -209,14 +201,3 @@ def test_a_basket_put_on_a_cloth_stands_upright_and_drags_nothing(hand):
     mujoco.mj_forward(hand.model, hand.data)
     assert hand.placement().tilt == pytest.approx(8.0)
     assert not hand.placement().success
-
-
-@pytest.mark.slow
-def test_the_room_s_camera_sees_the_basket_which_the_cloth_hides_from_the_robot(table):
-    def basket(picture):
-        """Share of the pixels."""
-        red, green, blue = picture.astype(int).reshape(-1, 3).T
-        return np.mean(np.minimum(red, green) - blue > 60)
-
-    assert 0.0005 < basket(table.camera_picture(90, 160, view="room")) < 0.05
-    assert basket(table.camera_picture(90, 120)) < 0.0005

@@ -169,13 +169,6 @@ def test_what_looks_bad_is_held_until_the_last_attempt_and_teaches_until_a_reset
     assert torch.allclose(before, policy.expected(s, plan, policy.correction()))
 
 
-def test_recordings_that_do_not_fit_are_refused(learned, square):
-    with pytest.raises(ValueError, match="plans of 4 steps need recorded throws that are longer: none was given"):
-        ThrowPolicy(*learned, ARM, square, np.zeros(2), [RUNS[0][:3]], BIASES, SETTINGS)
-    with pytest.raises(KeyError, match="unknown material 'soft-1'; choose from hard-1"):
-        ThrowPolicy(*learned, ARM, square, np.zeros(2), RUNS, {"hard-1": BIASES["hard-1"]}, SETTINGS)
-
-
 def test_a_cloth_laid_by_hand_is_seen_as_spread():
     env = TableEnv("muscle-hand", start_in="hand")
     near, far = laid_by_hand(env, 0.62), laid_by_hand(env, 0.72)

@@ -37,10 +37,6 @@ _HIDDEN = 0.05  # [m] nearer than that the hand hides its goal, and the last loo
 _LEAP = 0.02  # [m] from look to look: the middle of a thing leaps so far when a part of it is hidden
 
 
-class MissedError(RuntimeError):
-    """The hand did not get to where it should, or grasped nothing, twice."""
-
-
 def posture(arm: Arm, place: ArrayLike) -> np.ndarray:
     """Joint angles θ `[2]` [rad] that bring the hand to (forward, up) of the shoulder `[2]` [m], elbow down.
 
@@ -193,7 +189,7 @@ class RobotDriver:
                 clear = max(0.0, clear - 2 * _CLOSE)
             self.correct(_GAIN * errors[-1])
             self.step()
-        raise MissedError(f"after {_STEPS} steps the hand is still {100 * missing:.1f} cm from its goal")
+        raise GraspError(f"after {_STEPS} steps the hand is still {100 * missing:.1f} cm from its goal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +229,11 @@ def grasp(driver: RobotDriver, name: str) -> np.ndarray:
             errors = driver.servo(_tracker(thing, place), thing.direction)
             driver.env.grasp()
             return errors
-        except (MissedError, GraspError, NotVisibleError) as error:
+        except (GraspError, NotVisibleError) as error:
             cause = str(error)
             driver.move_straight(beside)
             driver.look_towards(place[0])
-    raise MissedError(f"the {name} was not grasped, in two attempts: {cause}")
+    raise GraspError(f"the {name} was not grasped, in two attempts: {cause}")
 
 
 def _tracker(thing: _Thing, place: np.ndarray) -> Callable[[PointCloud, np.ndarray], np.ndarray]:

@@ -24,7 +24,7 @@ _PIXEL = 0.001  # [m] with which areas are measured
 
 
 class GraspError(RuntimeError):
-    """The hand closed on nothing."""
+    """The hand closed on nothing, or did not get to where it should."""
 
 
 @dataclass(frozen=True, eq=False)

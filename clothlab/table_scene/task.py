@@ -20,7 +20,7 @@ from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.table_scene.perception import NotVisibleError, find_cloth_centre
 from clothlab.table_scene.scene import Basket
-from clothlab.table_scene.servoing import AHEAD_LOW, CLEAR, MissedError, RobotDriver, grasp
+from clothlab.table_scene.servoing import AHEAD_LOW, CLEAR, RobotDriver, grasp
 from clothlab.table_scene.table_env import ClothPose, GraspError, Placement, TableEnv
 from clothlab.table_scene.throwing import (
     ExcitationPolicy,
@@ -38,14 +38,14 @@ EXCITATION = 20  # control steps of the motion from which p is estimated
 NOISE = 0.002  # [m] of the depth image at 1 m
 PHASES = ("fetch cloth", "go to table", "spread cloth", "look", "fetch basket", "carry basket", "put basket")
 
-Spreader = Callable[[RobotDriver], object]  # spreads the cloth in the hand, or lets it fall
+_Spreader = Callable[[RobotDriver], object]  # spreads the cloth in the hand, or lets it fall
 
 
 class _NotSpreadError(RuntimeError):
     """The cloth does not lie as it should, as far as the robot sees."""
 
 
-_FAILURES = (NotVisibleError, MissedError, GraspError, SimulationError, _NotSpreadError)
+_FAILURES = (NotVisibleError, GraspError, SimulationError, _NotSpreadError)
 
 
 def go_to_table(driver: RobotDriver) -> None:
@@ -130,7 +130,9 @@ class Outcome:
         return self.spread and self.placed
 
 
-def set_table(driver: RobotDriver, spreader: Spreader, progress: Callable[[str], None] = lambda phase: None) -> Outcome:
+def set_table(
+    driver: RobotDriver, spreader: _Spreader, progress: Callable[[str], None] = lambda phase: None
+) -> Outcome:
     """Run the phases one after another, tell `progress` the name of each, and stop at the first that fails."""
     phase, failed, cause = "", "", ""
     seen: ClothPose | None = None
@@ -169,7 +171,7 @@ def set_table(driver: RobotDriver, spreader: Spreader, progress: Callable[[str],
     return Outcome(failed, cause, phase != "fetch cloth", seen, pose, placement, dragged, driver.steps)
 
 
-def run_task(spreader: Spreader, seed: int) -> Outcome:
+def run_task(spreader: _Spreader, seed: int) -> Outcome:
     """Set the table in a scene of its own; the seed draws the places of rack and basket, and the camera's noise."""
     with closing(TableEnv(ARM, FOAM)) as env:
         env.start(seed=seed)
