@@ -67,12 +67,14 @@ def test_without_pixels_the_pose_is_found_exactly_whichever_end_is_which(camera)
     assert pose.residual < 1e-6
 
 
+@pytest.mark.slow
 def test_from_pictures_it_is_found_to_a_centimetre_and_half_a_degree(found):
     assert found.residual * 480 < 1  # [pixel]
     assert found.camera.position == pytest.approx(MOVED.position, abs=0.01)
     assert turn_between(found.camera, MOVED) < 0.5
 
 
+@pytest.mark.slow
 def test_images_come_back(moved_env, found):
     here = rollout(ClothEnv(ARM), RandomPolicy(ARM), 20, seed=3)
     seen = rollout(moved_env, ReplayPolicy(here.commands), 20, seed=3)

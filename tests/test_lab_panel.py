@@ -102,6 +102,7 @@ def test_a_second_panel_closes_the_first(panel, new_session):
     other.close()  # twice is once
 
 
+@pytest.mark.slow
 def test_actions_wait_for_the_end_of_a_step_whatever_thread_brings_them(new_session, monkeypatch):
     threads = []
 

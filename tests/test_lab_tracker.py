@@ -10,6 +10,8 @@ from clothlab import artifacts
 from clothlab.lab import tracker
 from clothlab.lab.tracker import _REPORT_EVERY, BiasTracker, _calibration
 
+pytestmark = pytest.mark.slow  # a calibration takes seconds
+
 
 @pytest.fixture(scope="module")
 def learned():

@@ -76,6 +76,7 @@ def test_the_basket_is_grasped_by_its_handle(driver):
     assert env.data.body("basket").xpos[2] > env.furniture.side_place[2] + 0.1
 
 
+@pytest.mark.slow
 def test_the_cloth_is_grasped_from_the_rack_by_its_edge_in_two_attempts(driver, monkeypatch):
     env, close, calls = driver.env, driver.env.grasp, []
 
