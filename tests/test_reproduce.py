@@ -19,29 +19,22 @@ PATIENCE = 300  # [s], on a busy machine
 SMALL = [sys.executable, reproduce.__file__, "--small", "--seeds", "1", "--paper-only"]
 
 
-def test_a_plan_has_what_its_trainings_need():
-    full, papers = Plan(), Plan(seeds=2, paper_only=True)
+def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
+    full, papers, small = Plan(), Plan(seeds=2, paper_only=True), Plan(small=True)
     assert [config.name for config in full.configs()] == ["torque", "torque-paper", "muscle", "muscle-paper"]
-    assert [config.name for config in papers.configs()] == ["torque-paper", "muscle-paper"]
     assert [each.name for each in papers.datasets()] == ["train", "muscle-train", "evaluation", "muscle-evaluation"]
     assert {name for config in full.configs() for name in config.recordings} < {each.name for each in full.datasets()}
     cases = papers.cases("joint_estimation_control-paper")
     assert cases == [{"model": model, "weights": "torque-paper"} for model in range(2)]
-
-
-def test_a_small_plan_shortens_everything():
-    small, full = Plan(small=True), Plan()
     assert [each.name for each in small.datasets()] == [each.name for each in full.datasets()]
     assert all(each.steps == 24 and len(each.runs()) <= 18 for each in small.datasets())
-    assert all(each.model.epochs == 2 and each.autoencoder.epochs == 1 for each in small.configs())
     assert [(case["model"], case["steps"]) for case in small.cases("control")] == [(0, 16), (1, 16)]
 
 
 @pytest.mark.slow
 def test_results_are_made_of_the_stored_tables():
     text = reproduce.results()
-    assert text.startswith("## ")
-    assert text.count("\n| --- |") == len(re.findall("^## ", text, re.MULTILINE))
+    assert text.count("\n| --- |") == len(re.findall("^## ", text, re.MULTILINE)) > 0
 
 
 def until(there: Callable[[], object]) -> None:
