@@ -135,7 +135,7 @@ def test_plans_are_the_recorded_throws_and_what_they_led_to_is_expected_again(le
     assert policy.plans[:, 0, -1].tolist() == pytest.approx([2.4, 1.7, 2.9])
     for run, u in zip(RUNS, policy.commands(policy.plans), strict=True):
         assert u.numpy() == pytest.approx(run.u[:STEPS], abs=1e-5)
-    policy.practice = replace(policy.practice, noise=1e-6)
+    policy.learning = replace(policy.learning, noise=1e-6)
     policy.set_bias(BIASES["hard-1"])
     z_ref = encode(learned[1], square)
     for k in (0, 1):  # those with this p

@@ -208,7 +208,7 @@ class ThrowPolicy(PlanningPolicy):
         biases: Mapping[str, ArrayLike],
         settings: ThrowSettings | None = None,
     ):
-        self.settings, self.practice = settings or ThrowSettings(), IterativeLearningSettings()
+        self.settings, self.learning = settings or ThrowSettings(), IterativeLearningSettings()
         super().__init__(model, autoencoder, _arm_with_hand(arm))
         self.lower[-1], self.upper[-1] = self.settings.release  # in the last column of a plan is the release time
         self.set_target(target)
@@ -246,7 +246,7 @@ class ThrowPolicy(PlanningPolicy):
     def correction(self) -> ResidualModel:
         """The model's errors of the end, learned from recorded throws and from the attempts so far."""
         tried, errors = zip(self._recorded, *self._held, strict=True)
-        return ResidualModel(torch.cat(tried), torch.cat(errors)[:, None], self.practice)
+        return ResidualModel(torch.cat(tried), torch.cat(errors)[:, None], self.learning)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = torch.as_tensor(observe(self.autoencoder, observation))
@@ -298,8 +298,8 @@ class ThrowPolicy(PlanningPolicy):
 
     def _features(self, s: Tensor, u: Tensor, p: Tensor | None = None) -> Tensor:
         """Plan, start and foam: a throw teaches little about another foam; a stiff one lands where a soft one folds."""
-        plan = (u / self.model.u_std).flatten(1) / self.practice.plan_scale
-        start, bias = s / self.model.s_std / self.practice.state_scale, (self._p if p is None else p) / self._bias_unit
+        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
+        start, bias = s / self.model.s_std / self.learning.state_scale, (self._p if p is None else p) / self._bias_unit
         return torch.cat([plan, torch.cat([start, bias]).expand(len(u), -1)], dim=1)
 
     def _begin(self, s: Tensor) -> None:
