@@ -76,14 +76,11 @@ def test_students_see_neither_a_solution_nor_what_came_of_it(lesson):
     assert nbformat.writes(lesson) == before
 
 
-def test_a_widget_becomes_its_picture_or_nothing():
+def test_a_widget_becomes_its_picture_or_nothing_and_a_video_waits():
     view = {make_book.WIDGET: {"model_id": "1"}, "text/plain": "Control()"}
     assert list(make_book.web_output(shown(view))) == []
     (picture,) = make_book.web_output(shown(view | PICTURE))
     assert picture.data == PICTURE
-
-
-def test_videos_wait_until_somebody_starts_them():
     page = '<video controls width="9" autoplay loop aria-label="a loop"><source src="data:video/mp4;base64,A"/>'
     (output,) = make_book.web_output(shown({"text/html": page, "text/plain": "<HTML>"}))
     assert output.data["text/html"] == page.replace(" autoplay loop", "")
@@ -132,12 +129,13 @@ def rows(section):
 
 def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
     points = tomllib.loads(make_grades.POINTS.read_text())
-    minutes = {}
+    minutes, names = {}, set()
     for path, (link, time, exercises) in zip(NOTEBOOKS, rows("The notebooks"), strict=True):
         notebook = nbformat.read(path, as_version=4)
         assert f"({'../../notebooks/' + path.name})" in link
         assert f"**Working time**: about {time} minutes" in notebook.cells[0].source
         weights = {name: points.get(name, 1) for name in make_grades.exercises(notebook.cells)}
+        names |= set(weights)
         asked = [f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()]
         assert exercises.split(" · ") == asked
         minutes[path.stem[:2]] = int(time)
@@ -146,3 +144,4 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
             summed = sum(minutes[number] for number in numbers.split(", "))
             assert float(hours) == pytest.approx(summed / 60, abs=0.06), title
     assert ", ".join(numbers for _, numbers, _, _ in rows("Six weeks")) == ", ".join(minutes)
+    assert set(points) <= names

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import sys
-import tomllib
 
 import make_grades
 import nbformat
@@ -60,16 +59,6 @@ def test_the_reason_is_given_for_a_function_that_is_not_there(source, words):
     found, problem = sandbox_worker.defined([source], "f")
     assert found is None
     assert problem.startswith(words)
-
-
-def test_points_are_of_exercises_that_exist():
-    names = {name for path in NOTEBOOKS for name in make_grades.exercises(nbformat.read(path, as_version=4).cells)}
-    assert set(tomllib.loads(make_grades.POINTS.read_text())) <= names
-
-
-def test_a_folder_without_students_is_an_error(tmp_path):
-    with pytest.raises(ValueError, match="has no folder of a student"):
-        make_grades.grade(None, tmp_path, [], {})
 
 
 def tags(cell):
