@@ -31,6 +31,7 @@ def toy_run(p, rng, steps=80, noise=0.3, material="a"):
     return Sequences(s, u, material)
 
 
+@pytest.mark.slow
 def test_the_90_percent_region_of_a_linear_gaussian_toy_holds_the_truth_in_90_percent():
     rng = np.random.default_rng(0)
     fits = [fit_bias(Toy(), toy_run([0.3, -0.2], rng), np.zeros(2), ENDLESS) for _ in range(400)]

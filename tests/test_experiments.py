@@ -58,7 +58,15 @@ def same(a, b):
                 assert x == y or (pd.isna(x) and pd.isna(y)), column
 
 
-SLOW = {"control", "joint_estimation_control", "foam_control"}
+SLOW = {
+    "control",
+    "joint_estimation_control",
+    "foam_control",
+    "estimation",
+    "foam_estimation",
+    "chamfer",
+    "stiffness_ellipse",
+}
 
 
 @pytest.mark.parametrize(

@@ -122,6 +122,7 @@ def test_a_fixed_stiffness_stays_fixed_in_every_command(muscle_env, policy, monk
     assert np.ptp(np.concatenate(tried)[..., 0]) > 0
 
 
+@pytest.mark.slow
 def test_a_row_begins_with_the_hanging_cloth_and_has_a_trace_for_each_period():
     row = oracle._run_one("torque", "target-2", "damp0.03-mass0.05", None, True, 0, periods=2, search=TINY)
     assert row["distance"].shape == (16,)

@@ -95,6 +95,7 @@ def test_the_edge_of_a_hanging_cloth_is_found(env, seed, noise):
         assert ends[:, 1] == pytest.approx(edge[[0, 2], 1], abs=0.012)  # a column of pixels, a bin of points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise", "off"), [(0, 0.0, 0.003), (1, 0.0, 0.003), (1, 0.003, 0.01)])
 def test_the_basket_is_found(env, seed, noise, off):
     env.start(seed=seed)

@@ -169,6 +169,7 @@ def test_what_looks_bad_is_held_until_the_last_attempt_and_teaches_until_a_reset
     assert torch.allclose(before, policy.expected(s, plan, policy.correction()))
 
 
+@pytest.mark.slow
 def test_a_cloth_laid_by_hand_is_seen_as_spread():
     env = TableEnv("muscle-hand", start_in="hand")
     near, far = laid_by_hand(env, 0.62), laid_by_hand(env, 0.72)
