@@ -30,7 +30,8 @@ nb_mime_priority_overrides = [("html", "image/png", 0)]
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # widgets are pictures: nothing is fetched for them
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
-suppress_warnings = ["myst.header"]  # the exercises of some notebooks begin at the third level
+# The exercises of some notebooks begin at the third level; a package and its module may both list a class.
+suppress_warnings = ["myst.header", "ref.python"]
 
 # The reference.
 autosummary_generate = True
