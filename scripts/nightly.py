@@ -1,4 +1,4 @@
-"""`make nightly`: what takes hours, in one command, with a summary in `docs/nightly.md`.
+"""`make nightly`: what takes hours, in one command, with a summary in `build/nightly.md`.
 
 Generated inputs, faults, eight simulated hours of the live lab, every notebook at full size, the student edition's
 site, and speed. `python scripts/nightly.py --only soak` does one of them and writes nothing.
@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-REPORT = ROOT / "docs" / "nightly.md"
+REPORT = ROOT / "build" / "nightly.md"
 PYTEST = (sys.executable, "-m", "pytest", "-s", "-m", "slow or not slow", "--tb=short")
 PARTS = {  # what it is: command, and settings in the environment
     "inputs": ((*PYTEST, "tests/test_properties.py"), {"CLOTHLAB_INPUTS": "10000"}),
