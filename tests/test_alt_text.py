@@ -89,15 +89,6 @@ def test_notes_and_the_scale_of_colours_are_read():
     assert colours.startswith("Colours: loss from ")
 
 
-def test_what_has_no_label_is_counted_where_there_is_much_of_it():
-    figure, ((ax,),) = plots.new_axes()
-    ax.plot([0, 1], [7, 8])
-    assert "without a name: from 7 at 0 to 8 at 1" in only(figure)
-    for k in range(20):
-        ax.plot([0, 1], [k, k + 1])
-    assert "21 more, 0 to 1 across and 0 to 20 up" in only(figure)
-
-
 def test_summaries_are_short():
     words = describe(plots.image_grid(np.ones((30, 3, 3)), [f"step {k}" for k in range(30)]))
     assert words.summary == "Pictures in 30 panels; step 0 to step 29"

@@ -9,7 +9,6 @@ from clothlab.analysis import (
     MaterialReadout,
     best_per_period,
     difference_interval,
-    late_median,
     nearest_material,
     principal_axes,
     rate_interval,
@@ -71,10 +70,6 @@ def test_the_best_of_each_period_leaves_the_swing_up_and_the_rest_out():
     assert len(best_per_period(distances[:5], period=4)) == 0
     with pytest.raises(ValueError, match="period must be at least 1"):
         best_per_period(distances, 0)
-
-
-def test_what_learns_is_judged_by_its_last_ten_periods():
-    assert late_median([9.0] * 20 + [1.0] * 5 + [3.0] * 5) == 2.0
 
 
 def test_success_rises_with_the_threshold():

@@ -28,6 +28,7 @@ def test_names_sizes_and_places_of_an_arm_belong_together(name):
     arm = get_arm(name)
     assert arm.name == name
     assert len(arm.command_names) == len(arm.command_lower) == len(arm.command_upper) == len(arm.home_command)
+    assert np.array_equal(check_command(arm, arm.home_command), arm.home_command)
     model, data = bare(arm)
     assert len(arm.state(data)) == len(arm.state_names)
     assert all("[N]" in each for each in arm.state_names[arm.tensions])
@@ -49,23 +50,10 @@ def test_the_state_is_z_and_then_the_robot(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_home_is_within_the_range(name):
-    arm = get_arm(name)
-    assert np.array_equal(check_command(arm, arm.home_command), arm.home_command)
-
-
-@pytest.mark.parametrize("name", ARMS)
 def test_the_jacobian_is_the_derivative_of_the_hand(name):
     arm, theta = get_arm(name), np.array([0.3, -0.9])
     differences = [(arm.hand(theta + step) - arm.hand(theta - step)) / 2e-6 for step in 1e-6 * np.eye(2)]
     assert arm.hand_jacobian(theta) == pytest.approx(np.transpose(differences), abs=1e-8)
-
-
-@pytest.mark.parametrize("theta", [[np.nan, 0.0], "x", [0.1], [[0.1, 0.2]]])
-def test_a_hand_has_two_finite_angles(theta):
-    for use in (TorqueArm().hand, TorqueArm().hand_jacobian):
-        with pytest.raises(ValueError, match=r"theta is \[2\] and finite"):
-            use(theta)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -208,12 +196,6 @@ def test_a_range_that_does_not_rise_through_home_is_refused(change):
         replace(TorqueArm(), **change)
 
 
-@pytest.mark.parametrize("name", ["octopus", None])
-def test_an_unknown_arm_lists_the_choices(name):
-    with pytest.raises(KeyError, match=r"unknown arm .*; choose from torque, muscle"):
-        get_arm(name)
-
-
 def test_a_camera_s_axes_are_those_of_the_simulation():
     arm = get_arm("torque")
     for camera in (arm.camera, arm.camera.moved((0.1, -0.2, 0.05), (3, -5, 7))):
@@ -242,16 +224,3 @@ def test_a_camera_is_moved_along_and_about_its_own_axes():
     assert camera.moved(turn=(0, 0, 5)).axes[1] @ right < 0  # its top leans left
     assert camera.moved(turn=(0, 0, 5)).roll == pytest.approx(5)
     assert camera.fovy == camera.moved((1, 0, 0)).fovy
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"shift": (1, 2)}, r"shift is \[3\] and finite"),
-        ({"turn": (0, np.nan, 0)}, "turn is .* finite, got nan"),
-        ({"turn": (-65, 0, 0)}, "straight up or down"),
-    ],
-)
-def test_places_where_no_camera_can_be_are_refused(how, message):
-    with pytest.raises(ValueError, match=message):
-        get_arm("torque").camera.moved(**how)

@@ -7,7 +7,7 @@ import pytest
 
 from clothlab.experiments import sysid_benchmark
 from clothlab.experiments.sysid import logs
-from clothlab.experiments.sysid_benchmark import _ALL, _METHODS, _cases, _run_one, over_bound
+from clothlab.experiments.sysid_benchmark import _ALL, _METHODS, _run_one, over_bound
 from clothlab.simulation.cloth import CLOTHS
 
 MIDDLE = CLOTHS["damp0.05-mass0.10"]
@@ -53,9 +53,3 @@ def test_errors_are_compared_with_the_bound_of_the_same_cloth():
     runs = [{"cloth": cloth, "time": time, "error": np.array([(5.0, 5.0), e])} for cloth, e in last.items()]
     over = over_bound(pd.DataFrame(runs), pd.DataFrame(known), "z + joints", "C_damp / C_mass")
     assert over == pytest.approx([0.2 / 0.1, 0.1 / 0.05])
-
-
-def test_fitting_a_simulation_has_one_training():
-    found = _cases()
-    assert len(found) == 16 * (3 * 5 + 2)
-    assert {case["model"] for case in found if case["method"].startswith("sysid")} == {0}

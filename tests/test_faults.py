@@ -11,9 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from clothlab import __main__ as command_line
-from clothlab import artifacts
-
 MOMENTS = int(os.environ.get("CLOTHLAB_FAULTS", "10"))
 
 # For each kind of file: how version n is written, and how the version that is there is read. Version 0 is there before.
@@ -124,17 +121,3 @@ def test_nothing_that_was_there_is_lost():
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
         done = subprocess.run(process, env=environment, capture_output=True, text=True, timeout=100 + 10 * MOMENTS)
     assert done.returncode == 0, done.stderr[-2000:]
-
-
-def test_hashes_that_cannot_be_written_are_one_sentence_that_names_the_file(
-    tmp_path, square, full_disk, monkeypatch, capsys
-):
-    artifacts.save_target(square, "a", data=tmp_path)
-    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    monkeypatch.setattr(sys, "argv", ["clothlab", "checksums"])
-    with full_disk():
-        assert command_line.main() == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "cannot write this file (File too large)" in said
-    assert "SHA256SUMS" in said

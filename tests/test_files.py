@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from clothlab._files import reading, sha256, write_bytes
+from clothlab._files import reading, write_bytes
 
 
 @pytest.fixture
@@ -63,7 +63,3 @@ def test_whatever_a_reader_says_of_a_damaged_file_is_one_kind_of_error(path):
         raise KeyError("format")
     with pytest.raises(FileNotFoundError), reading(path, "results"):
         path.with_name("none.json").read_bytes()
-
-
-def test_the_hash_is_that_of_sha256sum(path):
-    assert sha256(path) == "cba06b5736faf67e54b07b561eae94395e774c517a7d910a54369e1263ccfbd4"  # printf old | sha256sum

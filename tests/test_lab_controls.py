@@ -1,8 +1,6 @@
 """Controls for notebooks without a browser: they draw when they are moved, and say what goes wrong."""
 
-import asyncio
 import base64
-from threading import get_ident
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -65,22 +63,6 @@ def test_an_error_is_shown_kept_and_raised_by_check(calls):
     assert calls == [(0, ""), (2, "computing …"), (1, "computing …")]
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on <purpose>"):
         control.check()
-
-
-def test_a_control_moved_in_another_thread_draws_in_the_kernels():
-    threads = []
-
-    def draw(x=0):
-        threads.append(get_ident())
-        return Figure()
-
-    async def main():
-        control = Control(draw, x=(0, 3, 1))
-        await asyncio.to_thread(setattr, control.controls["x"], "value", 2)
-        await asyncio.sleep(0.05)
-
-    asyncio.run(main())
-    assert threads == [get_ident()] * 2
 
 
 def test_the_map_of_p_chooses_a_p(calls):

@@ -194,14 +194,6 @@ def test_a_moved_slider_takes_over(panel):
     assert panel.session.driver == "control"
 
 
-@pytest.mark.slow
-def test_exploration_is_switched_off(panel):
-    send(panel, "set driver", driver="iterative")
-    assert (panel.state["driver"], panel.state["exploring"]) == ("iterative", True)
-    send(panel, "explore", on=False)
-    assert panel.session.exploring is panel.state["exploring"] is False
-
-
 def test_sticks_and_trigger_span_the_range():
     for arm in (TorqueArm(), MuscleArm()):
         assert stick_command(arm, [0, -1, 0]) == pytest.approx(arm.command_lower)
@@ -299,14 +291,6 @@ def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     run_steps(panel, 3)
     assert "late" in signs
     assert "fault" not in signs
-
-
-def test_missing_weights_are_a_message(panel, monkeypatch):
-    monkeypatch.setattr("clothlab.artifacts.load", broken(KeyError("choose from (none yet: run `make data train`)")))
-    send(panel, "set arm", name="muscle")
-    assert "make data train" in says(panel)
-    send(panel, "step")
-    assert panel.session.arm.name == panel.state["arm"] == "torque"
 
 
 @pytest.mark.slow

@@ -72,22 +72,6 @@ def test_iterative_learning_learns_from_each_period_and_predicts_the_next(sessio
     assert [len({moment.predicted for moment in moments[8 * k : 8 * k + 8]}) for k in range(3)] == [1, 1, 1]
 
 
-@pytest.mark.slow
-def test_a_period_keeps_its_prediction_beside_what_was_achieved(session):
-    moments = drive(session, 2)
-    assert len({moment.predicted for moment in moments[:8]}) == 8  # control predicts anew in each step
-    assert [moment.step for moment in moments if moment.period] == [8, 16]
-    assert moments[15].period == (moments[8].predicted, moments[15].distance)
-    session.set_driver("iterative")
-    moments = drive(session, 1)
-    assert moments[7].period == (moments[0].predicted, min(moment.distance for moment in moments))
-    session.step()
-    session.set_target(session.gallery["target-1"])
-    assert [moment.period for moment in drive(session, 1)] == [None] * 8  # the plan was for the target before
-    session.set_driver("random")
-    assert (session.step().period, session.step().predicted) == (None, None)
-
-
 def test_without_new_plans_the_best_known_one_is_repeated(session):
     session.set_driver("iterative")
     drive(session, 1)
@@ -97,23 +81,6 @@ def test_without_new_plans_the_best_known_one_is_repeated(session):
     assert np.array_equal(first, second)
     session.exploring = True
     assert not np.allclose([moment.command for moment in drive(session, 1)], first)
-
-
-def test_what_was_learned_stays_with_another_target_p_or_driver_and_goes_with_a_reset(session):
-    session.set_driver("iterative")
-    drive(session, 1)
-    session.step()
-    session.set_target(session.gallery["target-1"])
-    assert session.step().predicted is None
-    session.set_p(np.array([0.1, 0.2]))
-    session.set_driver("manual")
-    session.step()
-    session.set_driver("iterative")
-    assert session.step().predicted is not None
-    assert len(learned(session)) == 1
-    assert session._drivers._iterative.p == pytest.approx([0.1, 0.2])
-    session.set_cloth("damp0.03-mass0.15")
-    assert learned(session) == []
 
 
 def test_the_manual_command_is_sent_and_stays_in_range(session):

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -67,13 +66,6 @@ def test_warnings_are_shown_while_p_is_estimated(session, shown):
     session.tracker.report = None
     assert shown._estimate_report() == nothing
     session.estimating = False
-
-
-def test_images_become_files_of_the_same_size(square):
-    read = cv2.imdecode(np.frombuffer(views.encoded(square), np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert np.array_equal(read > 127, square)
-    red = np.zeros((4, 6, 3), np.uint8) + np.array([255, 0, 0], np.uint8)
-    assert (cv2.imdecode(np.frombuffer(views.encoded(red), np.uint8), cv2.IMREAD_COLOR)[..., 2] == 255).all()
 
 
 def test_names_and_ranges_come_from_the_arm(session, shown):

@@ -2,7 +2,6 @@
 
 import json
 import re
-import runpy
 import tomllib
 import zipfile
 
@@ -96,16 +95,6 @@ def test_every_notebook_is_a_page_and_a_download(tmp_path):
         assert held == make_editions.student_edition(notebook)
     with zipfile.ZipFile(tmp_path / "notebooks.zip") as archive:
         assert sorted(set(archive.namelist()) & set(notebooks)) == list(notebooks)
-
-
-def test_docstrings_in_markdown_become_what_sphinx_reads():
-    conf = runpy.run_path(str(ROOT / "docs" / "book" / "conf.py"))
-    lines = ["Takes `p [D_p]` and ``q``:", "", "| a | b |", "| --- | --- |", "| `B` | batch |", "", "End."]
-    conf["read_docstring"](None, "function", "f", None, None, lines)
-    text = "\n".join(lines)
-    assert text.startswith("Takes ``p [D_p]`` and ``q``:")
-    assert "   * - a\n     - b\n   * - ``B``\n     - batch\n" in text
-    assert "---" not in text
 
 
 def test_the_books_tools_are_pinned_beside_the_environment():

@@ -281,13 +281,5 @@ def test_a_mistake_is_answered_or_refused_in_one_sentence_and_changes_no_file(do
     assert door.startswith("save") or content(data) == before
 
 
-@pytest.mark.parametrize("wrong", ["", [], {}])
-def test_an_empty_folder_name_is_not_the_default_folder(wrong, data):
-    before = content(data)
-    with pytest.raises((FileNotFoundError, TypeError)):
-        artifacts.save_target(square(), "c", data=wrong)
-    assert content(data) == before
-
-
 def test_about_a_thousand_inputs_are_tried():
     assert 900 < -(-1000 // len(DOORS)) * len(DOORS) < 1200

@@ -94,21 +94,6 @@ def test_a_throw_opens_the_hand_once_never_closes_it_and_depends_on_the_seed(kin
     assert not np.allclose(throws[3], throws[4])
 
 
-def test_an_operator_swings_low_then_high_then_down_and_ends_at_home(monkeypatch):
-    monkeypatch.setattr(OperatorThrow, "ONLY_SWINGS", 0.0)
-    operator = OperatorThrow(ARM)
-    for seed in range(10):
-        operator.reset(seed)
-        u = commands(operator)
-        shoulder = u[: int(u[:, 3].sum()), 0]
-        high = shoulder.argmin()
-        assert shoulder[:high].max() > 0.2
-        assert shoulder[high] < -0.25
-        assert u[high:, 0].max() > 0.25
-        assert u[-1, :2] == pytest.approx(ARM.home)
-        assert len(set(u[:, 2])) == 1  # of one stiffness
-
-
 def test_the_excitation_is_lively_holds_the_cloth_above_the_table_and_is_the_same_each_time():
     policy = ExcitationPolicy(ARM)
     first = commands(policy)

@@ -27,14 +27,6 @@ def test_a_new_scene_and_a_new_policy_give_the_same_trial(trial):
     env.close()
 
 
-def test_a_watched_run_is_the_same(env):
-    looks = []
-    plain = rollout(env, RandomPolicy(env.arm), 4)
-    watched = rollout(env, RandomPolicy(env.arm), 4, watch=lambda: looks.append(1), samples=3)
-    assert_equal(plain, watched)
-    assert len(looks) == 12
-
-
 def test_a_policy_that_changes_its_arrays_in_place_does_not_rewrite_the_past(env):
     u = env.arm.home_command
 
@@ -49,13 +41,6 @@ def test_a_policy_that_changes_its_arrays_in_place_does_not_rewrite_the_past(env
     assert trial.images.any(axis=(1, 2)).all()
     assert np.abs(trial.robot).max() < 99
     assert trial.policy == "scribbles"
-
-
-def test_a_trial_records_what_was_sent(env):
-    trial = rollout(env, lambda _: np.float32([-0.8, -1.6]), 2, name="edge")
-    assert (trial.commands == env.arm.command_lower).all()
-    assert (trial.policy, trial.seed, len(trial)) == ("edge", 0, 2)
-    assert trial.time.tolist() == pytest.approx([0.0, 0.2])
 
 
 @pytest.mark.parametrize("steps", [0, 2.5, None])

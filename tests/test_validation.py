@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from clothlab._validation import Checked, check_array, check_name, check_number, choose, setting
-from clothlab.simulation.cloth import Cloth
 
 NO_NUMBERS = [np.nan, np.inf, "1", None, True, 1j, [1.0], 10**400]
 
@@ -129,9 +128,3 @@ def test_settings_take_lists_and_numpy_and_can_be_written_as_json():
 def test_a_setting_that_is_refused_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         Widths(**given)
-
-
-@pytest.mark.parametrize("mass", [0, -0.1, 1e-300, 1e6, np.nan])
-def test_a_cloth_has_the_mass_of_a_cloth(mass):
-    with pytest.raises(ValueError, match=r"Cloth.mass (must be at (least 0.001|most 10)|is a finite number), got"):
-        Cloth("x", mass=mass)

@@ -1,8 +1,5 @@
 """From picture to mask, and the chamfer distance."""
 
-import subprocess
-import sys
-
 import cv2
 import numpy as np
 import pytest
@@ -59,11 +56,6 @@ def test_a_larger_picture_gives_the_same_mask():
     small = picture((slice(20, 60), slice(20, 70)))
     large = small.repeat(3, axis=0).repeat(3, axis=1)
     assert (cloth_mask(small) == cloth_mask(large)).mean() > 0.999
-
-
-def test_a_view_of_a_picture_is_as_good_as_a_picture():
-    whole = picture((slice(20, 60), slice(20, 70)))
-    assert np.array_equal(cloth_mask(whole[::-1, ::-1]), cloth_mask(whole[::-1, ::-1].copy()))
 
 
 def test_chamfer_is_zero_on_equals_and_symmetric(square):
@@ -146,24 +138,3 @@ def test_targets_come_from_picture_files(square):
     for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
         with pytest.raises(ValueError, match=message):
             mask_from_file(content)
-
-
-PEAK = """
-import resource, sys
-from clothlab.simulation.vision import mask_from_file
-content = bytearray(open(sys.argv[1], "rb").read())
-mask_from_file(bytes(content))
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-content[33] ^= 0x80  # the length of the chunk after the first, now two gigabytes
-try:
-    mask_from_file(bytes(content))
-except ValueError:
-    pass
-print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
-"""
-
-
-def test_a_damaged_picture_takes_no_more_memory_than_a_whole_one(tmp_path, square):
-    cv2.imwrite(str(tmp_path / "a.png"), square.astype(np.uint8) * 255)
-    done = subprocess.run([sys.executable, "-c", PEAK, tmp_path / "a.png"], capture_output=True, text=True, check=True)
-    assert int(done.stdout) < 50  # [MiB]
