@@ -39,7 +39,7 @@ budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they ma
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* of +[0-9]'
 
 test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
-	$(BIN)/pytest -m slow -rs --numprocesses=auto
+	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 	$(MAKE) notebooks
 	$(BIN)/pytest -m browser tests/browser
 	$(MAKE) book SMALL=1
@@ -48,7 +48,7 @@ test: doctor chromium check  ## check, slow tests, every notebook, the live lab 
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
-	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto build/small/*.ipynb
+	OMP_NUM_THREADS=1 $(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python scripts/make_editions.py $(if $(RECORD),--record) $(NOTEBOOKS)

@@ -23,6 +23,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
     "findings": (("make", "findings"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
+    "every page": ((sys.executable, "-m", "pytest", "-m", "book", "tests/book"), {"CLOTHLAB_PAGES": "1"}),
     "bench": ((sys.executable, "scripts/bench.py"), {}),
 }
 SHOWN = re.compile(r"^(?!.*%\|).*(\d+ (passed|failed)|claims|minutes|[≤≥]|:.*\d)")  # lines of the summary

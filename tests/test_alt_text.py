@@ -89,6 +89,7 @@ def test_notes_and_the_scale_of_colours_are_read():
     assert colours.startswith("Colours: loss from ")
 
 
+@pytest.mark.slow
 def test_summaries_are_short():
     words = describe(plots.image_grid(np.ones((30, 3, 3)), [f"step {k}" for k in range(30)]))
     assert words.summary == "Pictures in 30 panels; step 0 to step 29"

@@ -109,6 +109,7 @@ def test_an_interval_of_differences_covers_what_it_says_and_knows_that_runs_of_a
         difference_interval(runs[:, 0])
 
 
+@pytest.mark.slow
 def test_a_rate_has_an_interval_that_holds_the_true_one():
     rng = np.random.default_rng(0)
     for truth in (0.1, 0.5, 0.9):

@@ -71,6 +71,7 @@ def calibration():
     return calibrate(Toy(), BIASES, runs, lengths=(50, 100, 500), settings=ENDLESS)
 
 
+@pytest.mark.slow
 def test_a_calibration_finds_what_curvature_cannot_know(calibration):
     assert np.sqrt(np.diag(calibration.floor)) == pytest.approx([0.1, 0.1], rel=0.4)
     assert calibration.lengths.tolist() == [50, 100]

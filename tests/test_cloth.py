@@ -83,6 +83,7 @@ def mean_shift(a: np.ndarray, b: np.ndarray) -> float:
     return np.linalg.norm(a - b, axis=-1).mean()
 
 
+@pytest.mark.slow
 def test_materials_matter_more_than_the_time_step():
     cloth = get_cloth("damp0.05-mass0.10")
     base = motion(cloth)

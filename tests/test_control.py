@@ -92,6 +92,7 @@ def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     assert torch.equal(start, given)
 
 
+@pytest.mark.slow
 def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller):
     policy = controller(iterations=2)
     first, second = rollout(env, policy, 10), rollout(env, policy, 10)
@@ -102,6 +103,7 @@ def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller)
     assert policy.name == first.policy == "control"
 
 
+@pytest.mark.slow
 def test_a_policy_uses_each_estimate_and_a_second_run_is_the_first_one(env, controller):
     inner = controller()
     estimator = BiasEstimator(inner.model, [0.1, 0.2], EstimationSettings(window=5, warmup=1))
@@ -133,6 +135,7 @@ def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, contr
     assert len(policy.trace) == 2
 
 
+@pytest.mark.slow
 def test_the_predicted_distance_is_that_of_the_end_of_the_period(muscle_env, controller):
     policy = controller(arm=MuscleArm(), sizes=(15, 3), tension_weight=0.0)
     assert policy.predicted_distance is None

@@ -50,6 +50,7 @@ def test_every_trial_has_a_file_of_its_own_whose_hash_is_known():
     assert {re.sub(r"_again[1-4]", "", name) for name in trials} == set(files)
 
 
+@pytest.mark.slow
 def test_a_stored_trial_is_recorded_again_bit_for_bit():
     name, run = list(DATASETS["evaluation"].runs().items())[1]
     (again,) = record_run(replace(DATASETS["evaluation"], steps=5), **run)
@@ -59,6 +60,7 @@ def test_a_stored_trial_is_recorded_again_bit_for_bit():
     assert (again.seed, again.policy, again.cloth) == (stored.seed, stored.policy, stored.cloth)
 
 
+@pytest.mark.slow
 def test_a_throw_is_recorded_with_what_came_of_it_and_repeated_if_it_spread_the_cloth(monkeypatch):
     throws, run = replace(DATASETS["table-throws"], steps=2), {"cloth": "hard-1", "policy": "throw", "seed": 7}
     looked = []
@@ -78,6 +80,7 @@ def test_a_throw_is_recorded_with_what_came_of_it_and_repeated_if_it_spread_the_
     assert looked == 5 * [()]
 
 
+@pytest.mark.slow
 def test_a_set_is_recorded_anew_whatever_is_there(tmp_path, env):
     short = Dataset("short", "torque", ("damp0.05-mass0.10",), 3, 5)
     (tmp_path / "trials" / "short").mkdir(parents=True)

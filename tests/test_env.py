@@ -46,6 +46,7 @@ def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
     return np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # commands are in the arm's units on purpose
 @pytest.mark.filterwarnings("ignore:.*observation space (min|max)imum value is")  # a velocity has no bound
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
@@ -59,6 +60,7 @@ def test_gymnasium_accepts_it(arm):
     env.close()
 
 
+@pytest.mark.slow
 def test_pictures_for_people_have_the_size_of_the_scene():
     env = ClothEnv(scene=Scene(picture_size=(720, 960)))
     assert env.picture().shape == (720, 960, 3)
@@ -137,6 +139,7 @@ def test_more_looks_than_time_steps_are_refused(env, samples):
         env.advance(HOME, lambda: None, samples)
 
 
+@pytest.mark.slow
 def test_threads_may_take_turns_at_drawing(own):
     with ThreadPoolExecutor(1) as another:
         for _ in range(2):
@@ -146,6 +149,7 @@ def test_threads_may_take_turns_at_drawing(own):
         another.submit(own.close).result()
 
 
+@pytest.mark.slow
 def test_it_can_be_closed_twice_and_draws_again_afterwards(own):
     picture = own.camera_picture()
     own.close()

@@ -37,6 +37,7 @@ def follow(estimator, run):
     return np.array([estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)])
 
 
+@pytest.mark.slow
 def test_with_w_fixed_estimation_recovers_the_p_that_generated_the_data(listening, run):
     p = np.zeros(2)
     for _ in range(6):

@@ -16,6 +16,7 @@ from clothlab.simulation.env import ClothEnv
 CLOTH = get_cloth("damp0.05-mass0.10")
 
 
+@pytest.mark.slow
 def test_a_camera_turned_by_pixels_moves_its_image_by_them():
     centres = []
     for across, up in ((0, 0), (5, 3)):

@@ -73,6 +73,7 @@ def test_a_search_finds_an_optimum_that_is_known(starts):
     assert trace[-1] < 0.01 < trace[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["env", "muscle_env"])
 def test_predicted_distances_are_achieved(arm, policy, square, request):
     env = request.getfixturevalue(arm)
@@ -112,6 +113,7 @@ def test_a_search_begins_with_what_the_last_one_found(env, policy, monkeypatch, 
     assert len({plan.tobytes() for plan in first}) == 3
 
 
+@pytest.mark.slow
 def test_a_fixed_stiffness_stays_fixed_in_every_command(muscle_env, policy, monkeypatch):
     search, tried = policy(muscle_env, arm=muscle_env.arm.with_stiffness(50.0)), []
     distances = search.distances

@@ -13,6 +13,7 @@ from clothlab.simulation.cloth import CLOTHS
 MIDDLE = CLOTHS["damp0.05-mass0.10"]
 
 
+@pytest.mark.slow
 def test_methods_get_the_same_run_and_not_the_name_of_its_cloth(monkeypatch):
     given = []
 

@@ -21,6 +21,7 @@ def rows():
     return found
 
 
+@pytest.mark.slow
 def test_the_pages_show_the_stored_tables(tmp_path):
     pages = ("README.md", "docs/results.md")
     (tmp_path / "docs").mkdir()

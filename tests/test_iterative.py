@@ -83,6 +83,7 @@ def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_
     assert ((last.u >= policy.lower) & (last.u <= policy.upper)).all()
 
 
+@pytest.mark.slow
 def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_more(iterative, env):
     policy, commands = iterative(), []
     for k in range(25):
@@ -102,6 +103,7 @@ def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_mor
     assert len(policy.attempts) == 3
 
 
+@pytest.mark.slow
 def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays(iterative, env):
     policy = iterative()
     for _ in range(11):

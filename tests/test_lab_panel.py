@@ -18,6 +18,8 @@ from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial
 
+pytestmark = pytest.mark.slow  # each panel starts a session
+
 
 @pytest.fixture
 def panel(new_session):
@@ -83,7 +85,6 @@ def test_time_goes_by_until_it_is_paused(panel):
     assert not panel.running
 
 
-@pytest.mark.slow
 def test_a_browser_that_does_not_draw_gets_no_more_frames_and_stops_the_clock(panel, monkeypatch):
     monkeypatch.setattr(panel_module, "_PATIENCE", 3)
     first = panel.frame["number"]
@@ -102,7 +103,6 @@ def test_a_second_panel_closes_the_first(panel, new_session):
     other.close()  # twice is once
 
 
-@pytest.mark.slow
 def test_actions_wait_for_the_end_of_a_step_whatever_thread_brings_them(new_session, monkeypatch):
     threads = []
 
@@ -130,7 +130,6 @@ def test_single_steps_and_reset(panel):
     assert panel.frame["traces"][0]["lines"][0]["values"] == []
 
 
-@pytest.mark.slow
 def test_every_action_is_answered_even_when_it_is_refused(panel):
     send(panel, "set material", damping=0.05, mass=1e-4)
     assert panel.state["answered"] == "id-set material"
@@ -201,7 +200,6 @@ def test_sticks_and_trigger_span_the_range():
         assert stick_command(arm, [0.5] * 3) == pytest.approx((arm.command_lower + arm.command_upper) / 2)
 
 
-@pytest.mark.slow
 def test_another_arm_brings_its_controls_its_sticks_and_its_stiffness(panel):
     assert (panel.about["tension"], panel.ellipse) == (None, b"")
     send(panel, "set arm", name="muscle")
@@ -225,7 +223,6 @@ def test_another_arm_brings_its_controls_its_sticks_and_its_stiffness(panel):
     assert not panel.state["fixed"]
 
 
-@pytest.mark.slow
 def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
     send(panel, "record")
     send(panel, "step")
@@ -250,7 +247,6 @@ def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
     assert (panel.state["recording"], panel.state["waiting"]) == (False, False)
 
 
-@pytest.mark.slow
 def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     monkeypatch.setattr(panel.session, "set_p", broken(ZeroDivisionError("on purpose")))
     send(panel, "set p", at=[0, 0])
@@ -262,7 +258,6 @@ def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     assert panel.state["status"] == "paused"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("error", "faults"), [(ZeroDivisionError("oh"), 1), (SimulationError("diverged"), 0)])
 def test_a_step_that_fails_pauses_until_a_person_goes_on(panel, monkeypatch, error, faults):
     signs = []
@@ -283,7 +278,6 @@ def test_a_step_that_fails_pauses_until_a_person_goes_on(panel, monkeypatch, err
     assert panel.state["status"] == "paused"
 
 
-@pytest.mark.slow
 def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     step, signs = panel.session.step, []
     monkeypatch.setattr(panel.session, "step", lambda **options: time.sleep(0.35) or step(**options))
@@ -293,7 +287,6 @@ def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     assert "fault" not in signs
 
 
-@pytest.mark.slow
 def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):
     send(panel, "step")
     data, metadata = panel._repr_mimebundle_()

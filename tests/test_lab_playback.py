@@ -8,6 +8,8 @@ from clothlab import artifacts
 from clothlab.lab import LivePanel
 from clothlab.lab.playback import _SHOWN, RECORDING, Playback, SessionRecording, load_recording
 
+pytestmark = pytest.mark.slow  # each panel starts a session
+
 
 @pytest.fixture
 def panel(new_session):
@@ -43,7 +45,6 @@ def test_a_recording_keeps_what_is_new_at_each_step_in_fewer_bytes(panel, record
     assert third == {"caption": "nothing new"}
 
 
-@pytest.mark.slow
 def test_the_stored_run_shows_what_todays_panel_shows(panel):
     shots = load_recording()
     for name in ("about", "state", "target", "frame"):
@@ -64,7 +65,6 @@ def test_a_damaged_or_missing_recording_is_refused_in_a_sentence(panel, recordin
     assert panel.state["status"] == "paused"
 
 
-@pytest.mark.slow
 def test_it_plays_to_its_end_and_the_live_robot_is_back(panel, recording):
     panel._playback = Playback(panel, lambda: load_recording(recording))
     panel.step()
@@ -90,7 +90,6 @@ def test_it_plays_to_its_end_and_the_live_robot_is_back(panel, recording):
     assert panel.steps == steps
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("do", ["live", "step", "start"])
 def test_any_action_ends_it(panel, recording, do):
     panel._playback = Playback(panel, lambda: 100 * load_recording(recording))

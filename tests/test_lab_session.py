@@ -13,6 +13,8 @@ from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial, rollout
 
+pytestmark = pytest.mark.slow  # each session starts a scene
+
 CHECKERS = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
 
 
@@ -50,7 +52,6 @@ def test_every_driver_drives(session, driver):
         assert np.array_equal(moments[0].command, session.hand)
 
 
-@pytest.mark.slow
 def test_a_late_step_goes_on_with_the_last_plan(session):
     assert session.step(solve=False).solved  # there is no plan yet
     assert not session.step(solve=False).solved
@@ -62,7 +63,6 @@ def test_a_late_step_goes_on_with_the_last_plan(session):
     assert len(learned(session)) == 2
 
 
-@pytest.mark.slow
 def test_iterative_learning_learns_from_each_period_and_predicts_the_next(session):
     session.set_driver("iterative")
     moments = drive(session, 3)
@@ -91,7 +91,6 @@ def test_the_manual_command_is_sent_and_stays_in_range(session):
     assert session.step().command == pytest.approx([0.1, -0.9])
 
 
-@pytest.mark.slow
 def test_p_moves_only_while_it_is_estimated(session):
     session.set_p(np.array([0.3, -0.2]))
     session.set_driver("random")
@@ -116,7 +115,6 @@ def test_a_cloth_image_is_reconstructed_better_than_an_impossible_one(session):
     assert np.array_equal(session.target, CHECKERS)
 
 
-@pytest.mark.slow
 def test_another_arm_brings_its_own_weights_cloth_and_target(session):
     before = session.gallery
     session.set_arm("muscle")
@@ -126,7 +124,6 @@ def test_another_arm_brings_its_own_weights_cloth_and_target(session):
     assert session.env.cloth.name in session.trained.biases
 
 
-@pytest.mark.slow
 def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
     before = {name: id(value) for name, value in vars(session).items()}
     monkeypatch.setattr("clothlab.artifacts.load_targets", lambda: {})
@@ -136,7 +133,6 @@ def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
     session.step()
 
 
-@pytest.mark.slow
 def test_a_fixed_stiffness_is_sent_by_every_driver(session, muscle):
     with pytest.raises(ValueError, match="torque arm has no stiffness"):
         session.set_tension(30.0)
@@ -244,7 +240,6 @@ def test_a_recording_of_random_commands_is_the_trial_of_its_seed(session):
     assert np.array_equal(trial.images, again.images)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
 def test_every_recording_can_be_replayed(session, muscle, arm):
     session = muscle if arm == "muscle" else session

@@ -11,6 +11,8 @@ from clothlab.lab.drivers import Period
 from clothlab.lab.session import SETUPS, LiveSession
 from clothlab.learning.calibration import EstimateReport, inside
 
+pytestmark = pytest.mark.slow  # both arms have a session
+
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
 
 
@@ -50,7 +52,6 @@ def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
     assert not any(inside(plane.p(at), BIASES["a"], 0.99 * covariance) for at in edge)
 
 
-@pytest.mark.slow
 def test_warnings_are_shown_while_p_is_estimated(session, shown):
     known, nothing = EstimateReport(0.01 * np.eye(2), 0.1, False, False), {"region": [], "warning": ""}
     session.tracker.report = known

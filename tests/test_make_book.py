@@ -85,6 +85,7 @@ def test_a_widget_becomes_its_picture_or_nothing_and_a_video_waits():
     assert output.data["text/html"] == page.replace(" autoplay loop", "")
 
 
+@pytest.mark.slow
 def test_every_notebook_is_a_page_and_a_download(tmp_path):
     notebooks = {path.name: nbformat.read(path, as_version=4) for path in NOTEBOOKS}
     make_book.lay_out(notebooks, tmp_path, student=True)

@@ -21,6 +21,8 @@ from clothlab.table_scene.perception import (
 from clothlab.table_scene.scene import Basket, Furniture, build_spec
 from clothlab.table_scene.table_env import TableEnv
 
+pytestmark = pytest.mark.slow  # a scene with depth pictures
+
 CLOTH, RADIUS = get_cloth("hard-1"), 0.04  # [m] of the balls
 RED, YELLOW, BLACK, GREY = (200, 20, 25), (190, 175, 40), (40, 40, 40), (160, 150, 130)
 BACK, FRONT = (160, 12, 49), (209, 18, 25)
@@ -50,7 +52,6 @@ def cloud_of(points, colour, inside=True):
     return PointCloud(points, colours, np.full(len(points), inside), np.array([0.0, -0.25, 1.45]))
 
 
-@pytest.mark.slow
 def test_known_balls_are_seen_within_two_millimetres_at_one_metre():
     arm = MuscleArm()
     spec = build_spec(arm, CLOTH, Scene(), Furniture())
@@ -83,7 +84,6 @@ def test_noise_is_as_large_as_it_says_and_needs_an_rng(env):
         capture_point_cloud(env, 96, noise=0.002)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (1, 0.0), (1, 0.003)])
 def test_the_edge_of_a_hanging_cloth_is_found(env, seed, noise):
     env.start(seed=seed)
@@ -95,7 +95,6 @@ def test_the_edge_of_a_hanging_cloth_is_found(env, seed, noise):
         assert ends[:, 1] == pytest.approx(edge[[0, 2], 1], abs=0.012)  # a column of pixels, a bin of points
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise", "off"), [(0, 0.0, 0.003), (1, 0.0, 0.003), (1, 0.003, 0.01)])
 def test_the_basket_is_found(env, seed, noise, off):
     env.start(seed=seed)

@@ -72,6 +72,7 @@ def test_an_arm_is_shaded_while_it_comes_down():
     assert len(f_const.lines) == 1, "f_const has no measured value"
 
 
+@pytest.mark.slow
 def test_a_video_is_played_in_the_page(monkeypatch):
     shown = []
     monkeypatch.setattr("IPython.display.display", shown.append)

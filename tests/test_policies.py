@@ -80,6 +80,7 @@ def test_what_cannot_be_called_with_an_observation_is_no_policy(env, wrong):
             use(wrong)
 
 
+@pytest.mark.slow
 def test_recorded_commands_are_sent_again_and_no_more(env, trial):
     policy = ReplayPolicy(trial.commands)
     for _ in range(2):

@@ -29,6 +29,8 @@ from clothlab._validation import Checked
 from clothlab.learning import autoencoder, dpmpb, estimation, trained
 from clothlab.simulation import arm, cloth, env, stiffness, vision
 
+pytestmark = pytest.mark.slow  # a thousand inputs
+
 INPUTS = int(os.environ.get("CLOTHLAB_INPUTS", "1000"))  # in all; `make nightly` asks for ten times as many
 ERRORS = (ValueError, KeyError, TypeError, FileNotFoundError)
 TORQUE, MUSCLE = arm.get_arm("torque"), arm.get_arm("muscle")

@@ -8,7 +8,6 @@ from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import Scene
 from clothlab.table_scene.scene import Basket, Furniture, build_spec, place_furniture
-from clothlab.table_scene.servoing import posture
 
 FURNITURE, CLOTH, ARM = Furniture(), get_cloth("hard-1"), get_arm("muscle")
 
@@ -32,22 +31,6 @@ def test_the_file_and_the_furniture_say_the_same(near):
     assert model.site("basket").pos[2] == pytest.approx(Basket.handle_height)
     assert model.actuator("base").ctrlrange == pytest.approx(furniture.base_range)
     assert model.body("basket").mass[0] == pytest.approx(0.3)
-
-
-def reach(height):
-    """How far ahead the hand can be at a height above the floor: from, to [m]."""
-    places = [(x, height - 1.0) for x in np.arange(0.1, 0.62, 0.002)]
-    ahead = [place[0] for place in places if np.allclose(ARM.hand(posture(ARM, place)), place, atol=1e-9)]
-    return ahead[0], ahead[-1]
-
-
-def test_the_hand_reaches_what_the_docstring_says():
-    at_table = reach(FURNITURE.height + 0.01)
-    assert at_table == pytest.approx((0.43, 0.45), abs=0.006)
-    assert reach(FURNITURE.height + CLOTH.length)[1] == pytest.approx(0.59, abs=0.006)
-    assert FURNITURE.near < np.mean(at_table) < FURNITURE.far - CLOTH.length  # a cloth laid down has room
-    middle = np.mean(at_table) + CLOTH.length / 2
-    assert FURNITURE.base_range[1] + reach(FURNITURE.height + Basket.handle_height)[1] > middle  # the basket gets there
 
 
 def test_chance_stays_within_its_ranges_and_uses_them(model):

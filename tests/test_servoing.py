@@ -12,6 +12,8 @@ from clothlab.table_scene.scene import Furniture
 from clothlab.table_scene.servoing import RobotDriver, grasp, lay_slowly, posture
 from clothlab.table_scene.table_env import GraspError, TableEnv
 
+pytestmark = pytest.mark.slow  # a scene with depth pictures
+
 ARM = get_arm("muscle")
 SMALL = {"height": 240, "samples": 1}  # pictures of a quarter of the pixels are drawn and searched faster
 EDGE = ("cloth_0_0", "cloth_0_1", "cloth_0_2")
@@ -63,7 +65,6 @@ def test_the_base_gathers_speed_evenly_and_arrives(driver):
     assert driver.env.base == pytest.approx(driver.env.furniture.base_range[0], abs=1e-3)
 
 
-@pytest.mark.slow
 def test_the_basket_is_grasped_by_its_handle(driver):
     env = driver.env
     clear_cloth(env)
@@ -76,7 +77,6 @@ def test_the_basket_is_grasped_by_its_handle(driver):
     assert env.data.body("basket").xpos[2] > env.furniture.side_place[2] + 0.1
 
 
-@pytest.mark.slow
 def test_the_cloth_is_grasped_from_the_rack_by_its_edge_in_two_attempts(driver, monkeypatch):
     env, close, calls = driver.env, driver.env.grasp, []
 
@@ -138,7 +138,6 @@ def test_a_cloth_out_of_view_is_looked_for_once_more_from_behind(driver):
     assert driver.env.base == pytest.approx(base - 0.15, abs=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("near", "spread"), [(0.15, True), (0.45, False)])
 def test_a_cloth_is_laid_slowly_where_the_robot_gets_near_enough_to_the_table(near, spread):
     env = TableEnv(start_in="hand", furniture=Furniture(near=near))

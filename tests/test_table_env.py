@@ -9,6 +9,8 @@ from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.table_scene.scene import Furniture
 from clothlab.table_scene.table_env import GraspError, TableEnv, _measure_pose
 
+pytestmark = pytest.mark.slow  # a scene with contacts
+
 CLOTH, FURNITURE = get_cloth("hard-1"), Furniture()
 TAU = CLOTH.point_mass / CLOTH.damping
 FALLEN = CLOTH.terminal_speed * (CONTROL_PERIOD - TAU * (1 - np.exp(-CONTROL_PERIOD / TAU)))  # [m] in a control period

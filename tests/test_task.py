@@ -11,6 +11,8 @@ from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv
 from clothlab.table_scene.task import PHASES, Outcome, _NotSpreadError, _put_basket, _see_spread, set_table
 from clothlab.table_scene.throwing import laid_by_hand
 
+pytestmark = pytest.mark.slow  # a scene with depth pictures
+
 GOOD = ClothPose(1.0, 1.0, 0.0, np.array([0.66, 0.0, 0.603]))
 
 
@@ -57,7 +59,6 @@ def fail(error):
     return phase
 
 
-@pytest.mark.slow
 def test_a_task_has_its_phases_in_order_and_says_so(run):
     outcome, begun = run()
     assert tuple(begun) == PHASES
@@ -96,7 +97,6 @@ def test_a_table_is_set_when_cloth_and_basket_are_where_they_should(area, off, d
     assert not Outcome("", "", True, None, None, stands, 0.0, 9).success
 
 
-@pytest.mark.slow
 def test_the_robot_sees_how_the_cloth_lies(laid):
     env = laid.env
     assert _see_spread(laid).spread
@@ -114,7 +114,6 @@ def test_the_robot_sees_how_the_cloth_lies(laid):
             _see_spread(laid)
 
 
-@pytest.mark.slow
 def test_a_basket_in_the_hand_is_put_on_the_cloth(laid):
     env = laid.env
     env.place_cloth(env.cloth_points() - [0.16, 0.0, 0.0])

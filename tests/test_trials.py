@@ -21,6 +21,7 @@ def assert_equal(a: Trial, b: Trial) -> None:
     assert (a.cloth, a.arm, a.policy, a.seed) == (b.cloth, b.arm, b.policy, b.seed)
 
 
+@pytest.mark.slow
 def test_a_new_scene_and_a_new_policy_give_the_same_trial(trial):
     env = ClothEnv(trial.arm, trial.cloth)
     assert_equal(rollout(env, RandomPolicy(env.arm), len(trial)), trial)
