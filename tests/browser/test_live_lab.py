@@ -380,6 +380,7 @@ def test_a_projector_shows_a_muscle_arm_and_a_recorded_run(notebook, page, proje
 
 
 def test_mistakes_are_messages_and_the_panel_lives_on(notebook, page, tmp_path, says):
+    button(page, "clear").click()
     button(page, "eraser").click()
     draw(page, (60, 60), (200, 140))
     says("no cloth in the image")
