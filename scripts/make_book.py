@@ -20,7 +20,7 @@ from clothlab._files import write_bytes
 BUILD = ROOT / "build"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 FOLDED = {"solution": "a solution", "plot": "the code of this figure", "claim": "the condition that was checked"}
-PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "data/README.md", "docs/*.*", "docs/course/*")
+PAGES = ("*.md", "LICENSE", "data/README.md", "docs/*.*", "docs/course/*", "docs/gallery/*")
 
 
 def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
