@@ -41,9 +41,7 @@ budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they ma
 test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 	$(MAKE) notebooks
-	$(BIN)/pytest -m browser tests/browser
-	$(MAKE) book SMALL=1
-	$(MAKE) slides SMALL=1
+	($(MAKE) book SMALL=1 && $(MAKE) slides SMALL=1) & site=$$!; $(BIN)/pytest -m browser tests/browser && wait $$site
 	$(BIN)/pytest -m book -rs --numprocesses=auto tests/book
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small

@@ -1,7 +1,7 @@
 """`make nightly`: what takes hours, in one command, with a summary in `build/nightly.md`.
 
-Generated inputs, faults, eight simulated hours of the live lab, every notebook at full size, the student edition's
-site, and speed. `python scripts/nightly.py --only soak` does one of them and writes nothing.
+Generated inputs, faults, eight simulated hours of the live lab, an interrupted reproduction, every notebook at full
+size, the student edition's site, and speed. `python scripts/nightly.py --only soak` does one and writes nothing.
 """
 
 import argparse
@@ -21,6 +21,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "inputs": ((*PYTEST, "tests/test_properties.py"), {"CLOTHLAB_INPUTS": "10000"}),
     "faults": ((*PYTEST, "tests/test_faults.py"), {"CLOTHLAB_FAULTS": "100"}),
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
+    "reproduction": ((*PYTEST, "tests/test_reproduce.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
     "every page": ((sys.executable, "-m", "pytest", "-m", "book", "tests/book"), {"CLOTHLAB_PAGES": "1"}),
@@ -38,9 +39,8 @@ def run(name: str) -> tuple[bool, str]:
         for line in process.stdout or ():
             print(line, end="", flush=True)
             lines.append(line.rsplit("\r", 1)[-1].rstrip())  # the end of a progress bar
-    verdict = "failed" if process.returncode else "passed"
-    heading = f"## {name}: {verdict}, {(time.perf_counter() - start) / 60:.1f} minutes"
-    return not process.returncode, "\n".join([heading, "", "```", *filter(SHOWN.match, lines), "```"])
+    verdict = f"{'failed' if process.returncode else 'passed'}, {(time.perf_counter() - start) / 60:.1f} minutes"
+    return not process.returncode, "\n".join([f"## {name}: {verdict}", "", "```", *filter(SHOWN.match, lines), "```"])
 
 
 def main() -> int:

@@ -76,7 +76,7 @@ def kept(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("output.pkl")}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_all_files_are_the_same_after_an_interruption_and_with_a_killed_worker(tmp_path):
     here, there = tmp_path / "here", tmp_path / "there"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

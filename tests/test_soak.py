@@ -22,7 +22,7 @@ from clothlab.lab.session import LiveSession
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import load_trial
 
-MINUTES = float(os.environ.get("CLOTHLAB_SOAK", "1"))  # simulated, of both arms together
+MINUTES = float(os.environ.get("CLOTHLAB_SOAK", "0.3"))  # simulated, of both arms together
 GROWTH = 20.0  # [MiB] at most, of either arm
 EVERY = 12  # [step] between operations, on average
 WARM = 10  # [step] of each driver before memory is measured
