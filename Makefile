@@ -10,7 +10,7 @@ SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/
 SITE := build/book$(if $(STUDENT),-student)
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test notebooks browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test notebooks site browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -41,8 +41,12 @@ budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they ma
 test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 	$(MAKE) notebooks
-	($(MAKE) book SMALL=1 && $(MAKE) slides SMALL=1) & site=$$!; $(BIN)/pytest -m browser tests/browser && wait $$site
-	$(BIN)/pytest -m book -rs --numprocesses=auto tests/book
+	$(MAKE) site & site=$$!; $(BIN)/pytest -m browser tests/browser && wait $$site
+
+site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
+	$(MAKE) book SMALL=1
+	$(MAKE) slides SMALL=1
+	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
