@@ -71,10 +71,9 @@ def define(name, source):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_two_to_four_exercises_each_of_stub_solution_and_check(path):
+def test_an_exercise_has_stub_solution_and_check(path):
     cells = list(code_cells(path))
     stubs = [k for k, (tags, _) in enumerate(cells) if "stub" in tags]
-    assert 2 <= len(stubs) <= 4
     assert len(stubs) == len(tagged(path, "solution"))
     for k in stubs:
         (_, stub), (tags, solution), (_, check) = cells[k : k + 3]
@@ -161,11 +160,6 @@ SLIPS = [
     ("wave", "/ period", "/ 10", "starts again"),
     ("wave", "2 * np.pi", "4 * np.pi", "yours sooner"),
     ("wave", "np.sin(next(angles))", "2 / np.pi * np.arcsin(np.sin(next(angles)))", "not a sine"),
-    ("take_turns", "// every % 2", "% 2", "eight steps ask"),
-    ("take_turns", "// every % 2", "// 3 % 2", "with every=2"),
-    ("take_turns", "(first, second)", "(second, first)", "`first` comes first"),
-    ("take_turns", "(observation)", "(0.0)", "pass the observation on"),
-    ("take_turns", "body", "u = first(0.0); return lambda observation: u", "before there is an observation"),
     ("handmade", "np.zeros(3)", "np.ones(3)", "three zeros"),
     ("handmade", "columns.mean(), rows.mean()", "rows.mean(), columns.mean()", "changed places"),
     ("handmade", "columns.mean(), rows.mean()", "np.median(columns), np.median(rows)", "median"),
@@ -205,11 +199,6 @@ SLIPS = [
     ("influence", "[0, -1, :3]", "[0, -1]", "the whole state"),
     ("influence", "gradient.norm(dim=1)", "gradient.square().sum(dim=1)", "squares of the lengths"),
     ("influence", "u[None], p, memory", "u[None], p, None", "pass the memory on"),
-    ("matching_drag", "* mass / cloth.mass", "", "heavier cloth fall faster"),
-    ("matching_drag", "mass / cloth.mass", "cloth.mass / mass", "upside down"),
-    ("matching_drag", "cloth.mass", "cloth.point_mass", "compare like with like"),
-    ("matching_drag", "return", "cloth.terminal_speed", "that is a speed"),
-    ("matching_drag", "cloth.damping", "0.05", "falls at"),
     ("shares_by_hand", "[::-1]", "", "the larger one first"),
     ("shares_by_hand", "np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
     ("shares_by_hand", "return eigenvalues / eigenvalues.sum()", "return eigenvalues", "divide by their sum"),
@@ -256,10 +245,6 @@ SLIPS = [
     ("random_shooting", "np.argmin(predict_loss(candidates))", "np.argsort(predict_loss(candidates))[1]", "lower loss"),
     ("random_shooting", "rng.uniform(lower,", "rng.triangular(lower, (lower + upper) / 2,", "draw uniformly"),
     ("random_shooting", "rng.uniform", "np.random.uniform", "must draw the same sequences"),
-    ("half_time", " * CONTROL_PERIOD", "", "3 is the number of steps"),
-    ("half_time", "distance < ", "distance <= ", "just half of the first"),
-    ("half_time", "np.asarray(trace) - goal", "np.asarray(trace)", "on a path that reaches its goal"),
-    ("half_time", "below[0] *", "(below[-1]) *", "stays below"),
     ("shaken", "rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
     ("shaken", "rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma)", "a number for each"),
     ("shaken", "rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma**2, len(u))", "σ²"),
@@ -283,16 +268,6 @@ SLIPS = [
     ("practise_then_perform", "t < periods * period", "t < periods", "stops after 3 steps"),
     ("practise_then_perform", "t < periods * period", "t != periods * period", "goes on performing"),
     ("practise_then_perform", "return policy(observation)", "return policy(t)", "pass the observation on"),
-    ("falling_speed", "* 9.81", "", "where is g?"),
-    ("falling_speed", "sheets * sheet", "sheet", "number of sheets is left out"),
-    ("falling_speed", "* area", "", "a square metre"),
-    ("falling_speed", "* sheet.thickness", "", "how thick"),
-    ("falling_speed", "/ drag", "/ (18 * drag)", "of the whole cloth"),
-    ("falling_speed", "return", "drag / (sheets * sheet.density * sheet.thickness * area * 9.81)", "upside down"),
-    ("place", "/ (axis @ axis)", "/ np.sqrt(axis @ axis)", "that is a distance"),
-    ("place", "(p - start) @ axis", "(end - p) @ axis", "0 is at the start"),
-    ("place", "return", "float((p - start)[0] / axis[0])", "project first"),
-    ("place", "return", "np.clip((p - start) @ axis / (axis @ axis), 0, 1)", "beyond the end"),
     ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
     ("sign_flip_share", ">= d.mean() - 1e-12", ">= d.mean()", "within 1e-12"),
     ("sign_flip_share", "np.array(means) >= d", "np.abs(means) >= d", "not those that are as far from 0"),
@@ -336,35 +311,12 @@ SLIPS = [
     ("way_left", "np.sqrt(reach**2 - (length - shoulder) ** 2)", "reach", "reaches less far"),
     ("way_left", "near + length - ahead", "near - ahead", "a cloth's length beyond"),
     ("way_left", "(length - shoulder) ** 2", "length**2", "not above the shoulder"),
-    ("in_time", "<= period", "< period", "is in time"),
-    ("in_time", "<= period", "> period", "late steps"),
-    ("in_time", "<= period", "<= 0.2", "with a period of 0.1 s"),
-    ("in_time", "np.mean(", "np.sum(", "divide by how many"),
-    ("nearest_phase", "return", "int(np.argmin(distances))", "from the start of the run"),
-    ("nearest_phase", "return", "int(np.argmin(distances[:whole])) % period", "one near step"),
-    (
-        "nearest_phase",
-        "return",
-        "int(np.argmin([np.mean(distances[k::period]) for k in range(period)]))",
-        "over whole periods",
-    ),
-    ("nearest_phase", ".argmin()", ".argmin() + 1", "count from 0"),
     ("verdict", "sign * mean", "mean", "where its sign is -1"),
     ("verdict", "return", "int(abs(mean) > half)", "return -1"),
     ("verdict", "/ np.sqrt(len(differences))", "", "root of their number"),
     ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "1.96", "Student's t"),
     ("verdict", "ddof=1", "ddof=0", "n - 1, not by n"),
     ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "2.776", "one less than the values"),
-    ("best_of", "combinations(values, count)", "product(values, repeat=count)", "without putting back"),
-    ("best_of", "max(each)", "np.mean(each)", "single repeats"),
-    ("best_of", "return", "np.max(values)", "best of all"),
-    ("best_of", "return", "max(values[:count])", "one choice among all"),
-    ("best_of", "return", "np.sort(values)[-count:].mean()", "have the mean"),
-    ("when_apart", "np.abs(a - b)", "(b - a)", "absolute difference"),
-    ("when_apart", "return", "int(np.argmax(np.abs(a - b)))", "differ counts"),
-    ("when_apart", "> tolerance", "> 0.1", "use `tolerance`"),
-    ("when_apart", "> tolerance", ">= tolerance", "still within it"),
-    ("when_apart", "if len(far)", "if len(far) and far[0]", "0, not None"),
 ]
 # Other ways to be right, as readers write them: the solution with one piece replaced by another.
 RIGHTS = [
@@ -394,16 +346,11 @@ RIGHTS = [
     ("steps_along", "np.linalg.norm(g)", "np.sqrt((g**2).sum())"),
     ("alternate", "t = 0", "t, references = 0, torch.stack(references)"),
     ("random_shooting", "candidates[0] = start", "candidates[-1] = start"),
-    ("half_time", "return", "np.float32(0.2) * below[0] if below.any() else None"),
     ("shaken", "return call", "return lambda observation, *more: list(call(observation).astype(np.float32))"),
     ("honest", "return", "torch.tensor(promises.mean() + share * (promises - promises.mean()))"),
     ("one_outcome", "return", "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]"),
     ("practise_then_perform", "t < periods * period", "t // period < periods"),
-    ("falling_speed", "9.81", "9.80665"),
-    ("place", "return", "np.linalg.lstsq(axis[:, None], p - start)[0].item()"),
     ("sign_flip_share", "(1, -1)", "(1, 0)"),
-    ("in_time", "return", "sum(s <= period for s in seconds) / len(seconds)"),
-    ("nearest_phase", "return", "min(range(period), key=lambda k: sum(distances[k:whole:period]))"),
 ]
 
 
@@ -445,7 +392,7 @@ def test_a_check_wants_the_function_itself():
 
 ODD = [None, "three", float("nan"), np.inf, 1j, (), range(9), [[1], [2, 3]], {"a": 1}, dict, np.array("three")]
 ODD += [np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), (k for k in range(3)), ["1", "2"], (np.zeros(2), None)]
-POLICIES = {"wave", "take_turns", "alternate", "shaken", "practise_then_perform"}
+POLICIES = {"wave", "alternate", "shaken", "practise_then_perform"}
 
 
 def fails(*args, **kwargs):

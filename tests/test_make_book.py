@@ -127,7 +127,7 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
         weights = {name: points.get(name, 1) for name in make_grades.exercises(notebook.cells)}
         names |= set(weights)
         asked = [f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()]
-        assert exercises.split(" · ") == asked
+        assert exercises.split(" · ") == (asked or ["–"])
         minutes[path.stem[:2]] = int(time)
     for plan in ("Six weeks", "Three weeks"):
         for title, numbers, hours, _ in rows(plan):

@@ -57,21 +57,6 @@ def _expect_wave(u: np.ndarray, period: int, lower: np.ndarray, upper: np.ndarra
     expect(u, middle + half * np.sin(phase), "limits and period are right, but between them it is not a sine")
 
 
-@check(policy(2))
-def take_turns(answer: Callable) -> None:
-    """Turns of three steps, then of two."""
-    for every, turns in ((3, [0, 0, 0, 1, 1, 1, 0, 0]), (2, [0, 0, 1, 1, 0, 0, 1, 1])):
-        asked: list[int] = []
-        turn = answer(_Noting(0, asked), _Noting(1, asked), every=every)
-        assert not asked, "no policy may be asked before there is an observation"
-        commands = [turn(float(t)) for t in range(8)]
-        assert len(asked) <= 8, f"one policy is asked in each step, the one whose turn it is; yours asks {asked}"
-        assert asked != [1 - k for k in turns], "`first` comes first"
-        assert asked == turns, f"with every={every}, eight steps ask {turns}, yours asked {asked}"
-        expected = [[10.0 * k + t, k] for t, k in enumerate(turns)]
-        expect(commands, expected, "pass the observation on and return the policy's command as it is")
-
-
 class _Noting:
     """A policy that notes when it is asked, and whose commands tell what it was asked."""
 

@@ -1,34 +1,11 @@
 """Checks of notebook 06."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from clothlab.analysis import principal_axes
-from clothlab.checks._check import array, check, expect, number
-from clothlab.simulation.cloth import get_cloth
-
-
-@check(number("a drag in N s/m"))
-def matching_drag(answer: Callable) -> None:
-    """The middle one of the nine cloths with another mass, then cloths with another drag and other points."""
-    middle = get_cloth("damp0.05-mass0.10")
-    cloths = (middle, replace(middle, damping=0.1), replace(middle, mass=0.15), replace(middle, rows=8))
-    for cloth, mass in ((cloth, mass) for cloth in cloths for mass in (0.04, 0.30)):
-        found, truth = answer(cloth, mass), cloth.damping * mass / cloth.mass
-        slips = {
-            "the same drag makes the heavier cloth fall faster": cloth.damping,
-            "upside down: the heavier cloth needs more drag, not less": cloth.damping * cloth.mass / mass,
-            "one mass is a point's, the other the whole cloth's: compare like with like": truth
-            * cloth.mass
-            / cloth.point_mass,
-            "that is a speed: which drag brings it about?": cloth.terminal_speed,
-        }
-        otherwise = f"with your drag of {found:.4f} N s/m, a cloth of {mass:g} kg falls at "
-        speed = replace(cloth, mass=mass, damping=abs(found)).terminal_speed
-        otherwise += f"{speed:.3f} m/s, the other at {cloth.terminal_speed:.3f} m/s"
-        expect(found, truth, otherwise, slips)
+from clothlab.checks._check import array, check, expect
 
 
 @check(array("a share for each of the two axes", 2))
