@@ -33,6 +33,7 @@ from clothlab.experiments import (
     sysid_benchmark,
     table_setting,
     target_generalization,
+    transfer,
 )
 from clothlab.experiments._grid import PAPER, Experiment, load, save
 from clothlab.experiments._rows import Row
@@ -50,6 +51,7 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         iterative_control,
         oracle,
         target_generalization,
+        transfer,
         identifiability,
         sysid_benchmark,
         calibration_test,

@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.dpmpb import DPMPB, Sequences, observe
 from clothlab.learning.fast_rollout import FastDPMPB
@@ -34,6 +34,7 @@ class ControlSettings(Checked):
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
     tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
+    warm_start: str = setting("last")  # what comes last: the command before (paper), or "periodic" the one a period ago
 
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
@@ -182,6 +183,8 @@ class ControlPolicy(PlanningPolicy):
     ):
         super().__init__(model, autoencoder, arm)
         self.settings = settings or ControlSettings()
+        back = {"last": 1, "periodic": self.settings.period}
+        self._back = choose("warm start", self.settings.warm_start, back)
         shape = (self.settings.horizon, len(self.lower))
         plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
@@ -197,6 +200,7 @@ class ControlPolicy(PlanningPolicy):
         self._last: tuple[Tensor, Tensor] | None = None
         home = torch.as_tensor(self.arm.home_command, dtype=torch.float32)
         self._u = home.expand(self.settings.horizon, -1)
+        self._sent = self._u[:0]
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = self._follow(observation)
@@ -244,7 +248,9 @@ class ControlPolicy(PlanningPolicy):
         """Encode the state; memory follows what was observed, not what was predicted; the plan moves on."""
         if self._last is not None:
             self._memory = self._predict.follow(*self._last, self._memory)
-            self._u = torch.cat([self._u[1:], self._u[-1:]])  # the warm start; its last command twice
+            known = torch.cat([self._sent, self._u])  # commands up to the end of the plan
+            self._sent = known[: len(self._sent) + 1][-self._back :]
+            self._u = torch.cat([self._u[1:], known[-min(self._back, len(known))][None]])
         return torch.as_tensor(observe(self.autoencoder, observation))
 
     def _send(self, s: Tensor) -> np.ndarray:

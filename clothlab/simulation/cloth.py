@@ -67,7 +67,7 @@ CLOTHS = {  # the nine of the paper's simulation
 
 
 @dataclass(frozen=True)
-class _FoamSheet(Checked):
+class FoamSheet(Checked):
     """A sheet of polyethylene foam: thickness from the paper, density and modulus such as these foams are sold with."""
 
     thickness: float = setting(unit="m", above=0)
@@ -76,8 +76,8 @@ class _FoamSheet(Checked):
 
 
 SHEETS = {
-    "soft": _FoamSheet(thickness=0.005, density=30.0, modulus=0.3e6),
-    "hard": _FoamSheet(thickness=0.002, density=120.0, modulus=3.0e6),
+    "soft": FoamSheet(thickness=0.005, density=30.0, modulus=0.3e6),
+    "hard": FoamSheet(thickness=0.002, density=120.0, modulus=3.0e6),
 }
 _AIR_DENSITY = 1.2  # [kg/m³]
 _DRAG_COEFFICIENT = 1.2  # of a plate across the wind
@@ -85,9 +85,9 @@ _SWING_SPEED = 2.0  # [m/s], at which the air's drag, which grows with the squar
 _BEND = 1.0  # [rad] between neighbouring rows, at which a bending spring stores what the bent sheets do
 
 
-def _foam(kind: str, sheets: int) -> Cloth:
-    """A cloth of loose `soft` or `hard` foam sheets: mass and stiffness grow with their number, the drag does not."""
-    sheet = SHEETS[kind]
+def foam(kind: str, sheets: int, sheet: FoamSheet | None = None) -> Cloth:
+    """A cloth of loose sheets, `soft` or `hard`: mass and stiffness grow with their number, the drag does not."""
+    sheet = sheet or SHEETS[kind]
     base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
     area, spacing = base.length * base.width, base.length / (base.rows - 1)
     drag = _AIR_DENSITY * _DRAG_COEFFICIENT * area * _SWING_SPEED / 2
@@ -104,7 +104,7 @@ def _foam(kind: str, sheets: int) -> Cloth:
     )
 
 
-FOAMS = {cloth.name: cloth for cloth in (*(_foam("soft", n) for n in (1, 2)), *(_foam("hard", n) for n in (1, 2, 3)))}
+FOAMS = {cloth.name: cloth for cloth in (*(foam("soft", n) for n in (1, 2)), *(foam("hard", n) for n in (1, 2, 3)))}
 
 
 def get_cloth(cloth: Cloth | str) -> Cloth:
