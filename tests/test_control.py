@@ -199,8 +199,10 @@ def test_nearest_plans_are_those_after_which_the_cloth_was_nearest_best_first_an
     s, u = np.full((40, 7), 9.0), np.arange(40.0)[:, None].repeat(2, 1)
     s[20, :3], s[21, :3], s[35, :3] = 1.0, 1.1, 1.2
     plans = nearest_plans([Sequences(s, u, "a"), Sequences(s + 5, u, "b")], [1.0, 1.0, 1.0], horizon=8, count=4)
-    assert plans[:2, 0, 0].tolist() == [12.0, 27.0]  # eight commands before steps 20 and 35; 21 is too near to 20
-    assert plans.shape == (4, 8, 2)
+    assert plans.u[:2, 0, 0].tolist() == [12.0, 27.0]  # eight commands before steps 20 and 35; 21 is too near to 20
+    assert plans.u.shape == (4, 8, 2)
+    assert plans.distance[:2] == pytest.approx([0.0, 0.2 * 3**0.5])
+    assert set(plans.material[:2]) == {"a"}
 
 
 def test_another_search_may_take_the_place_of_the_descent(env, controller):

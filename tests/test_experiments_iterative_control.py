@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from clothlab import artifacts
-from clothlab.experiments import _runs, ablations, target_generalization
+from clothlab.experiments import _runs, ablations
 from clothlab.experiments import iterative_control as ic
 
 TASK = {"arm": "torque", "target": "target-2", "cloth": ic.LIGHT, "model": 0, "repeat": 0, "steps": 24}
@@ -84,13 +84,3 @@ def test_paired_differences_know_the_offset_and_are_over_random():
     differences = ic.paired(ic.select(table, ic.PAPERS), ic.select(table, ic.RANDOM), ic.late_difference)
     assert differences.shape == (2, 3)
     assert np.allclose(differences, -0.5 / 2.05)
-
-
-@pytest.mark.slow
-def test_a_target_is_practised_with_its_own_cloth_and_the_trainings_take_turns():
-    cases = target_generalization._cases(first=3)
-    assert [case["model"] for case in cases] == [0, 1, 2, 3, 4, 0]
-    row = target_generalization._run_one(cases[0]["target"], 0, 30_000, steps=24)
-    assert row["cloth"] in cases[0]["target"]
-    assert row["iou"].shape == row["best"].shape == (2,)
-    assert ((row["iou"] >= 0) & (row["iou"] <= 1)).all()

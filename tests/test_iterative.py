@@ -18,11 +18,11 @@ RUN = Sequences(RNG.normal(size=(40, 7)), RNG.uniform((-0.8, -1.6), (1.0, 0.0), 
 
 @pytest.fixture
 def iterative(square):
-    def make(runs=(RUN,), **change):
+    def make(runs=(RUN,), biases=None, **change):
         torch.manual_seed(0)
         settings = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
         model, autoencoder = DPMPB(7, 2).eval(), Autoencoder().eval()
-        return IterativeLearningPolicy(model, autoencoder, "torque", square, (0.0, 0.0), runs, settings)
+        return IterativeLearningPolicy(model, autoencoder, "torque", square, (0.0, 0.0), runs, settings, biases=biases)
 
     return make
 
@@ -35,7 +35,7 @@ def attempts(policy, residual, count=3):
         u = policy.lower + (policy.upper - policy.lower) * torch.rand(8, 2, generator=generator)
         with torch.no_grad():
             z = policy._predict(s, u[None], memory)[0, :, :3]
-        made.append(Attempt(s, memory, u, z + torch.as_tensor(residual)))
+        made.append(Attempt(s, memory, u, policy.p, z + torch.as_tensor(residual)))
     return made
 
 
@@ -124,7 +124,7 @@ def test_a_new_target_has_other_starts_and_no_prediction_and_what_was_learned_st
     policy.attempts = attempts(policy, 0.3)
     policy.set_target(np.roll(square, 30, axis=1))
     assert policy.predicted_distance is None
-    plans = torch.as_tensor(nearest_plans([RUN], policy.z_ref, count=2), dtype=torch.float32)
+    plans = torch.as_tensor(nearest_plans([RUN], policy.z_ref, count=2).u, dtype=torch.float32)
     assert torch.equal(policy._plans, plans.clamp(policy.lower, policy.upper))
     assert len(policy.attempts) == 3
     policy.reset()
@@ -146,3 +146,32 @@ def test_caution_grows_when_outcomes_get_better(iterative):
 def test_there_must_be_something_to_begin_with(iterative, runs):
     with pytest.raises(ValueError, match="need recorded runs that are longer"):
         iterative(runs=runs)
+
+
+BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.0])}
+
+
+def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice(iterative, env):
+    runs = [replace(RUN, s=RUN.s + shift, material=name) for name, shift in {"a": 0.0, "b": 3.0}.items()]
+    policy = iterative(runs, BIASES, difference=1e6)
+    for p, material in ((BIASES["a"], "a"), (BIASES["b"], "b")):
+        policy.set_bias(p)
+        sent = rollout(env, policy, 17).commands
+        assert (sent[:8] == sent[8:16]).all()
+        own = nearest_plans([run for run in runs if run.material == material], policy.z_ref)
+        assert np.isclose(own.u, sent[:8], atol=1e-5).all(axis=(1, 2)).any()
+
+
+def test_attempts_with_another_material_are_forgotten(iterative, env):
+    policy = iterative((RUN, replace(RUN, material="b")), BIASES)
+    rollout(env, policy, 17)
+    for moved, left in ((0.4, 3), (0.6, 0)):
+        policy.set_bias((moved, 0.0))
+        for _ in range(8):
+            policy(env.observe())
+        assert len(policy.attempts) == left
+
+
+def test_without_trust_or_biases_the_model_alone_chooses(iterative, env):
+    alone, unknown = iterative(biases=BIASES, trust=0), iterative()
+    assert (rollout(env, alone, 9).commands == rollout(env, unknown, 9).commands).all()

@@ -32,7 +32,6 @@ from clothlab.experiments import (
     stiffness,
     sysid_benchmark,
     table_setting,
-    target_generalization,
     transfer,
 )
 from clothlab.experiments._grid import PAPER, Experiment, load, save
@@ -50,7 +49,6 @@ EXPERIMENTS = {  # by name, in the order of docs/results.md
         stiffness,
         iterative_control,
         oracle,
-        target_generalization,
         transfer,
         identifiability,
         sysid_benchmark,

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import replace
 from functools import cache
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,13 +12,13 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import check_array, choose
 from clothlab.analysis import best_per_period, spread, target_distance
-from clothlab.learning.autoencoder import Autoencoder
+from clothlab.learning.autoencoder import Autoencoder, iou
 from clothlab.learning.dpmpb import Sequences, to_sequences
 from clothlab.learning.estimation import estimate_bias
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.cloth import Cloth, cloth_name
+from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import chamfer_distance
 from clothlab.training_configs import TRAINING_CONFIGS, TrainingConfig
@@ -29,6 +31,19 @@ TASKS = (  # arm, target, cloth
     *(("torque", target, cloth) for target in ("target-1", "target-2") for cloth in (LIGHT, HEAVY)),
     *(("muscle", "muscle", cloth) for cloth in ("hard-1", "soft-1")),
 )
+_MATERIALS = (  # C_damp [N s/m], C_mass [kg] of cloths that no training saw: six between the trained ones, two beyond
+    *((0.045, 0.07), (0.06, 0.13), (0.036, 0.11), (0.055, 0.065), (0.065, 0.085), (0.04, 0.125)),
+    *((0.026, 0.055), (0.075, 0.16)),
+)
+_SHEETS = (("soft", 2, 4), ("soft", 3, 5), ("hard", 1, 3), ("hard", 2, 1.5), ("hard", 2, 2.5), ("hard", 3, 1.5))
+_SHEETS = (*_SHEETS, ("soft", 1, 7), ("hard", 4, 2))  # kind, number, thickness [mm]; last two: extremes
+NEW = {
+    "torque": [Cloth(f"damp{c}-mass{m}", damping=c, mass=m) for c, m in _MATERIALS],
+    "muscle": [
+        replace(foam(kind, n, replace(SHEETS[kind], thickness=t / 1e3)), name=f"{kind}-{n}-{t}mm")
+        for kind, n, t in _SHEETS
+    ],
+}
 SAMPLES = 50  # of the hand's motion in each step
 
 
@@ -47,6 +62,11 @@ def _encoded(autoencoder_name: str, recordings: str) -> list[Sequences]:
 def recorded_runs(learned: Trained) -> list[Sequences]:
     """The recordings that weights learned from, as their model sees them, encoded once in each process."""
     return [run for name in config_of(learned).recordings for run in _encoded(learned.autoencoder_name, name)]
+
+
+def find_cloth(name: str) -> Cloth:
+    """A new cloth, or a recorded one."""
+    return {each.name: each for each in chain(*NEW.values())}.get(name) or get_cloth(name)
 
 
 def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
@@ -80,6 +100,11 @@ def chamfer_against_z(autoencoder: Autoencoder, trial: Trial, target: ArrayLike)
     chamfer = np.array([chamfer_distance(image, target) if image.any() else np.nan for image in trial.images])
     seen = chamfer > 0
     return np.log(chamfer[seen]), target_distance(autoencoder, trial, target)[seen]
+
+
+def best_iou(trial: Trial, mask: ArrayLike) -> np.ndarray:
+    """Largest IoU of an image with a mask in each period but the first, `[P]`."""
+    return 1 - best_per_period(1 - iou(trial.images, mask))
 
 
 def median_best(runs: Iterable[ArrayLike]) -> float:

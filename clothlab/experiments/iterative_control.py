@@ -25,6 +25,7 @@ from clothlab.experiments.oracle import best_possible
 from clothlab.learning.autoencoder import encode
 from clothlab.learning.control import ControlSettings, nearest_plans, recorded_plans
 from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.learning.iterative import IterativeLearningSettings
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.env import ClothEnv
@@ -38,7 +39,7 @@ STARTS, ITERATIVE = "paper's controller, recorded starts", "iterative learning c
 def _replay(learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray) -> Policy:
     """The recorded plan that came nearest with this very cloth, again and again."""
     runs = [run for run in recorded_runs(learned) if run.material == cloth]
-    plan = nearest_plans(runs, encode(learned.autoencoder, target), count=1)[0]
+    plan = nearest_plans(runs, encode(learned.autoencoder, target), count=1).u[0]
     return ReplayPolicy(np.tile(plan, (100, 1)))
 
 
@@ -52,7 +53,9 @@ CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, str, int, np.ndarray], Pol
     REPLAY: _replay,
     PAPERS: lambda learned, target, cloth, model, p: learned.controller(target, p),
     STARTS: _recorded_starts,
-    ITERATIVE: lambda learned, target, cloth, model, p: learned.iterative_controller(target, p, recorded_runs(learned)),
+    ITERATIVE: lambda learned, target, cloth, model, p: learned.iterative_controller(
+        target, p, recorded_runs(learned), IterativeLearningSettings(trust=0)
+    ),
 }
 
 

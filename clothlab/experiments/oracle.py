@@ -7,6 +7,7 @@ It tells whether a controller falls short or the arm does, and what variable sti
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -17,11 +18,11 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.experiments._grid import Case, Experiment, grid, over
-from clothlab.experiments._runs import RECORDINGS, SAMPLES, TASKS
+from clothlab.experiments._runs import NEW, RECORDINGS, SAMPLES, TASKS, best_iou, find_cloth, new_trial
 from clothlab.experiments.motion import MotionWatch
-from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.autoencoder import Autoencoder, encode, iou
 from clothlab.learning.control import ControlSettings, recorded_plans
-from clothlab.policies import Policy
+from clothlab.policies import Policy, ReplayPolicy
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv, Observation
@@ -96,6 +97,7 @@ class SimulatorMPC(Policy):
     plans: np.ndarray
     settings: SearchSettings
     arm: Arm
+    overlap: bool = False  # whether plans are judged by 1 - IoU of image and target in place of the distance of z
 
     name = "simulator MPC"
 
@@ -136,6 +138,8 @@ class SimulatorMPC(Policy):
             for u in plan:
                 self._copy.advance(u)
             images.append(self._copy.observe()["image"])
+        if self.overlap:
+            return 1 - iou(np.stack(images), self.target)
         return np.linalg.norm(encode(self.autoencoder, np.stack(images)) - self._z_ref, axis=1)
 
     def close(self) -> None:
@@ -153,6 +157,7 @@ def search_trial(
     *,
     f_const: float | None = None,
     search: SearchSettings | None = None,
+    overlap: bool = False,
     seed: int = 0,
 ) -> tuple[Trial, np.ndarray]:
     """Realise a target with the simulator known; arguments as `SimulatorMPC`, `f_const` held [N] where it is given.
@@ -162,7 +167,8 @@ def search_trial(
     """
     with closing(ClothEnv(arm, cloth)) as env:
         limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
-        with closing(SimulatorMPC(env, autoencoder, target, plans, search or SearchSettings(), limited)) as policy:
+        search = search or SearchSettings()
+        with closing(SimulatorMPC(env, autoencoder, target, plans, search, limited, overlap)) as policy:
             trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
             return trial, np.array(policy.trace)
 
@@ -187,6 +193,41 @@ def _run_one(
         autoencoder, arm, cloth, mask, plans, periods, f_const=f_const, search=settings, seed=seed
     )
     return {"distance": target_distance(autoencoder, trial, mask).round(4), "trace": trace.round(4)}
+
+
+def _run_transfer(
+    arm: str, target: str, cloth: str, other: str, overlap: bool, periods: int = 4, search: SearchSettings | None = None
+) -> dict[str, Any]:
+    """The best plans for a cloth, searched by distance or by IoU, sent with it and with another cloth `[P]`."""
+    autoencoder, _ = artifacts.load_autoencoder(arm)
+    plans, mask = (
+        recorded_plans(artifacts.load_trials(RECORDINGS[arm]), ControlSettings.period, 400),
+        artifacts.load_target(target),
+    )
+    held, given = find_cloth(cloth), find_cloth(other)
+    trial, _ = search_trial(autoencoder, arm, held, mask, plans, periods, search=search, overlap=overlap)
+    elsewhere = new_trial(ReplayPolicy(trial.commands), arm, given, len(trial), 0)
+    return {
+        "best": best_per_period(target_distance(autoencoder, trial, mask)).round(4),
+        "elsewhere": best_per_period(target_distance(autoencoder, elsewhere, mask)).round(4),
+        "iou": best_iou(trial, mask).round(4),
+    }
+
+
+def _transfer_cases(**same: Any) -> list[Case]:
+    """New cloths and recorded targets; new targets with the two cloths beyond the trained ones, by IoU as well."""
+    found = []
+    for arm, cloths in NEW.items():
+        targets = [target for each, target, _ in TASKS if each == arm]
+        *_, light, heavy = names = [cloth.name for cloth in cloths]
+        pairs = [(name, light if name == heavy else heavy) for name in names]
+        found += [(arm, target, *pair, False) for target in dict.fromkeys(targets) for pair in pairs]
+    new = [name for each in ("held-out", "drawn") for name in artifacts.load_targets(each)]
+    light, heavy = (cloth.name for cloth in NEW["torque"][-2:])
+    for overlap, pair in product((False, True), ((light, heavy), (heavy, light))):
+        found += [("torque", target, *pair, overlap) for target in new]
+    axes = ("arm", "target", "cloth", "other", "overlap")
+    return [dict(zip(axes, case, strict=True)) | same for case in found]
 
 
 def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
@@ -246,5 +287,6 @@ def _run_speed(
 
 EXPERIMENTS = (
     Experiment("oracle", _run_one, _cases, seconds=120, slow=True),
+    Experiment("oracle_transfer", _run_transfer, _transfer_cases, seconds=30, slow=True),
     Experiment("peak_speed", _run_speed, over(seed=range(3)), seconds=600, slow=True),
 )

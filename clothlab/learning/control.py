@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -111,8 +112,16 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
     return windows[chosen].transpose(0, 2, 1)
 
 
-def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> np.ndarray:
-    """Recorded commands after which z was seen nearest to `z_ref`, `[count or fewer, horizon, D_u]`, best first.
+class RecordedPlans(NamedTuple):
+    """Stretches of recorded commands, and what came of them."""
+
+    u: np.ndarray  # [N, T, D_u]
+    distance: np.ndarray  # of what was seen after the last command to a target [N] [s.d. of z]
+    material: np.ndarray  # names [N]
+
+
+def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> RecordedPlans:
+    """The recorded plans, `count` or fewer, after which z was seen nearest to `z_ref`, best first.
 
     No two plans of one run overlap by more than half.
     """
@@ -123,11 +132,12 @@ def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8,
         distance = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
         for _ in range(min(from_each, len(distance) // horizon)):
             start = int(distance.argmin())
-            found.append((float(distance[start]), run.u[start : start + horizon]))
+            found.append((run.u[start : start + horizon], float(distance[start]), run.material))
             distance[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
     if not found:
         raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
-    return np.stack([u for _, u in sorted(found, key=lambda pair: pair[0])[:count]]).astype(np.float64)
+    u, distances, materials = zip(*sorted(found, key=lambda plan: plan[1])[:count], strict=True)
+    return RecordedPlans(np.stack(u).astype(np.float64), np.array(distances), np.array(materials))
 
 
 class PlanningPolicy(Policy):

@@ -10,7 +10,7 @@ where the variance is small near plans that were tried and large elsewhere: a tr
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ class IterativeLearningSettings(Checked):
     recorded: int = setting(150, at_least=1)  # stretches that led near the target, among which to look for starts
     starts: int = setting(6, at_least=1)  # best-looking plans from which the descent begins
     iterations: int = setting(3, at_least=0)  # of the descent
+    trust: float = setting(1.0, at_least=0)  # in what recordings showed, when the first plan is chosen
+    difference: float = setting(0.3, at_least=0)  # what a spread of p between their material and this one counts there
     # The variance counts little while outcomes are poor, and in full once they are good: then there is much to lose.
     caution: float = setting(1.0, at_least=0)
     least_caution: float = setting(0.05, at_least=0)
@@ -54,6 +56,7 @@ class Attempt:
     s: Tensor  # state at its start [D_s]
     memory: Memory  # recurrent state there
     u: Tensor  # the plan [T, D_u]
+    p: np.ndarray  # the bias in use [D_p]
     z: Tensor  # what was seen after each command [T, D_z]
 
 
@@ -90,6 +93,10 @@ class IterativeLearningPolicy(ControlPolicy):
     about the target: it stays when the target changes. While `exploring`, it tries new plans; else it sends the best
     known one again. The first plans are those of recorded `runs` after which the cloth was nearest to the target.
 
+    With `biases`, the trained p of the runs' materials, the first plan is one that the model likes and that led near
+    the target with a material like this one. It is sent twice, since the arm swings up in the first period. Once p has
+    moved by half a spread of the biases, another material is in the hand: attempts are forgotten.
+
     Each period so far is in `attempts`, and its expected distance [s.d. of z] in `predicted_distances`; `trace` has the
     best expected distances at the start of each solve and after each iteration.
     """
@@ -106,16 +113,18 @@ class IterativeLearningPolicy(ControlPolicy):
         runs: Sequence[Sequences],
         settings: IterativeLearningSettings | None = None,
         control: ControlSettings | None = None,
+        biases: Mapping[str, np.ndarray] | None = None,
     ):
         self.learning, self.exploring, self._runs = settings or IterativeLearningSettings(), True, runs
+        self._biases = dict(biases or {}) if self.learning.trust else {}
         super().__init__(model, autoencoder, arm, target, p, control)
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next period on; what was learned stays."""
         super().set_target(mask)
         self._predicted_distance: float | None = None
-        plans = nearest_plans(self._runs, self.z_ref, self.settings.period, self.learning.recorded)
-        self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
+        self._recorded = nearest_plans(self._runs, self.z_ref, self.settings.period, self.learning.recorded)
+        self._plans = torch.as_tensor(self._recorded.u, dtype=torch.float32).clamp(self.lower, self.upper)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory, plan and what was learned."""
@@ -127,7 +136,7 @@ class IterativeLearningPolicy(ControlPolicy):
         """Begin a period anew, as after somebody else has moved the arm; what was learned stays."""
         super().reset(seed)
         self._seen: list[Tensor] = []
-        self._begun: tuple[Tensor, Memory, Tensor] | None = None  # where the period started, and its plan
+        self._begun: tuple[Tensor, Memory, Tensor, np.ndarray] | None = None  # what an attempt begins with
         self._predicted_distance = None
 
     @property
@@ -149,8 +158,10 @@ class IterativeLearningPolicy(ControlPolicy):
             if self._begun is not None:
                 attempt = Attempt(*self._begun, torch.stack(self._seen))
                 self.attempts = [*self.attempts, attempt][-self.learning.remembered :]
+            if self._biases:
+                self.attempts = [each for each in self.attempts if self._gap(each.p) < 0.25]
             self._u, self._predicted_distance = choose_plan(s)
-            self._begun = (s, self._memory, self._u)
+            self._begun = (s, self._memory, self._u, self.p)
             self.predicted_distances.append(self._predicted_distance)
             self._seen = []
         return self._send(s)
@@ -196,7 +207,25 @@ class IterativeLearningPolicy(ControlPolicy):
         plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
         return torch.cat([plan, s / self.model.s_std / self.learning.state_scale], dim=1)
 
+    def _gap(self, p: np.ndarray) -> float:
+        """Squared distance of another p to the present one, over the spread of the biases."""
+        squares = float(np.square(p - self.p).sum())
+        return squares / max(float(np.var(list(self._biases.values()), axis=0).sum()), 1e-12) if squares else 0.0
+
+    def _recorded_plan(self, s: Tensor) -> tuple[Tensor, float]:
+        """The recorded plan that is near by prediction and was near, with a material whose p is near."""
+        gaps = {name: self._gap(p) for name, p in self._biases.items()}
+        gap = np.array([gaps.get(name, 1.0) for name in self._recorded.material])
+        with torch.no_grad():
+            expected = self.expected_distance(s, self._plans, None)
+        shown = self._recorded.distance**2 + self.learning.difference * gap
+        best = int((expected.numpy() ** 2 + self.learning.trust * shown).argmin())
+        self.trace.append(expected[best, None].numpy())
+        return self._plans[best], float(expected[best])
+
     def _plan(self, s: Tensor) -> tuple[Tensor, float]:
+        if self._biases and len(self.attempts) < 2:
+            return self._repeat(s) if self.attempts else self._recorded_plan(s)
         residuals = self.residual_model()
 
         def loss(plans: Tensor) -> Tensor:

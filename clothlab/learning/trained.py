@@ -62,7 +62,7 @@ class Trained:
     ) -> IterativeLearningPolicy:
         """An `IterativeLearningPolicy` with this model, likewise; `runs` are recordings, as `sequences` gives them."""
         arm, p = arm or self.arm, self._bias(p)
-        return IterativeLearningPolicy(self.model, self.autoencoder, arm, target, p, runs, settings)
+        return IterativeLearningPolicy(self.model, self.autoencoder, arm, target, p, runs, settings, biases=self.biases)
 
     def _bias(self, p: ArrayLike | str) -> ArrayLike:
         return choose("material", p, self.biases) if isinstance(p, str) else p
