@@ -165,7 +165,7 @@ def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice
 def test_attempts_with_another_material_are_forgotten(iterative, env):
     policy = iterative((RUN, replace(RUN, material="b")), BIASES)
     rollout(env, policy, 17)
-    for moved, left in ((0.4, 3), (0.6, 0)):
+    for moved, left in ((0.4, 3), (0.6, 1)):  # of three attempts, two with p = 0
         policy.set_bias((moved, 0.0))
         for _ in range(8):
             policy(env.observe())

@@ -6,20 +6,20 @@ notebook's checks stand in the file of its name.
 """
 
 from clothlab.checks._check import CheckFailed
-from clothlab.checks.cloth_simulation import count_springs, euler_step, time_to_reach
-from clothlab.checks.collecting_data import transitions, wave
+from clothlab.checks.cloth_simulation import count_springs, euler_step
+from clothlab.checks.collecting_data import wave
 from clothlab.checks.control import alternate, my_mask, random_shooting, steps_along
 from clothlab.checks.estimate_and_control import shaken
-from clothlab.checks.online_estimation import curvature, momentum_step, steps_until_right
+from clothlab.checks.online_estimation import curvature, momentum_step
 from clothlab.checks.parametric_bias import shares_by_hand
-from clothlab.checks.practice import honest, one_outcome, practise_then_perform
-from clothlab.checks.predictive_model import extrapolate, influence, lstm_weights
+from clothlab.checks.practice import one_outcome, practise_then_perform
+from clothlab.checks.predictive_model import influence, lstm_weights
 from clothlab.checks.results import verdict
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction
 from clothlab.checks.start_here import best_moment, share_won
 from clothlab.checks.stiff_when_it_helps import sign_flip_share
-from clothlab.checks.table_setting import choose_grasp, plane_of_most, point_of_pixel, way_left
+from clothlab.checks.table_setting import plane_of_most, point_of_pixel
 from clothlab.checks.variable_stiffness import compliance, length_for_measured_tension, pair_stiffness
-from clothlab.checks.what_can_be_known import price_of_the_other, share_held
+from clothlab.checks.what_can_be_known import share_held
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

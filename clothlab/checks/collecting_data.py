@@ -4,30 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import array, arrays, check, expect, policy
+from clothlab.checks._check import array, check, expect, policy
 from clothlab.simulation.arm import get_arm
-from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.vision import HEIGHT, WIDTH
-from clothlab.trials import Trial
 
 _STATES, _COMMANDS = array("the states", None, 4), array("the commands between them", None, 2)
-
-
-@check(arrays("three arrays: before, commands, after", _STATES, _COMMANDS, _STATES))
-def transitions(answer: Callable) -> None:
-    """A made-up trial of six steps, no two of whose numbers are equal."""
-    images, robot = np.zeros((6, HEIGHT, WIDTH), bool), np.arange(24.0).reshape(6, 4)
-    trial = Trial(images, robot, 100 + np.arange(12.0).reshape(6, 2), get_cloth("soft-1"), "torque", "made up", seed=0)
-    found = answer(trial)
-    lengths = [len(array) for array in found]
-    expected = len(trial) - 1
-    assert lengths == [expected] * 3, f"{expected} steps have an after, your arrays have {lengths} rows"
-    before, commands, after = found
-    swapped = np.array_equal(after, trial.robot[:-1]) and np.array_equal(before, trial.robot[1:])
-    assert not swapped, "before and after have changed places"
-    assert np.array_equal(before, trial.robot[:-1]), "the last state has no after, so it is not a before"
-    assert np.array_equal(after, trial.robot[1:]), "after is one step later than before"
-    assert np.array_equal(commands, trial.commands[:-1]), "commands[t] acts between states t and t + 1"
 
 
 @check(policy(2))

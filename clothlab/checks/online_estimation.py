@@ -55,20 +55,3 @@ def curvature(answer: Callable) -> None:
         expect(found, truth, message, slips, rtol=1e-4)
     found = answer(lambda q: q[0] ** 4, np.zeros(2), np.array([2.0, 0.0]), 0.5)
     expect(found, 0.5, "look one ε to each side, as far as you are told, not always the same", rtol=1e-4)
-
-
-@check(number("a number of steps, or None", none=True))
-def steps_until_right(answer: Callable) -> None:
-    """A made-up map of three cloths."""
-    three = {"left": np.array([-1.0, 0.0]), "right": np.array([1.0, 0.0]), "above": np.array([0.0, 3.0])}
-    path = np.array([[-1.0, 0], [0.5, 0], [-0.5, 0], [0.6, 1.0], [0.3, 2.5], [0.2, 0], [0.9, 0]])
-    found = answer(path, "right", three)
-    assert found is not None, "a path that ends right must give a number of steps, not None"
-    slips = {
-        "it was right at step 1, but not for good": 1,
-        "3 is how often it was wrong: until when was it wrong?": 3,
-        "step 4 is the last wrong one: from which is it right for good?": 4,
-    }
-    expect(found, 5, f"the path is right for good from step 5, got {found:g}", slips)
-    assert answer(path, "left", three) is None, "a path that ends wrong must give None"
-    assert answer(path[5:], "right", three) == 0, "a path that is right from the start must give 0"

@@ -7,28 +7,6 @@ import numpy as np
 from clothlab.checks._check import array, arrays, check, expect, policy
 
 
-@check(array("an honest promise for each", None))
-def honest(answer: Callable) -> None:
-    """Promises with the mean 5 and the variance 4, and errors that explain a part, all and more than all of it."""
-    promises = np.array([5 - 2**1.5, 5.0, 5 + 2**1.5, 5.0])
-    away = promises - promises.mean()
-    found = answer(promises, 1.0)
-    message = "give each promise back, shrunk: four promises, four numbers"
-    assert len(found) == 4, message
-    slips = {
-        "shrink towards the mean, not towards 0": 0.75 * promises,
-        "add the mean again": 0.75 * away,
-        "a quarter of the variance is error here: what is left is the other part": 5 + 0.25 * away,
-        "variances add up, standard deviations don't": 5 + 0.5 * away,
-    }
-    expect(found, 5 + 0.75 * away, "with errors of 1 and a variance of 4, three quarters of a promise stay", slips)
-    expect(answer(promises, 0.0), promises, "promises without errors are honest as they are")
-    expect(answer(promises + 3, 1.0), 8 + 0.75 * away, "the mean is that of the promises, whatever it is")
-    expect(answer(promises, 1.6), 5 + 0.36 * away, "errors of 1.6 are 2.56 of a variance of 4")
-    message = "where errors would explain more than all of the spread, every honest promise is the mean"
-    expect(answer(promises, 3.0), np.full(4, 5.0), message)
-
-
 @check(arrays("the mean and the share of the variance", array("the mean", None), array("the share", None)))
 def one_outcome(answer: Callable) -> None:
     """At the plan that was tried, at a length from it, and far away; with noise and without."""

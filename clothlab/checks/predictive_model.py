@@ -28,26 +28,6 @@ def lstm_weights(answer: Callable) -> None:
         expect(count, truth, message + "matrices of which sizes, in how many gates?", slips)
 
 
-@check(array("a prediction for each step but the first two", None, 2))
-def extrapolate(answer: Callable) -> None:
-    """A motion that changes its velocity, then one that does not."""
-    s = np.random.default_rng(0).normal(size=(6, 2)).cumsum(axis=0)
-    found, slope = answer(s), np.diff(s, axis=0)[:-1]
-    assert len(found) == 4, f"six states leave four predictions, got {len(found)}"
-    last = s[1:-1]
-    slips = {
-        "these are the states to be predicted: a prediction knows only what comes before": s[2:],
-        "these stay as they are: add how they moved": last,
-        "these move back: a thing that moves keeps its direction": last - slope,
-        "these move on as in the very first step: take the last two states, at each step anew": last + slope[0],
-        "these all move alike, by the mean of all steps": last + slope.mean(axis=0),
-    }
-    otherwise = "each prediction is the last state that was seen, and once more the way there from the one before"
-    expect(found, last + slope, otherwise, slips)
-    line = np.outer(np.arange(6.0), [1.0, -2.0])
-    expect(answer(line), line[2:], "a motion at constant velocity must be predicted exactly")
-
-
 @check(array("a length for each command", 4))
 def influence(answer: Callable) -> None:
     """A network of random weights and four commands."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import array, check, expect, number
+from clothlab.checks._check import array, check, expect
 
 
 def _pinhole(pixel: tuple[int, int], depth: float, size: tuple[int, int], focal: float, shift: float) -> np.ndarray:
@@ -65,50 +65,3 @@ def _edge(ahead: float, up: float, middle: tuple[float, float, float] = (0.6, 0.
     """An edge whose ends differ by so much [m]."""
     half = np.array([ahead, wide, up]) / 2
     return [np.array(middle) - half, np.array(middle) + half]
-
-
-@check(number("the number of an edge, or None", none=True))
-def choose_grasp(answer: Callable) -> None:
-    """Edges that are turned, slanted, both, and too much of it."""
-    turned, slanted, both, steep = _edge(0.05, 0.0), _edge(0.0, 0.045), _edge(0.03, 0.03), _edge(0.0, 0.09)
-    wide = _edge(0.02, 0.0, (0.9, 0.3, 1.4), 0.6)
-    for edges, reach, truth, message in (
-        ([slanted, turned], 1.0, 0, "of two edges, the one whose ends differ less ahead and up is better"),
-        ([turned, slanted, both], 1.0, 2, "ahead and up count alike: take the root of the sum of both squares"),
-        ([steep, turned, _edge(0.04, 0.04)], 1.0, 1, "turn and slant add up: the larger of the two is not enough"),
-        (
-            [both, wide],
-            1.0,
-            1,
-            "the bar goes to the edge's middle: where that is, and how wide the edge is, do not count",
-        ),
-        ([_edge(0.05, 0.03)], 0.03, 0, "the bar is at the middle: a corner is off by half of what the ends differ by"),
-        ([steep], 0.03, None, "no corner of this edge is within reach: return None"),
-        ([steep], 0.05, 0, "a hand that reaches farther takes more: use `reach`"),
-        ([_edge(0.045, 0.045)], 0.03, None, "corners off by 32 mm are not within a reach of 30 mm: return None"),
-    ):
-        assert answer(np.array(edges), reach) == truth, message
-
-
-@check(number("a way [m]"))
-def way_left(answer: Callable) -> None:
-    """Tables near and far; cloths that are longer than the shoulder is high above them, and one that is shorter."""
-    for near, length, reach, shoulder, base in (
-        (0.35, 0.5, 0.6, 0.4, 0.15),
-        (0.45, 0.3, 0.6, 0.4, 0.05),
-        (0.20, 0.7, 0.6, 0.3, 0.1),
-        (0.05, 0.5, 0.6, 0.4, 0.15),
-    ):
-        ahead = np.sqrt(reach**2 - (length - shoulder) ** 2)
-        left = near + length - base - ahead
-        truth, below = max(0.0, left), np.sqrt(max(0.0, reach**2 - length**2))
-        slips = {
-            "nothing is left where the cloth gets there: a way is not negative": left,
-            "the shoulder goes ahead with the base": left + base,
-            "a stretched arm whose hand is above or below the shoulder reaches less far ahead": left + ahead - reach,
-            "the far edge has to get to a cloth's length beyond the table's near edge": max(0.0, left - length),
-            "the hand is a cloth's length above the table, not above the shoulder": left + ahead - below,
-        }
-        found = answer(near, length, reach, shoulder, base)
-        where = f"table {near} m ahead, cloth {length} m, arm {reach} m, shoulder {shoulder} m above it, base {base} m"
-        expect(found, truth, f"{where}: {truth:.3f} m are left, not {found:.3f}", slips)

@@ -24,7 +24,7 @@ from clothlab.learning.autoencoder import Autoencoder, encode, iou
 from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.policies import Policy, ReplayPolicy
 from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.trials import Trial, rollout
 
@@ -45,6 +45,8 @@ class SearchSettings:
 
 
 _SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
+_GAIN_SEARCH = SearchSettings(starts=60, rounds=8, tries=32, elite=8, least_width=0.03)
+_MORE_TENSIONS = (10.0, 20.0, 30.0, 50.0, 70.0)
 
 
 def cross_entropy(
@@ -255,8 +257,23 @@ def _run_speed(
 
     The free search starts from the best plans of the others too: it may do all that they do.
     """
-    arm, search = get_arm("muscle"), search or _SPEED_SEARCH
-    home, env = ClothEnv(arm, foam), ClothEnv(arm, foam)
+    return _peak_speeds(get_arm("muscle"), get_cloth(foam), TENSIONS, seed, steps, search or _SPEED_SEARCH)
+
+
+def _run_gain(motor_speed: float, load: float, softness: float, seed: int, steps: int = 16) -> dict[str, Any]:
+    """The same at a motor speed [m/s], with so many times the cloth's mass, and springs so many times as soft."""
+    arm, cloth = get_arm("muscle"), get_cloth("hard-1")
+    springs = {"spring_linear": arm.spring_linear / softness, "spring_cubic": arm.spring_cubic / softness}
+    arm = replace(arm, motor_speed=motor_speed, **springs)
+    found = _peak_speeds(arm, replace(cloth, mass=load * cloth.mass), _MORE_TENSIONS, seed, steps, _GAIN_SEARCH)
+    del found["commands"], found["trace"]
+    return found
+
+
+def _peak_speeds(
+    arm: Arm, cloth: Cloth, tensions: Iterable[float], seed: int, steps: int, search: SearchSettings
+) -> dict[str, Any]:
+    home, env = ClothEnv(arm, cloth), ClothEnv(arm, cloth)
 
     def slowness(plans: np.ndarray) -> np.ndarray:
         peaks = []
@@ -270,7 +287,7 @@ def _run_speed(
 
     starts = recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed)
     best, traces = [starts], []
-    for f_const in (*TENSIONS, None):
+    for f_const in (*tensions, None):
         limited = arm if f_const is None else arm.with_stiffness(f_const)
         lower, upper, rng = limited.command_lower, limited.command_upper, np.random.default_rng(seed)
         begin = np.concatenate(best) if f_const is None else starts
@@ -278,15 +295,17 @@ def _run_speed(
         best.append(plans)
         traces.append(-trace)
     return {
-        "f_const": np.array([*TENSIONS, np.nan]),
+        "f_const": np.array([*tensions, np.nan]),
         "peak": np.array(traces)[:, -1],
         "trace": np.array(traces).round(4),
         "commands": np.array([plans[0] for plans in best[1:]]).round(4),
     }
 
 
+_GAINS: dict[str, Any] = {"motor_speed": (0.05, 0.1, 0.4), "load": (1, 5), "softness": (1, 5), "seed": (0, 1)}
 EXPERIMENTS = (
     Experiment("oracle", _run_one, _cases, seconds=120, slow=True),
     Experiment("oracle_transfer", _run_transfer, _transfer_cases, seconds=30, slow=True),
     Experiment("peak_speed", _run_speed, over(seed=range(3)), seconds=600, slow=True),
+    Experiment("stiffness_gain", _run_gain, over(**_GAINS), seconds=250, slow=True),
 )

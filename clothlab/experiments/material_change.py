@@ -1,0 +1,116 @@
+"""Does estimation help when the material changes in the middle of a run?
+
+Iterative learning control with a recorded cloth; then its mass, and its drag or stiffness, become those of a cloth
+that was never recorded, while it moves. p stays the old one, or is estimated on the way.
+"""
+
+from collections.abc import Iterable
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab import artifacts
+from clothlab.analysis import best_per_period, difference_interval, target_distance
+from clothlab.experiments._grid import Case, Experiment, Tables, grid
+from clothlab.experiments._rows import Row
+from clothlab.experiments._runs import HEAVY, LIGHT, NEW, find_cloth, recorded_runs, trained
+from clothlab.experiments.transfer import TARGETS
+from clothlab.learning.control import ControlSettings
+from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator, NewtonSettings
+from clothlab.policies import Policy, Wrapper
+from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.env import ClothEnv, Observation
+from clothlab.trials import rollout
+
+_BEFORE, _AFTER = 16, 24  # [period] with each material
+_OLD = slice(-6, -1)  # periods before the change by which the old distance is judged
+_WINDOW = 30  # [step] of the estimation, from development cloths: a longer one sees the old material for longer
+
+
+class _Change(Wrapper):
+    """Another material in the hand from a step on, where the cloth is and as it moves."""
+
+    def __init__(self, policy: Policy, env: ClothEnv, cloth: Cloth, at: int):
+        self._env, self._cloth, self._at = env, cloth, at
+        super().__init__(policy)
+
+    def reset(self, seed: int = 0) -> None:
+        super().reset(seed)
+        self._t = 0
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        if self._t == self._at:
+            with closing(ClothEnv(self._env.arm, self._cloth)) as other:
+                self._env.model = other.model  # of the same layout
+        self._t += 1
+        return super().__call__(observation)
+
+
+def _run_one(
+    estimated: bool,
+    arm: str,
+    target: str,
+    first: str,
+    second: str,
+    model: int,
+    repeat: int,
+    before: int = _BEFORE,
+    after: int = _AFTER,
+) -> dict[str, Any]:
+    """Best distance of each period but the first `[P]`, and p at the end of each step of the estimation `[T, D_p]`."""
+    learned, mask = trained(f"{arm}-{model}"), artifacts.load_target(target)
+    p = learned.biases[first]
+    policy: Policy = learned.iterative_controller(mask, p, recorded_runs(learned))
+    if estimated:
+        estimator = NewtonEstimator(learned.model, p, NewtonSettings(window=_WINDOW))
+        policy = EstimatingPolicy(policy, estimator, learned.autoencoder)
+    period = ControlSettings.period
+    with closing(ClothEnv(arm, first)) as env:
+        change = _Change(policy, env, find_cloth(second), before * period)
+        trial = rollout(env, change, (before + after) * period, seed=52_000 + 100 * model + repeat)
+    best = best_per_period(target_distance(learned.autoencoder, trial, mask))
+    return {"best": best.round(4), "recovery": recovery(best, before)}
+
+
+def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
+    """Periods after a change until the old distance times 1.5 is reached again; all of them and one more if never."""
+    old, new = best[: before - 1], best[before - 1 :]
+    near = np.flatnonzero(new <= 1.5 * np.median(old[_OLD]))
+    return int(near[0]) + 1 if len(near) else len(new) + 1
+
+
+def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any) -> list[Case]:
+    """From both ends of the recorded scale; new cloths take turns."""
+    found = []
+    for arm, ends in {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}.items():
+        for turn in grid(model=model, repeat=repeat):
+            k = 4 * turn["model"] + turn["repeat"]
+            second = NEW[arm][k % len(NEW[arm])].name
+            found += grid(
+                estimated=(True, False), arm=arm, target=TARGETS[arm], first=ends[k % 2], second=second, **turn, **same
+            )
+    return found
+
+
+def _rows(tables: Tables) -> list[Row]:
+    """Periods until control is good again, with estimation over without."""
+    found = []
+    for arm, runs in tables["material_change"].groupby("arm", sort=False):
+        both = runs.pivot_table("recovery", ["model", "repeat"], "estimated")
+        ratio, low, high = _ratio(both)
+        note = f"{both[True].mean():.1f} in place of {both[False].mean():.1f} periods"
+        label = f"{arm} arm, material changed in mid-run: periods until the old distance × 1.5, estimated over kept p"
+        found.append(Row(f"material_change/{arm}", label, ratio, interval=(low, high), at_most=0.5, note=note))
+    return found
+
+
+def _ratio(both: pd.DataFrame) -> tuple[float, float, float]:
+    """Mean of one column over that of the other, by way of their logarithms."""
+    gaps = np.log(both[True] / both[False]).unstack().to_numpy()
+    mean, low, high = (float(np.exp(each)) for each in difference_interval(gaps))
+    return mean, low, high
+
+
+EXPERIMENTS = (Experiment("material_change", _run_one, _cases, seconds=120, slow=True, rows=_rows),)
