@@ -135,13 +135,21 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
 
     for arm, recorded in {"torque": [*CLOTHS], "muscle": [*FOAMS]}.items():
         new, targets = [cloth.name for cloth in NEW[arm]], TARGETS[arm]
-        for methods, cloths in ((_FIRST, new), (_FIRST_RECORDED, recorded)):
-            for method in methods:
-                add(method, 2, arm, target=targets, cloth=cloths, model=model, repeat=repeat)
+        for method in _FIRST:
+            add(method, 2, arm, target=targets, cloth=new, model=model, repeat=repeat)
+        for method in _FIRST_RECORDED:  # nothing is drawn where p is known
+            add(method, 2, arm, target=targets, cloth=recorded, model=model, repeat=0)
         for k, turn in turns:
             for method, periods in _LONG.items():
-                add(method, periods, arm, target=targets, cloth=new[k % len(new)], **turn)
-            add((CHOSEN, "right"), 31, arm, target=targets, cloth=recorded[k % len(recorded)], **turn)
+                add(method, periods, arm, target=targets[k // len(new) % len(targets)], cloth=new[k % len(new)], **turn)
+            add(
+                (CHOSEN, "right"),
+                31,
+                arm,
+                target=targets[k // len(new) % len(targets)],
+                cloth=recorded[k % len(recorded)],
+                **turn,
+            )
     pair = [cloth.name for cloth in NEW["torque"][-2:]]  # as oracle_transfer has them
     new_targets = [*artifacts.load_targets("held-out"), *artifacts.load_targets("drawn")]
     for p in ("estimated", "farthest"):
@@ -150,7 +158,7 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
         names = [list(artifacts.load_targets(name)) for name in ("held-out", "drawn")]
         for target in (each[k % len(each)] for each in names):
             own = MIDDLE if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
-            add((CHOSEN, "right"), 31, "torque", target=target, cloth=own, **turn)
+            add((CHOSEN, "right"), 11, "torque", target=target, cloth=own, **turn)
             add((CHOSEN, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
     return found
 

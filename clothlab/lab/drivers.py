@@ -22,6 +22,7 @@ class Choice(NamedTuple):
     solved: bool  # whether a controller solved for it, or went on with its last plan
     predicted: float | None  # distance that the controller predicts for the end of its period [s.d. of z]
     period_ended: bool  # whether a period of the controller ends with it
+    basis: str = ""  # what the plan of iterative learning rests on
 
 
 class Period(NamedTuple):
@@ -91,7 +92,8 @@ class Drivers:
         controller, self._iterative.exploring = self._controllers[driver], exploring
         before = len(controller.trace)
         u = (controller if solve else controller.step_without_solving)(observation)
-        return Choice(u, len(controller.trace) > before, controller.predicted_distance, controller.period_ended)
+        basis, predicted = getattr(controller, "basis", ""), controller.predicted_distance
+        return Choice(u, len(controller.trace) > before, predicted, controller.period_ended, basis)
 
     def close_period(self, driver: str, choice: Choice, distance: float) -> Period | None:
         """Take in the distance seen after a choice [s.d. of z]; answers at the end of a controller's period."""

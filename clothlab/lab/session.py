@@ -61,6 +61,7 @@ class StepInfo:
     solved: bool  # whether the controller solved for this command, or went on with its last plan
     period_ended: bool  # whether it was the last command of the controller's period
     period: Period | None  # then, the distance predicted at its beginning and the achieved one
+    basis: str  # what the plan rests on: "recordings", or so many "attempts"; empty for other drivers
 
 
 class LiveSession:

@@ -147,11 +147,12 @@ class Views:
         """Pictures, traces and p after a step."""
         session, step = self._session, self._session.step_number
         images = (history[-1].image, history[-1].reconstruction) if history else (np.zeros((HEIGHT, WIDTH)),) * 2
+        basis = f", plan from {history[-1].basis}" if history and history[-1].basis else ""
         return {
             "scene": encoded(session.env.picture(), ".jpg"),
             "seen": encoded(images[0]),
             "decoded": encoded(images[1]),
-            "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}",
+            "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}{basis}",
             "traces": self._traces(history),
             "marks": [k for k, moment in enumerate(history) if moment.period_ended],
             "at": self.plane.at(session.p),

@@ -35,7 +35,7 @@ class IterativeLearningSettings(Checked):
     starts: int = setting(6, at_least=1)  # best-looking plans from which the descent begins
     iterations: int = setting(3, at_least=0)  # of the descent
     trust: float = setting(1.0, at_least=0)  # in what recordings showed, when the first plan is chosen
-    difference: float = setting(0.3, at_least=0)  # what a spread of p between their material and this one counts there
+    difference: float = setting(0.1, at_least=0)  # what a spread of p between their material and this one counts there
     # The variance counts little while outcomes are poor, and in full once they are good: then there is much to lose.
     caution: float = setting(1.0, at_least=0)
     least_caution: float = setting(0.05, at_least=0)
@@ -143,6 +143,12 @@ class IterativeLearningPolicy(ControlPolicy):
     def predicted_distance(self) -> float | None:
         """Expected distance of the plan being sent [s.d. of z]; None before there is one for the present target."""
         return self._predicted_distance
+
+    @property
+    def basis(self) -> str:
+        """What the plan being sent rests on, in words."""
+        unknown = self._biases and len(self.attempts) < 2
+        return "recordings" if unknown else f"{len(self.attempts)} attempts"
 
     def __call__(self, observation: Observation) -> np.ndarray:
         return self._step(observation, self._plan)
