@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from clothlab._validation import check_array
-from clothlab.policies import Policy, Wrapper
 from clothlab.simulation.arm import BAR_RADIUS, SHOULDER_POSITION, Arm, Camera
-from clothlab.simulation.env import ClothEnv, Observation
+from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks, focal_length
 from clothlab.trials import Trial
 
@@ -66,19 +65,6 @@ class Recalibration:
         """The same trial with the images of the old camera."""
         angles = trial.robot[:, self.arm.sensed_angles]
         return replace(trial, images=np.array([self.warp(*each) for each in zip(trial.images, angles, strict=True)]))
-
-
-class RecalibratedPolicy(Wrapper):
-    """A policy that sees what the camera would have seen from its old pose."""
-
-    def __init__(self, policy: Policy, recalibration: Recalibration):
-        self.recalibration = recalibration
-        super().__init__(policy)
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        theta = observation["robot"][self.recalibration.arm.sensed_angles]
-        image = self.recalibration.warp(observation["image"], theta)
-        return self.policy(observation | {"image": image.astype(np.int8)})
 
 
 def _project(camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -155,7 +141,7 @@ def recalibrate(arm: Arm, views: Sequence[View]) -> Recalibration:
     def errors(move: np.ndarray) -> np.ndarray:
         return (_project_tips(arm.camera.moved(move[:3], np.rad2deg(move[3:])), ends) - seen).ravel()
 
-    # Not cv2.solvePnP with solvePnPRefineLM: of the 22 poses of the experiment `camera_pose` it misses the median one
+    # Not cv2.solvePnP with solvePnPRefineLM: of 22 poses it misses the median one
     # by 57 mm, since the outline of a bar's end is not the picture of its centre (this misses it by 3 mm). With centres
     # computed from outlines it is as good, but for one pose where cloth hides an end, which it misses by 92 mm (4 mm).
     found = least_squares(errors, np.zeros(6), loss="soft_l1", f_scale=_DOUBTFUL)
