@@ -1,24 +1,15 @@
 """What the figures and the results table show: geometry of p, distances to a target, success rates."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 from sklearn.decomposition import PCA
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
-from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
-from sklearn.model_selection import LeaveOneOut, cross_val_predict
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from clothlab._validation import check_array, check_number
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlSettings
-from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_mask
 from clothlab.trials import Trial
 
@@ -52,43 +43,6 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
     trained = _stacked(biases)
     gaps = trained - check_array("p", p, trained.shape[1:])
     return list(biases)[np.linalg.norm(gaps, axis=1).argmin()]
-
-
-@dataclass(frozen=True)
-class MaterialReadout:
-    """A smooth map from p to log C_damp and log C_mass, fitted to the trained materials.
-
-    Equal steps of a material are not equal steps of p: the map is curved, and so a Gaussian process whose prior is a
-    straight one. Its constants are fixed: nine materials are too few to fit them.
-    """
-
-    model: Pipeline
-    r2: np.ndarray  # leave-one-cloth-out R² of log C_damp and log C_mass [2]
-    ratio_r2: float  # the same of log (C_damp / C_mass), on which alone the motion of a free point in air depends
-    linear_r2: np.ndarray  # as r2, of a straight map [2]
-
-    @classmethod
-    def fit(cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]) -> "MaterialReadout":
-        """Fit to the trained p of cloths whose C_damp and C_mass are known."""
-        p = np.stack([biases[name] for name in cloths]).astype(np.float64)
-        logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths.values()])
-        smooth = GaussianProcessRegressor(DotProduct() + RBF(2.0) + WhiteKernel(0.01), optimizer=None, normalize_y=True)
-        model, ratio = make_pipeline(StandardScaler(), smooth), np.array([1, -1])
-        left_out, straight = (
-            cross_val_predict(each, p, logs, cv=LeaveOneOut()) for each in (model, LinearRegression())
-        )
-        return cls(
-            model.fit(p, logs),
-            r2_score(logs, left_out, multioutput="raw_values"),
-            r2_score(logs @ ratio, left_out @ ratio),
-            r2_score(logs, straight, multioutput="raw_values"),
-        )
-
-    def __call__(self, p: ArrayLike) -> tuple[float, float]:
-        """Read C_damp [N s/m] and C_mass [kg] off one p `[D_p]`."""
-        p = check_array("p", p, (self.model.n_features_in_,))
-        damping, mass = np.exp(self.model.predict(p[None])[0])
-        return float(damping), float(mass)
 
 
 def target_distance(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> np.ndarray:

@@ -1,6 +1,5 @@
 """What a policy is, and those that need no model: random commands, the scripted operator, replay."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -71,20 +70,6 @@ def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
     if not callable(policy) or isinstance(policy, type):
         raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
     return policy if isinstance(policy, Policy) else _FunctionPolicy(policy)
-
-
-class Timed(Wrapper):
-    """Measures how long each command takes to choose: `seconds` since the reset [s]."""
-
-    def reset(self, seed: int = 0) -> None:
-        super().reset(seed)
-        self.seconds: list[float] = []
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        start = time.perf_counter()
-        u = self.policy(observation)
-        self.seconds.append(time.perf_counter() - start)
-        return u
 
 
 class ReplayPolicy(Policy):

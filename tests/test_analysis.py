@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from clothlab.analysis import (
-    MaterialReadout,
     best_per_period,
     difference_interval,
     nearest_material,
@@ -17,6 +16,7 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.experiments._runs import bias_error, chamfer_against_z
+from clothlab.experiments.estimation import MaterialReadout
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.vision import chamfer_distance

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from clothlab.policies import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Timed, Wrapper, as_policy
+from clothlab.policies import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Wrapper, as_policy
 from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.trials import rollout
 
-POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "timed": lambda arm: Timed(OperatorPolicy(arm))}
+POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "wrapped": lambda arm: Wrapper(OperatorPolicy(arm))}
 
 
 class Remembers(Policy):
@@ -61,16 +61,12 @@ def test_the_operator_lifts_slowly_and_throws_down_fast():
 
 def test_a_wrapper_passes_everything_on():
     inner = Remembers()
-    wrapper = Timed(Wrapper(inner))
+    wrapper = Wrapper(Wrapper(inner))
     wrapper.set_target("mask")
     wrapper.set_bias("p")
     wrapper.reset(5)
     assert inner.calls[-3:] == [("target", "mask"), ("bias", "p"), ("reset", 5)]
     assert wrapper.name == inner.name
-    wrapper({})
-    assert len(wrapper.seconds) == 1
-    wrapper.reset()
-    assert wrapper.seconds == []
 
 
 @pytest.mark.parametrize("wrong", [None, "random", RandomPolicy])

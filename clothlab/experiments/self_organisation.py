@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.analysis import MaterialReadout, principal_axes
+from clothlab.analysis import principal_axes
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import trained
+from clothlab.experiments.estimation import MaterialReadout
 from clothlab.simulation.cloth import CLOTHS
 
 

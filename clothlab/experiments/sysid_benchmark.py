@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab.analysis import MaterialReadout
 from clothlab.experiments._grid import Case, Experiment, Tables, over, shared
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import random_trial, recorded_runs, trained
-from clothlab.experiments.estimation import BETWEEN
+from clothlab.experiments.estimation import BETWEEN, MaterialReadout
 from clothlab.experiments.identifiability import PREDICTED, QUANTITIES, bounds
 from clothlab.experiments.sysid import Regressor, fit_simulation, logs, simulator, train_regressor
 from clothlab.learning.dpmpb import Sequences
