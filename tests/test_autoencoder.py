@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, decode, encode, iou, train_autoencoder
+from clothlab.learning.autoencoder import (
+    Autoencoder,
+    AutoencoderTraining,
+    decode,
+    encode,
+    iou,
+    known_target,
+    train_autoencoder,
+)
 
 BRIEF = AutoencoderTraining(epochs=2, batch_size=12)
 
@@ -69,3 +77,11 @@ def test_iou_of_known_cases(square):
     assert iou(square, ~square) == 0
     assert iou(square, np.roll(square, 15, axis=1)) == pytest.approx(1 / 3)
     assert iou(np.stack([square, nothing]), np.stack([square, nothing])).tolist() == [1, 1]
+
+
+def test_a_target_that_cannot_be_drawn_is_replaced_by_the_recorded_image_most_like_it(trial, monkeypatch):
+    images, wanted = trial.images[:5], np.roll(trial.images[3], 1, axis=1)
+    for drawn, aim in ((0.0, images[3]), (1.0, wanted)):
+        monkeypatch.setattr("clothlab.learning.autoencoder.encode", lambda model, mask: mask)
+        monkeypatch.setattr("clothlab.learning.autoencoder.decode", lambda model, z, drawn=drawn: drawn * z)
+        assert np.array_equal(known_target(None, wanted, images), aim)

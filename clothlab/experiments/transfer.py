@@ -20,6 +20,7 @@ from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import (
     MIDDLE,
     NEW,
+    RECORDINGS,
     best_iou,
     find_cloth,
     new_trial,
@@ -27,7 +28,7 @@ from clothlab.experiments._runs import (
     recorded_runs,
     trained,
 )
-from clothlab.learning.autoencoder import encode
+from clothlab.learning.autoencoder import encode, known_target
 from clothlab.learning.control import ControlSettings, nearest_plans
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.estimation import NewtonSettings, estimate_bias
@@ -44,6 +45,7 @@ REPLAYS = {  # which recordings are asked for the nearest one: (their cloths' p,
     "replay, any other cloth": lambda biases, cloth, p: {*biases} - {cloth},
     "replay, nearest p": lambda biases, cloth, p: {_by_distance(biases, cloth, p)[0]},
 }
+AS_ENCODED = "iterative learning control, target as encoded"
 PAPERS, PERIODIC, PREDICTED = "paper's controller", "periodic warm start", "best predicted recording"
 ALONE, CHOSEN = "iterative learning control alone", "iterative learning control"
 _CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, np.ndarray], Policy]] = {
@@ -51,12 +53,19 @@ _CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, np.ndarray], Policy]] = {
     PERIODIC: lambda learned, mask, p: learned.controller(mask, p, ControlSettings(warm_start="periodic")),
     PREDICTED: lambda learned, mask, p: _iterative(learned, mask, p, trust=1e-9),
     ALONE: lambda learned, mask, p: _iterative(learned, mask, p, trust=0),
-    CHOSEN: lambda learned, mask, p: _iterative(learned, mask, p),
+    AS_ENCODED: lambda learned, mask, p: _iterative(learned, mask, p),
+    CHOSEN: lambda learned, mask, p: _iterative(learned, known_target(learned.autoencoder, mask, _images(learned)), p),
 }
 
 
 def _iterative(learned: Trained, mask: np.ndarray, p: np.ndarray, **settings: float) -> Policy:
     return learned.iterative_controller(mask, p, recorded_runs(learned), IterativeLearningSettings(**settings))
+
+
+def _images(learned: Trained) -> np.ndarray:
+    """Images of the paper's amount of recordings `[N, H, W]`, with cloth in each."""
+    images = np.concatenate([trial.images for trial in artifacts.load_trials(RECORDINGS[learned.arm.name])])
+    return images[images.any(axis=(1, 2))]
 
 
 def _replay(learned: Trained, mask: np.ndarray, among: set[str]) -> Policy:
@@ -158,8 +167,9 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
         names = [list(artifacts.load_targets(name)) for name in ("held-out", "drawn")]
         for target in (each[k % len(each)] for each in names):
             own = MIDDLE if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
-            add((CHOSEN, "right"), 11, "torque", target=target, cloth=own, **turn)
-            add((CHOSEN, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
+            for method in (CHOSEN, AS_ENCODED):
+                add((method, "right"), 11, "torque", target=target, cloth=own, **turn)
+                add((method, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
     return found
 
 

@@ -22,7 +22,7 @@ from clothlab.lab.targets import (
     usual_reconstruction_distance,
 )
 from clothlab.lab.tracker import BiasTracker
-from clothlab.learning.autoencoder import decode, encode
+from clothlab.learning.autoencoder import decode, encode, iou, known_target
 from clothlab.learning.control import recorded_plans
 from clothlab.learning.dpmpb import observe
 from clothlab.simulation.arm import check_command
@@ -101,11 +101,11 @@ class LiveSession:
         self._known = setup.known
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.sequences(trial) for trial in trials]
-        images, targets = reference_images(trials), artifacts.load_targets()
+        self._images, targets = reference_images(trials), artifacts.load_targets()
         # Beyond this chamfer distance to its reconstruction [pixel], an image is unlike any recorded one.
-        self.usual_distance = usual_reconstruction_distance(self.trained.autoencoder, images)
+        self.usual_distance = usual_reconstruction_distance(self.trained.autoencoder, self._images)
         # Images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
-        self.gallery = targets | recorded_targets(images)
+        self.gallery = targets | recorded_targets(self._images)
         self.target = choose("target", setup.target, targets)
         self._p = choose("material", setup.cloth, self.trained.biases).copy()
         self.hand = self.arm.home_command  # the command of the driver "manual" `[D_u]`
@@ -162,13 +162,17 @@ class LiveSession:
         return nearest_material(self._p, self.trained.biases)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next step on; iterative learning does from its next period on."""
-        mask = check_mask(mask)
-        z = encode(self.trained.autoencoder, mask)
-        reconstruction = decode(self.trained.autoencoder, z)
-        self._drivers.set_target(mask)
-        self.target, self._z_ref, self.reconstruction = mask.copy(), z, reconstruction
+        """Aim at another image `[H, W]` from the next step on; iterative learning does from its next period on.
+
+        At a recorded image in its place, if that is more like it than what the autoencoder makes of it: `known_target`.
+        """
+        mask, autoencoder = check_mask(mask), self.trained.autoencoder
+        aim = known_target(autoencoder, mask, self._images)
+        reconstruction = decode(autoencoder, encode(autoencoder, mask))
+        self._drivers.set_target(aim)
+        self.target, self._z_ref, self.reconstruction = mask.copy(), encode(autoencoder, aim), reconstruction
         self.reconstruction_distance = reconstruction_distance(mask, reconstruction)
+        self.overlap = float(iou(self._images, mask).max())  # IoU of the recorded image that is most like it
 
     def set_driver(self, driver: str) -> None:
         """Change who chooses the commands. What iterative learning learned waits for its next turn."""

@@ -77,6 +77,9 @@ class Plane:
         return self._axes.inverse_transform(np.asarray(at, dtype=float)[None])[0]
 
 
+REACHABLE = 0.5  # IoU of a target and the recorded image most like it, from which on the arm is able to show it
+
+
 class Views:
     """A session as plain data for the browser, as long as the session keeps its arm."""
 
@@ -134,13 +137,14 @@ class Views:
         session, usual = self._session, self._session.usual_distance
         distance, known = session.reconstruction_distance, session.reconstruction_distance <= usual
         reconstruction = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
+        reach = "reachable" if session.overlap >= REACHABLE else "not reachable"
         return {
             "image": _pixels(session.target),
             "reconstruction": encoded(session.reconstruction),
             "known": bool(known),
             "verdict": f"The autoencoder {'reproduces' if known else 'does not reproduce'} it.",
             "reason": f"Its reconstruction is {reconstruction} (chamfer distance; 99 % of recorded images are below "
-            f"{usual:.1f}).",
+            f"{usual:.1f}). The recorded image most like it has an IoU of {session.overlap:.2f} with it: {reach}.",
         }
 
     def frame(self, history: Sequence[StepInfo]) -> dict[str, Any]:
