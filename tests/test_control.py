@@ -122,6 +122,20 @@ def test_the_memory_follows_the_observations(env, controller):
     assert torch.allclose(policy._memory.h, memory.h, atol=1e-5)
 
 
+def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, controller):
+    for warm_start, repeated in (
+        ("last", lambda policy, sent: policy._u[-2]),
+        ("periodic", lambda policy, sent: sent[-8]),
+    ):
+        policy, sent = controller(warm_start=warm_start, period=8), []
+        for _ in range(10):
+            sent.append(torch.as_tensor(policy(env.observe()), dtype=torch.float32))
+        policy._follow(env.observe())
+        assert torch.equal(policy._u[-1], repeated(policy, sent))
+    with pytest.raises(KeyError, match="choose from last, periodic"):
+        controller(warm_start="none")
+
+
 def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, controller):
     policy = controller()
     env.advance(policy.step_without_solving(env.observe()))  # a first plan needs a solve

@@ -35,7 +35,9 @@ class ControlSettings(Checked):
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
     tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
-    warm_start: str = setting("last")  # what comes last: the command before (paper), or "periodic" the one a period ago
+    warm_start: str = setting(
+        "last"
+    )  # a plan goes on with its "last" command (paper), or "periodic": that of a period ago
 
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
@@ -193,8 +195,7 @@ class ControlPolicy(PlanningPolicy):
     ):
         super().__init__(model, autoencoder, arm)
         self.settings = settings or ControlSettings()
-        back = {"last": 1, "periodic": self.settings.period}
-        self._back = choose("warm start", self.settings.warm_start, back)
+        self._periodic = choose("warm start", self.settings.warm_start, {"last": False, "periodic": True})
         shape = (self.settings.horizon, len(self.lower))
         plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
         self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
@@ -258,9 +259,9 @@ class ControlPolicy(PlanningPolicy):
         """Encode the state; memory follows what was observed, not what was predicted; the plan moves on."""
         if self._last is not None:
             self._memory = self._predict.follow(*self._last, self._memory)
-            known = torch.cat([self._sent, self._u])  # commands up to the end of the plan
-            self._sent = known[: len(self._sent) + 1][-self._back :]
-            self._u = torch.cat([self._u[1:], known[-min(self._back, len(known))][None]])
+            self._sent = torch.cat([self._sent, self._u[:1]])[-self.settings.period :]
+            repeats = self._periodic and len(self._sent) == self.settings.period
+            self._u = torch.cat([self._u[1:], self._sent[:1] if repeats else self._u[-1:]])
         return torch.as_tensor(observe(self.autoencoder, observation))
 
     def _send(self, s: Tensor) -> np.ndarray:
