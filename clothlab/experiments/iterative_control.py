@@ -189,17 +189,7 @@ def speed_gain(both: pd.DataFrame) -> pd.Series:
 def _rows(tables: Tables) -> list[Row]:
     """Distances of each method, and differences between methods with their intervals."""
     table = over_random(tables["iterative_control"])
-    return [*_by_target(table), *_by_method(table), *_differences(table), _over_oracle(table, tables)]
-
-
-def _by_target(table: pd.DataFrame) -> list[Row]:
-    found = []
-    for target, bound in {"target-1": 0.12, "target-2": 0.1, "muscle": 0.12}.items():
-        ratios = select(table, ITERATIVE).query("target == @target").groupby(["cloth", "model"])["last_ratio"].mean()
-        label = f"iterative learning control, {target}: last ten periods over random commands', median"
-        note = f"worst training {ratios.groupby('model').median().max():.2f}"
-        found.append(Row(f"iterative_control/{target}", label, float(ratios.median()), at_most=bound, note=note))
-    return found
+    return [*_by_method(table), *_differences(table), _over_oracle(table, tables)]
 
 
 _VARIANTS = {
@@ -227,14 +217,12 @@ def _by_method(table: pd.DataFrame) -> list[Row]:
 
 
 def _differences(table: pd.DataFrame) -> list[Row]:
-    paper, iterative = select(table, PAPERS), select(table, ITERATIVE)
-    held = select(table, PAPERS, f_const=10.0)
+    paper, held = select(table, PAPERS), select(table, PAPERS, f_const=10.0)
     says: dict[str, Any] = {"paper": "Correct better", "below": 0.0}
     pairs = [
         (f"{PAPERS} minus random commands", paper, select(table, RANDOM), says),
         (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), says),
         (f"{PAPERS} minus the same held at 10 N", paper, held, says),
-        (f"{ITERATIVE} minus the same with a wrong p", iterative, select(table, ITERATIVE, "wrong"), {}),
     ]
     found = []
     for name, first, second, said in pairs:
