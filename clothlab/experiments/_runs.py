@@ -69,6 +69,11 @@ def find_cloth(name: str) -> Cloth:
     return {each.name: each for each in chain(*NEW.values())}.get(name) or get_cloth(name)
 
 
+def own_cloth(target: str) -> str:
+    """The recorded cloth with which a target of a set is tried: its own, which its name says, or the middle one."""
+    return MIDDLE if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
+
+
 def new_trial(policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
     """A policy on a fresh scene."""
     with closing(ClothEnv(arm, cloth)) as env:

@@ -24,8 +24,8 @@ from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.trials import rollout
 
-_BEFORE, _AFTER = 16, 24  # [period] with each material
-_OLD = slice(-6, -1)  # periods before the change by which the old distance is judged
+_BEFORE, _AFTER = 12, 20  # [period] with each material
+_OLD = slice(-5, None)  # periods before the change by which the old distance is judged
 _WINDOW = 30  # [step] of the estimation, from development cloths: a longer one sees the old material for longer
 
 
@@ -75,8 +75,11 @@ def _run_one(
 
 
 def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
-    """Periods after a change until the old distance times 1.5 is reached again; all of them and one more if never."""
-    old, new = best[: before - 1], best[before - 1 :]
+    """Periods after a change until the old distance times 1.5 is reached again; all of them and one more if never.
+
+    The first period of all is not in `best`; and the last plan with the old material is seen at its end, in the next.
+    """
+    old, new = best[:before], best[before:]
     near = np.flatnonzero(new <= 1.5 * np.median(old[_OLD]))
     return int(near[0]) + 1 if len(near) else len(new) + 1
 

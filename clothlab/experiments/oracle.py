@@ -7,7 +7,6 @@ It tells whether a controller falls short or the arm does, and what variable sti
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import mujoco
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.experiments._grid import Case, Experiment, grid, over
-from clothlab.experiments._runs import NEW, RECORDINGS, SAMPLES, TASKS, best_iou, find_cloth, new_trial
+from clothlab.experiments._runs import NEW, RECORDINGS, SAMPLES, TASKS, best_iou, find_cloth, new_trial, own_cloth
 from clothlab.experiments.motion import MotionWatch
 from clothlab.learning.autoencoder import Autoencoder, encode, iou
 from clothlab.learning.control import ControlSettings, recorded_plans
@@ -45,7 +44,7 @@ class SearchSettings:
 
 
 _SPEED_SEARCH = SearchSettings(starts=80, rounds=20, tries=48, elite=10, least_width=0.03)
-_GAIN_SEARCH = SearchSettings(starts=60, rounds=8, tries=32, elite=8, least_width=0.03)
+_GAIN_SEARCH = SearchSettings(starts=40, rounds=6, tries=24, elite=8, least_width=0.03)
 _MORE_TENSIONS = (10.0, 20.0, 30.0, 50.0, 70.0)
 
 
@@ -198,7 +197,7 @@ def _run_one(
 
 
 def _run_transfer(
-    arm: str, target: str, cloth: str, other: str, overlap: bool, periods: int = 4, search: SearchSettings | None = None
+    arm: str, target: str, cloth: str, other: str, overlap: bool, periods: int = 3, search: SearchSettings | None = None
 ) -> dict[str, Any]:
     """The best plans for a cloth, searched by distance or by IoU, sent with it and with another cloth `[P]`."""
     autoencoder, _ = artifacts.load_autoencoder(arm)
@@ -217,17 +216,17 @@ def _run_transfer(
 
 
 def _transfer_cases(**same: Any) -> list[Case]:
-    """New cloths and recorded targets; new targets with the two cloths beyond the trained ones, by IoU as well."""
+    """New cloths and recorded targets; new targets with the cloths at both ends of the range; by IoU with their own."""
     found = []
     for arm, cloths in NEW.items():
         targets = [target for each, target, _ in TASKS if each == arm]
         *_, light, heavy = names = [cloth.name for cloth in cloths]
         pairs = [(name, light if name == heavy else heavy) for name in names]
         found += [(arm, target, *pair, False) for target in dict.fromkeys(targets) for pair in pairs]
-    new = [name for each in ("held-out", "drawn") for name in artifacts.load_targets(each)]
-    light, heavy = (cloth.name for cloth in NEW["torque"][-2:])
-    for overlap, pair in product((False, True), ((light, heavy), (heavy, light))):
-        found += [("torque", target, *pair, overlap) for target in new]
+        if arm == "torque":
+            held, drawn = (list(artifacts.load_targets(name)) for name in ("held-out", "drawn"))
+            found += [(arm, target, *pair, False) for target in [*held[::2], *drawn] for pair in pairs[-2:]]
+            found += [(arm, target, own_cloth(target), own_cloth(target), True) for target in [*held, *drawn]]
     axes = ("arm", "target", "cloth", "other", "overlap")
     return [dict(zip(axes, case, strict=True)) | same for case in found]
 
@@ -260,7 +259,7 @@ def _run_speed(
     return _peak_speeds(get_arm("muscle"), get_cloth(foam), TENSIONS, seed, steps, search or _SPEED_SEARCH)
 
 
-def _run_gain(motor_speed: float, load: float, softness: float, seed: int, steps: int = 16) -> dict[str, Any]:
+def _run_gain(motor_speed: float, load: float, softness: float, seed: int, steps: int = 12) -> dict[str, Any]:
     """The same at a motor speed [m/s], with so many times the cloth's mass, and springs so many times as soft."""
     arm, cloth = get_arm("muscle"), get_cloth("hard-1")
     springs = {"spring_linear": arm.spring_linear / softness, "spring_cubic": arm.spring_cubic / softness}

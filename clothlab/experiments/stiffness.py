@@ -183,7 +183,7 @@ def _moved_rows(tables: Tables) -> list[Row]:
 
 
 def _control_rows(tables: Tables) -> list[Row]:
-    """Distance and success rate under each condition, and the gain in hand speed, for each foam."""
+    """Distance, and share of near steps under each condition, for each foam."""
     return [row for cloth, runs in tables["foam_control"].groupby("cloth", sort=False) for row in _foam(cloth, runs)]
 
 
@@ -191,9 +191,6 @@ def _foam(cloth: Any, runs: pd.DataFrame) -> list[Row]:
     by_condition = dict([*runs.groupby("condition", sort=False)])
     correct, random = (median_best(by_condition[name]["distance"]) for name in (CORRECT, RANDOM))
     rates = ", ".join(f"{name} {by_condition[name]['rate'].mean():.0%}" for name in _CONDITIONS)
-    free, fixed = (np.array([*by_condition[name]["peak_hand_speed"]]) for name in (CORRECT, FIXED))
-    gain = 100 * (free.mean(axis=0) / fixed.mean(axis=0) - 1)
-    speeds = " / ".join(f"{speed[:, 0].mean():.2f} ± {speed[:, 0].std():.2f}" for speed in (free, fixed))
     return [
         Row(
             f"foam_control/{cloth}/distance",
@@ -203,15 +200,7 @@ def _foam(cloth: Any, runs: pd.DataFrame) -> list[Row]:
             below=1,
             at_most=0.4,
             note=f"{correct:.2f} / {random:.2f}; steps nearer than {_THRESHOLD}: {rates}",
-        ),
-        Row(
-            f"foam_control/{cloth}/speed",
-            f"foam {cloth}: gain in peak hand speed by optimised stiffness over 10 N",
-            gain[0],
-            " %",
-            paper="+12 %",
-            note=f"{speeds} m/s; {gain.min():.0f} to {gain.max():.0f} % with other motors and friction",
-        ),
+        )
     ]
 
 

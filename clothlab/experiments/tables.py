@@ -15,17 +15,17 @@ README = (  # keys of the README's rows
     "self_organisation/C_damp",
     "estimation/accuracy",
     "control/target-1/damp0.03-mass0.05",
-    "control/target-2/damp0.03-mass0.05",
     "joint_estimation_control",
     "stiffness_ellipse",
-    "foam_estimation",
     "foam_control/hard-1/distance",
     "iterative_control/paper's controller minus the same with a wrong p/torque",
-    "iterative_control/paper's controller minus the same held at 10 N/muscle",
     "iterative_control/speed",
     "iterative_control/iterative learning control",
+    "transfer/torque/first",
+    "transfer/torque/farthest",
+    "transfer/muscle/farthest",
+    "material_change/torque",
     "table_setting/success",
-    "table_setting/difference",
 )
 _HERE, _BESIDE = "here", "here, from the paper's amount of recordings"
 

@@ -18,12 +18,12 @@ from clothlab.experiments import ablations
 from clothlab.experiments._grid import Case, Experiment, Tables, grid, shared
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import (
-    MIDDLE,
     NEW,
     RECORDINGS,
     best_iou,
     find_cloth,
     new_trial,
+    own_cloth,
     random_trial,
     recorded_runs,
     trained,
@@ -126,8 +126,9 @@ def _run_one(
     }
 
 
+_FIRST_OTHERS = ("replay, any other cloth", "replay, nearest p")
 _FIRST = (  # methods of first throws, p: on new cloths
-    *(("replay, any other cloth", "estimated"), ("replay, nearest p", "estimated"), (PREDICTED, "estimated")),
+    *((method, "estimated") for method in (*_FIRST_OTHERS, PREDICTED)),
     *((CHOSEN, p) for p in ("estimated", "nearest", "farthest", "zero", "none")),
     *((PAPERS, "estimated"), (PERIODIC, "estimated")),
 )
@@ -166,9 +167,8 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
     for k, turn in turns:
         names = [list(artifacts.load_targets(name)) for name in ("held-out", "drawn")]
         for target in (each[k % len(each)] for each in names):
-            own = MIDDLE if target.startswith("drawn/") else target.split("_")[1]  # it is called SET/ARM_CLOTH_NUMBER
             for method in (CHOSEN, AS_ENCODED):
-                add((method, "right"), 11, "torque", target=target, cloth=own, **turn)
+                add((method, "right"), 11, "torque", target=target, cloth=own_cloth(target), **turn)
                 add((method, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
     return found
 
@@ -191,64 +191,67 @@ def difference(first: pd.DataFrame, second: pd.DataFrame) -> tuple[float, float,
     return difference_interval((both[0] - both[1]).groupby(["model", "repeat"]).mean().unstack().to_numpy())
 
 
-_WRONG = {"farthest": "the farthest p", "nearest": "the nearest trained p", "zero": "p = 0", "none": "no p at all"}
+_WRONG = {"farthest": "the farthest p", "zero": "p = 0", "none": "no p at all"}
 
 
 def _rows(tables: Tables) -> list[Row]:
     """Means over cloths, targets, trainings and runs."""
     table = tables["transfer"]
     of_arms = (_arm_rows(arm, runs) for arm, runs in table.groupby("arm", sort=False))
-    return [*chain(*of_arms), *_new_targets(table)]
+    return [*chain(*of_arms), *_new_targets(table), *_over_oracle(table, tables["oracle_transfer"])]
 
 
 def _arm_rows(arm: str, table: pd.DataFrame) -> list[Row]:
-    def first(method: str, p: str = "estimated") -> float:
-        return float(over_random(select(table, method, p).query("periods == 2")).mean())
+    def mean(method: str, p: str = "estimated", period: int = 1, **chosen: bool) -> float:
+        runs = select(table, method, p, least=3 if period > 1 else 2, **chosen)
+        return float(over_random(runs if period > 1 else runs.query("periods == 2"), period - 1).mean())
 
-    chosen, replay = select(table, CHOSEN, "estimated"), first("replay, any other cloth")
-    where, best = f"{arm} arm, new cloths, first throw", first(CHOSEN)
-    others = (PREDICTED, "replay, nearest p", "replay, any other cloth", PAPERS, PERIODIC)
-    note = "; ".join(f"{name} {first(name):.2f}" for name in others)
-    found = [Row(f"transfer/{arm}/first", f"{where}: distance over random commands'", best, at_most=0.25, note=note)]
+    where, best = f"{arm} arm, new cloths, first throw", mean(CHOSEN)
+    others = [f"{name} {mean(name):.2f}" for name in (*_FIRST_OTHERS, PREDICTED, PAPERS, PERIODIC)]
+    others += [f"nearest trained p {mean(CHOSEN, 'nearest'):.2f}"]
+    later = [f"period {k}: {mean(CHOSEN, period=k):.2f}" for k in (3, 10, 30)]
+    later += [f"{name}, period 10: {mean(name, period=10):.2f}" for name in (ALONE, PAPERS, PERIODIC)]
+    label, note = f"{where}: distance over random commands'", "; ".join(others + later)
+    found = [Row(f"transfer/{arm}/first", label, best, at_most=0.25, note=note)]
     for p, name in _WRONG.items():
-        mean, *ends = difference(chosen, select(table, CHOSEN, p))
-        about = {"paper": "Correct better", "below": 0.0} | ({"at_most": -0.25} if p == "farthest" else {})
-        label = f"{where}: estimated p minus {name}"
-        found.append(Row(f"transfer/{arm}/{p}", label, mean, interval=(ends[0], ends[1]), **about))
-    label = f"{where}: over replay of the nearest recording of another cloth"
-    found.append(Row(f"transfer/{arm}/replay", label, best / replay, at_most=0.5))
-    known = select(table, CHOSEN, "right", new=False)
+        gap, low, high = difference(select(table, CHOSEN, "estimated"), select(table, CHOSEN, p))
+        label, aim = f"{where}: estimated p minus {name}", -0.25 if p == "farthest" else None
+        says = {"interval": (low, high), "paper": "Correct better", "below": 0.0}
+        found.append(Row(f"transfer/{arm}/{p}", label, gap, **says, at_most=aim))
+    label = f"{where}: over the nearest recording of another cloth"
+    found.append(Row(f"transfer/{arm}/replay", label, best / mean(_FIRST_OTHERS[0]), at_most=0.5))
     label = f"{arm} arm, recorded cloths, first throw: distance over random commands'"
-    replayed = over_random(select(table, "replay, this cloth", "right", new=False)).mean()
-    value, note = float(over_random(known.query("periods == 2")).mean()), f"replay {replayed:.2f}"
+    value, note = mean(CHOSEN, "right", new=False), f"replay {mean('replay, this cloth', 'right', new=False):.2f}"
     found.append(Row(f"transfer/{arm}/recorded", label, value, at_most=0.06, note=note))
-    long = known.query("periods == 31")
-    note = "; ".join(f"period {k}: {over_random(long, k - 1).mean():.2f}" for k in (3, 30))
-    label = f"{arm} arm, recorded cloths, after ten periods"
-    found.append(Row(f"transfer/{arm}/recorded/ten", label, over_random(long, 9).mean(), at_most=0.04, note=note))
-    long = chosen.query("periods == 31")
-    others = (ALONE, PAPERS, PERIODIC)
-    note = "; ".join(
-        [f"period {k}: {over_random(long, k - 1).mean():.2f}" for k in (3, 30)]
-        + [f"{name} {over_random(select(table, name, 'estimated', least=11), 9).mean():.2f}" for name in others]
-    )
-    label = f"{arm} arm, new cloths, after ten periods"
-    return [*found, Row(f"transfer/{arm}/ten", label, over_random(long, 9).mean(), note=note)]
+    tenth, last = (mean(CHOSEN, "right", period=k, new=False) for k in (10, 30))
+    label = f"{arm} arm, recorded cloths, after ten periods: distance over random commands'"
+    return [*found, Row(f"transfer/{arm}/ten", label, tenth, at_most=0.04, note=f"period 30: {last:.2f}")]
 
 
 def _new_targets(table: pd.DataFrame) -> list[Row]:
-    found = []
-    for name, new in {"recorded cloths": False, "new cloths": True}.items():
-        runs = table[table["target"].str.contains("/") & (table["cloth"].isin(NEW_NAMES) == new)].query("periods > 2")
-        drawn = runs["target"].str.startswith("drawn/")
-        label = f"{name}, held-out targets: distance over random commands', after ten periods"
-        first, tenth = (float(over_random(runs[~drawn], k).mean()) for k in (0, 9))
-        aim = 0.1 if new else None
-        found.append(Row(f"transfer/held-out/{name}", label, tenth, at_most=aim, note=f"first throw {first:.2f}"))
-        overlap = runs.loc[drawn, "iou"].map(late_median)
-        label = f"{name}, drawn shapes: best IoU of a period, last ten periods, median"
-        found.append(Row(f"transfer/drawn/{name}", label, float(overlap.median())))
-    return found
+    runs = table[table["target"].str.contains("/") & (table["periods"] > 2) & (table["method"] == CHOSEN)]
+    new, drawn = runs["cloth"].isin(NEW_NAMES), runs["target"].str.startswith("drawn/")
+    first, tenth = (over_random(runs[~drawn], k).groupby(new).mean() for k in (0, 9))
+    label = "held-out targets, new cloths, after ten periods: distance over random commands'"
+    note = f"first throw {first[True]:.2f}; recorded cloths {tenth[False]:.2f}, first throw {first[False]:.2f}"
+    return [Row("transfer/held-out", label, float(tenth[True]), at_most=0.1, note=note)]
+
+
+def _over_oracle(table: pd.DataFrame, oracle: pd.DataFrame) -> list[Row]:
+    """How near the search on the true simulator is, which knows the cloth."""
+    keys, overlap = ["target", "cloth"], oracle["overlap"]
+    least = oracle[~overlap].set_index(keys)["best"].map(np.min).rename("least")
+    largest = oracle[overlap].set_index(keys)["iou"].map(np.max).rename("largest")
+    long = select(table, CHOSEN, "estimated", least=31).join(least, on=keys)
+    ratio = float((long["best"].map(late_median) / long["least"]).median())
+    shapes = table[(table["method"] == CHOSEN) & (table["periods"] > 2)].merge(largest.reset_index(), on=keys)
+    share = float((shapes["iou"].map(np.max) / shapes["largest"]).median())
+    label = "new cloths, last ten of thirty periods: distance over the oracle's, median"
+    found = [Row("transfer/oracle", label, ratio, at_most=2, note=f"oracle's {float(long['least'].median()):.3f}")]
+    label = "drawn and held-out targets, ten periods: best IoU over that of an oracle which searches for IoU, median"
+    drawn = shapes[shapes["target"].str.startswith("drawn/")]
+    note = f"drawn shapes {float((drawn['iou'].map(np.max) / drawn['largest']).median()):.2f}"
+    return [*found, Row("transfer/iou", label, share, at_least=0.9, note=note)]
 
 
 EXPERIMENTS = (Experiment("transfer", _run_one, _cases, seconds=6, slow=True, rows=_rows),)
