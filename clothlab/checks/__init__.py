@@ -13,7 +13,7 @@ from clothlab.checks.estimate_and_control import shaken
 from clothlab.checks.online_estimation import curvature, momentum_step
 from clothlab.checks.parametric_bias import shares_by_hand
 from clothlab.checks.practice import one_outcome, practise_then_perform
-from clothlab.checks.predictive_model import influence, lstm_weights
+from clothlab.checks.predictive_model import influence
 from clothlab.checks.results import verdict
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction
 from clothlab.checks.start_here import best_moment, share_won

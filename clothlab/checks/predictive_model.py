@@ -5,27 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from clothlab.checks._check import array, check, expect, number
+from clothlab.checks._check import array, check, expect
 from clothlab.learning.dpmpb import DPMPB, Memory, predict
-
-
-@check(number("how many weights there are"))
-def lstm_weights(answer: Callable) -> None:
-    """Count what PyTorch has."""
-    for inputs, units in ((7, 20), (30, 30), (1, 1)):
-        truth = sum(p.numel() for p in torch.nn.LSTM(inputs, units).parameters())
-        count, seen, own = answer(inputs, units), units * inputs, units * units
-        slips = {
-            "that is one gate: an LSTM has more": seen + own + 2 * units,
-            "that is a GRU, which has a gate fewer": 3 * (seen + own + 2 * units),
-            "PyTorch has more offsets than one for each unit of a gate": 4 * (seen + own + units),
-            "offsets are weights, too": 4 * (seen + own),
-            "a gate looks at its layer's own last output, too": 4 * (seen + 2 * units),
-            "a gate looks at the inputs, too": 4 * (own + 2 * units),
-        }
-        message = f"with {inputs} inputs and {units} units, PyTorch has {truth} weights, not {count:g}: "
-        slips = {message + slip: value for slip, value in slips.items()}
-        expect(count, truth, message + "matrices of which sizes, in how many gates?", slips)
 
 
 @check(array("a length for each command", 4))
