@@ -59,6 +59,7 @@ def test_a_row_has_a_distance_and_an_overlap_of_each_period_but_the_first(arm, c
     few = {"torque": "train", "muscle": "muscle-train"}[arm]
     monkeypatch.setattr(transfer, "recorded_runs", lambda learned: _runs._encoded(learned.autoencoder_name, few))
     monkeypatch.setattr(transfer, "_estimated", lambda *_: np.zeros(2))
+    monkeypatch.setattr(transfer, "_aim", lambda arm, target: transfer.artifacts.load_target(target))
     monkeypatch.setattr(transfer, "_random_z", lambda *_: np.ones((24, 3)))
     row = transfer._run_one(method, "estimated", arm, transfer.TARGETS[arm][0], cloth, 0, 0)
     assert row["best"].shape == row["iou"].shape == (1,)

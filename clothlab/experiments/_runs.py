@@ -35,8 +35,10 @@ _MATERIALS = (  # C_damp [N s/m], C_mass [kg] of cloths that no training saw: si
     *((0.045, 0.07), (0.06, 0.13), (0.036, 0.11), (0.055, 0.065), (0.065, 0.085), (0.04, 0.125)),
     *((0.026, 0.055), (0.075, 0.16)),
 )
-_SHEETS = (("soft", 2, 4), ("soft", 3, 5), ("hard", 1, 3), ("hard", 2, 1.5), ("hard", 2, 2.5), ("hard", 3, 1.5))
-_SHEETS = (*_SHEETS, ("soft", 1, 7), ("hard", 4, 2))  # kind, number, thickness [mm]; last two: extremes
+_SHEETS = (  # kind, number, thickness [mm]; the last two are extremes
+    *(("soft", 2, 4), ("soft", 3, 5), ("hard", 1, 3), ("hard", 2, 1.5), ("hard", 2, 2.5), ("hard", 3, 1.5)),
+    *(("soft", 1, 7), ("hard", 4, 2)),
+)
 NEW = {
     "torque": [Cloth(f"damp{c}-mass{m}", damping=c, mass=m) for c, m in _MATERIALS],
     "muscle": [

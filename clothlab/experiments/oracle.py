@@ -22,7 +22,7 @@ from clothlab.experiments.motion import MotionWatch
 from clothlab.learning.autoencoder import Autoencoder, encode, iou
 from clothlab.learning.control import ControlSettings, recorded_plans
 from clothlab.policies import Policy, ReplayPolicy
-from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.arm import Arm, MuscleArm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv, Observation
 from clothlab.trials import Trial, rollout
@@ -261,9 +261,9 @@ def _run_speed(
 
 def _run_gain(motor_speed: float, load: float, softness: float, seed: int, steps: int = 12) -> dict[str, Any]:
     """The same at a motor speed [m/s], with so many times the cloth's mass, and springs so many times as soft."""
-    arm, cloth = get_arm("muscle"), get_cloth("hard-1")
-    springs = {"spring_linear": arm.spring_linear / softness, "spring_cubic": arm.spring_cubic / softness}
-    arm = replace(arm, motor_speed=motor_speed, **springs)
+    arm, cloth = MuscleArm(), get_cloth("hard-1")
+    linear, cubic = arm.spring_linear / softness, arm.spring_cubic / softness
+    arm = replace(arm, motor_speed=motor_speed, spring_linear=linear, spring_cubic=cubic)
     found = _peak_speeds(arm, replace(cloth, mass=load * cloth.mass), _MORE_TENSIONS, seed, steps, _GAIN_SEARCH)
     del found["commands"], found["trace"]
     return found

@@ -6,6 +6,7 @@ the first period, which is left out, the arm swings up.
 """
 
 from collections.abc import Callable, Iterable
+from functools import cache
 from itertools import chain
 from typing import Any
 
@@ -19,8 +20,8 @@ from clothlab.experiments._grid import Case, Experiment, Tables, grid, shared
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import (
     NEW,
-    RECORDINGS,
     best_iou,
+    config_of,
     find_cloth,
     new_trial,
     own_cloth,
@@ -53,19 +54,21 @@ _CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, np.ndarray], Policy]] = {
     PERIODIC: lambda learned, mask, p: learned.controller(mask, p, ControlSettings(warm_start="periodic")),
     PREDICTED: lambda learned, mask, p: _iterative(learned, mask, p, trust=1e-9),
     ALONE: lambda learned, mask, p: _iterative(learned, mask, p, trust=0),
-    AS_ENCODED: lambda learned, mask, p: _iterative(learned, mask, p),
-    CHOSEN: lambda learned, mask, p: _iterative(learned, known_target(learned.autoencoder, mask, _images(learned)), p),
+    **dict.fromkeys((AS_ENCODED, CHOSEN), lambda learned, mask, p: _iterative(learned, mask, p)),
 }
 
 
-def _iterative(learned: Trained, mask: np.ndarray, p: np.ndarray, **settings: float) -> Policy:
-    return learned.iterative_controller(mask, p, recorded_runs(learned), IterativeLearningSettings(**settings))
+def _iterative(learned: Trained, mask: np.ndarray, p: np.ndarray, trust: float = 1.0) -> Policy:
+    return learned.iterative_controller(mask, p, recorded_runs(learned), IterativeLearningSettings(trust=trust))
 
 
-def _images(learned: Trained) -> np.ndarray:
-    """Images of the paper's amount of recordings `[N, H, W]`, with cloth in each."""
-    images = np.concatenate([trial.images for trial in artifacts.load_trials(RECORDINGS[learned.arm.name])])
-    return images[images.any(axis=(1, 2))]
+@cache
+def _aim(arm: str, target: str) -> np.ndarray:
+    """The target, or of every fourth recorded image the most similar one, where that is `known_target`."""
+    learned = trained(f"{arm}-0")
+    recorded = [trial for name in config_of(learned).recordings for trial in artifacts.load_trials(name)]
+    images = np.concatenate([trial.images[::4] for trial in recorded])
+    return known_target(learned.autoencoder, artifacts.load_target(target), images)
 
 
 def _replay(learned: Trained, mask: np.ndarray, among: set[str]) -> Policy:
@@ -116,7 +119,7 @@ def _run_one(
     if method in REPLAYS:
         policy = _replay(learned, mask, REPLAYS[method](learned.biases, cloth, value))
     else:
-        policy = _CONTROLLERS[method](learned, mask, value)
+        policy = _CONTROLLERS[method](learned, _aim(arm, target) if method == CHOSEN else mask, value)
     trial = new_trial(policy, arm, find_cloth(cloth), periods * ControlSettings.period, 51_000 + 100 * model + repeat)
     by_chance = np.linalg.norm(_random_z(arm, cloth, repeat) - encode(learned.autoencoder, mask), axis=1)
     return {
@@ -167,9 +170,9 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
     for k, turn in turns:
         names = [list(artifacts.load_targets(name)) for name in ("held-out", "drawn")]
         for target in (each[k % len(each)] for each in names):
-            for method in (CHOSEN, AS_ENCODED):
-                add((method, "right"), 11, "torque", target=target, cloth=own_cloth(target), **turn)
-                add((method, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
+            for name in (CHOSEN, AS_ENCODED):
+                add((name, "right"), 11, "torque", target=target, cloth=own_cloth(target), **turn)
+                add((name, "estimated"), 11, "torque", target=target, cloth=NEW["torque"][k % 8].name, **turn)
     return found
 
 
@@ -216,8 +219,8 @@ def _arm_rows(arm: str, table: pd.DataFrame) -> list[Row]:
     for p, name in _WRONG.items():
         gap, low, high = difference(select(table, CHOSEN, "estimated"), select(table, CHOSEN, p))
         label, aim = f"{where}: estimated p minus {name}", -0.25 if p == "farthest" else None
-        says = {"interval": (low, high), "paper": "Correct better", "below": 0.0}
-        found.append(Row(f"transfer/{arm}/{p}", label, gap, **says, at_most=aim))
+        key, says = f"transfer/{arm}/{p}", "Correct better"
+        found.append(Row(key, label, gap, interval=(low, high), paper=says, below=0.0, at_most=aim))
     label = f"{where}: over the nearest recording of another cloth"
     found.append(Row(f"transfer/{arm}/replay", label, best / mean(_FIRST_OTHERS[0]), at_most=0.5))
     label = f"{arm} arm, recorded cloths, first throw: distance over random commands'"

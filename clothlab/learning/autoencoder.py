@@ -132,5 +132,7 @@ def known_target(model: Autoencoder, mask: ArrayLike, images: ArrayLike) -> np.n
 
     Its reconstruction then has an IoU below 0.6 with it, and less than that image: its z is that of another shape.
     """
-    overlap, own = iou(images, mask), iou(decode(model, encode(model, mask)) > 0.5, mask)
-    return np.asarray(images)[overlap.argmax()] if own < min(0.6, overlap.max()) else check_masks(mask)
+    own = iou(decode(model, encode(model, mask)) > 0.5, mask)
+    if own < 0.6 and (overlap := iou(images, mask)).max() > own:
+        return np.asarray(images)[overlap.argmax()]
+    return check_masks(mask)
