@@ -137,14 +137,14 @@ class Views:
         session, usual = self._session, self._session.usual_distance
         distance, known = session.reconstruction_distance, session.reconstruction_distance <= usual
         reconstruction = f"{distance:.1f} pixel from the target" if np.isfinite(distance) else "no cloth at all"
-        reach = "reachable" if session.overlap >= REACHABLE else "not reachable"
+        reach = "Known shape" if known else "Reachable" if session.overlap >= REACHABLE else "Not reachable"
         return {
             "image": _pixels(session.target),
             "reconstruction": encoded(session.reconstruction),
             "known": bool(known),
-            "verdict": f"The autoencoder {'reproduces' if known else 'does not reproduce'} it.",
+            "verdict": f"{reach}. The autoencoder {'reproduces' if known else 'does not reproduce'} it.",
             "reason": f"Its reconstruction is {reconstruction} (chamfer distance; 99 % of recorded images are below "
-            f"{usual:.1f}). The recorded image most like it has an IoU of {session.overlap:.2f} with it: {reach}.",
+            f"{usual:.1f}). The recorded image most like it has an IoU of {session.overlap:.2f} with it.",
         }
 
     def frame(self, history: Sequence[StepInfo]) -> dict[str, Any]:
