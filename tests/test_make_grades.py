@@ -27,11 +27,11 @@ def test_every_exercise_is_a_row_and_every_student_a_sum(tmp_path):
         (tmp_path / student / "late").mkdir(parents=True)
         notebook = nbformat.v4.new_notebook(cells=[new_code_cell(f"%magic\n{source}\n!ls")])
         nbformat.write(notebook, tmp_path / student / "late" / NOTEBOOKS[0].name)
-    grades = make_grades.grade(Nowhere(), tmp_path, NOTEBOOKS[:2], {"share_won": 3})
+    grades = make_grades.grade(Nowhere(), tmp_path, NOTEBOOKS[:2], {"best_moment": 3})
     ann = grades[grades["student"] == "ann"]
-    assert ann["points"].tolist() == [1, 3, 0, 0, 0]
-    assert ann["words"].tolist() == ["correct"] * 2 + ["not handed in"] * 3
-    assert make_grades.totals(grades).loc["ann", [NOTEBOOKS[0].stem, "points", "most"]].tolist() == [4, 4, 7]
+    assert ann["points"].tolist() == [3, 0, 0]
+    assert ann["words"].tolist() == ["correct"] + ["not handed in"] * 2
+    assert make_grades.totals(grades).loc["ann", [NOTEBOOKS[0].stem, "points", "most"]].tolist() == [3, 3, 5]
     assert grades.loc[0, ["student", "words"]].tolist() == ["'=bob()", "'=Not yet, best_moment"], "no formulas"
 
 

@@ -16,7 +16,7 @@ from clothlab.checks.practice import one_outcome, practise_then_perform
 from clothlab.checks.predictive_model import influence
 from clothlab.checks.results import verdict
 from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction
-from clothlab.checks.start_here import best_moment, share_won
+from clothlab.checks.start_here import best_moment
 from clothlab.checks.stiff_when_it_helps import sign_flip_share
 from clothlab.checks.table_setting import plane_of_most, point_of_pixel
 from clothlab.checks.variable_stiffness import compliance, length_for_measured_tension, pair_stiffness

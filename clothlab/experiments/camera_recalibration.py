@@ -63,5 +63,5 @@ def _rows(tables: Tables) -> list[Row]:
     return [Row("camera_estimation", label, value, at_least=0.9, note=note)]
 
 
-_CASES = over(draw=(None, *_DRAWS), recalibrated=(False, True), model=range(5), cloth=CLOTHS)
+_CASES = over(model=range(5), cloth=CLOTHS, draw=(None, *_DRAWS), recalibrated=(False, True))
 EXPERIMENTS = (Experiment("camera_estimation", _estimate, _CASES, seconds=6, slow=True, rows=_rows),)
