@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from clothlab.experiments import oracle
+from clothlab.experiments._runs import NEW
 from clothlab.experiments.oracle import SearchSettings, SimulatorMPC, cross_entropy
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.trials import rollout
@@ -131,7 +132,22 @@ def test_a_row_begins_with_the_hanging_cloth_and_has_a_trace_for_each_period():
     assert row["trace"].shape == (2, 3)
 
 
-def test_free_stiffness_is_at_least_as_fast_as_any_that_is_held():
-    row = oracle._run_speed(0, steps=3, search=SearchSettings(starts=3, rounds=1, tries=3, elite=2))
-    assert row["peak"][-1] >= row["peak"][:-1].max() > 0
-    assert (row["commands"][0][:, 2] == 10).all()
+@pytest.mark.slow
+def test_a_plan_for_one_cloth_is_sent_with_another_and_may_be_searched_by_overlap():
+    light, heavy = (cloth.name for cloth in NEW["torque"][-2:])
+    by_distance, by_overlap = (
+        oracle._run_transfer("torque", "target-2", light, heavy, overlap, periods=2, search=TINY)
+        for overlap in (False, True)
+    )
+    assert by_distance["best"].shape == by_distance["elsewhere"].shape == by_distance["iou"].shape == (1,)
+    assert by_distance["elsewhere"] != by_distance["best"] != by_overlap["best"]
+
+
+def test_free_stiffness_is_at_least_as_fast_as_any_that_is_held(monkeypatch):
+    few = SearchSettings(starts=3, rounds=1, tries=3, elite=2)
+    monkeypatch.setattr(oracle, "_GAIN_SEARCH", few)
+    rows = oracle._run_speed(0, steps=3, search=few), oracle._run_gain(0.4, 5, 5, 0, steps=3)
+    for row in rows:
+        assert row["peak"][-1] >= row["peak"][:-1].max() > 0
+    assert (rows[0]["commands"][0][:, 2] == 10).all()
+    assert rows[0]["peak"][0] != rows[1]["peak"][0]
