@@ -36,7 +36,6 @@ from clothlab.learning.estimation import NewtonSettings, estimate_bias
 from clothlab.learning.iterative import IterativeLearningSettings
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, ReplayPolicy
-from clothlab.simulation.cloth import CLOTHS, FOAMS
 
 _EXCITED = 200  # [step] of random commands from which p is estimated
 NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
@@ -146,8 +145,8 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
     def add(method: tuple[str, str], periods: int, arm: str, **axes: Any) -> None:
         found.extend(grid(method=method[0], p=method[1], arm=arm, **axes, **({"periods": periods} | same)))
 
-    for arm, recorded in {"torque": [*CLOTHS], "muscle": [*FOAMS]}.items():
-        new, targets = [cloth.name for cloth in NEW[arm]], TARGETS[arm]
+    for arm, targets in TARGETS.items():
+        new, recorded = [cloth.name for cloth in NEW[arm]], [*trained(f"{arm}-0").biases]
         for method in _FIRST:
             add(method, 2, arm, target=targets, cloth=new, model=model, repeat=repeat)
         for method in _FIRST_RECORDED:  # nothing is drawn where p is known
