@@ -199,10 +199,6 @@ SLIPS = [
     ("steps_along", "g / np.linalg.norm(g)", "np.sign(g) / 4", "another direction"),
     ("steps_along", "return", "u - gammas[:, None, None] * direction", "numpy.clip"),
     ("steps_along", "return", "np.clip(u - gammas[:, None, None] * direction, -1, 1)", "lower and the upper"),
-    ("alternate", "t // period % len", "t % len", "a a a b b b a"),
-    ("alternate", "% len(references)", "% 2", "a b c a b c a"),
-    ("alternate", "references[t // period % len(references)]", "references[0]", "got a a a a a a a"),
-    ("alternate", "return policy(observation)", "return policy(0.0)", "pass the observation on"),
     ("random_shooting", "candidates[0] = start", "pass", "the start is a sequence to try"),
     ("random_shooting", "(count, *np.shape(start))", "(count + 1, *np.shape(start))", "was asked about 201"),
     ("random_shooting", "predict_loss(candidates)", "[predict_loss(u[None])[0] for u in candidates]", "200 calls"),
@@ -226,10 +222,6 @@ SLIPS = [
     ("one_outcome", "1 - k**2 / (1 + noise)", "k**2 / (1 + noise)", "asked is what is left"),
     ("one_outcome", "1 - k**2 / (1 + noise)", "1 - k / (1 + noise)", "k enters twice"),
     ("one_outcome", "1 - k**2 / (1 + noise)", "(1 - k**2 / (1 + noise)) ** 0.5", "asked is the variance"),
-    ("practise_then_perform", "t < periods * period", "t <= periods * period", "stops after 25 steps"),
-    ("practise_then_perform", "t < periods * period", "t < periods", "stops after 3 steps"),
-    ("practise_then_perform", "t < periods * period", "t != periods * period", "goes on performing"),
-    ("practise_then_perform", "return policy(observation)", "return policy(t)", "pass the observation on"),
     ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
     ("sign_flip_share", ">= d.mean() - 1e-12", ">= d.mean()", "within 1e-12"),
     ("sign_flip_share", "np.array(means) >= d", "np.abs(means) >= d", "not those that are as far from 0"),
@@ -288,11 +280,9 @@ RIGHTS = [
     ("momentum_step", "return", "[(p - rate * v).tolist(), v.astype(np.float32)]"),
     ("my_mask", "return", "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))"),
     ("steps_along", "np.linalg.norm(g)", "np.sqrt((g**2).sum())"),
-    ("alternate", "t = 0", "t, references = 0, torch.stack(references)"),
     ("random_shooting", "candidates[0] = start", "candidates[-1] = start"),
     ("shaken", "return call", "return lambda observation, *more: list(call(observation).astype(np.float32))"),
     ("one_outcome", "return", "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]"),
-    ("practise_then_perform", "t < periods * period", "t // period < periods"),
     ("sign_flip_share", "(1, -1)", "(1, 0)"),
 ]
 
@@ -335,7 +325,7 @@ def test_a_check_wants_the_function_itself():
 
 ODD = [None, "three", float("nan"), np.inf, 1j, (), range(9), [[1], [2, 3]], {"a": 1}, dict, np.array("three")]
 ODD += [np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), (k for k in range(3)), ["1", "2"], (np.zeros(2), None)]
-POLICIES = {"wave", "alternate", "shaken", "practise_then_perform"}
+POLICIES = {"wave", "shaken"}
 
 
 def fails(*args, **kwargs):

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
-from clothlab.checks._check import CheckFailed, array, check, expect, policy
+from clothlab.checks._check import CheckFailed, array, check, expect
 from clothlab.learning.control import ControlSettings, period_mask
 
 
@@ -54,32 +53,6 @@ def steps_along(answer: Callable) -> None:
     outside = "a command left its range: use numpy.clip, with the lower and the upper that you are given"
     assert np.all((far >= lower - 1e-6) & (far <= upper + 1e-6)), outside
     expect(far, clipped, "only the commands that leave their range are changed: use numpy.clip")
-
-
-_REFERENCES = dict(zip("abc", torch.eye(3), strict=True))
-
-
-class _Recorder:
-    """Stands in for a controller: its commands tell which of three references it was given, and what it observed."""
-
-    z_ref = None
-
-    def __call__(self, observation: float) -> list[float]:
-        given = [k for k, z in enumerate(_REFERENCES.values()) if np.array_equal(np.asarray(self.z_ref), z)]
-        return [given[0] if given else -1, observation]
-
-
-@check(policy(2))
-def alternate(answer: Callable) -> None:
-    """Seven solves of a period of three with two references, then of a period of one with three."""
-    for names, period, wanted in (("ab", 3, "aaabbba"), ("abc", 1, "abcabca")):
-        solve = answer(_Recorder(), [_REFERENCES[name].clone() for name in names], period=period)
-        commands = np.array([solve(float(t)) for t in range(7)])
-        found = "".join("abc?"[int(command)] for command in commands[:, 0])
-        message = f"with a period of {period} the references are {' '.join(wanted)}, got {' '.join(found)}"
-        message += "; set z_ref before the policy is asked" if found == "?" + wanted[:-1] else ""
-        assert found == wanted, message
-        assert np.array_equal(commands[:, 1], range(7)), "pass the observation on to the policy"
 
 
 class _Bowl:
