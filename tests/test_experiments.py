@@ -11,6 +11,7 @@ from clothlab.experiments._grid import grid, shared
 
 TINY = {
     "reconstruction": {},
+    "latent_size": {"latent_size": 2, "epochs": 1},
     "chamfer": {"target": "target-2", "steps": 6},
     "self_organisation": {"model": 0},
     "estimation": {"model": 1, "repeat": 0, "cloth": ["damp0.03-mass0.15", "between-light"], "steps": 14},
@@ -65,6 +66,7 @@ SLOW = {
     "estimation",
     "foam_estimation",
     "chamfer",
+    "latent_size",
     "stiffness_ellipse",
 }
 

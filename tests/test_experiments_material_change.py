@@ -14,7 +14,7 @@ from clothlab.trials import rollout
 LIGHT, HEAVY = "damp0.03-mass0.05", "damp0.07-mass0.15"
 
 
-@pytest.mark.parametrize(("after", "periods"), [([3.0, 0.9, 0.14, 0.1], 3), ([3.0, 2.0, 0.9, 0.2], 5)])
+@pytest.mark.parametrize(("after", "periods"), [([3.0, 0.1, 0.9, 0.14, 0.1], 2), ([3.0, 2.0, 0.1, 0.2, 0.2], 6)])
 def test_recovery_counts_periods_until_the_old_distance_times_one_and_a_half(after, periods):
     assert recovery(np.array([2.0, 0.1, 0.1, 0.1, 0.1, 0.1, *after]), before=6) == periods
 

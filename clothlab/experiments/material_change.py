@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.lib.stride_tricks import sliding_window_view
 
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, difference_interval, target_distance
@@ -77,22 +78,26 @@ def _run_one(
 def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
     """Periods after a change until the old distance times 1.5 is reached again; all of them and one more if never.
 
-    The first period of all is not in `best`; and the last plan with the old material is seen at its end, in the next.
+    It is reached where the median of three periods in a row is below: one of them may be near by luck. The first period
+    of all is not in `best`; and the last plan with the old material is seen at its end, in the next.
     """
     old, new = best[:before], best[before:]
-    near = np.flatnonzero(new <= 1.5 * np.median(old[_OLD]))
+    near = np.flatnonzero(np.median(sliding_window_view(new, 3), axis=1) <= 1.5 * np.median(old[_OLD]))
     return int(near[0]) + 1 if len(near) else len(new) + 1
 
 
 def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any) -> list[Case]:
-    """From both ends of the recorded scale; new cloths take turns."""
+    """From both ends of the recorded scale to the new cloths in the other half of it, which take turns."""
     found = []
-    for arm, ends in {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}.items():
+    for arm, (light, heavy) in {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}.items():
+        new = [cloth.name for cloth in sorted(NEW[arm], key=lambda cloth: cloth.point_mass)]
+        changes = [
+            change for pair in zip(new[4:], new[:4], strict=True) for change in zip((light, heavy), pair, strict=True)
+        ]
         for turn in grid(model=model, repeat=repeat):
-            k = 4 * turn["model"] + turn["repeat"]
-            second = NEW[arm][k % len(NEW[arm])].name
+            first, second = changes[(4 * turn["model"] + turn["repeat"]) % len(changes)]
             found += grid(
-                estimated=(True, False), arm=arm, target=TARGETS[arm], first=ends[k % 2], second=second, **turn, **same
+                estimated=(True, False), arm=arm, target=TARGETS[arm], first=first, second=second, **turn, **same
             )
     return found
 

@@ -67,6 +67,7 @@ class AutoencoderTraining(Checked):
     epochs: int = setting(60, at_least=1)
     batch_size: int = setting(64, at_least=2)  # images
     learning_rate: float = setting(2e-3, above=0)  # at the start; it falls to zero along a cosine
+    latent_size: int = setting(3, at_least=1)  # D_z
 
 
 def train_autoencoder(
@@ -86,7 +87,7 @@ def train_autoencoder(
     if images.ndim != 3 or len(images) < size:
         raise ValueError(f"training takes images [B, H, W], one batch of {size} or more, got {list(images.shape)}")
     with training(seed):
-        model = Autoencoder().to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        model = Autoencoder(settings.latent_size).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         data = torch.as_tensor(images).unsqueeze(1).to(device)
 
         def loss(index: Tensor) -> Tensor:
