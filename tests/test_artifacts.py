@@ -226,12 +226,6 @@ def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(d
         artifacts.load_trials("train-more", data=data)
 
 
-def test_a_damaged_list_of_hashes_is_named(data):
-    (data / "SHA256SUMS").write_text("hm\n")
-    with pytest.raises(ValueError, match=r"SHA256SUMS is damaged or holds no list of hashes"):
-        artifacts.load("torque-0", data=data)
-
-
 def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(data, trained, square, full_disk):
     before = contents(data)
     for name, save in {

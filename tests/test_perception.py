@@ -10,7 +10,6 @@ from clothlab.simulation.env import Scene
 from clothlab.table_scene.perception import (
     NotVisibleError,
     PointCloud,
-    _basket_distance,
     capture_point_cloud,
     find_bar,
     find_basket,
@@ -18,7 +17,7 @@ from clothlab.table_scene.perception import (
     find_cloth_edge,
     find_cloth_pose,
 )
-from clothlab.table_scene.scene import Basket, Furniture, build_spec
+from clothlab.table_scene.scene import Furniture, build_spec
 from clothlab.table_scene.table_env import TableEnv
 
 pytestmark = pytest.mark.slow  # a scene with depth pictures
@@ -154,18 +153,3 @@ def test_what_is_not_there_is_not_visible(env):
 def test_a_part_of_an_edge_and_other_colours_are_refused(cloud, message):
     with pytest.raises(NotVisibleError, match=message):
         find_cloth_edge(cloud)
-
-
-def test_pixels_behind_the_outline_do_not_move_the_edge():
-    behind = sheet((1.9, 0, 1.6), length=0.02)  # coloured like the cloth, as far away as the wall
-    ends = find_cloth_edge(cloud_of(np.concatenate([sheet(), behind]), RED))
-    assert ends.mean(axis=0) == pytest.approx([0.8, 0.0, 1.2], abs=0.01)
-
-
-def test_distances_to_a_basket_that_are_known():
-    x, y, z = Basket.size
-    leg, rod = Basket.handle_width / 2, Basket.handle_height
-    points = np.array([[x, 0, 0.05], [0, 0, z / 2], [0, 0, rod + 0.05], [0, leg, 0.15], [x / 2, y / 2, z]])
-    expected = [x / 2, -z / 2, 0.05 - Basket.handle_radius, -Basket.handle_radius, 0.0]
-    turned = points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [1, 2, 3]
-    assert _basket_distance(turned, np.array([1.0, 2, 3]), np.pi / 2) == pytest.approx(expected, abs=1e-12)

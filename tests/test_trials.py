@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from clothlab.experiments.motion import MotionWatch, replay
+from clothlab.experiments.motion import replay
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import ClothEnv
@@ -65,18 +65,6 @@ def test_a_replay_repeats_the_recorded_run(arm, trial, muscle_trial):
         assert motion.theta[49::50][:-1] == pytest.approx(trial.robot[1:, :2], abs=1e-6)
     moved = np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()
     assert np.trapezoid(motion.hand_speed, motion.time) == pytest.approx(moved, rel=0.01)
-
-
-def test_a_replay_with_another_arm_is_another_run(muscle_trial):
-    stiffer = replace(get_arm("muscle"), spring_linear=2000.0)
-    same, other = replay(muscle_trial[:3]), replay(muscle_trial[:3], arm=stiffer)
-    assert not np.allclose(same.hand, other.hand)
-
-
-def test_a_motion_that_is_watched_while_it_happens_is_that_of_the_replay(env):
-    watch = MotionWatch(env)
-    trial = rollout(env, RandomPolicy(env.arm), 3, watch=watch, samples=10)
-    assert np.array_equal(watch.hand, replay(trial, samples=10).hand)
 
 
 def test_a_replay_that_starts_elsewhere_is_refused(env):

@@ -87,7 +87,8 @@ def train_autoencoder(
     if images.ndim != 3 or len(images) < size:
         raise ValueError(f"training takes images [B, H, W], one batch of {size} or more, got {list(images.shape)}")
     with training(seed):
-        model = Autoencoder(settings.latent_size).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        model = Autoencoder(settings.latent_size).to(device)
+        model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         data = torch.as_tensor(images).unsqueeze(1).to(device)
 
         def loss(index: Tensor) -> Tensor:

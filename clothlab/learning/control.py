@@ -35,9 +35,7 @@ class ControlSettings(Checked):
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
     tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
-    warm_start: str = setting(
-        "last"
-    )  # a plan goes on with its "last" command (paper), or "periodic": that of a period ago
+    warm_start: str = setting("last")  # command after a plan's end: its "last" (paper), or "periodic": a period ago's
 
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
