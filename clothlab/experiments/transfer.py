@@ -19,6 +19,8 @@ from clothlab.experiments import ablations
 from clothlab.experiments._grid import Case, Experiment, Tables, grid, shared
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import (
+    HEAVY,
+    LIGHT,
     NEW,
     best_iou,
     config_of,
@@ -39,6 +41,7 @@ from clothlab.policies import Policy, ReplayPolicy
 
 _EXCITED = 200  # [step] of random commands from which p is estimated
 NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
+PAPERS_CLOTHS = {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-1")}  # its figures on control have these
 TARGETS = {"torque": ("target-1", "target-2"), "muscle": ("muscle",)}
 REPLAYS = {  # which recordings are asked for the nearest one: (their cloths' p, this one's name, its p) → whether
     "replay, this cloth": lambda biases, cloth, p: {cloth},
@@ -223,7 +226,11 @@ def _arm_rows(arm: str, table: pd.DataFrame) -> list[Row]:
     label = f"{where}: over the nearest recording of another cloth"
     found.append(Row(f"transfer/{arm}/replay", label, best / mean(_FIRST_OTHERS[0]), at_most=0.5))
     label = f"{arm} arm, recorded cloths, first throw: distance over random commands'"
-    value, note = mean(CHOSEN, "right", new=False), f"replay {mean('replay, this cloth', 'right', new=False):.2f}"
+    known = ((CHOSEN, "right"), ("replay, this cloth", "right"))
+    value, replay = (mean(*method, new=False) for method in known)
+    of_paper = table[table["cloth"].isin(PAPERS_CLOTHS[arm])]
+    theirs = (float(over_random(select(of_paper, *each, new=False).query("periods == 2")).mean()) for each in known)
+    note = "replay {:.2f}; the paper's two cloths {:.2f}, replay {:.2f}".format(replay, *theirs)
     found.append(Row(f"transfer/{arm}/recorded", label, value, at_most=0.06, note=note))
     tenth, last = (mean(CHOSEN, "right", period=k, new=False) for k in (10, 30))
     label = f"{arm} arm, recorded cloths, after ten periods: distance over random commands'"
