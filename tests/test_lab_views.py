@@ -1,11 +1,13 @@
 """What the panel shows is plain data, made of what the session holds."""
 
+import contextlib
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from clothlab import artifacts, experiments
 from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.session import SETUPS, LiveSession
@@ -127,3 +129,12 @@ def test_the_verdict_says_whether_the_autoencoder_reproduces_the_target(session,
     session.set_target(np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0)
     assert not shown.target()["known"]
     assert shown.target()["verdict"] == "Not reachable. The autoencoder does not reproduce it."
+
+
+def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator():
+    searched = experiments.load("oracle_transfer").query("overlap")
+    with contextlib.closing(LiveSession()) as session:
+        for target, best in zip(searched["target"], searched["iou"].map(np.max), strict=True):
+            session.set_target(artifacts.load_target(target))
+            verdict = views.Views(session).target()["verdict"]
+            assert best < 0.55 if verdict.startswith("Not reachable") else best >= 0.5, (target, verdict, best)

@@ -87,7 +87,7 @@ def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
 
 
 def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any) -> list[Case]:
-    """From both ends of the recorded scale to the new cloths in the other half of it, which take turns."""
+    """From both ends of the recorded scale to the new cloths in the other half of it, which take turns, as targets do."""
     found = []
     for arm, (light, heavy) in {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}.items():
         new = [cloth.name for cloth in sorted(NEW[arm], key=lambda cloth: cloth.point_mass)]
@@ -95,10 +95,10 @@ def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **
             change for pair in zip(new[4:], new[:4], strict=True) for change in zip((light, heavy), pair, strict=True)
         ]
         for turn in grid(model=model, repeat=repeat):
-            first, second = changes[(4 * turn["model"] + turn["repeat"]) % len(changes)]
-            found += grid(
-                estimated=(True, False), arm=arm, target=TARGETS[arm], first=first, second=second, **turn, **same
-            )
+            k, targets = 4 * turn["model"] + turn["repeat"], TARGETS[arm]
+            first, second = changes[k % len(changes)]
+            axes = {"target": targets[k // len(changes) % len(targets)], "first": first, "second": second}
+            found += grid(estimated=(True, False), arm=arm, **axes, **turn, **same)
     return found
 
 
