@@ -87,7 +87,7 @@ def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
 
 
 def _cases(model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any) -> list[Case]:
-    """From both ends of the recorded scale to the new cloths in the other half of it, which take turns, as targets do."""
+    """From both ends of the recorded scale to the new cloths in the other half, which take turns, as targets do."""
     found = []
     for arm, (light, heavy) in {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}.items():
         new = [cloth.name for cloth in sorted(NEW[arm], key=lambda cloth: cloth.point_mass)]
