@@ -83,6 +83,6 @@ def _chamfer_rows(tables: Tables) -> list[Row]:
 _PAPER, _TARGETS = {"weights": "torque-paper"}, ("target-1", "target-2")
 EXPERIMENTS = (
     Experiment("reconstruction", _reconstruct, over(), seconds=10, paper=_PAPER, rows=_reconstruction_rows),
-    Experiment("latent_size", _train, over(latent_size=(3, 6, 12)), seconds=300, slow=True, rows=_latent_rows),
+    Experiment("latent_size", _train, over(latent_size=(2, 3, 4, 6, 12)), seconds=300, slow=True, rows=_latent_rows),
     Experiment("chamfer", _compare, over(target=_TARGETS), seconds=8, paper=_PAPER, rows=_chamfer_rows),
 )
