@@ -30,6 +30,7 @@ SHOWN = {
     "11": 3,
     "12": 3,
     "13": 3,
+    "16": 3,
 }  # not a notebook's first figure
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
