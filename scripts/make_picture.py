@@ -19,19 +19,8 @@ from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
-SHOWN = {
-    "01": 1,
-    "02": 4,
-    "03": 2,
-    "04": 9,
-    "05": 5,
-    "08": 3,
-    "10": 7,
-    "11": 3,
-    "12": 3,
-    "13": 3,
-    "16": 3,
-}  # not a notebook's first figure
+# Not a notebook's first figure.
+SHOWN = {"01": 1, "02": 4, "03": 2, "04": 9, "05": 5, "08": 3, "10": 7, "11": 3, "12": 3, "13": 3, "16": 3}
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
 
