@@ -41,6 +41,6 @@ def test_a_row_is_estimated_or_not(monkeypatch):
         material_change, "recorded_runs", lambda learned: _runs._encoded(learned.autoencoder_name, "train")
     )
     for estimated in (True, False):
-        row = material_change._run_one(estimated, "torque", "target-1", LIGHT, "damp0.06-mass0.13", 0, 0, 3, 2)
-        assert row["best"].shape == (4,)
-        assert 1 <= row["recovery"] <= 3
+        row = material_change._run_one(estimated, "torque", "target-1", LIGHT, "damp0.06-mass0.13", 0, 0, 3, 4)
+        assert row["best"].shape == (6,)
+        assert 1 <= row["recovery"] <= 4

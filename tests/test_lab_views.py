@@ -131,7 +131,8 @@ def test_the_verdict_says_whether_the_autoencoder_reproduces_the_target(session,
     assert shown.target()["verdict"] == "Not reachable. The autoencoder does not reproduce it."
 
 
-def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator():
+def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(monkeypatch):
+    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)  # as outside of tests
     searched = experiments.load("oracle_transfer").query("overlap")
     with contextlib.closing(LiveSession()) as session:
         for target, best in zip(searched["target"], searched["iou"].map(np.max), strict=True):

@@ -220,7 +220,6 @@ def _differences(table: pd.DataFrame) -> list[Row]:
     paper, held = select(table, PAPERS), select(table, PAPERS, f_const=10.0)
     says: dict[str, Any] = {"paper": "Correct better", "below": 0.0}
     pairs = [
-        (f"{PAPERS} minus random commands", paper, select(table, RANDOM), says),
         (f"{PAPERS} minus the same with a wrong p", paper, select(table, PAPERS, "wrong"), says),
         (f"{PAPERS} minus the same held at 10 N", paper, held, says),
     ]

@@ -231,11 +231,10 @@ def _arm_rows(arm: str, table: pd.DataFrame) -> list[Row]:
     value, replay = (mean(*method, new=False) for method in known)
     of_paper = table[table["cloth"].isin(PAPERS_CLOTHS[arm])]
     theirs = (float(over_random(select(of_paper, *each, new=False).query("periods == 2")).mean()) for each in known)
-    note = "replay {:.2f}; the paper's two cloths {:.2f}, replay {:.2f}".format(replay, *theirs)
+    note = "replay {:.2f}; the paper's two cloths {:.2f}, replay {:.2f}; ".format(replay, *theirs)
+    note += "; ".join(f"period {k}: {mean(CHOSEN, 'right', period=k, new=False):.2f}" for k in (10, 30))
     found.append(Row(f"transfer/{arm}/recorded", label, value, at_most=0.06, note=note))
-    tenth, last = (mean(CHOSEN, "right", period=k, new=False) for k in (10, 30))
-    label = f"{arm} arm, recorded cloths, after ten periods: distance over random commands'"
-    return [*found, Row(f"transfer/{arm}/ten", label, tenth, at_most=0.04, note=f"period 30: {last:.2f}")]
+    return found
 
 
 def _new_targets(table: pd.DataFrame) -> list[Row]:
