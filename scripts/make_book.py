@@ -13,13 +13,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import nbformat
-from make_editions import ROOT, student_edition, without_solutions
+from make_editions import ROOT, student_edition, without
 
 from clothlab._files import write_bytes
 
 BUILD = ROOT / "build"
 WIDGET = "application/vnd.jupyter.widget-view+json"
-FOLDED = {"solution": "a solution", "plot": "the code of this figure", "claim": "the condition that was checked"}
+FOLDED = {"solution": "a solution", "plot": "the code of this figure"}
 PAGES = ("*.md", "LICENSE", "data/README.md", "docs/*.*", "docs/course/*", "docs/gallery/*")
 
 
@@ -35,7 +35,7 @@ def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
 
 def web_page(notebook: nbformat.NotebookNode, name: str, *, student: bool) -> nbformat.NotebookNode:
     """A notebook with outputs as the site shows it, with the file of this name to download."""
-    page = without_answers(notebook) if student else copy.deepcopy(notebook)
+    page = without(without_answers(notebook) if student else copy.deepcopy(notebook), "claim")
     page.metadata.pop("widgets", None)  # or their library would be fetched
     for cell in page.cells:
         if cell.cell_type != "code":
@@ -64,7 +64,7 @@ def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
             answered = False
         elif answered := answered or bool({"stub", "solution"} & set(cell.metadata.get("tags", []))):
             cell.outputs = []
-    return without_solutions(edition)
+    return without(edition, "solution")
 
 
 def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]:

@@ -24,11 +24,11 @@ CELL_SECONDS = 600  # [s] a cell that takes longer has hung
 
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The notebook without its solutions: each check then finds the stub, and says what to do.
+    """The notebook without its solutions and claims: each check then finds the stub, and says what to do.
 
     From the first stub on, an error stops no "Run all": what follows an exercise that is not solved is seen, too.
     """
-    edition = without_solutions(_moved(notebook))
+    edition = without(_moved(notebook), "solution", "claim")
     unsolved = False
     for cell in edition.cells:
         if unsolved and cell.cell_type == "code":
@@ -37,9 +37,9 @@ def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     return edition
 
 
-def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The notebook itself, whose solutions are gone."""
-    notebook.cells = [cell for cell in notebook.cells if "solution" not in cell.metadata.get("tags", [])]
+def without(notebook: nbformat.NotebookNode, *tags: str) -> nbformat.NotebookNode:
+    """The notebook itself, whose cells with one of these tags are gone."""
+    notebook.cells = [cell for cell in notebook.cells if not {*tags} & {*cell.metadata.get("tags", [])}]
     return notebook
 
 

@@ -13,7 +13,6 @@ import clothlab
 ROOT = Path(clothlab.__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PARTS = ("**Goals**", "**Prerequisites**: ", "**Working time**: ", "**Running time**: ")
-FINDING = re.compile(r"^\*\*(Finding|Paper and here)\*\*", re.MULTILINE)
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
@@ -43,23 +42,69 @@ def test_it_begins_and_ends_as_all_do(path):
     assert titles[-3:] == ["## Exercises", "## Summary", "## References"]
 
 
+def visible(path):
+    """Code that a reader sees: neither folded nor a condition."""
+    return [cell.source for cell in cells(path, "code") if not cell.metadata.get("jupyter", {}).get("source_hidden")]
+
+
+def lines(sources):
+    return [line for source in sources for line in source.splitlines() if line.strip()]
+
+
+def nested(source):
+    """Whether a comprehension stands within another one."""
+    kinds = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+    found = [node for node in ast.walk(ast.parse(source)) if isinstance(node, kinds)]
+    return any(isinstance(inner, kinds) for node in found for inner in ast.walk(node) if inner is not node)
+
+
 @each_notebook
 def test_cells_are_read_at_a_glance(path):
-    assert [cell.source for cell in cells(path, "code") if len(cell.source.splitlines()) > 20] == []
+    code = cells(path, "code")
+    assert [cell.source for cell in code if len(cell.source.splitlines()) > 20 and "claim" not in tags(cell)] == []
+    assert [line for line in lines(cell.source for cell in code) if len(line) > 80] == []
+    assert [source for source in visible(path) if nested(source)] == []
 
 
 @each_notebook
-def test_every_finding_is_followed_by_its_condition_and_types_no_figure(path):
+def test_headings_open_their_cells_and_imports_come_before_parameters(path):
+    texts = [cell.source for cell in cells(path, "markdown")]
+    assert [text for text in texts if re.search(r"(?<!^)^#{1,4} ", text, re.MULTILINE)] == []
+    first, *_ = code = cells(path, "code")
+    assert re.match("(import|from) ", first.source)
+    assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [1])
+
+
+@each_notebook
+def test_every_finding_has_a_condition_in_the_last_cell_and_types_no_figure(path):
     found = cells(path)
-    claims = [k for k, cell in enumerate(found) if "claim" in tags(cell)]
-    findings = [k for k, cell in enumerate(found) if cell.cell_type == "markdown" and FINDING.search(cell.source)]
-    assert claims == [k + 1 for k in findings] != []
-    for k in claims:
-        assert re.search(r"findings\.(stored|live)\(", found[k].source)
-        assert found[k].metadata.jupyter.source_hidden, "a condition is folded"
-        for paragraph in found[k - 1].source.split("\n\n"):
-            typed = re.search(r"\d\.\d|\d ?%|\d per cent", paragraph)
-            assert not (typed and paragraph.startswith("**Finding**")), f"a figure is typed: {paragraph[:80]!r}"
+    texts = [cell.source for cell in found if cell.cell_type == "markdown"]
+    findings = [each for text in texts for each in text.split("\n\n") if each.startswith("**Finding")]
+    assert [each for each in findings if re.search(r"\d\.\d|\d ?%|\d per cent", each)] == []
+    claims = [cell for cell in found if "claim" in tags(cell)]
+    if findings or claims:
+        assert claims == [found[-1]], "conditions stand in one cell, the last one"
+        assert len(re.findall(r"findings\.(?:stored|live)\(", claims[0].source)) >= len(findings) > 0
+        assert claims[0].metadata.jupyter.source_hidden, "conditions are folded"
+        assert len(lines([claims[0].source])) <= 0.15 * len(lines(cell.source for cell in cells(path, "code")))
+    assert [source for source in visible(path) if re.search(r"Findings\(|full_size|set_num_threads", source)] == []
+
+
+@each_notebook
+def test_what_a_reader_may_change_has_an_expected_answer(path):
+    texts = [cell.source for cell in cells(path, "markdown") if "**Change this**" in cell.source]
+    assert [text[:60] for text in texts if "<details>" not in text] == []
+
+
+WORDS = r"\bpromis\w*|told apart|\bwhoever\b|\bnobody\b|\beyes\b|\bcame of (?:it|them)\b|\bbold\b"
+
+
+@each_notebook
+def test_words_are_the_fields(path):
+    assert [
+        text for cell in cells(path, "markdown") for text in re.findall(rf".{{0,30}}(?:{WORDS})", cell.source)
+    ] == []
+    assert not any(r"\boldsymbol" in cell.source or r"\mathbf" in cell.source for cell in cells(path, "markdown"))
 
 
 def parameters(path):
@@ -98,7 +143,7 @@ def test_nothing_stalls_the_runner_or_swallows_errors(path):
         assert not re.search(r"\binteract\w*\(|\bOutput\(", each), "use clothlab.lab.Control"
         assert not any(isinstance(node, ast.Try) for node in ast.walk(ast.parse(each))), "an error must show"
     for name in {name for each in code for name in re.findall(r"^(\w+) = (?:Control|LivePanel)\(", each, re.MULTILINE)}:
-        assert any(re.search(rf"^{name}\.check\(\)", each, re.MULTILINE) for each in code), f"{name}.check() is missing"
+        assert re.search(rf"^{name}\.check\(\)", code[-1], re.MULTILINE), f"{name}.check() is missing"
 
 
 @each_notebook
