@@ -144,7 +144,7 @@ def bench_lab() -> Iterator[Row]:
         lab.wait()
         browser = stack.enter_context(sync_playwright()).chromium.launch(**launch_options())
         page = browser.new_page(viewport={"width": 1500, "height": 1100})
-        seconds = Notebook(lab, page, "14_live_lab.ipynb").start_panel()
+        seconds = Notebook(lab, page, "08_live_lab.ipynb").start_panel()
     yield "live lab, from run all to a moving robot [s]", seconds, "≤ 15", ""
 
 

@@ -18,7 +18,7 @@ from nbformat.v4 import new_markdown_cell
 
 from clothlab._files import write_bytes
 
-DECKS = ("06", "08", "10", "11")
+DECKS = ("03", "05", "07", "11")
 LETTERS = 900  # of text on a slide
 LEFT_OUT = re.compile(r"#+ (Exercise|References)")
 

@@ -105,7 +105,7 @@ class ModelTraining(Checked):
     batch_size: int = setting(300, at_least=1)  # sequences
     sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
     bias_size: int = setting(2, at_least=0)  # D_p
-    # The paper stops here. What follows keeps a large network from learning 4,500 steps by heart (notebook 05).
+    # The paper stops here. What follows keeps a large network from learning 4,500 steps by heart (notebook 04).
     stride: int = setting(5, "step", at_least=1)  # between the starts of overlapping sequences
     learning_rate: float = setting(2e-3, above=0)  # of W; falls to zero along a cosine
     bias_learning_rate: float = setting(6e-3, above=0)  # of p, whose few numbers must travel far

@@ -23,7 +23,7 @@ _LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
 @dataclass(frozen=True)
 class EstimationSettings(Checked):
-    """Momentum SGD on p. The paper names the rule and no numbers; these are this project's, see notebook 07."""
+    """Momentum SGD on p. The paper names the rule and no numbers; these are this project's, see notebook 06."""
 
     rate: float = setting(0.1, above=0)
     momentum: float = setting(0.9, at_least=0, at_most=1)

@@ -69,7 +69,7 @@ def test_a_search_finds_the_page(site, visit):
     page = visit(site / "search.html")
     page.get_by_role("searchbox").or_(page.locator("input[name=q]")).last.fill("chamfer")
     page.keyboard.press("Enter")
-    expect(page.locator("#search-results a").filter(has_text="Seeing the cloth").first).to_be_visible(timeout=15_000)
+    expect(page.locator("#search-results a").filter(has_text="Data and images").first).to_be_visible(timeout=15_000)
 
 
 def test_a_solution_is_folded_and_opens_and_videos_wait(site, visit):

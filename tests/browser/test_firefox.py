@@ -97,7 +97,7 @@ def firefox(tmp_path):
 
 
 def test_the_live_lab_moves_and_answers_in_firefox(lab, firefox):
-    name = "14_live_lab.ipynb"
+    name = "08_live_lab.ipynb"
     firefox.open(f"http://localhost:{lab.port}/lab/tree/{name}?token=t&reset")
     firefox.until("document.querySelectorAll('.jp-Notebook .jp-Cell').length > 3")
     end = time.monotonic() + 60

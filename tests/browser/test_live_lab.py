@@ -1,4 +1,4 @@
-"""Notebook 14 in JupyterLab in a real browser, as a student would use it: one page and one panel for all checks."""
+"""Notebook 08 in JupyterLab in a real browser, as a student would use it: one page and one panel for all checks."""
 
 import json
 import os
@@ -45,7 +45,7 @@ BURST = 30  # presses in a row, as fast as they come
 @pytest.fixture(scope="module")
 def live_lab(open_notebook, page):
     page.add_init_script(GAMEPAD)
-    notebook = open_notebook("14_live_lab.ipynb")
+    notebook = open_notebook("08_live_lab.ipynb")
     print(f"from run all to a moving robot: {notebook.start_panel():.1f} s")
     yield notebook
     notebook.evaluate("panel.close()")
