@@ -7,15 +7,14 @@ notebook's checks stand in the file of its name.
 
 from clothlab.checks._check import CheckFailed
 from clothlab.checks.cloth_simulation import count_springs, euler_step
-from clothlab.checks.collecting_data import wave
 from clothlab.checks.control import my_mask, random_shooting, steps_along
+from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, linear_reconstruction, training_step
 from clothlab.checks.estimate_and_control import shaken
 from clothlab.checks.online_estimation import curvature, momentum_step
 from clothlab.checks.parametric_bias import shares_by_hand
 from clothlab.checks.practice import one_outcome
 from clothlab.checks.predictive_model import influence
 from clothlab.checks.results import verdict
-from clothlab.checks.seeing_the_cloth import chamfer_by_hand, handmade, linear_reconstruction
 from clothlab.checks.start_here import best_moment
 from clothlab.checks.stiff_when_it_helps import sign_flip_share
 from clothlab.checks.table_setting import plane_of_most, point_of_pixel
