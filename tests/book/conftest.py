@@ -10,7 +10,15 @@ SITES = {"instructor": ROOT / "build" / "book" / "html", "student": ROOT / "buil
 
 
 ALL = "CLOTHLAB_PAGES" in os.environ  # `make nightly` asks for it; else a page of each kind stands for its kind
-KINDS = {"index", "README", "results", "syllabus", "03_data_and_images", "07_model_predictive_control", "clothlab.learning.control"}
+KINDS = {
+    "index",
+    "README",
+    "results",
+    "syllabus",
+    "03_data_and_images",
+    "07_model_predictive_control",
+    "clothlab.learning.control",
+}
 
 
 def pytest_generate_tests(metafunc):
