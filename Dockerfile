@@ -1,4 +1,4 @@
-# The notebooks in JupyterLab, for who can't install them: by `docker build` and `docker run` (README), or on Binder, which
+# The notebooks in JupyterLab, for those who can't install them: by `docker build` and `docker run` (README), or on Binder, which
 # passes NB_USER and NB_UID. It holds what environment.txt pins, and runs as a user without rights.
 FROM python:3.11-slim-bookworm
 

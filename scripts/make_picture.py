@@ -19,8 +19,6 @@ from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
-# Not a notebook's first figure.
-SHOWN = {"01": 1, "02": 4, "03": 2, "04": 9, "05": 5, "08": 3, "10": 7, "11": 3, "12": 3, "13": 3, "16": 3}
 CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
 HEIGHT, WIDTH = 288, 384  # [pixel]
 
@@ -33,12 +31,13 @@ def labelled(mask: np.ndarray, text: str) -> np.ndarray:
 
 
 def gallery() -> None:
-    """Write `docs/gallery/NN.png`, one small figure of each notebook."""
+    """Write `docs/gallery/NN.png`, of each notebook the figure of its cell tagged `gallery`, or its first."""
     for path in sorted((ROOT / "build" / "small").glob("*.ipynb")):
-        outputs = [each for cell in nbformat.read(path, as_version=4).cells for each in cell.get("outputs", [])]
-        figures = [each.data["image/png"] for each in outputs if "image/png" in each.get("data", {})]
-        chosen = figures[SHOWN.get(path.stem[:2], 0)]
-        picture = Image.open(io.BytesIO(base64.b64decode(chosen))).convert("RGB")
+        cells = nbformat.read(path, as_version=4).cells
+        tagged = [cell for cell in cells if "gallery" in cell.metadata.get("tags", [])]
+        outputs = [each for cell in tagged or cells for each in cell.get("outputs", [])]
+        first = next(each.data["image/png"] for each in outputs if "image/png" in each.get("data", {}))
+        picture = Image.open(io.BytesIO(base64.b64decode(first))).convert("RGB")
         picture.thumbnail(GALLERY_SIZE)
         target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
         target.parent.mkdir(exist_ok=True)

@@ -64,7 +64,7 @@ def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
     [
         (-0.4, None, {"below": 0}, "holds"),
         (0.1, None, {"below": 0}, "does not hold"),
-        (-0.1, (-0.2, 0.1), {"below": 0}, "not told apart"),
+        (-0.1, (-0.2, 0.1), {"below": 0}, "not significant"),
         (-0.4, (-0.5, -0.3), {"below": 0}, "holds"),
         (3.8, (1.0, 7.0), {"above": 10}, "does not hold"),
         (0.4, (0.3, 0.5), {}, "–"),

@@ -1,4 +1,4 @@
-"""The phases of setting a table: what each does, what stops it, and what became of it then."""
+"""The phases of setting a table: what each does, what stops it, and its outcome."""
 
 import numpy as np
 import pytest

@@ -32,11 +32,11 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """Whether what the paper says holds: "not told apart" where the 95 % interval leaves it open."""
+        """Whether what the paper says holds: "not significant" where the 95 % interval leaves it open."""
         if self.above is None and self.below is None:
             return "–"
         ends = {self._holds(end) for end in self.interval or (self.value,)}
-        return "not told apart" if len(ends) > 1 else {True: "holds", False: "does not hold"}[ends.pop()]
+        return "not significant" if len(ends) > 1 else {True: "holds", False: "does not hold"}[ends.pop()]
 
     def _holds(self, value: float) -> bool:
         return (self.above is None or value > self.above) and (self.below is None or value < self.below)

@@ -113,7 +113,7 @@ def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, 
 
 
 class RecordedPlans(NamedTuple):
-    """Stretches of recorded commands, and what came of them."""
+    """Stretches of recorded commands, and the states that followed."""
 
     u: np.ndarray  # [N, T, D_u]
     distance: np.ndarray  # of what was seen after the last command to a target [N] [s.d. of z]

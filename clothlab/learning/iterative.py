@@ -6,7 +6,7 @@ plans and the states that they start from. The next plan is the one whose correc
 
     z(u) = h(s, u, p) + mean(u),    E‖z_ref - z‖² = ‖z_ref - z(u)‖² + D_z variance(u),
 
-where the variance is small near plans that were tried and large elsewhere: a trust region that nobody has to set.
+where the variance is small near plans that were tried and large elsewhere: a trust region that needs no setting.
 """
 
 import math

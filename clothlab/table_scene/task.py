@@ -1,6 +1,6 @@
 """Setting the table, phase by phase (paper, "Integrated Table Setting Experiment").
 
-The robot decides by what it senses. What really became of cloth and basket is measured besides.
+The robot decides by what it senses. The true outcome of cloth and basket is measured besides.
 """
 
 from collections.abc import Callable
@@ -103,7 +103,7 @@ def _put_basket(driver: RobotDriver, centre: np.ndarray) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a task."""
+    """The outcome of a task."""
 
     failed: str  # the phase in which the robot noticed a failure; empty where it noticed none
     cause: str  # why, in words

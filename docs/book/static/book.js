@@ -1,4 +1,4 @@
-// Code and tables that are wider than the page scroll, and whoever has no pointer scrolls them with arrow keys.
+// Code and tables that are wider than the page scroll, and arrow keys scroll them without a pointer.
 function reachable() {
   for (const box of document.querySelectorAll("pre, .table-wrapper, .math-wrapper")) {
     if (box.scrollWidth > box.clientWidth || box.scrollHeight > box.clientHeight) box.tabIndex = 0;
