@@ -1,10 +1,35 @@
-"""Checks of notebook 07."""
+"""Checks of notebook 06."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from clothlab.checks._check import array, check, expect, number
+
+
+@check(array("a slope along each of the two axes", 2))
+def gradient_by_nudges(answer: Callable) -> None:
+    """A polynomial in two variables, with two nudges so large that forward differences are seen."""
+    p = np.array([0.5, -1.0])
+    for nudge in (0.2, 0.4):
+
+        def slopes(up: float, down: float, divisor: float) -> np.ndarray:
+            """Differences of the loss at p + up and p - down along each axis, divided."""
+            return np.array([_polynomial(p + up * d) - _polynomial(p - down * d) for d in np.eye(2)]) / divisor
+
+        truth = slopes(nudge, nudge, 2 * nudge)
+        slips = {
+            "the two places are 2 ε apart: divide by that": truth * 2,
+            "these are the differences of the loss: divide by the distance of the two places": truth * 2 * nudge,
+            "nudge p both ways, not forwards alone": slopes(nudge, 0, nudge),
+            "the sign is wrong: ahead minus behind": -truth,
+            "each axis has a slope of its own: nudge one number of p at a time": np.full(
+                2, (_polynomial(p + nudge) - _polynomial(p - nudge)) / (2 * nudge)
+            ),
+        }
+        found = answer(_polynomial, p.copy(), nudge)
+        message = f"with ε = {nudge:g}, a polynomial has the differences {truth.round(4)}, not {found.round(4)}"
+        expect(found, truth, message, slips)
 
 
 @check(array("the new p and the new v", 2, 2))
@@ -35,12 +60,7 @@ def momentum_step(answer: Callable) -> None:
 @check(number("a second derivative"))
 def curvature(answer: Callable) -> None:
     """A polynomial in two variables, off its bottom, with directions of several lengths."""
-    p = np.array([0.5, -1.0])
-
-    def loss(q: np.ndarray) -> float:
-        x, y = np.asarray(q, dtype=float)
-        return 3 * x**2 + x * y + 0.5 * y**2 + 2 * x + x**3
-
+    p, loss = np.array([0.5, -1.0]), _polynomial
     for direction in ([1.0, 0.0], [0.0, 4.0], [3.0, 4.0]):
         d, length = np.array(direction), np.linalg.norm(direction)
         found, (x, y) = answer(loss, p.copy(), d), d / length
@@ -55,3 +75,9 @@ def curvature(answer: Callable) -> None:
         expect(found, truth, message, slips, rtol=1e-4)
     found = answer(lambda q: q[0] ** 4, np.zeros(2), np.array([2.0, 0.0]), 0.5)
     expect(found, 0.5, "look one ε to each side, as far as you are told, not always the same", rtol=1e-4)
+
+
+def _polynomial(q: np.ndarray) -> float:
+    """A loss without symmetry, whose slopes and curvatures are known."""
+    x, y = np.asarray(q, dtype=float)
+    return 3 * x**2 + x * y + 0.5 * y**2 + 2 * x + x**3

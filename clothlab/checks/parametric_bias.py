@@ -1,8 +1,11 @@
-"""Checks of notebook 06."""
+"""Checks of notebook 05."""
 
 from collections.abc import Callable
 
 import numpy as np
+from sklearn.dummy import DummyRegressor
+from sklearn.linear_model import LinearRegression
+from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
 from clothlab.analysis import principal_axes
 from clothlab.checks._check import array, check, expect
@@ -29,3 +32,25 @@ def shares_by_hand(answer: Callable) -> None:
     expect(answer(points + 5), truth, "a shift of all points must not matter: subtract the mean")
     result = answer(np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0]]))
     expect(result, [1, 0], f"points on a line have all variance along one axis; got {result}")
+
+
+@check(array("a value for each of the cloths", None))
+def left_out(answer: Callable) -> None:
+    """Nine random points and values beside scikit-learn, then seven."""
+    for count in (9, 7):
+        rng = np.random.default_rng(count)
+        p, y = rng.normal(size=(count, 2)), rng.normal(2.0, 1.0, count)
+        straight, through_zero = LinearRegression(), LinearRegression(fit_intercept=False)
+        truth, no_beta, means = (
+            cross_val_predict(each, p, y, cv=LeaveOneOut()) for each in (straight, through_zero, DummyRegressor())
+        )
+        result = answer(p, y)
+        assert len(result) == count, f"return a value for each of the {count} cloths, not {len(result)}"
+        slips = {
+            "all are 0: fill in predicted[k] in the loop": np.zeros(count),
+            "cloth k is among those of the fit: leave it out": straight.fit(p, y).predict(p),
+            "β is missing: the fit needs the column of ones": no_beta,
+            "this is the mean of the others: p is not used": means,
+            "this is y itself: predict each cloth from the others": y,
+        }
+        expect(result, truth, "for random points and values, scikit-learn predicts other values", slips)
