@@ -4,15 +4,22 @@ import base64
 import json
 import lzma
 from collections.abc import Callable, Iterator, Mapping
+from itertools import accumulate
+from operator import or_
 from pathlib import Path
 from typing import Any
 
 import cv2
+import ipywidgets
 import numpy as np
 
 from clothlab import artifacts
 from clothlab._files import reading, write_bytes
-from clothlab.lab.clock import Clock
+from clothlab.alt_text import AltText
+from clothlab.lab import views
+from clothlab.lab.clock import Clock, LoopCallbacks
+from clothlab.lab.messages import Messages
+from clothlab.lab.widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
@@ -107,6 +114,41 @@ class Playback:
         if frame and panel.drawn == panel.frame["number"]:
             news["frame"] = frame | {"number": panel.frame["number"] + 1}
         return news
+
+
+class RecordedRun(Widget, ipywidgets.VBox):
+    """Plays the recorded run up to a step, without a session; `shown` is the step that is seen at first."""
+
+    def __init__(self, stop: int | None = None, shown: int = 0):
+        self._moments = list(accumulate(load_recording(), or_))[:stop]
+        masks = [views.masks(moment["frame"], moment["target"]) for moment in self._moments]
+        self.images, self.targets = np.swapaxes(masks, 0, 1)  # [T, H, W], seen and aimed at
+        self.errors: list[str] = []
+        guarded, take = Messages(self.errors).guarded, LoopCallbacks().take
+        titles = ("the robot", "what the camera sees", "the target")
+        self._pictures = [ipywidgets.Image(width=width) for width in (384, 256, 256)]
+        pairs = zip(map(ipywidgets.Label, titles), self._pictures, strict=True)
+        about = {"value": shown, "max": len(self._moments) - 1, "description": "step"}
+        button = ipywidgets.Play(interval=round(1000 * CONTROL_PERIOD), repeat=True, **about)
+        self.slider, self._caption = ipywidgets.IntSlider(**about), ipywidgets.Label()
+        ipywidgets.jslink((button, "value"), (self.slider, "value"))
+        self.slider.observe(lambda _: take(guarded, self._show), "value")
+        rows = [*map(ipywidgets.VBox, pairs)], [button, self.slider, self._caption]
+        super().__init__([*map(ipywidgets.HBox, rows)])
+        self._show()
+
+    def still(self) -> tuple[bytes, AltText]:
+        """The moment that is shown."""
+        moment = self._moments[self.slider.value]
+        return views.still(moment["frame"], moment["target"])
+
+    def _show(self) -> None:
+        step = self.slider.value
+        frame, caption = self._moments[step]["frame"], self._moments[step]["caption"]
+        files = frame["scene"], frame["seen"], views.encoded(self.targets[step])
+        for picture, file in zip(self._pictures, files, strict=True):
+            picture.value = file
+        self._caption.value = f"{_clock_time(step)}: {caption}"
 
 
 def _clock_time(steps: int) -> str:

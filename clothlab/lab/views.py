@@ -224,11 +224,15 @@ def _plot(title: str, unit: str, lines: list[dict], *, limit: tuple[str, float] 
     return {"title": title, "unit": unit, "lines": lines, "limit": limit, "pairs": []}
 
 
+def masks(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """What the camera sees and the target `[H, W]`, made of what was sent."""
+    seen = np.asarray(cv2.imdecode(np.frombuffer(frame["seen"], np.uint8), cv2.IMREAD_GRAYSCALE))
+    return seen > 127, np.frombuffer(target["image"], bool).reshape(HEIGHT, WIDTH)
+
+
 def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, AltText]:
     """A frame and the target as one picture, with words for it, made of what was sent: any thread may ask."""
-    files = (np.frombuffer(frame[name], np.uint8) for name in ("scene", "seen"))
-    scene, seen = (np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR)) for file in files)
-    aim = np.frombuffer(target["image"], np.uint8).reshape(HEIGHT, WIDTH)
+    scene = np.asarray(cv2.imdecode(np.frombuffer(frame["scene"], np.uint8), cv2.IMREAD_COLOR))
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
-    figure = plots.image_grid([scene[..., ::-1], seen[..., 0] > 127, aim > 0], titles)
+    figure = plots.image_grid([scene[..., ::-1], *masks(frame, target)], titles)
     return encoded(figure), describe(figure)
