@@ -287,6 +287,24 @@ def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     assert "fault" not in signs
 
 
+def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_knows_the_cloth(new_session):
+    panel = LivePanel(new_session(), only="control")
+    assert (panel.about["only"], panel.frame["pictures"]) == (True, [])
+    send(panel, "set cloth", cloth="damp0.07-mass0.15")
+    assert panel.session.p == pytest.approx(panel.session.trained.biases["damp0.07-mass0.15"])
+    shown = []
+    for _ in range(9):
+        send(panel, "step")
+        shown.append([each["about"] for each in panel.frame["pictures"] if each["image"]])
+    assert [len(each) for each in shown] == [2] * 7 + [4] * 2
+    moment = panel.history[7]
+    assert shown[8][2].endswith(f"{moment.distance:.2f}")
+    assert np.linalg.norm(moment.began - panel.session._z_ref) == pytest.approx(moment.period.predicted, abs=1e-5)
+    assert np.array_equal(moment.began, panel.history[0].foreseen)
+    panel.check()
+    panel.close()
+
+
 def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):
     send(panel, "step")
     data, metadata = panel._repr_mimebundle_()

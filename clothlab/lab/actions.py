@@ -38,7 +38,7 @@ class PanelActions:
             "set arm": panel.set_arm,
             "set driver": session.set_driver,
             "explore": lambda on: setattr(session, "exploring", bool(on)),
-            "set cloth": session.set_cloth,
+            "set cloth": panel.set_cloth,
             "set material": session.set_material,
             "set tension": panel.set_tension,
             "set p": lambda at: session.set_p(panel.views.plane.p(at)),

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike
 
+from clothlab.learning.control import ControlPolicy, period_mask
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.trained import Trained
 from clothlab.policies import OperatorPolicy, Policy, RandomPolicy
@@ -23,6 +25,7 @@ class Choice(NamedTuple):
     predicted: float | None  # distance that the controller predicts for the end of its period [s.d. of z]
     period_ended: bool  # whether a period of the controller ends with it
     basis: str = ""  # what the plan of iterative learning rests on
+    foreseen: np.ndarray | None = None  # z that the control predicts for the end of its period [D_z]
 
 
 class Period(NamedTuple):
@@ -30,6 +33,20 @@ class Period(NamedTuple):
 
     predicted: float  # distance that was predicted when it began [s.d. of z]
     achieved: float  # distance of its last step for control, of its best step for iterative learning [s.d. of z]
+
+
+class _Control(ControlPolicy):
+    """Control that also says which image its plan leads to."""
+
+    @property
+    def foreseen(self) -> np.ndarray | None:
+        """The z whose distance is `predicted_distance`, `[D_z]`."""
+        ends = period_mask(self._t - 1, self.settings)
+        if self._last is None or not ends.any():
+            return None
+        with torch.no_grad():
+            states = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)
+        return states[0, -1, self.layout.z].numpy()
 
 
 class Drivers:
@@ -50,12 +67,13 @@ class Drivers:
     ):
         self._iterative = trained.iterative_controller(target, p, runs, arm=arm)
         self._controllers = {
-            "control": trained.controller(target, p, plans=plans, arm=arm),
+            "control": _Control(trained.model, trained.autoencoder, arm, target, p, plans=plans),
             "iterative": self._iterative,
         }
         self._arm, others = arm, {"random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}
         self._policies: dict[str, Policy] = self._controllers | others
         self._period: list[tuple[float, float]] = []  # predicted and seen distance of each step since it began
+        self.began: np.ndarray | None = None  # `foreseen` when the period began, until the next one begins
 
     def reset(self, seed: int) -> None:
         """Forget the last run, and what was learned in it."""
@@ -92,12 +110,14 @@ class Drivers:
         controller, self._iterative.exploring = self._controllers[driver], exploring
         before = len(controller.trace)
         u = (controller if solve else controller.step_without_solving)(observation)
-        basis, predicted = getattr(controller, "basis", ""), controller.predicted_distance
-        return Choice(u, len(controller.trace) > before, predicted, controller.period_ended, basis)
+        basis, foreseen = getattr(controller, "basis", ""), getattr(controller, "foreseen", None)
+        solved, predicted = len(controller.trace) > before, controller.predicted_distance
+        return Choice(u, solved, predicted, controller.period_ended, basis, foreseen)
 
     def close_period(self, driver: str, choice: Choice, distance: float) -> Period | None:
         """Take in the distance seen after a choice [s.d. of z]; answers at the end of a controller's period."""
         if choice.predicted is not None:
+            self.began = self.began if self._period else choice.foreseen
             self._period.append((choice.predicted, distance))
         if not choice.period_ended or not self._period:
             return None

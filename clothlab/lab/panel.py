@@ -28,6 +28,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     Args:
         session: what is steered; by default a new session with the torque arm.
+        only: "control" leaves what belongs to model predictive control: arm, cloth, target and stiffness, and what is
+            predicted beside what is achieved. The controller then has the p of the cloth that is chosen.
     """
 
     _esm = views.javascript("text", "traces", "target", "map", "gamepad", "style", "panel")
@@ -39,7 +41,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     _active: ClassVar["LivePanel | None"] = None
 
-    def __init__(self, session: LiveSession | None = None):
+    def __init__(self, session: LiveSession | None = None, *, only: str | None = None):
+        self._only = only is not None and choose("part of the panel", only, {"control": True})
         self._clock, self._callbacks = Clock(self._tick, CONTROL_PERIOD), LoopCallbacks()
         self.session = session or LiveSession()
         if LivePanel._active is not None:
@@ -117,6 +120,12 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.session.set_arm(name)
         self._meet_arm()
 
+    def set_cloth(self, cloth: str) -> None:
+        """Put another cloth into the hand."""
+        self.session.set_cloth(cloth)
+        if self._only:
+            self.session.set_p(self.session.trained.biases.get(cloth, self.session.p))
+
     def set_tension(self, f_const: float | None) -> None:
         """Fix the stiffness command [N], or leave it free with None."""
         self.session.set_tension(f_const)
@@ -130,7 +139,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def show_all(self) -> None:
         """Send everything anew, and a frame."""
         with self.hold_sync():  # the browser gets names and values together
-            self.about = self.views.fixtures()
+            self.about = self.views.fixtures() | {"only": self._only}
             self.aim(self.session.target)
             self._show(force=True)
 
@@ -158,7 +167,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
         number = self.frame.get("number", 0)
         if self.drawn == number or force:
             self._unseen = 0
-            self.frame = self.views.frame(list(self.history)) | {"number": number + 1}
+            period = self.views.period(self.history) if self._only else {}
+            self.frame = self.views.frame(list(self.history)) | period | {"number": number + 1}
             if self.steps % _ELLIPSE_EVERY == 0 or force:
                 self._draw_ellipse()
 

@@ -62,6 +62,8 @@ class StepInfo:
     period_ended: bool  # whether it was the last command of the controller's period
     period: Period | None  # then, the distance predicted at its beginning and the achieved one
     basis: str  # what the plan rests on: "recordings", or so many "attempts"; empty for other drivers
+    foreseen: np.ndarray | None  # z that the control predicts for the end of its period [D_z]
+    began: np.ndarray | None  # and what it predicted when the period began
 
 
 class LiveSession:
@@ -222,6 +224,7 @@ class LiveSession:
             p=self.p,
             seconds=time.perf_counter() - start,
             period=self._drivers.close_period(self.driver, chosen, distance),
+            began=self._drivers.began,
             **chosen._asdict(),
         )
 

@@ -17,6 +17,7 @@ from clothlab.analysis import principal_axes
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession, StepInfo
 from clothlab.lab.targets import LARGEST_FILE
+from clothlab.learning.autoencoder import decode
 from clothlab.learning.calibration import outline
 from clothlab.simulation.arm import JOINTS, MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
@@ -163,6 +164,25 @@ class Views:
             "trail": [self.plane.at(moment.p) for moment in history],
             "nearest": get_cloth(session.nearest).label,
         } | self._estimate_report()
+
+    def period(self, history: Sequence[StepInfo]) -> dict[str, Any]:
+        """What the control predicts for the end of this period; of the last one, what it predicted and achieved."""
+
+        def shot(about: str, image: np.ndarray | None) -> dict[str, Any]:
+            return {"about": about, "image": b"" if image is None else encoded(image)}
+
+        def decoded(z: np.ndarray | None) -> np.ndarray | None:
+            return None if z is None else decode(self._session.trained.autoencoder, z)
+
+        shots, ended = [], next((moment for moment in reversed(history) if moment.period), None)
+        if history:
+            shots.append(shot("what the camera sees", history[-1].image))
+            shots.append(shot("predicted for the end of this period", decoded(history[-1].foreseen)))
+        if ended:
+            predicted, achieved = ended.period
+            shots.append(shot(f"achieved at the end of the last period: {achieved:.2f}", ended.image))
+            shots.append(shot(f"predicted for it when it began: {predicted:.2f}", decoded(ended.began)))
+        return {"pictures": shots}
 
     def ellipse(self, u: np.ndarray) -> bytes:
         """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; empty for an arm without muscles."""

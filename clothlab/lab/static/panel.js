@@ -182,9 +182,16 @@ function render({ model, el }) {
     else root.popover = null;
     root.focus({ preventScroll: on });
   }
+  const only = get("about").only; // what belongs to the control, and nothing else
+  function reduce() {
+    head.replaceChildren(...commands, status, arm.row, cloth.row);
+    shown.replaceChildren(scene.figure, pair, stiffness, plots);
+    pair.classList.add("pairs");
+    rest.replaceChildren(target);
+  }
   function press(event) {
     const typing = event.target.matches?.("input[type=text], select");
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (only || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.key.toLowerCase() === "p" && !typing) arrange(!projecting());
     else if (event.key === "Escape" && drawer.childElementCount) unfold(null);
     else if (event.key === "Escape" && projecting()) arrange(false);
@@ -266,6 +273,14 @@ function render({ model, el }) {
     const { label, name: held } = get("state").cloth, dot = get("about").map.dots.some((each) => each.name === held);
     legend.textContent = `${dot ? "● in the hand:" : "in the hand, none of the dots:"} ${label}\n+ p in use, nearest to ${get("frame").nearest}${get("frame").region.length ? "\n⋯ 90 % region" : ""}`;
   }
+  const shots = [0, 1, 2, 3].map(() => makePicture("", 196));
+  function showPeriod(pictures) {
+    pair.replaceChildren(...shots.slice(0, pictures.length).map(({ figure }) => figure));
+    pictures.forEach(({ about, image }, k) => {
+      shots[k].show(image, "image/png");
+      shots[k].image.alt = shots[k].caption.textContent = about;
+    });
+  }
   let version = -1;
   function showTarget() {
     const news = get("target");
@@ -281,6 +296,7 @@ function render({ model, el }) {
     scene.show(frame.scene, "image/jpeg");
     seen.show(frame.seen, "image/png");
     decoded.show(frame.decoded, "image/png");
+    if (only) showPeriod(frame.pictures);
     scene.caption.textContent = `the robot, ${frame.clock}`;
     while (traces.length < frame.traces.length) traces.push(tracePlot());
     traces.length = frame.traces.length;
@@ -301,13 +317,14 @@ function render({ model, el }) {
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
 
   arrange(false);
+  if (only) reduce();
   el.append(make("style", { textContent: STYLE }), root);
   for (const [trait, show] of [["about", showState], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
     model.on(`change:${trait}`, show);
     cleanUp.push(() => model.off(`change:${trait}`, show));
     show();
   }
-  cleanUp.push(watchGamepad(model, act));
+  if (!only) cleanUp.push(watchGamepad(model, act));
   return () => {
     cleanUp.forEach((each) => each());
     root.remove(); // or its place above the page would outlast it

@@ -7,6 +7,8 @@ const STYLE = `
 .clothlab .columns { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-start; margin-top: 8px; }
 .clothlab section { flex: 1 1 var(--least); min-width: min(100%, var(--least)); max-width: 600px; border-top: 2px solid #0072B2; padding-top: 4px; }
 .clothlab .traces { flex: 1 1 390px; }
+.clothlab .pairs { width: 404px; font-size: 0.9em; align-items: flex-start; }
+.clothlab .pairs figure { width: 196px; }
 .clothlab section > .row, .clothlab .lone { margin-top: 6px; }
 .clothlab h3 { font-size: 1.07em; margin: 2px 0 6px; }
 .clothlab button, .clothlab select, .clothlab input[type=text] { font: inherit; padding: 3px 10px; border: 1px solid #888; border-radius: 4px; background: #f6f6f6; color: inherit; }

@@ -1,0 +1,122 @@
+"""Checks of notebook 07."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from clothlab.checks._check import CheckFailed, array, check, expect
+from clothlab.learning.control import ControlSettings, period_mask
+
+
+@check(array("a list of 0 and 1", None))
+def my_mask(answer: Callable) -> None:
+    """The paper's example, then any horizon and period."""
+    for t, wanted in ((2, [0, 1, 0, 0]), (3, [1, 0, 0, 0]), (4, [0, 0, 0, 1])):
+        found = answer(t, 4, 4)
+        assert len(found) == 4, f"one number for each of the 4 predicted steps, not {len(found)}"
+        now = np.roll(wanted, 1).tolist()
+        message = f"for t = {t} the paper's example has {wanted}, got {_integers(found)}"
+        expect(found, wanted, message, {message + "; the first number is that of step t + 1, not of step t": now})
+    for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8), (21, 8, 8)):
+        found, case = answer(t, horizon, period), f"t = {t}, horizon = {horizon}, period = {period}"
+        assert len(found) == horizon, f"{case}: one number for each of the {horizon} predicted steps, not {len(found)}"
+        wanted = period_mask(t, ControlSettings(horizon=horizon, period=period)).tolist()
+        message = f"{case}: 1 is where the step is a multiple of {period}; got {_integers(found)}"
+        expect(found, wanted, message)
+
+
+def _integers(found: np.ndarray) -> list[float]:
+    return [int(value) if value == int(value) else value for value in found.tolist()]
+
+
+@check(array("one sequence of commands for each γ", None, 8, 2))
+def steps_along(answer: Callable) -> None:
+    """Shape, length, direction, range."""
+    rng = np.random.default_rng(0)
+    u, g, gammas = rng.uniform(-0.2, 0.2, (8, 2)), rng.normal(size=(8, 2)), np.array([0.0, 0.01, 0.1])
+    lower, upper = np.array([-1.0, -0.4]), np.array([0.5, 0.6])
+
+    def step(g: np.ndarray, gammas: np.ndarray) -> np.ndarray:
+        return answer(u.copy(), g.copy(), gammas.copy(), lower, upper)
+
+    found, way = step(g, gammas), gammas[:, None, None]
+    assert len(found) == 3, f"one sequence of commands for each γ: three, not {len(found)}"
+    assert not np.allclose(found, u + way * g / np.linalg.norm(g)), "the step goes uphill"
+    moved = np.linalg.norm(found - u, axis=(1, 2))
+    assert not np.allclose(moved, gammas * np.linalg.norm(g)), "the length of g must not matter, only its direction"
+    message = f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
+    assert np.allclose(moved, gammas, atol=1e-6), message
+    truth = u - way * g / np.linalg.norm(g)
+    expect(found, truth, "the steps have the right lengths, but another direction than straight down along g")
+    expect(step(5 * g, gammas), truth, "the length of g must not matter, only its direction")
+    far, clipped = step(g, np.array([3.0]))[0], np.clip(u - 3 * g / np.linalg.norm(g), lower, upper)
+    outside = "a command left its range: use numpy.clip, with the lower and the upper that you are given"
+    assert np.all((far >= lower - 1e-6) & (far <= upper + 1e-6)), outside
+    expect(far, clipped, "only the commands that leave their range are changed: use numpy.clip")
+
+
+@check(array("a gradient for each plan", 3, 4, 2))
+def plan_gradients(answer: Callable) -> None:
+    """Plans whose losses differ in size."""
+    u, goal = torch.randn(2, 3, 4, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    sizes = torch.tensor([1.0, 2.0, 3.0])
+
+    def loss(plans: torch.Tensor) -> torch.Tensor:
+        if tuple(plans.shape) != (3, 4, 2):
+            raise CheckFailed(f"hand all plans to the loss, of shape (3, 4, 2); yours have {tuple(plans.shape)}")
+        return sizes * (plans - goal).square().sum(dim=(1, 2))
+
+    truth = (2 * sizes[:, None, None] * (u - goal)).numpy()
+    slips = {
+        "these are the gradients over the number of plans: add the losses up, and don't average them": truth / 3,
+        "only the first plan has a gradient: add up the losses of all": truth * np.eye(3)[0][:, None, None],
+        "this points downhill: return the gradient itself": -truth,
+    }
+    expect(answer(loss, u), truth, "a plan's gradient is that of its own loss", slips)
+
+
+@check(array("the commands that were sent", None, 2))
+def receding_horizon(answer: Callable) -> None:
+    """What each solve saw and started from, and what was sent."""
+    seen, starts, plans, sent = [], [], [], []
+
+    def solve(observation: object, plan: np.ndarray) -> np.ndarray:
+        seen.append(observation)
+        starts.append(np.array(plan))
+        plans.append(starts[-1] + 10 * len(seen))
+        return plans[-1].copy()
+
+    def step(u: np.ndarray) -> float:
+        if np.shape(u) != (2,):
+            raise CheckFailed(f"a step takes one command, of shape (2,), not {np.shape(u)}")
+        sent.append(np.array(u))
+        return float(np.sum(u))
+
+    found = answer(solve, step, 0.5, np.arange(8.0).reshape(4, 2), 5)
+    assert len(plans) == len(found) == len(sent) == 5, "in each of 5 steps, solve once and send one command"
+    slips = {"a command was sent that is not the first of its plan": [plan[-1] for plan in plans]}
+    expect(sent, [plan[0] for plan in plans], "send the first command of each new plan", slips)
+    expect(found, sent, "return the commands that were sent")
+    assert seen[1] != 0.5, "the second solve sees the first observation again: look after each command"
+    assert seen[1:] == [float(u.sum()) for u in sent[:-1]], "a solve sees what the command before it led to"
+    shift = [np.concatenate([plan[1:], plan[-1:]]) for plan in plans[:-1]]
+    expect(starts[1:], shift, "each solve starts from the plan before, shifted by one step")
+
+
+@check(array("the start of the next solve", 4, 2))
+def shifted(answer: Callable) -> None:
+    """Both warm starts, after fewer and after more commands than a period has."""
+    rng, period = np.random.default_rng(0), 3
+    plan, others = rng.normal(size=(4, 2)), rng.normal(size=(6, 2))
+    for count, periodic in ((1, False), (5, False), (7, True), (3, True), (2, True)):
+        sent = np.concatenate([others[: count - 1], plan[:1]])
+        case = f"after {count} commands, with period={period} and periodic={periodic}"
+        found = answer(plan.copy(), sent.copy(), period, periodic)
+        expect(found[:-1], plan[1:], "all but the last are the plan's commands, moved by one step to the left")
+        repeats = periodic and count >= period
+        slips = {f"{case}: the gap is filled by the command that was sent just now": sent[-1]}
+        if repeats:
+            slips[f"{case}: the gap is filled by the plan's last command"] = plan[-1]
+        message = f"{case}: the gap is filled by " + (f"sent[{-period}]" if repeats else "the plan's last command")
+        expect(found[-1], sent[-period] if repeats else plan[-1], message, slips)
