@@ -102,6 +102,95 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 # What goes wrong easily: of the solution of an exercise `right` is replaced by `wrong`, and this the reader is told.
 # Where `right` is "return", `wrong` is what the last line returns instead; where it is "body", all that it does.
 SLIPS = [
+    ("lstm_step", "c = f * c + i * g", "c = i * c + f * g", "changed places"),
+    ("lstm_step", "c = f * c + i * g", "c = i * g", "old cell state is missing"),
+    ("lstm_step", "c = f * c + i * g", "c = c + i * g", "forget gate is missing"),
+    ("lstm_step", "c = f * c + i * g", "c = f * c + g", "input gate is missing"),
+    (
+        "parameter_groups",
+        '        groups.append({"params": [p], "lr": bias_rate})',
+        "        pass",
+        "would stay at zero",
+    ),
+    ("parameter_groups", '"lr": bias_rate', '"lr": rate', "`bias_rate` as its lr"),
+    ("parameter_groups", ', "lr": bias_rate', "", "`bias_rate` as its lr"),
+    ("parameter_groups", "if p.requires_grad:", "if True:", "p is fixed"),
+    ("closed_loop", "p, memory)", "p)", "pass the memory on"),
+    ("closed_loop", "s, memory = model", "_, memory = model", "s stays what it was"),
+    ("closed_loop", "s, memory = model(", "s, _ = model(", "does not move on"),
+    ("closed_loop", "t : t + 1", "0:1", "take u[t]"),
+    ("plan_gradients", ".sum()", ".mean()", "over the number of plans"),
+    ("plan_gradients", "loss(u).sum()", "loss(u)[0]", "only the first plan has a gradient"),
+    ("plan_gradients", "return g", "return -g", "this points downhill"),
+    ("plan_gradients", "loss(u).sum()", "loss(u[0])", "hand all plans to the loss"),
+    ("receding_horizon", "step(plan[0])", "step(plan[-1])", "not the first of its plan"),
+    ("receding_horizon", "observation = step(plan[0])", "step(plan[0])", "look after each command"),
+    ("receding_horizon", "sent.append(plan[0])", "sent.extend(plan)", "solve once and send one command"),
+    ("receding_horizon", "sent.append(plan[0])", "sent.append(plan[-1])", "return the commands that were sent"),
+    ("receding_horizon", "step(plan[0])", "step(plan)", "a step takes one command"),
+    ("receding_horizon", "plan = np.concatenate([plan[1:], plan[-1:]])", "pass", "shifted by one step"),
+    ("shifted", "plan[1:]", "plan[:-1]", "one step to the left"),
+    ("shifted", "sent[-period]", "sent[-1]", "sent just now"),
+    ("shifted", "sent[-period]", "sent[0]", "filled by sent[-3]"),
+    ("shifted", "sent[-period]", "plan[-1]", "the plan's last command"),
+    ("shifted", "periodic and len(sent) >= period", "periodic", "IndexError"),
+    ("shifted", "periodic and len(sent) >= period", "len(sent) >= period", "periodic=False"),
+    ("shares_by_hand", "[::-1]", "", "the larger one first"),
+    ("shares_by_hand", "np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
+    ("shares_by_hand", "eigenvalues / eigenvalues.sum()", "eigenvalues", "divide by their sum"),
+    ("shares_by_hand", "shares = ", "eigenvalues = np.sqrt(eigenvalues); shares = ", "not of its root"),
+    (
+        "shares_by_hand",
+        "return shares",
+        "return np.var(points, axis=0) / np.var(points, axis=0).sum()",
+        "shares of the two columns",
+    ),
+    ("left_out", "predicted[k] = ", "_ = ", "all are 0"),
+    ("left_out", "!= k", ">= 0", "leave it out"),
+    ("left_out", "np.ones(len(p))", "np.zeros(len(p))", "column of ones"),
+    ("left_out", "columns[k] @ coefficients", "y[others].mean()", "the mean of the others"),
+    ("left_out", "columns[k] @ coefficients", "y[k]", "this is y itself"),
+    ("left_out", "return predicted", "return predicted[:8]", "for each of the 9 cloths, not 8"),
+    ("gradient_by_nudges", "/ (2 * nudge)", "/ nudge", "2 ε apart"),
+    ("gradient_by_nudges", "/ (2 * nudge)", "", "divide by the distance of the two places"),
+    ("gradient_by_nudges", "loss_at(p - step)) / (2 * nudge)", "loss_at(p)) / nudge", "not forwards alone"),
+    ("gradient_by_nudges", "loss_at(p + step) - loss_at(p - step)", "loss_at(p - step) - loss_at(p + step)", "ahead"),
+    ("gradient_by_nudges", "np.eye(2)[k]", "np.ones(2)", "one number of p at a time"),
+    ("momentum_step", "+ gradient", "+ rate * gradient", "v collects the gradients as they are"),
+    ("momentum_step", "momentum * v + gradient", "gradient", "times the momentum"),
+    ("momentum_step", "momentum * v + gradient", "v + gradient", "only momentum times"),
+    ("momentum_step", "p - rate * v", "p + rate * v", "uphill"),
+    ("momentum_step", "p - rate * v", "p - v", "rate times v"),
+    ("momentum_step", "return p, v", "return v, p", "the new p first"),
+    ("momentum_step", "body", "return p - rate * v, momentum * v + gradient", "by the new v, not by the old"),
+    ("curvature", "/ np.linalg.norm(direction)", "", "divide the direction by its length"),
+    ("curvature", "/ epsilon**2", "/ epsilon", "what is it divided by"),
+    ("curvature", "- 2 * loss(p)", "- loss(p)", "counts twice"),
+    ("curvature", "- 2 * loss(p)", "+ 2 * loss(p)", "subtracted, not added"),
+    ("curvature", "step = ", "epsilon = 0.1; step = ", "as far as you are told"),
+    ("best_moment", "skip + np.argmax(overlap[skip:])", "np.argmax(overlap)", "first two steps do not count"),
+    ("best_moment", "(skip + np.argmax(overlap[skip:]))", "np.argmax(overlap[skip:])", "from the start of the run"),
+    ("best_moment", "0.2 * ", "", "a step lasts 0.2 s"),
+    ("best_moment", "return time", "return overlap[skip:].max()", "return its time"),
+    ("best_moment", "argmax", "argmin", "the smallest overlap"),
+    ("best_moment", "body", "return 0.2 * (2 + np.argmax(overlap[2:]))", "eight steps are left out"),
+    ("euler_step", "a[0] = 0.0", "pass", "its velocity stays zero"),
+    ("euler_step", "acceleration(cloth, x, v)", "acceleration(cloth, x, 0 * v)", "acceleration(cloth, x, v)"),
+    ("euler_step", "v = v + dt * a", "v = v + a", "multiplied by the time step"),
+    ("euler_step", "return x, v", "return v, x", "first the positions"),
+    ("euler_step", "v = v + dt * a", "x, v = x + dt * v, v + dt * a; return x, v", "not the old"),
+    ("euler_step", "v = v + dt * a", "v += dt * a", "in place"),
+    ("pin", 'part.tag != "joint"', "True", "still has 3 of its 3 joints"),
+    ("pin", 'part.tag != "joint"', "part.tag == 'joint'", "MuJoCo cannot read"),
+    ("pin", 'if part.tag != "joint"]', "][1:]", "still has 2 of its 3 joints"),
+    ("pin", "body[:] = kept", "model.find('worldbody').remove(body)", "MuJoCo cannot read"),
+    (
+        "pin",
+        "body[:] = kept",
+        "[each.remove(joint) for each in model.iter('body') for joint in each.findall('joint')]",
+        "the other points keep their joints",
+    ),
+    ("pin", "return", "model", "return the text"),
     ("chamfer_by_hand", "return", "there.mean()", "only, from a to b"),
     ("chamfer_by_hand", "return (there.mean() + back.mean()) / 2", "return there.mean() + back.mean()", "halve it"),
     ("chamfer_by_hand", "return", "max(there.max(), back.max())", "Hausdorff"),
@@ -170,49 +259,16 @@ SLIPS = [
     ("length_for_measured_tension", "lengths - (f", "lengths + (f", "not a longer one"),
     ("length_for_measured_tension", "arm.body_image(theta_ref, f)", "theta_ref @ arm.moment_arms.T", "springs stretch"),
     ("length_for_measured_tension", "(theta_ref, f)", "(theta_ref, np.full(6, f.mean()))", "the motors pull"),
-    ("best_moment", "skip + np.argmin(distance[skip:])", "np.argmin(distance)", "first two steps do not count"),
-    ("best_moment", "skip + np", "np", "from the start of the run"),
-    ("best_moment", "0.2 * ", "", "a step lasts 0.2 s"),
-    ("best_moment", "return", "distance[skip:].min()", "return its time"),
-    ("best_moment", "body", "return 0.2 * (2 + np.argmin(distance[2:]))", "eight steps are left out"),
     ("count_springs", "(rows - 1) * columns", "rows * columns", "25 structural springs, not 28"),
     ("count_springs", "shear = 2 * (rows", "shear = (rows", "two diagonals"),
     ("count_springs", "(rows - 1) * (columns - 2)", "rows * (columns - 2)", "bending springs, not 18"),
     ("count_springs", "structural, shear, bending", "structural, bending, shear", "in another order"),
-    ("euler_step", "v[: cloth.columns] = 0.0", "pass", "its velocity stays zero"),
-    ("euler_step", "v[: cloth.columns]", "v[:1]", "three points, is held"),
-    ("euler_step", "acceleration(cloth, x, v)", "acceleration(cloth, x, 0 * v)", "acceleration(cloth, x, v)"),
-    ("euler_step", "dt * acceleration", "acceleration", "multiplied by the time step"),
-    ("euler_step", "x + dt * v, v", "v, x + dt * v", "first the positions"),
-    (
-        "euler_step",
-        "v = v + dt * acceleration(cloth, x, v)",
-        "x, v = x + dt * v, v + dt * acceleration(cloth, x, v); v[:3] = 0; return x, v",
-        "not the old",
-    ),
     ("influence", "[0, -1, :3]", "[0, :, :3]", "the last image alone"),
     ("influence", "z.square().sum()", "z.norm()", "‖z‖, not of its square"),
     ("influence", "z.square().sum()", "z.square().mean()", "a mean square"),
     ("influence", "[0, -1, :3]", "[0, -1]", "the whole state"),
     ("influence", "gradient.norm(dim=1)", "gradient.square().sum(dim=1)", "squares of the lengths"),
     ("influence", "u[None], p, memory", "u[None], p, None", "pass the memory on"),
-    ("shares_by_hand", "[::-1]", "", "the larger one first"),
-    ("shares_by_hand", "np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
-    ("shares_by_hand", "return eigenvalues / eigenvalues.sum()", "return eigenvalues", "divide by their sum"),
-    ("shares_by_hand", "return ", "eigenvalues = np.sqrt(eigenvalues); return ", "not of its root"),
-    ("shares_by_hand", "return", "np.var(points, axis=0) / np.var(points, axis=0).sum()", "shares of the two columns"),
-    ("momentum_step", "+ gradient", "+ rate * gradient", "v collects the gradients as they are"),
-    ("momentum_step", "momentum * v + gradient", "gradient", "times the momentum"),
-    ("momentum_step", "momentum * v + gradient", "v + gradient", "only momentum times"),
-    ("momentum_step", "p - rate * v", "p + rate * v", "uphill"),
-    ("momentum_step", "p - rate * v", "p - v", "rate times v"),
-    ("momentum_step", "return p - rate * v, v", "return v, p - rate * v", "the new p first"),
-    ("momentum_step", "body", "return p - rate * v, momentum * v + gradient", "by the new v, not by the old"),
-    ("curvature", "/ np.linalg.norm(direction)", "", "divide the direction by its length"),
-    ("curvature", "/ epsilon**2", "/ epsilon", "what is it divided by"),
-    ("curvature", "- 2 * loss(p)", "- loss(p)", "counts twice"),
-    ("curvature", "- 2 * loss(p)", "+ 2 * loss(p)", "subtracted, not added"),
-    ("curvature", "step = ", "epsilon = 0.1; step = ", "as far as you are told"),
     ("my_mask", "range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "not of step t"),
     ("my_mask", "range(t + 1, t + horizon + 1)", "range(t + 1, t + period + 1)", "horizon = 8"),
     ("my_mask", "% period", "% 4", "period = 3"),
@@ -223,23 +279,6 @@ SLIPS = [
     ("steps_along", "g / np.linalg.norm(g)", "np.sign(g) / 4", "another direction"),
     ("steps_along", "return", "u - gammas[:, None, None] * direction", "numpy.clip"),
     ("steps_along", "return", "np.clip(u - gammas[:, None, None] * direction, -1, 1)", "lower and the upper"),
-    ("random_shooting", "candidates[0] = start", "pass", "the start is a sequence to try"),
-    ("random_shooting", "(count, *np.shape(start))", "(count + 1, *np.shape(start))", "was asked about 201"),
-    ("random_shooting", "predict_loss(candidates)", "[predict_loss(u[None])[0] for u in candidates]", "200 calls"),
-    ("random_shooting", "rng.uniform(lower, upper,", "rng.uniform(-1, 1,", "left its range"),
-    ("random_shooting", "rng.uniform(lower, upper,", "rng.uniform(lower / 2, upper / 2,", "the whole range"),
-    ("random_shooting", "candidates[0] =", "candidates[:] = candidates[:, :1]; candidates[0] =", "of its own"),
-    ("random_shooting", "argmin", "argmax", "the largest loss"),
-    ("random_shooting", "np.argmin(predict_loss(candidates))", "np.argsort(predict_loss(candidates))[1]", "lower loss"),
-    ("random_shooting", "rng.uniform(lower,", "rng.triangular(lower, (lower + upper) / 2,", "draw uniformly"),
-    ("random_shooting", "rng.uniform", "np.random.uniform", "must draw the same sequences"),
-    ("shaken", "rng.normal(0.0, sigma, len(u))", "sigma", "not disturbed at all"),
-    ("shaken", "rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma)", "a number for each"),
-    ("shaken", "rng.normal(0.0, sigma, len(u))", "rng.normal(0.0, sigma**2, len(u))", "σ²"),
-    ("shaken", "rng.normal(0.0, sigma", "rng.normal(sigma, sigma", "the mean 0"),
-    ("shaken", "rng.normal", "np.random.normal", "use it, and no other"),
-    ("shaken", "u = policy(observation)", "u = policy(observation); u += rng.normal(0.0, sigma, len(u))", "in place"),
-    ("shaken", "np.clip(", "(lambda u, *limits: u)(", "numpy.clip"),
     ("one_outcome", "k * missed / (1 + noise)", "k / (1 + noise)", "where is what was missed"),
     ("one_outcome", "k * missed / (1 + noise)", "k * missed", "teaches less"),
     ("one_outcome", "-0.5 *", "-1.0 *", "a half in its exponent"),
@@ -284,6 +323,24 @@ SLIPS = [
 ]
 # Other ways to be right, as readers write them: the solution with one piece replaced by another.
 RIGHTS = [
+    ("plan_gradients", "(g,) = torch.autograd.grad(loss(u).sum(), u)", "loss(u).sum().backward(); g = u.grad"),
+    ("receding_horizon", "return", "[list(u) for u in sent]"),
+    ("shifted", "return", "np.vstack([rest, gap]).tolist()"),
+    (
+        "shares_by_hand",
+        "body",
+        "s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2; return list(s / s.sum())",
+    ),
+    (
+        "left_out",
+        "body",
+        "x = np.column_stack([np.ones(len(p)), p]); hat = x @ np.linalg.pinv(x); leverage = np.diag(hat)\nreturn y - (y - hat @ y) / (1 - leverage)",
+    ),
+    ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
+    ("momentum_step", "return p, v", "return [p.tolist(), v.astype(np.float32)]"),
+    ("best_moment", "body", "return float(max(range(skip, len(overlap)), key=lambda k: overlap[k])) / 5"),
+    ("euler_step", "return x, v", "return np.stack([x, v])"),
+    ("pin", "body[:] = kept", "[body.remove(part) for part in body.findall('joint')]"),
     ("chamfer_by_hand", "return (", "return np.float32("),
     ("bce_loss", "body", "return F.binary_cross_entropy_with_logits(logits, images)"),
     (
@@ -294,23 +351,13 @@ RIGHTS = [
     ),
     ("linear_reconstruction", 'svd_solver="randomized"', 'svd_solver="full"'),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
-    ("best_moment", "body", "return float(min(range(skip, len(distance)), key=lambda k: distance[k])) / 5"),
-    ("euler_step", "return", "np.stack([x + dt * v, v])"),
     (
         "influence",
         "(gradient,) = torch.autograd.grad(z.square().sum(), u)",
         "z.pow(2).sum().backward(); gradient = u.grad",
     ),
-    (
-        "shares_by_hand",
-        "body",
-        "s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2; return list(s / s.sum())",
-    ),
-    ("momentum_step", "return", "[(p - rate * v).tolist(), v.astype(np.float32)]"),
     ("my_mask", "return", "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))"),
     ("steps_along", "np.linalg.norm(g)", "np.sqrt((g**2).sum())"),
-    ("random_shooting", "candidates[0] = start", "candidates[-1] = start"),
-    ("shaken", "return call", "return lambda observation, *more: list(call(observation).astype(np.float32))"),
     ("one_outcome", "return", "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]"),
     ("sign_flip_share", "(1, -1)", "(1, 0)"),
 ]
@@ -354,17 +401,6 @@ def test_a_check_wants_the_function_itself():
 
 ODD = [None, "three", float("nan"), np.inf, 1j, (), range(9), [[1], [2, 3]], {"a": 1}, dict, np.array("three")]
 ODD += [np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), (k for k in range(3)), ["1", "2"], (np.zeros(2), None)]
-POLICIES = {"shaken"}
-
-
-def fails(*args, **kwargs):
-    raise ZeroDivisionError("in the answer")
-
-
-def turning(solution, calls, then):
-    """An answer that is right for so many calls, and something else from then on."""
-    right = iter([solution] * calls)
-    return lambda *args, **kwargs: next(right, then)(*args, **kwargs)
 
 
 @pytest.mark.parametrize("name", EXERCISES)
@@ -376,18 +412,6 @@ def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
             assert "\n" not in str(refused.value)
             assert len(str(refused.value)) < 250
     assert capsys.readouterr().out == ""
-
-
-@pytest.mark.parametrize("name", sorted(POLICIES))
-@pytest.mark.parametrize("calls", [0, 1, 5])
-def test_whenever_a_policy_goes_wrong_it_is_refused_in_a_sentence(name, calls):
-    solution = define(name, EXERCISES[name][2])
-    for then, message in (
-        (fails, "raised ZeroDivisionError: in the answer"),
-        (lambda observation: "up", "returned 'up'"),
-    ):
-        with pytest.raises(checks.CheckFailed, match=f"the policy of {name} {message}"):
-            getattr(checks, name)(lambda *args, **kw: turning(solution(*args, **kw), calls, then))  # noqa: B023
 
 
 @pytest.mark.parametrize("error", [AssertionError("no"), KeyError("p"), StopIteration(), RuntimeError("two\nlines")])

@@ -6,22 +6,13 @@ notebook's checks stand in the file of its name.
 """
 
 from clothlab.checks._check import CheckFailed
-<<<<<<< HEAD
 from clothlab.checks.cloth_simulation import count_springs, euler_step, pin
-from clothlab.checks.control import my_mask, random_shooting, steps_along
-from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, linear_reconstruction, training_step
-from clothlab.checks.estimate_and_control import shaken
-from clothlab.checks.online_estimation import curvature, gradient_by_nudges, momentum_step
-from clothlab.checks.parametric_bias import left_out, shares_by_hand
-=======
-from clothlab.checks.cloth_simulation import count_springs, euler_step
 from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, linear_reconstruction, training_step
 from clothlab.checks.model_predictive_control import my_mask, plan_gradients, receding_horizon, shifted, steps_along
-from clothlab.checks.online_estimation import curvature, momentum_step
-from clothlab.checks.parametric_bias import shares_by_hand
->>>>>>> 560fe09 (Rewrite in work)
+from clothlab.checks.online_estimation import curvature, gradient_by_nudges, momentum_step
+from clothlab.checks.parametric_bias import left_out, shares_by_hand
 from clothlab.checks.practice import one_outcome
-from clothlab.checks.predictive_model import influence
+from clothlab.checks.predictive_model import closed_loop, influence, lstm_step, parameter_groups
 from clothlab.checks.results import verdict
 from clothlab.checks.start_here import best_moment
 from clothlab.checks.stiff_when_it_helps import sign_flip_share

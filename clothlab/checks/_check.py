@@ -111,19 +111,6 @@ def arrays(what: str, *reads: Read) -> Read:
     return read
 
 
-def policy(commands: int) -> Read:
-    """Read a policy of commands `[commands]`, which is called with the same care as the answer that made it."""
-    command = array("a command", commands)
-
-    def read(name: str, found: object) -> Callable:
-        if not callable(found):
-            wanted = "a policy: a function (or an object that can be called) of one argument, the observation"
-            raise CheckFailed(f"{name} returned {_shown(found)}: return {wanted}")
-        return _careful(found, f"the policy of {name}", command)
-
-    return read
-
-
 def _careful(answer: Callable, name: str, read: Read) -> Callable:
     """Call the answer so that whatever goes wrong within it, or with what it returns, is a CheckFailed."""
 
