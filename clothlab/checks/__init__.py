@@ -8,16 +8,16 @@ notebook's checks stand in the file of its name.
 from clothlab.checks._check import CheckFailed
 from clothlab.checks.cloth_simulation import count_springs, euler_step, pin
 from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, linear_reconstruction, training_step
+from clothlab.checks.identifiability import share_held
+from clothlab.checks.iterative_learning_control import one_outcome
 from clothlab.checks.model_predictive_control import my_mask, plan_gradients, receding_horizon, shifted, steps_along
 from clothlab.checks.online_estimation import curvature, gradient_by_nudges, momentum_step
 from clothlab.checks.parametric_bias import left_out, shares_by_hand
-from clothlab.checks.practice import one_outcome
 from clothlab.checks.predictive_model import closed_loop, influence, lstm_step, parameter_groups
 from clothlab.checks.results import verdict
 from clothlab.checks.start_here import best_moment
-from clothlab.checks.stiff_when_it_helps import sign_flip_share
+from clothlab.checks.stiffness_and_speed import sign_flip_share
 from clothlab.checks.table_setting import plane_of_most, point_of_pixel
 from clothlab.checks.variable_stiffness import compliance, length_for_measured_tension, pair_stiffness
-from clothlab.checks.what_can_be_known import share_held
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))
