@@ -288,7 +288,7 @@ SLIPS = [
     ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
     ("sign_flip_share", ">= d.mean() - 1e-12", ">= d.mean()", "within 1e-12"),
     ("sign_flip_share", "np.array(means) >= d", "np.abs(means) >= d", "not those that are as far from 0"),
-    ("sign_flip_share", "float(np.mean(", "float(np.sum(", "divide by how many there are"),
+    ("sign_flip_share", "share = np.mean(", "share = np.sum(", "divide by how many there are"),
     ("share_held", "-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
     ("share_held", "np.mean(squared", "np.mean(np.sqrt(squared)", "has no root"),
     ("share_held", "np.linalg.inv(covariances)", "covariances", "the inverse of the covariance"),
@@ -316,10 +316,10 @@ SLIPS = [
     ("plane_of_most", "return", "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)", "first the slopes"),
     ("verdict", "sign * mean", "mean", "where its sign is -1"),
     ("verdict", "return", "int(abs(mean) > half)", "return -1"),
-    ("verdict", "/ np.sqrt(len(differences))", "", "root of their number"),
-    ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "1.96", "Student's t"),
+    ("verdict", " / np.sqrt(n)", "", "root of their number"),
+    ("verdict", "stats.t.ppf(0.975, n - 1)", "1.96", "Student's t"),
     ("verdict", "ddof=1", "ddof=0", "n - 1, not by n"),
-    ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "2.776", "one less than the values"),
+    ("verdict", "stats.t.ppf(0.975, n - 1)", "2.776", "one less than the values"),
 ]
 # Other ways to be right, as readers write them: the solution with one piece replaced by another.
 RIGHTS = [
