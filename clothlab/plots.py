@@ -13,7 +13,6 @@ import imageio_ffmpeg
 import IPython.display
 import mediapy
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from clothlab.alt_text import describe
@@ -222,36 +221,6 @@ def success_curves(
         ax.set(title=case, xlabel=xlabel, ylim=(0, 1.02))
     axes[0, 0].set_ylabel(ylabel)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
-    return figure
-
-
-def arm_motion(runs: dict[str, pd.Series], until: int = 40, period: int = ControlSettings.period) -> Figure:
-    """Commands, joint angles and distance to the target, a column a run (the paper's figure on the robot).
-
-    Shaded: while the arm comes down, from the moment at which the shoulder's target is highest to the period's end.
-    Dashed, below: the distance with which a run begins, of a cloth that hangs still.
-    `runs` are `{title: row of foam_control}`.
-    """
-    names = ("θ shoulder [rad]", "θ elbow [rad]", "f_const [N]", "distance [s.d. of z]")
-    figure, axes = new_axes(len(names), len(runs), size=(6.0, 1.75), sharex=True, sharey="row")
-    t, fine = np.arange(until) * CONTROL_PERIOD, np.arange(1, 10 * until + 1) * CONTROL_PERIOD / 10
-    for column, (title, run) in zip(axes.T, runs.items(), strict=True):
-        for n, ax in enumerate(column[:3]):
-            ax.step(t, run.commands[:until, n], "--", where="post", color=COLOURS[1], label="commanded")
-        for ax, angle in zip(column, run.theta[: 10 * until].T, strict=False):
-            ax.plot(fine, angle, color=COLOURS[0], label="measured")
-        column[3].plot(t, run.distance[:until], "o-", ms=3, color=COLOURS[3])
-        column[3].axhline(run.distance[0], color="0.35", ls="--", lw=1)
-        for start in range(0, until - period + 1, period):
-            highest = start + run.commands[start : start + period, 0].argmin()
-            for ax in column:
-                ax.axvspan(highest * CONTROL_PERIOD, (start + period) * CONTROL_PERIOD, color="0.92", zorder=0)
-        column[0].set_title(title)
-        column[3].set(xlabel="time [s]", ylim=(0, None))
-    for ax, name in zip(axes[:, 0], names, strict=True):
-        ax.set_ylabel(name)
-    axes[2, 0].set_ylim(0, 75)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 
 

@@ -17,7 +17,7 @@ from clothlab.table_scene import task
 from clothlab.table_scene.servoing import RobotDriver
 from clothlab.table_scene.table_env import ClothPose, Placement, TableEnv
 from clothlab.table_scene.task import Outcome
-from clothlab.table_scene.throwing import ThrowSettings, closed_until, label_spread
+from clothlab.table_scene.throwing import ThrowSettings, label_spread
 from clothlab.trials import Trial
 
 ARM = get_arm("muscle-hand")
@@ -30,7 +30,7 @@ def recorded(foam, seed, *, spread=True, steps=18):
     """A throw that only has to be of the right sizes."""
     rng = np.random.default_rng(seed)
     u = rng.uniform(ARM.command_lower, ARM.command_upper, (steps, 4))
-    u[:, 3] = closed_until(2.5 + 0.3 * seed, steps)
+    u[:, 3] = np.clip(2.5 + 0.3 * seed - np.arange(steps), 0, 1)
     images = np.zeros((steps, 96, 128), bool)
     images[:, 30 + seed : 60, 40:90] = True
     trial = Trial(images, rng.normal(size=(steps, 12)), u, get_cloth(foam), "muscle-hand", "operator", seed)

@@ -1,7 +1,5 @@
 """Every figure is drawn from records, shows what they say, and is shown once."""
 
-from types import SimpleNamespace
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ RNG = np.random.default_rng(0)
 BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
 PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
-MOTION = SimpleNamespace(commands=RNG.random((20, 3)), theta=RNG.random((200, 2)), distance=RNG.random(20))
 FIGURES = {
     "loss curves": lambda: plots.loss_curves({"here": [1.0, 0.5], "there": [0.9, 0.6, 0.4]}, "loss [1]"),
     "image grid": lambda: plots.image_grid(MASKS, ["a", "b", "c"], columns=2),
@@ -27,7 +24,6 @@ FIGURES = {
     "distances": lambda: plots.distance_transition({"control": RNG.random(19)}, {"still": 1.0}),
     "ellipse": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), 30.0),
     "ellipses": lambda: plots.ellipse_at_hand(MuscleArm(), np.array([0.3, -1.0]), [10.0, 70.0]),
-    "motion": lambda: plots.arm_motion({"hard-1": MOTION}, until=16),
     "successes": lambda: plots.success_curves({"case": {"control": RNG.random((5, 9))}}, np.linspace(0, 2, 9)),
     "dots": lambda: plots.dots({"a": {"x": RNG.random(5)}, "b": {"x": RNG.random(5)}}, "distance [m]"),
     "scatter": lambda: plots.chamfer_scatter(RNG.random(9), RNG.random(9)),
@@ -60,16 +56,6 @@ def test_the_ellipse_lies_around_the_hand_and_is_smaller_the_stiffer_the_arm():
     assert np.mean(stiff.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
     assert np.ptp(soft.get_xydata(), axis=0) == pytest.approx(3.3 * np.ptp(stiff.get_xydata(), axis=0), rel=0.1)
     assert (soft.get_label(), stiff.get_label()) == ("10 N", "70 N")
-
-
-def test_an_arm_is_shaded_while_it_comes_down():
-    commands = np.zeros((16, 3))
-    commands[3, 0] = commands[13, 0] = -1  # where the shoulder's target is highest
-    run = SimpleNamespace(commands=commands, theta=np.zeros((160, 2)), distance=np.full(16, 2.0))
-    *_, f_const, distance = plots.arm_motion({"run": run}, until=16).axes
-    spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in distance.patches]
-    assert np.array(spans) == pytest.approx(np.array([(0.6, 1.6), (2.6, 3.2)]))
-    assert len(f_const.lines) == 1, "f_const has no measured value"
 
 
 @pytest.mark.slow

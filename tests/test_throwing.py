@@ -16,7 +16,6 @@ from clothlab.table_scene.throwing import (
     RandomThrow,
     ThrowPolicy,
     ThrowSettings,
-    closed_until,
     label_spread,
     laid_by_hand,
     see_cloth_pose,
@@ -42,7 +41,7 @@ def thrown(material, release, seed):
     """A recorded throw that only has to be of the right sizes."""
     rng = np.random.default_rng(seed)
     u = rng.uniform(ARM.command_lower, ARM.command_upper, (STEPS + 2, 4))
-    u[:, 3] = closed_until(release, len(u))
+    u[:, 3] = np.clip(release - np.arange(len(u)), 0, 1)
     return Sequences(0.3 * rng.normal(size=(STEPS + 2, 15)), u, material)
 
 
@@ -60,11 +59,6 @@ def sent(policy, square, steps):
 
 def commands(policy, steps=20):
     return np.array([policy({}) for _ in range(steps)])
-
-
-@pytest.mark.parametrize(("release", "closed"), [(2.4, [1, 1, 0.4, 0]), (9.0, [1, 1, 1, 1]), (2.0, [1, 1, 0, 0])])
-def test_the_hand_is_closed_until_it_opens(release, closed):
-    assert closed_until(release, 4) == pytest.approx(closed)
 
 
 def test_a_label_is_written_down_and_can_be_changed(muscle_trial):

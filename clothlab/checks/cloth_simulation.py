@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 
-import mujoco
 import numpy as np
 
-from clothlab.checks._check import CheckFailed, array, check, expect
-from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, hanging_points, springs
+from clothlab.checks._check import array, check, expect
+from clothlab.simulation.cloth import Cloth, get_cloth, hanging_points, springs
 
 MIDDLE = get_cloth("damp0.05-mass0.10")
 
@@ -47,29 +46,6 @@ def euler_step(answer: Callable) -> None:
     slips = {"move the points with the new velocities, not the old": (x + dt * v)[1:]}
     expect(new_x[1:], x[1:] + dt * free_v, "new positions are x + dt · new velocity", slips)
     assert not new_v[0].any(), "the hand holds the first row: its velocity stays zero"
-
-
-def _model(name: str, found: object) -> mujoco.MjModel:
-    """Compile the MJCF text that was returned."""
-    if not isinstance(found, str):
-        raise CheckFailed(f"{name} returned {type(found).__name__}: return the text of the whole model")
-    try:
-        return mujoco.MjModel.from_xml_string(found)
-    except ValueError as error:
-        raise CheckFailed(f"MuJoCo cannot read what {name} returned: {str(error).splitlines()[0]}") from None
-
-
-@check(_model)
-def pin(answer: Callable) -> None:
-    """Pin points of a cloth that falls, one at a time."""
-    spec = mujoco.MjSpec()
-    add_cloth(spec, MIDDLE, None, np.zeros(3))
-    before = spec.compile()
-    for name in ("cloth_5_0", "cloth_2_1"):
-        model = answer(spec.to_xml(), name)
-        joints = model.body(name).jntnum[0]
-        assert not joints, f"{name} still has {joints} of its 3 joints, and can move"
-        assert model.njnt == before.njnt - 3, f"only {name} is pinned: the other points keep their joints"
 
 
 def acceleration(cloth: Cloth, x: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -59,9 +59,3 @@ def plane_of_most(answer: Callable) -> None:
         found = answer(np.column_stack([x, y, z]))
         message = f"most points lie on the plane {np.round(plane, 2)}, not {found.round(2)}; {share:.0%} are others"
         expect(found, plane, message, slips, atol=0.006)
-
-
-def _edge(ahead: float, up: float, middle: tuple[float, float, float] = (0.6, 0.0, 1.0), wide: float = 0.4) -> list:
-    """An edge whose ends differ by so much [m]."""
-    half = np.array([ahead, wide, up]) / 2
-    return [np.array(middle) - half, np.array(middle) + half]

@@ -55,7 +55,6 @@ class PanelActions:
             "stop": self._stop,
             "save": self._save,
             "discard": self._discard,
-            "live": lambda: None,
         }
 
     def _take_over(self, u: ArrayLike) -> None:

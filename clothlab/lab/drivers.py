@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 
-from clothlab.learning.control import ControlPolicy, period_mask
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.trained import Trained
 from clothlab.policies import OperatorPolicy, Policy, RandomPolicy
@@ -35,20 +33,6 @@ class Period(NamedTuple):
     achieved: float  # distance of its last step for control, of its best step for iterative learning [s.d. of z]
 
 
-class _Control(ControlPolicy):
-    """Control that also says which image its plan leads to."""
-
-    @property
-    def foreseen(self) -> np.ndarray | None:
-        """The z whose distance is `predicted_distance`, `[D_z]`."""
-        ends = period_mask(self._t - 1, self.settings)
-        if self._last is None or not ends.any():
-            return None
-        with torch.no_grad():
-            states = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)
-        return states[0, -1, self.layout.z].numpy()
-
-
 class Drivers:
     """The policies for one arm, which may have other limits than that of the weights.
 
@@ -67,7 +51,7 @@ class Drivers:
     ):
         self._iterative = trained.iterative_controller(target, p, runs, arm=arm)
         self._controllers = {
-            "control": _Control(trained.model, trained.autoencoder, arm, target, p, plans=plans),
+            "control": trained.controller(target, p, plans=plans, arm=arm),
             "iterative": self._iterative,
         }
         self._arm, others = arm, {"random": RandomPolicy(arm), "operator": OperatorPolicy(arm)}

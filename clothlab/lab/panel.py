@@ -14,7 +14,6 @@ from clothlab.lab import views
 from clothlab.lab.actions import PanelActions
 from clothlab.lab.clock import Clock, LoopCallbacks
 from clothlab.lab.messages import Messages
-from clothlab.lab.playback import Playback
 from clothlab.lab.session import LiveSession, StepInfo
 from clothlab.lab.widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
@@ -56,7 +55,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
         super().__init__()
-        self._playback = Playback(self)
         self._actions = PanelActions(self, self._messages.say)
         self.on_msg(self._hear)
         self._meet_arm()
@@ -105,7 +103,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def close(self) -> None:
         """Leave nothing behind: no thread, no widget, no OpenGL context."""
         self._clock.pause()
-        self._playback.close()
         if LivePanel._active is self:
             LivePanel._active = None
         self.session.close()
@@ -196,9 +193,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
         arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
         if buffers:
             arguments["content"] = bytes(buffers[0])
-        actions = self._actions.named() | {"play": self._playback.start}
+        actions = self._actions.named()
         self._messages.say("")
-        self._playback.stop()  # any action is meant for the robot that is here
         self._messages.guarded(lambda: choose("action", content.get("do", ""), actions)(**arguments))
         self._answered = content.get("id", "")
         self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))

@@ -3,7 +3,7 @@
 import base64
 import json
 import lzma
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from itertools import accumulate
 from operator import or_
 from pathlib import Path
@@ -17,7 +17,7 @@ from clothlab import artifacts
 from clothlab._files import reading, write_bytes
 from clothlab.alt_text import AltText
 from clothlab.lab import views
-from clothlab.lab.clock import Clock, LoopCallbacks
+from clothlab.lab.clock import LoopCallbacks
 from clothlab.lab.messages import Messages
 from clothlab.lab.widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
@@ -57,63 +57,6 @@ def load_recording(path: Path | None = None) -> list[_Frame]:
         raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
     with reading(path, "recorded run"):
         return json.loads(lzma.decompress(path.read_bytes()), object_hook=_unpacked)["shots"]
-
-
-class Playback:
-    """Shows a recorded run in a panel, a step in each control period, until it ends or a person does something."""
-
-    def __init__(self, panel: Any, load: Callable[[], list[_Frame]] = load_recording):
-        self._panel, self._load = panel, load
-        self._clock = Clock(self._tick, CONTROL_PERIOD)
-        self._shots: Iterator[tuple[int, _Frame]] = iter(())
-        self._state: dict[str, Any] = {}
-        self._count = 0
-
-    @property
-    def running(self) -> bool:
-        """Whether something is shown."""
-        return self._clock.running
-
-    def start(self) -> None:
-        """Show it from the beginning, while time stands still for the live robot."""
-        shots = self._load()
-        self._panel.pause()
-        self._shots, self._count = enumerate(shots), len(shots)
-        self._clock.start()
-
-    def stop(self) -> None:
-        """Show the live robot again."""
-        if self.running:
-            self.close()
-            self._panel.show_all()
-
-    def close(self) -> None:
-        """Show no more of it."""
-        self._clock.pause()
-
-    def _tick(self, _: float) -> bool:
-        number, shot = next(self._shots, (self._count, None))
-        if shot is None:
-            self._panel.show_all()
-            return False
-        with self._panel.hold_sync():
-            for name, value in self._as_if_now(shot, number).items():
-                setattr(self._panel, name, value)
-        return True
-
-    def _as_if_now(self, shot: _Frame, number: int) -> dict[str, Any]:
-        """What is new, with the panel's own numbers; no frame for a browser that has not drawn the last one."""
-        panel, news = self._panel, {name: value for name, value in shot.items() if name in _SHOWN}
-        self._state = news.get("state", self._state)
-        text = f"recorded run, {_clock_time(number)} of {_clock_time(self._count)}: {shot['caption']}"
-        own = {"status": "recorded", "running": False, "message": {"text": text, "kind": "info"}}
-        news["state"] = self._state | own | {"answered": panel.state["answered"]}
-        if "target" in news:
-            news["target"] |= {"version": panel.target["version"] + 1}
-        frame = news.pop("frame", None)
-        if frame and panel.drawn == panel.frame["number"]:
-            news["frame"] = frame | {"number": panel.frame["number"] + 1}
-        return news
 
 
 class RecordedRun(Widget, ipywidgets.VBox):

@@ -239,14 +239,19 @@ class ControlPolicy(PlanningPolicy):
         return self._send(self._follow(observation)) if self.trace else self(observation)
 
     @property
-    def predicted_distance(self) -> float | None:
-        """Distance that the plan leads to at the end of its period [s.d. of z]; None where that is out of sight."""
+    def foreseen(self) -> np.ndarray | None:
+        """The z that the plan leads to at the end of its period `[D_z]`; None where that is out of sight."""
         ends = period_mask(self._t - 1, self.settings)
         if self._last is None or not ends.any():
             return None
         with torch.no_grad():
-            z = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)[0, -1, self.layout.z]
-        return float(torch.linalg.vector_norm(self.z_ref - z))
+            states = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)
+        return states[0, -1, self.layout.z].numpy()
+
+    @property
+    def predicted_distance(self) -> float | None:
+        """Distance of that z to the target [s.d. of z]."""
+        return None if self.foreseen is None else float(np.linalg.norm(self.z_ref.numpy() - self.foreseen))
 
     @property
     def period_ended(self) -> bool:

@@ -31,11 +31,6 @@ from clothlab.trials import Trial
 _SPREAD = ", spread"  # ends the name of a recorded trial's policy when the cloth lay spread after it
 
 
-def closed_until(release: float, steps: int) -> np.ndarray:
-    """For how much of each control period the hand is closed that opens after so many periods, `[T]`."""
-    return np.clip(release - np.arange(steps), 0.0, 1.0)
-
-
 def label_spread(trial: Trial, spread: bool) -> Trial:
     """The trial with a note, in the name of its policy, whether the cloth was seen to lie spread after it."""
     return replace(trial, policy=trial.policy.removesuffix(_SPREAD) + (_SPREAD if spread else ""))

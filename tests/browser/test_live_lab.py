@@ -369,11 +369,6 @@ def test_a_projector_shows_a_muscle_arm_and_a_recorded_run(notebook, page, proje
     expect(status(page)).to_have_text("❚❚ paused")
     expect(button(page, "pause")).to_have_attribute("aria-disabled", "true")
     look("paused")
-    button(page, "recorded run").click()
-    expect(status(page)).to_have_text("▶ recorded run")
-    expect(page.get_by_text("recorded run, 0:02 of").first).to_be_visible(timeout=15_000)
-    expect(page.get_by_role("combobox", name="arm")).to_have_value("torque")  # as it was when it was recorded
-    look("recorded")
     button(page, "step").click()
     expect(status(page)).to_have_text("❚❚ paused")
     expect(page.get_by_role("combobox", name="arm")).to_have_value("muscle")

@@ -3,7 +3,6 @@ const STATUS = {
   running: ["▶ running", "five steps a second"],
   paused: ["❚❚ paused", "time stands still: press start"],
   late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
-  recorded: ["▶ recorded run", "nothing is computed; whatever you do next ends it"],
   fault: ["✗ fault", "something went wrong: the message says what"],
 };
 
@@ -141,7 +140,6 @@ function render({ model, el }) {
   const folds = Object.entries({ target, material: materials, hand: own, "more plots": more }).map(([label, part]) => ({ part, opener: button(label, () => unfold(part)) }));
   const project = button("projector", () => arrange(!projecting()));
   project.className = "away";
-  const replay = button("recorded run", () => act(get("state").status === "recorded" ? "live" : "play"));
   const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, explore, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
@@ -171,8 +169,6 @@ function render({ model, el }) {
     pictures.replaceChildren(...(on ? [] : [scene.figure, pair]));
     if (on) unfold(null);
     rest.replaceChildren(...(on ? [] : [target, materials, own]));
-    if (on) bar.firstChild.append(replay); // the first row is full
-    else project.before(replay);
     if (on) bar.append(message);
     else root.insertBefore(message, shown);
     if (get("frame").traces && traces.length) drawTraces(get("frame"));
@@ -231,8 +227,6 @@ function render({ model, el }) {
     status.textContent = `${word}${state.recording ? " ● recording" : ""}`;
     status.className = `status ${state.status}`;
     status.title = meaning;
-    replay.setAttribute("aria-pressed", state.status === "recorded");
-    replay.title = state.status === "recorded" ? "back to the live robot" : "shows a run that was recorded, for when the machine can't keep up";
     idle(start, state.running ? "time goes by already" : "");
     idle(pause, state.running ? "" : "time stands still already");
     for (const each of [message, again]) {
