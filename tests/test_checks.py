@@ -309,11 +309,6 @@ RIGHTS = [
         "body",
         "s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2; return list(s / s.sum())",
     ),
-    (
-        "left_out",
-        "body",
-        "x = np.column_stack([np.ones(len(p)), p]); hat = x @ np.linalg.pinv(x); leverage = np.diag(hat)\nreturn y - (y - hat @ y) / (1 - leverage)",
-    ),
     ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
     ("momentum_step", "return p, v", "return [p.tolist(), v.astype(np.float32)]"),
     ("plan_gradients", "(g,) = torch.autograd.grad(loss(u).sum(), u)", "loss(u).sum().backward(); g = u.grad"),
