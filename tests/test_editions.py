@@ -19,7 +19,7 @@ def with_tag(notebook, tag):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_students_get_every_stub_and_no_solution(path):
+def test_students_get_every_stub_and_neither_solution_nor_condition(path):
     notebook = nbformat.read(path, as_version=4)
     student = make_editions.student_edition(notebook)
     nbformat.validate(student)
@@ -29,7 +29,7 @@ def test_students_get_every_stub_and_no_solution(path):
     for stub, solution in zip(with_tag(notebook, "stub"), with_tag(notebook, "solution"), strict=True):
         answer = [line for line in solution.splitlines() if line.strip() and line not in stub.splitlines()]
         assert json.dumps("\n".join(answer), ensure_ascii=False)[1:-1] not in text
-    kept = [cell for cell in notebook.cells if "solution" not in cell.metadata.get("tags", [])]
+    kept = [cell for cell in notebook.cells if not {"solution", "claim"} & {*cell.metadata.get("tags", [])}]
     assert len(student.cells) == len(kept)
 
 

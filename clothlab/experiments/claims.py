@@ -1,4 +1,4 @@
-"""A claim is a condition on a figure. Every **Finding** of the notebooks is followed by a cell that states it as one.
+"""A claim is a condition on a figure. The last cell of a notebook states its **Findings** as such.
 
 A condition is a number made of arrays, and its bounds. It is checked on what is stored from a full-size run, and on the
 live run where that has the full size. To show that it can fail, it is fed noise, most of which it must refuse.
