@@ -296,10 +296,10 @@ SLIPS = [
     ("plane_of_most", "return", "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)", "first the slopes"),
     ("verdict", "sign * mean", "mean", "where its sign is -1"),
     ("verdict", "return", "int(abs(mean) > half)", "return -1"),
-    ("verdict", " / np.sqrt(n)", "", "root of their number"),
-    ("verdict", "stats.t.ppf(0.975, n - 1)", "1.96", "Student's t"),
+    ("verdict", "/ np.sqrt(len(differences))", "", "root of their number"),
+    ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "1.96", "Student's t"),
     ("verdict", "ddof=1", "ddof=0", "n - 1, not by n"),
-    ("verdict", "stats.t.ppf(0.975, n - 1)", "2.776", "one less than the values"),
+    ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "2.776", "one less than the values"),
 ]
 # Other ways to be right, as readers write them: the solution with one piece replaced by another.
 RIGHTS = [

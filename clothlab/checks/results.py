@@ -19,7 +19,7 @@ def verdict(answer: Callable) -> None:
     for t, count, sign, truth, message in (
         (12.0, 5, 1, 1, "differences far above zero are as the paper says, where its sign is +1: return 1"),
         (-12.0, 5, -1, 1, "differences far below zero are as the paper says, where its sign is -1: return 1"),
-        (-12.0, 5, 1, -1, "that is significant, but with the other sign than the paper's: return -1"),
+        (-12.0, 5, 1, -1, "that differs significantly from zero, but with the other sign than the paper's: return -1"),
         (0.3, 5, 1, 0, "the interval holds zero, so the difference is not significant: return 0"),
         (4.0, 5, 1, 1, "the mean scatters less than the values: divide their deviation by the root of their number"),
         (2.3, 5, 1, 0, "1.96 is too small for five values: take Student's t with 4 degrees of freedom"),
