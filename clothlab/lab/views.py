@@ -178,7 +178,7 @@ class Views:
         if history:
             shots.append(shot("what the camera sees", history[-1].image))
             shots.append(shot("predicted for the end of this period", decoded(history[-1].foreseen)))
-        if ended:
+        if ended and ended.period:
             predicted, achieved = ended.period
             shots.append(shot(f"achieved at the end of the last period: {achieved:.2f}", ended.image))
             shots.append(shot(f"predicted for it when it began: {predicted:.2f}", decoded(ended.began)))
