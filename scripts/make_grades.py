@@ -155,6 +155,8 @@ class Answer:
             return value
         if "array" in value:
             return np.array(value["array"]).reshape(value["shape"])
+        if "dict" in value:
+            return {key: self._decode(part) for key, part in value["dict"]}
         if "lent" in value:
             return self._lent[value["lent"]]
         place = int(value["function"])

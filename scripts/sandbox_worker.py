@@ -66,6 +66,8 @@ class Worker:
             return float(value)
         if isinstance(value, list | tuple):
             return [self.encode(part, name) for part in value]
+        if isinstance(value, dict):
+            return {"dict": [[self.encode(part, name) for part in pair] for pair in value.items()]}
         if isinstance(value, Lent):
             return {"lent": value.__dict__["_place"]}
         if callable(value):
@@ -132,8 +134,9 @@ def defined(sources: list[str], name: str) -> tuple[Any, str]:
             try:
                 code = compile(ast.Module([node], []), file, "exec")
                 for each in ast.walk(node) if isinstance(node, ast.Assign) else ():
-                    if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
-                        names.values_to_compute.setdefault(each.id, []).append(code)
+                    target = each.value if isinstance(each, ast.Subscript) else each  # of `a["b"] = 1` it is a
+                    if isinstance(target, ast.Name) and isinstance(each.ctx, ast.Store):  # type: ignore[attr-defined]
+                        names.values_to_compute.setdefault(target.id, []).append(code)
                 if not isinstance(node, ast.Assign):
                     exec(code, names)
             except Exception as error:

@@ -7,7 +7,7 @@ notebook's checks stand in the file of its name.
 
 from clothlab.checks._check import CheckFailed
 from clothlab.checks.cloth_simulation import count_springs, euler_step
-from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, linear_reconstruction, training_step
+from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, denoise, linear_reconstruction
 from clothlab.checks.identifiability import share_held
 from clothlab.checks.iterative_learning_control import one_outcome
 from clothlab.checks.model_predictive_control import my_mask, plan_gradients, receding_horizon, shifted, steps_along
