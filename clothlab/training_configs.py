@@ -6,7 +6,8 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab.learning.autoencoder import Autoencoder, AutoencoderTraining, train_autoencoder
-from clothlab.learning.dpmpb import ModelTraining, Sequences, to_sequences, train_dpmpb
+from clothlab.learning.cloth_state import to_sequences
+from clothlab.learning.dpmpb import ModelTraining, Sequences, train_dpmpb
 from clothlab.learning.trained import Trained
 from clothlab.simulation.arm import get_arm
 from clothlab.trials import Trial

@@ -28,7 +28,8 @@ from playwright.sync_api import sync_playwright
 from clothlab import artifacts
 from clothlab.datasets import DATASETS, record
 from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.learning.control import ControlSettings, control_loss, optimise_commands, period_mask
+from clothlab.learning.cloth_control import TENSION_WEIGHT, control_loss, period_mask
+from clothlab.learning.control import ControlSettings, optimise_commands
 from clothlab.learning.dpmpb import Memory, Sequences, predict, train_dpmpb
 from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.simulation.env import ClothEnv
@@ -102,7 +103,7 @@ def solves(name: str) -> dict[str, Callable[[], object]]:
     fast = FastDPMPB(model, p)
 
     def loss(states: torch.Tensor) -> torch.Tensor:
-        return control_loss(states, z_ref, mask, learned.layout.tensions, settings.tension_weight)
+        return control_loss(states, z_ref, mask, learned.layout.tensions, TENSION_WEIGHT)
 
     rollouts = {"plain": lambda c: predict(model, s, c, p, memory), "ours": lambda c: fast(s, c, memory)}
     fixed = (loss, u, lower, upper, model.u_std, settings)

@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 
 from clothlab import artifacts
 from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.learning.control import ControlPolicy
+from clothlab.learning.cloth_control import ControlPolicy
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
 from clothlab.trials import load_trial, save_trial

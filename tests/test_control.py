@@ -7,19 +7,11 @@ import pytest
 import torch
 
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import (
-    ControlPolicy,
-    ControlSettings,
-    best_step,
-    control_loss,
-    downhill,
-    nearest_plans,
-    optimise_commands,
-    period_mask,
-    recorded_plans,
-)
-from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
-from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy, EstimationSettings
+from clothlab.learning.cloth_control import ControlPolicy, control_loss, nearest_plans, period_mask, recorded_plans
+from clothlab.learning.cloth_state import EstimatingPolicy, observe, to_sequences
+from clothlab.learning.control import ControlSettings, best_step, downhill, optimise_commands
+from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.estimation import BiasEstimator, EstimationSettings
 from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.simulation.arm import MuscleArm
 from clothlab.trials import rollout
@@ -130,7 +122,7 @@ def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, 
         policy, sent = controller(warm_start=warm_start, period=8), []
         for _ in range(10):
             sent.append(torch.as_tensor(policy(env.observe()), dtype=torch.float32))
-        policy._follow(env.observe())
+        policy._follow(torch.as_tensor(observe(policy.autoencoder, env.observe())))
         assert torch.equal(policy._u[-1], repeated(policy, sent))
     with pytest.raises(KeyError, match="choose from last, periodic"):
         controller(warm_start="none")
@@ -151,7 +143,8 @@ def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, contr
 
 @pytest.mark.slow
 def test_the_predicted_distance_is_that_of_the_end_of_the_period(muscle_env, controller):
-    policy = controller(arm=MuscleArm(), sizes=(15, 3), tension_weight=0.0)
+    policy = controller(arm=MuscleArm(), sizes=(15, 3))
+    policy.tension_weight = 0.0
     assert policy.predicted_distance is None
     for k in range(16):
         assert not policy.period_ended or k == 8

@@ -5,17 +5,8 @@ import pytest
 import torch
 
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.dpmpb import (
-    DPMPB,
-    ModelTraining,
-    Sequences,
-    fit_normalisation,
-    observe,
-    predict,
-    stretches,
-    to_sequences,
-    train_dpmpb,
-)
+from clothlab.learning.cloth_state import observe, to_sequences
+from clothlab.learning.dpmpb import DPMPB, ModelTraining, Sequences, fit_normalisation, predict, stretches, train_dpmpb
 
 BRIEF = ModelTraining(epochs=8, batch_size=20, sequence_length=10)
 GOOD = Sequences(np.zeros((40, 7)), np.zeros((40, 2)), "a")
@@ -128,5 +119,5 @@ def test_runs_that_no_model_can_learn_are_refused():
         train_dpmpb([])
     with pytest.raises(ValueError, match=r"more steps than the 30 of a sequence, got 20"):
         train_dpmpb([GOOD, GOOD[:20]])
-    with pytest.raises(ValueError, match=r"sizes differ"):
+    with pytest.raises(ValueError, match=r"of the same sizes"):
         train_dpmpb([GOOD, Sequences(np.zeros((40, 9)), GOOD.u, "b")])

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import nearest_plans
+from clothlab.learning.cloth_control import nearest_plans
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.iterative import Attempt, IterativeLearningPolicy, IterativeLearningSettings, ResidualModel
 from clothlab.trials import rollout

@@ -5,7 +5,7 @@ import pytest
 
 from clothlab.lab.drivers import DRIVERS, Choice, Drivers
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import recorded_plans
+from clothlab.learning.cloth_control import recorded_plans
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.trained import Trained
 from clothlab.simulation.arm import TorqueArm

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 
 from clothlab.checks._check import CheckFailed, array, check, expect
-from clothlab.learning.control import ControlSettings, period_mask
+from clothlab.learning.cloth_control import period_mask
+from clothlab.learning.control import ControlSettings
 
 
 @check(array("a list of 0 and 1", None))

@@ -13,7 +13,8 @@ from clothlab import artifacts
 from clothlab._validation import check_array, choose
 from clothlab.analysis import best_per_period, spread, target_distance
 from clothlab.learning.autoencoder import Autoencoder, iou
-from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.cloth_state import to_sequences
+from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.estimation import estimate_bias
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy

@@ -23,8 +23,10 @@ from clothlab.experiments._runs import HEAVY, LIGHT, RECORDINGS, SAMPLES, TASKS,
 from clothlab.experiments.motion import MotionWatch
 from clothlab.experiments.oracle import best_possible
 from clothlab.learning.autoencoder import encode
-from clothlab.learning.control import ControlSettings, nearest_plans, recorded_plans
-from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.learning.cloth_control import nearest_plans, recorded_plans
+from clothlab.learning.cloth_state import EstimatingPolicy
+from clothlab.learning.control import ControlSettings
+from clothlab.learning.estimation import BiasEstimator
 from clothlab.learning.iterative import IterativeLearningSettings
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy, RandomPolicy, ReplayPolicy

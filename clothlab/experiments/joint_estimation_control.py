@@ -14,7 +14,8 @@ from clothlab.analysis import best_per_period, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import HEAVY, new_trial, trained
-from clothlab.learning.estimation import BiasEstimator, EstimatingPolicy
+from clothlab.learning.cloth_state import EstimatingPolicy
+from clothlab.learning.estimation import BiasEstimator
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
 

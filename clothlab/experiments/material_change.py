@@ -18,8 +18,9 @@ from clothlab.experiments._grid import Case, Experiment, Tables, grid
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import HEAVY, LIGHT, NEW, find_cloth, recorded_runs, trained
 from clothlab.experiments.transfer import TARGETS
+from clothlab.learning.cloth_state import EstimatingPolicy
 from clothlab.learning.control import ControlSettings
-from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator, NewtonSettings
+from clothlab.learning.estimation import NewtonEstimator, NewtonSettings
 from clothlab.policies import Policy, Wrapper
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv, Observation

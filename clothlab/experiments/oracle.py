@@ -20,7 +20,8 @@ from clothlab.experiments._grid import Case, Experiment, grid, over
 from clothlab.experiments._runs import NEW, RECORDINGS, SAMPLES, TASKS, best_iou, find_cloth, new_trial, own_cloth
 from clothlab.experiments.motion import MotionWatch
 from clothlab.learning.autoencoder import Autoencoder, encode, iou
-from clothlab.learning.control import ControlSettings, recorded_plans
+from clothlab.learning.cloth_control import recorded_plans
+from clothlab.learning.control import ControlSettings
 from clothlab.policies import Policy, ReplayPolicy
 from clothlab.simulation.arm import Arm, MuscleArm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth

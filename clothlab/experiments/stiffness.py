@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab import artifacts
-from clothlab.analysis import empty_distance, nearest_material, success_rate, target_distance
+from clothlab.analysis import empty_distance, nearest_material, target_distance
 from clothlab.experiments._grid import Experiment, Tables, over
 from clothlab.experiments._rows import Row
 from clothlab.experiments._runs import (
@@ -26,7 +26,7 @@ from clothlab.experiments._runs import (
     trained,
 )
 from clothlab.experiments.motion import replay
-from clothlab.learning.control import recorded_plans
+from clothlab.learning.cloth_control import recorded_plans
 from clothlab.learning.estimation import estimate_bias
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
@@ -105,7 +105,7 @@ def _control_one(
     return {
         "empty": empty_distance(learned.autoencoder, mask),
         "distance": distance.round(4),  # [T] [s.d. of z]; the first is that of the foam hanging still
-        "rate": float(success_rate(distance, [_THRESHOLD])[0]),
+        "rate": float((distance < _THRESHOLD).mean()),
         # For each of VARIANTS [m/s].
         "peak_hand_speed": [
             float(replay(trial[:speed_steps], arm=replace(ARM, **change)).hand_speed.max())

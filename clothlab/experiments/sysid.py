@@ -15,7 +15,8 @@ from torch import Tensor, nn
 from clothlab._validation import choose
 from clothlab.learning._training import fit, training
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.dpmpb import Sequences, to_sequences
+from clothlab.learning.cloth_state import to_sequences
+from clothlab.learning.dpmpb import Sequences
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth

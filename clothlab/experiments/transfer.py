@@ -33,7 +33,8 @@ from clothlab.experiments._runs import (
 )
 from clothlab.experiments.oracle import best_possible
 from clothlab.learning.autoencoder import encode, known_target
-from clothlab.learning.control import ControlSettings, nearest_plans
+from clothlab.learning.cloth_control import nearest_plans
+from clothlab.learning.control import ControlSettings
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.estimation import NewtonSettings, estimate_bias
 from clothlab.learning.iterative import IterativeLearningSettings

@@ -23,8 +23,8 @@ from clothlab.lab.targets import (
 )
 from clothlab.lab.tracker import BiasTracker
 from clothlab.learning.autoencoder import decode, encode, iou, known_target
-from clothlab.learning.control import recorded_plans
-from clothlab.learning.dpmpb import observe
+from clothlab.learning.cloth_control import recorded_plans
+from clothlab.learning.cloth_state import observe
 from clothlab.simulation.arm import check_command
 from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv, Scene, SimulationError

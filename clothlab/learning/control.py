@@ -1,24 +1,16 @@
-"""Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 8)."""
+"""Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 7)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, check_number, choose, setting
-from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.learning.dpmpb import DPMPB, Sequences, observe
+from clothlab._validation import Checked, check_array, choose, setting
+from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.fast_rollout import FastDPMPB
-from clothlab.policies import Policy
-from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.env import Observation
-from clothlab.simulation.vision import check_mask
-from clothlab.trials import Trial
 
 Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
 Loss = Callable[[Tensor], Tensor]  # predicted states, or commands → loss of each sequence [B]
@@ -34,34 +26,13 @@ class ControlSettings(Checked):
     smallest_step: float = setting(1e-3, above=0)  # a logarithmic scale needs one; not the paper's
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
-    tension_weight: float = setting(0.001, "1/N", at_least=0)  # w_loss
     warm_start: str = setting("last")  # command after a plan's end: its "last" (paper), or "periodic": a period ago's
-
-
-def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
-    """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period, else 0."""
-    steps = t + 1 + np.arange(settings.horizon)
-    return (steps % settings.period == 0).astype(np.float32)
 
 
 def step_sizes(settings: ControlSettings) -> Tensor:
     """Values of gamma to try, `[candidates]`: 0, which keeps the loss from rising, and a logarithmic scale."""
     low, high = np.log10([settings.smallest_step, settings.largest_step])
     return torch.cat([torch.zeros(1), torch.logspace(low, high, settings.candidates - 1)])
-
-
-def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension_weight: float) -> Tensor:
-    """h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂ of each sequence, `[B]` (eq. 8).
-
-    From predicted states `[B, T, D_s]`, z first, the target `[D_z]`, m_t `[T]`, and where the muscle tensions [N] lie
-    in s; an arm without tensions leaves the second term out.
-    """
-    z = s[..., : len(z_ref)]
-    loss = torch.linalg.vector_norm(mask[:, None] * (z_ref - z), dim=(1, 2))
-    f = s[..., tension]
-    if f.shape[-1]:
-        loss = loss + tension_weight * torch.linalg.vector_norm(f, dim=(1, 2))
-    return loss
 
 
 def downhill(loss: Loss, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
@@ -102,59 +73,19 @@ def optimise_commands(
     return plan[0], np.array([*trace, best.item()])
 
 
-def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
-    """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
-    check_number("count", count, int, at_least=1)
-    if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
-        raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
-    windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
-    chosen = np.random.default_rng(seed).choice(len(windows), count, replace=len(windows) < count)
-    return windows[chosen].transpose(0, 2, 1)
+class Planner:
+    """A model, the p in use, and the limits of the commands; a command whose range is a point is fixed."""
 
-
-class RecordedPlans(NamedTuple):
-    """Stretches of recorded commands, and the states that followed."""
-
-    u: np.ndarray  # [N, T, D_u]
-    distance: np.ndarray  # of what was seen after the last command to a target [N] [s.d. of z]
-    material: np.ndarray  # names [N]
-
-
-def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8, count: int = 150) -> RecordedPlans:
-    """The recorded plans, `count` or fewer, after which z was seen nearest to `z_ref`, best first.
-
-    No two plans of one run overlap by more than half.
-    """
-    z_ref = np.asarray(z_ref, dtype=np.float32)
-    from_each = -(-count // max(len(runs), 1))
-    found = []
-    for run in runs:
-        distance = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
-        for _ in range(min(from_each, len(distance) // horizon)):
-            start = int(distance.argmin())
-            found.append((run.u[start : start + horizon], float(distance[start]), run.material))
-            distance[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
-    if not found:
-        raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
-    u, distances, materials = zip(*sorted(found, key=lambda plan: plan[1])[:count], strict=True)
-    return RecordedPlans(np.stack(u).astype(np.float64), np.array(distances), np.array(materials))
-
-
-class PlanningPolicy(Policy):
-    """Base of policies that predict with a model and aim at an image; `set_target` and `set_bias` come first."""
-
-    def __init__(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm | str):
-        self.model, self.autoencoder, self.arm = model, autoencoder, get_arm(arm)
-        self.layout = self.arm.layout(autoencoder.latent_size)
-        lower, upper = self.arm.command_lower, self.arm.command_upper
-        if (model.state_size, model.command_size) != (self.layout.size, len(lower)):
+    def __init__(self, model: DPMPB, lower: ArrayLike, upper: ArrayLike):
+        self.model, shape = model, (model.command_size,)
+        self.lower = torch.as_tensor(check_array("lower", lower, shape, np.float32))
+        self.upper = torch.as_tensor(check_array("upper", upper, shape, np.float32))
+        if not (self.lower <= self.upper).all():
             raise ValueError(
-                f"the model has {model.state_size} states and {model.command_size} commands, the {self.arm.name} arm "
-                f"has {self.layout.size} and {len(lower)}; load the weights of this arm"
+                f"no lower limit is above its upper one, got {self.lower.numpy()} and {self.upper.numpy()}"
             )
-        # A command whose range is a point is fixed: the descent leaves it out (the paper's "w/o stiffness").
-        self.scale = model.u_std * torch.as_tensor(upper > lower)
-        self.lower, self.upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (lower, upper))
+        # One unit of gamma. The descent leaves out what is fixed (the paper's "w/o stiffness").
+        self.scale = model.u_std * (self.upper > self.lower)
 
     @property
     def p(self) -> np.ndarray:
@@ -166,38 +97,38 @@ class PlanningPolicy(Policy):
         self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
         self._predict = FastDPMPB(self.model, self._p)
 
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next solve on."""
-        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
 
+class Controller(Planner):
+    """Model predictive control with any differentiable loss of predicted states.
 
-class ControlPolicy(PlanningPolicy):
-    """Realises a target mask `[H, W]` again and again, once a period, with the p `[D_p]` of the cloth in the hand.
-
-    With `plans` `[N, horizon, D_u]`, such as `recorded_plans`, each period starts from the one that the model likes
-    best, where that beats the warm start. The paper has none and leaves open where the first solve starts. `trace` has
-    the losses of each solve since the reset, `[iterations + 1]`.
+    `loss(states, t)` is the loss `[B]` of states `[B, T, D_s]` predicted for the commands from control step t on; p is
+    `[D_p]`, limits are `[D_u]`. The first plan repeats the command `home` `[D_u]`, by default the middle of the limits.
+    With `plans` `[N, horizon, D_u]`, each period starts from the one that the model likes best, where that beats the
+    warm start. The paper has none and leaves open where the first solve starts. `trace` has the losses of each solve
+    since the reset, `[iterations + 1]`.
     """
-
-    name = "control"
 
     def __init__(
         self,
         model: DPMPB,
-        autoencoder: Autoencoder,
-        arm: Arm | str,
-        target: ArrayLike,
+        loss: Callable[[Tensor, int], Tensor],
         p: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
         settings: ControlSettings | None = None,
+        *,
+        home: ArrayLike | None = None,
         plans: ArrayLike | None = None,
     ):
-        super().__init__(model, autoencoder, arm)
-        self.settings = settings or ControlSettings()
+        super().__init__(model, lower, upper)
+        self.loss, self.settings = loss, settings or ControlSettings()
         self._periodic = choose("warm start", self.settings.warm_start, {"last": False, "periodic": True})
-        shape = (self.settings.horizon, len(self.lower))
-        plans = np.empty((0, *shape)) if plans is None else check_array("plans", plans, ("N", *shape))
-        self._plans = torch.as_tensor(plans, dtype=torch.float32).clamp(self.lower, self.upper)
-        self.set_target(target)
+        middle = (self.lower + self.upper) / 2
+        home = middle if home is None else check_array("home", home, (len(self.lower),), np.float32)
+        self._home = torch.as_tensor(home).expand(self.settings.horizon, -1)
+        plans = np.empty((0, *self._home.shape)) if plans is None else plans
+        plans = check_array("plans", plans, ("N", *self._home.shape), np.float32)
+        self._plans = torch.as_tensor(plans).clamp(self.lower, self.upper)
         self.set_bias(p)
         self.reset()
 
@@ -207,19 +138,33 @@ class ControlPolicy(PlanningPolicy):
         self._t = 0
         self._memory = self.model.initial_memory()
         self._last: tuple[Tensor, Tensor] | None = None
-        home = torch.as_tensor(self.arm.home_command, dtype=torch.float32)
-        self._u = home.expand(self.settings.horizon, -1)
+        self._u = self._home
         self._sent = self._u[:0]
 
-    def __call__(self, observation: Observation) -> np.ndarray:
-        s = self._follow(observation)
-        mask = torch.as_tensor(period_mask(self._t, self.settings))
+    def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
+        """The next command `[D_u]` in state s `[D_s]`; without a solve, that of the last plan where there is one."""
+        state = self._follow(torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32)))
+        if solve or not self.trace:
+            self._solve(state)
+        return self._send(state)
 
+    def watch(self, s: ArrayLike, u: ArrayLike) -> None:
+        """Take in a step that something else commanded, state `[D_s]` and command `[D_u]`: memory goes on."""
+        self._remember()
+        self._last = (
+            torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32)),
+            torch.as_tensor(check_array("u", u, (self.model.command_size,), np.float32)),
+        )
+
+    def _solve(self, s: Tensor) -> None:
         def predict(u: Tensor) -> Tensor:
             return self._predict(s, u, self._memory)
 
         def loss(states: Tensor) -> Tensor:
-            return control_loss(states, self.z_ref, mask, self.layout.tensions, self.settings.tension_weight)
+            losses = self.loss(states, self._t)
+            if losses.shape != states.shape[:1]:
+                raise ValueError(f"a loss is [B], one number for each of {len(states)} plans, got {list(losses.shape)}")
+            return losses
 
         start = self._u
         if len(self._plans) and self._t % self.settings.period == 0:
@@ -228,44 +173,24 @@ class ControlPolicy(PlanningPolicy):
                 start = starts[loss(predict(starts)).argmin()]
         self._u, trace = self.search(predict, loss, start)
         self.trace.append(trace)
-        return self._send(s)
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
         """Better commands than `start` `[T, D_u]`, and the trace of their loss; overwrite it to search differently."""
         return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
-    def step_without_solving(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the last plan, `[D_u]`, when there is one but no time for a solve."""
-        return self._send(self._follow(observation)) if self.trace else self(observation)
-
-    @property
-    def foreseen(self) -> np.ndarray | None:
-        """The z that the plan leads to at the end of its period `[D_z]`; None where that is out of sight."""
-        ends = period_mask(self._t - 1, self.settings)
-        if self._last is None or not ends.any():
-            return None
-        with torch.no_grad():
-            states = self._predict(self._last[0], self._u[None, : ends.argmax() + 1], self._memory)
-        return states[0, -1, self.layout.z].numpy()
-
-    @property
-    def predicted_distance(self) -> float | None:
-        """Distance of that z to the target [s.d. of z]."""
-        return None if self.foreseen is None else float(np.linalg.norm(self.z_ref.numpy() - self.foreseen))
-
-    @property
-    def period_ended(self) -> bool:
-        """Whether the last command was the last of its period."""
-        return self._last is not None and self._t % self.settings.period == 0
-
-    def _follow(self, observation: Observation) -> Tensor:
-        """Encode the state; memory follows what was observed, not what was predicted; the plan moves on."""
-        if self._last is not None:
-            self._memory = self._predict.follow(*self._last, self._memory)
+    def _follow(self, s: Tensor) -> Tensor:
+        """A step has passed: the plan moves on with it."""
+        self._remember()
+        if self.trace:
             self._sent = torch.cat([self._sent, self._u[:1]])[-self.settings.period :]
             repeats = self._periodic and len(self._sent) == self.settings.period
             self._u = torch.cat([self._u[1:], self._sent[:1] if repeats else self._u[-1:]])
-        return torch.as_tensor(observe(self.autoencoder, observation))
+        return s
+
+    def _remember(self) -> None:
+        """Memory follows what was observed, not what was predicted."""
+        if self._last is not None:
+            self._memory = self._predict.follow(*self._last, self._memory)
 
     def _send(self, s: Tensor) -> np.ndarray:
         self._last = (s, self._u[0])

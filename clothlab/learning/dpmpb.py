@@ -1,7 +1,7 @@
 """DPMPB, the deep predictive model with parametric bias: s[t+1] = h(s[t], u[t], p) (paper, eqs. 1, 3 and 4)."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,9 +12,6 @@ from torch import Tensor, nn
 
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.learning._training import best_device, fit, training
-from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.simulation.env import Observation
-from clothlab.trials import Trial
 
 
 class Memory(NamedTuple):
@@ -123,7 +120,7 @@ class TrainingTrace:
 class Sequences(Checked):
     """One run as the model sees it; runs of one material share one p."""
 
-    s: np.ndarray  # states [T, D_s], z first
+    s: np.ndarray  # states [T, D_s]; of a cloth, z first
     u: np.ndarray  # commands [T, D_u]
     material: str
 
@@ -144,15 +141,30 @@ class Sequences(Checked):
         return Sequences(self.s[steps], self.u[steps], self.material)
 
 
-def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
-    """State s = (z, robot state) of one observation, `[D_s]`: physics in float64 becomes learning in float32."""
-    return np.concatenate([encode(autoencoder, observation["image"]), observation["robot"]]).astype(np.float32)
-
-
-def to_sequences(autoencoder: Autoencoder, trial: Trial) -> Sequences:
-    """States and commands of a recorded trial, encoded with this autoencoder."""
-    s = np.concatenate([encode(autoencoder, trial.images), trial.robot], axis=1)
-    return Sequences(s.astype(np.float32), trial.commands.astype(np.float32), trial.cloth.name)
+def collect_run(
+    env: Any,
+    policy: Callable[[np.ndarray], ArrayLike],
+    steps: int,
+    material: str,
+    *,
+    seed: int = 0,
+    observe: Callable[[Any], ArrayLike] = np.asarray,
+) -> Sequences:
+    """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`, and `policy(s)` is u `[D_u]`."""
+    observation, _ = env.reset(seed=seed)
+    rows: list[tuple[np.ndarray, np.ndarray]] = []
+    ended = False
+    for _ in range(check_number("steps", steps, int, at_least=1)):
+        if ended:
+            raise ValueError(
+                f"the episode ended after {len(rows)} of {steps} steps: raise max_episode_steps of the robot"
+            )
+        s = np.array(observe(observation))
+        rows.append((s, np.array(policy(s))))
+        observation, _, terminated, truncated, _ = env.step(rows[-1][1])
+        ended = terminated or truncated
+    s, u = (np.stack(column) for column in zip(*rows, strict=True))
+    return Sequences(s, u, material)
 
 
 def fit_normalisation(model: DPMPB, runs: Sequence[Sequences]) -> None:
@@ -232,7 +244,9 @@ def _check_runs(runs: Sequence[Sequences], length: int) -> None:
         if len(run) <= length:
             raise ValueError(f"a run needs more steps than the {length} of a sequence, got {len(run)}")
         if run.s.shape[1] != runs[0].s.shape[1] or run.u.shape[1] != runs[0].u.shape[1]:
-            raise ValueError("all runs must come from the same arm and autoencoder: their sizes differ")
+            raise ValueError(
+                "all runs must have states and commands of the same sizes: was each recorded with the same robot?"
+            )
 
 
 def stretches(runs: Sequence[Sequences], length: int, stride: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Online estimation of the parametric bias of an unknown cloth: W stays, only p moves (paper, "Online Estimation").
+"""Online estimation of the parametric bias of an unknown material: W stays, only p moves (paper, "Online Estimation").
 
 `BiasEstimator` is the paper's rule, momentum SGD. `NewtonEstimator` minimises nearly the same loss by its curvature,
 which also says how sure the estimate is.
@@ -13,10 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from clothlab._validation import Checked, check_array, setting
-from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.dpmpb import DPMPB, Sequences, observe
-from clothlab.policies import Policy, Wrapper
-from clothlab.simulation.env import Observation
+from clothlab.learning.dpmpb import DPMPB, Sequences
 
 _LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
@@ -219,27 +216,6 @@ class NewtonEstimator(Estimator):
     def _warmup(self, count: int) -> int | None:
         warmup = 0 if self._from_rest and count <= self._window else self.settings.warmup
         return warmup if count - 1 - warmup >= self.settings.least else None
-
-
-class EstimatingPolicy(Wrapper):
-    """Any policy, while p is estimated from what it does and given to it; `trace` has p after each step."""
-
-    def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
-        self.estimator, self.autoencoder = estimator, autoencoder
-        super().__init__(policy)
-
-    def reset(self, seed: int = 0) -> None:
-        """Forget the last run, and begin with the p that the estimator started from."""
-        super().reset(seed)
-        self.estimator.reset()
-        self.set_bias(self.estimator.p)
-        self.trace: list[np.ndarray] = []
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        u = self.policy(observation)
-        self.trace.append(self.estimator.update(observe(self.autoencoder, observation), u))
-        self.set_bias(self.trace[-1])
-        return u
 
 
 def estimate_bias(

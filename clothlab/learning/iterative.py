@@ -20,7 +20,9 @@ from torch import Tensor
 
 from clothlab._validation import Checked, setting
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import ControlPolicy, ControlSettings, best_step, downhill, nearest_plans
+from clothlab.learning.cloth_control import ControlPolicy, nearest_plans
+from clothlab.learning.cloth_state import observe
+from clothlab.learning.control import ControlSettings, best_step, downhill
 from clothlab.learning.dpmpb import DPMPB, Memory, Sequences
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import Observation
@@ -158,7 +160,7 @@ class IterativeLearningPolicy(ControlPolicy):
         return self._step(observation, self._plan if self._begun is None else self._repeat)
 
     def _step(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
-        s = self._follow(observation)
+        s = self._follow(torch.as_tensor(observe(self.autoencoder, observation)))
         self._seen.append(s[self.layout.z])
         if self._t % self.settings.period == 0:
             if self._begun is not None:

@@ -8,8 +8,10 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import choose
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import ControlPolicy, ControlSettings
-from clothlab.learning.dpmpb import DPMPB, Sequences, to_sequences
+from clothlab.learning.cloth_control import ControlPolicy
+from clothlab.learning.cloth_state import to_sequences
+from clothlab.learning.control import ControlSettings
+from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.iterative import IterativeLearningPolicy, IterativeLearningSettings
 from clothlab.simulation.arm import Arm, StateLayout
 from clothlab.trials import Trial

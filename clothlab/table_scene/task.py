@@ -12,8 +12,9 @@ import numpy as np
 
 from clothlab import artifacts
 from clothlab.analysis import nearest_material
-from clothlab.learning.dpmpb import Sequences, to_sequences
-from clothlab.learning.estimation import EstimatingPolicy, NewtonEstimator
+from clothlab.learning.cloth_state import EstimatingPolicy, to_sequences
+from clothlab.learning.dpmpb import Sequences
+from clothlab.learning.estimation import NewtonEstimator
 from clothlab.learning.trained import Trained
 from clothlab.policies import Policy
 from clothlab.simulation.arm import SHOULDER_POSITION

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from clothlab._validation import Checked, choose, setting
 from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.control import PlanningPolicy
-from clothlab.learning.dpmpb import DPMPB, Sequences, observe
+from clothlab.learning.cloth_control import PlanningPolicy
+from clothlab.learning.cloth_state import observe
+from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.learning.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.policies import Policy, RandomPolicy
