@@ -152,9 +152,9 @@ def _numbers(ax: Axes, each: _Drawn) -> str:
     """The numbers of a line or of dots: its level, or where it begins, ends, and is lowest and highest."""
     places = _points(each)
     x, y = places.T
-    at = [_place(ax, *places[k]) for k in (0, -1, y.argmin(), y.argmax())]
+    first, last, lowest, highest = (_place(ax, *places[k]) for k in (0, -1, y.argmin(), y.argmax()))
     if len(places) == 1:
-        return at[0]
+        return first
     if isinstance(each, PathCollection) or each.get_linestyle() == "None":
         return f"{len(places)} dots, {_box(ax, places)}"
     if np.ptp(y) == 0:
@@ -162,18 +162,14 @@ def _numbers(ax: Axes, each: _Drawn) -> str:
     if np.ptp(x) == 0:
         return f"upright at {_span(ax.xaxis, x[0])}, {_span(ax.yaxis, y.min(), y.max())}"
     if (np.diff(x) < 0).any():
-        return f"a path from {at[0]} to {at[1]}, {_box(ax, places)}"
-    extremes = zip(("lowest", "highest"), at[2:], strict=True)
-    return ", ".join(
-        [f"from {at[0]} to {at[1]}", *(f"{word} {place}" for word, place in extremes if place not in at[:2])]
-    )
+        return f"a path from {first} to {last}, {_box(ax, places)}"
+    extremes = {"lowest": lowest, "highest": highest}.items()
+    inside = [f"{word} {place}" for word, place in extremes if place not in (first, last)]
+    return ", ".join([f"from {first} to {last}", *inside])
 
 
 def _bars(ax: Axes, bars: BarContainer) -> str:
-    along = int(bars.orientation == "horizontal")
-    places = [_span((ax.xaxis, ax.yaxis)[along], bar.get_center()[along]) for bar in bars]
-    values = [bar.get_width() if along else bar.get_height() for bar in bars]
-    each = [f"{place} {_number(value)}" for place, value in zip(places, values, strict=True)]
+    each = [f"{_span(ax.xaxis, bar.get_center()[0])} {_number(bar.get_height())}" for bar in bars]
     return f"{_label(bars) or 'bars'}: {', '.join(each)}"
 
 

@@ -71,16 +71,6 @@ def late_median(best: ArrayLike) -> float:
     return float(np.median(check_array("best", best, ("P",))[LATE]))
 
 
-def success_rate(distances: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
-    """Share of the T steps whose distance is below each of N thresholds (the paper's figure on control).
-
-    From distances `[..., T]` and thresholds `[N]`: rates `[..., N]`, 0 to 1.
-    """
-    distances = check_array("distances", distances, (..., "T"))
-    thresholds = check_array("thresholds", thresholds, ("N",))
-    return (distances[..., None, :] < thresholds[:, None]).mean(axis=-1)
-
-
 def difference_interval(
     differences: ArrayLike, *, resamples: int = 10_000, seed: int = 0
 ) -> tuple[float, float, float]:

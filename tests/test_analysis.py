@@ -12,7 +12,6 @@ from clothlab.analysis import (
     principal_axes,
     rate_interval,
     spread,
-    success_rate,
     target_distance,
 )
 from clothlab.experiments._runs import bias_error, chamfer_against_z
@@ -70,10 +69,6 @@ def test_the_best_of_each_period_leaves_the_swing_up_and_the_rest_out():
     assert len(best_per_period(distances[:5], period=4)) == 0
     with pytest.raises(ValueError, match="period must be at least 1"):
         best_per_period(distances, 0)
-
-
-def test_success_rises_with_the_threshold():
-    assert success_rate([0.1, 0.5, 0.9, 1.3], [0.0, 0.5, 1.0, 2.0]) == pytest.approx([0, 0.25, 0.75, 1])
 
 
 def test_distance_to_a_target_is_that_of_their_z(trial):

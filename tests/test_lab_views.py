@@ -12,6 +12,7 @@ from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.session import SETUPS, LiveSession
 from clothlab.learning.calibration import EstimateReport, inside
+from clothlab.simulation.arm import MuscleArm
 
 pytestmark = pytest.mark.slow  # both arms have a session
 
@@ -139,3 +140,13 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(m
             session.set_target(artifacts.load_target(target))
             verdict = views.Views(session).target()["verdict"]
             assert best < 0.55 if verdict.startswith("Not reachable") else best >= 0.5, (target, verdict, best)
+
+
+def test_the_ellipse_lies_around_the_hand_and_is_smaller_the_stiffer_the_arm():
+    arm, theta = MuscleArm(), np.array([0.3, -1.0])
+    figures = [views.ellipse_at_hand(arm, theta, f_const) for f_const in (10.0, 70.0)]
+    (links, soft), (_, stiff) = (figure.axes[0].lines for figure in figures)
+    hand = [line[-1] for line in links.get_data()]
+    assert hand == pytest.approx(arm.hand(theta))
+    assert np.mean(stiff.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
+    assert np.ptp(soft.get_xydata(), axis=0) == pytest.approx(3.3 * np.ptp(stiff.get_xydata(), axis=0), rel=0.1)

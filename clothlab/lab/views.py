@@ -8,7 +8,6 @@ from typing import Any, cast
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike
 
 from clothlab import plots
@@ -22,6 +21,7 @@ from clothlab.learning.calibration import outline
 from clothlab.simulation.arm import JOINTS, MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.stiffness import static_posture
 from clothlab.simulation.vision import HEIGHT, WIDTH
 
 HISTORY = 150  # steps that the traces show, 30 s
@@ -168,21 +168,20 @@ class Views:
     def period(self, history: Sequence[StepInfo]) -> dict[str, Any]:
         """What the control predicts for the end of this period; of the last one, what it predicted and achieved."""
 
-        def shot(about: str, image: np.ndarray | None) -> dict[str, Any]:
-            return {"about": about, "image": b"" if image is None else encoded(image)}
-
         def decoded(z: np.ndarray | None) -> np.ndarray | None:
             return None if z is None else decode(self._session.trained.autoencoder, z)
 
-        shots, ended = [], next((moment for moment in reversed(history) if moment.period), None)
+        shown: dict[str, np.ndarray | None] = {}
+        ended = next((moment for moment in reversed(history) if moment.period), None)
         if history:
-            shots.append(shot("what the camera sees", history[-1].image))
-            shots.append(shot("predicted for the end of this period", decoded(history[-1].foreseen)))
+            shown["what the camera sees"] = history[-1].image
+            shown["predicted for the end of this period"] = decoded(history[-1].foreseen)
         if ended and ended.period:
             predicted, achieved = ended.period
-            shots.append(shot(f"achieved at the end of the last period: {achieved:.2f}", ended.image))
-            shots.append(shot(f"predicted for it when it began: {predicted:.2f}", decoded(ended.began)))
-        return {"pictures": shots}
+            shown[f"achieved at the end of the last period: {achieved:.2f}"] = ended.image
+            shown[f"predicted for it when it began: {predicted:.2f}"] = decoded(ended.began)
+        files = (b"" if image is None else encoded(image) for image in shown.values())
+        return {"pictures": [{"about": about, "image": file} for about, file in zip(shown, files, strict=True)]}
 
     def ellipse(self, u: np.ndarray) -> bytes:
         """The stiffness ellipse under a command `[D_u]`, enlarged 10 times; empty for an arm without muscles."""
@@ -190,14 +189,7 @@ class Views:
         if not arm.has_stiffness:
             return b""
         f_const = u[arm.stiffness_command][0] if tension is None else tension
-        figure = plots.ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const)
-        (ax,) = figure.axes
-        ax.set_title("")  # the page has it, where a projector's style enlarges it
-        ax.tick_params(labelsize=_ELLIPSE_TEXT)
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.label.set_fontsize(_ELLIPSE_TEXT)
-            axis.set_major_locator(MultipleLocator(0.5))
-        return encoded(figure)
+        return encoded(ellipse_at_hand(cast(MuscleArm, arm), u[arm.angle_command], f_const))
 
     def _estimate_report(self) -> dict[str, Any]:
         """While p is estimated: its 90 % region, and a warning where the material is unlike the trained ones."""
@@ -230,6 +222,24 @@ class Views:
             f_const = _line("f_const", (m.command[arm.stiffness_command][0] for m in history))
             shown.insert(2, _plot("stiffness command", "N", [f_const]))
         return shown
+
+
+def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure:
+    """The arm in posture θ `[2]` [rad], and ten times how far a push of 1 N from any direction moves its hand."""
+    angles, theta = np.linspace(0, 2 * np.pi, 25), np.clip(theta, arm.lower, arm.upper)
+    hand = arm.hand(theta)
+    elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
+    pushed = [static_posture(arm, [*theta, f_const], np.array([np.cos(a), np.sin(a)])) for a in angles]
+    ellipse = hand + 10 * (np.array([arm.hand(each) for each in pushed]) - hand)
+    figure, ((ax,),) = plots.new_axes(size=(4.0, 3.6))
+    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
+    ax.plot(*ellipse.T, lw=2, color=plots.COLOURS[0], label=f"{f_const:.0f} N")
+    ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75))  # the same for every posture
+    ax.set(xticks=(0, 0.5, 1), yticks=(-0.5, 0, 0.5))
+    ax.set_xlabel("forward [m]", fontsize=_ELLIPSE_TEXT)
+    ax.set_ylabel("up [m]", fontsize=_ELLIPSE_TEXT)
+    ax.tick_params(labelsize=_ELLIPSE_TEXT)
+    return figure
 
 
 def _line(
