@@ -83,6 +83,20 @@ def save(trained: Trained, *, data: Folder = None) -> None:
     _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=trained.losses, p=p)
 
 
+def save_model(model: DPMPB, biases: Mapping[str, np.ndarray], name: str, *, data: Folder = None) -> None:
+    """Write the model of a robot without arm and autoencoder, and its p, as `data/weights/model-NAME.safetensors`."""
+    about = {"sizes": [model.state_size, model.command_size, model.bias_size], "materials": list(biases)}
+    _save_tensors("model", name, model, about, data, p=np.array(list(biases.values())))
+
+
+def load_model(name: str, *, data: Folder = None) -> tuple[DPMPB, dict[str, np.ndarray]]:
+    """Load such a model, and p of each material `{name: [D_p]}`."""
+    path, about, tensors = _load_tensors("model", name, data)
+    with reading(path, "model weights"):
+        biases = dict(zip(about["materials"], tensors.pop("p").numpy(), strict=True))
+        return _filled(DPMPB(*about["sizes"]), tensors), biases
+
+
 def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Autoencoder, np.ndarray]:
     """Load an autoencoder, in evaluation mode, and its training loss of each epoch [nat per pixel]."""
     path, about, tensors = _load_tensors("autoencoder", name, data)

@@ -1,0 +1,156 @@
+"""DPMPB without a cloth: a cart of two unknown properties by the four public calls, and the study of notebook 16."""
+
+import itertools
+import subprocess
+import sys
+from dataclasses import replace
+
+import another_robot
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+from clothlab import artifacts
+from clothlab.learning.control import Controller, ControlSettings
+from clothlab.learning.dpmpb import DPMPB, ModelTraining, collect_run, train_dpmpb
+from clothlab.learning.estimation import NewtonSettings, estimate_bias
+
+PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
+
+
+class Cart(gymnasium.Env):
+    """A mass [kg] with friction [N s/m] on a spring of 1 N/m, pushed by a force [N]; a step takes 0.2 s."""
+
+    def __init__(self, mass, friction, longest=np.inf):
+        self.mass, self.friction, self.longest = mass, friction, longest
+
+    def reset(self, *, seed=None, options=None):
+        self.state, self.t = np.zeros(2), 0
+        return {"place": self.state.copy()}, {}
+
+    def step(self, action):
+        for _ in range(10):
+            speed = self.state[1] + 0.02 * (action[0] - self.friction * self.state[1] - self.state[0]) / self.mass
+            self.state = np.array([self.state[0] + 0.02 * speed, speed])
+        self.t += 1
+        return {"place": self.state.copy()}, 0.0, False, self.t >= self.longest, {}
+
+
+def pushed(mass, friction, steps=400, seed=0, **options):
+    pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, (steps, 1)), 3, axis=0))
+    robot, name = Cart(mass, friction, **options), f"{mass}, {friction}"
+    return collect_run(robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"])
+
+
+@pytest.fixture(scope="module")
+def learned():
+    runs = [pushed(*each, seed=k) for k, each in enumerate(PROPERTIES)]
+    return train_dpmpb(runs, ModelTraining(epochs=25, batch_size=50, sequence_length=20, stride=3), progress=False)
+
+
+def test_a_run_has_what_was_seen_before_each_command():
+    run = pushed(1.0, 0.5, steps=50)
+    assert (run.s.shape, run.u.shape, run.material) == ((50, 2), (50, 1), "1.0, 0.5")
+    assert not run.s[0].any()
+    assert np.sign(run.s[1, 1]) == np.sign(run.u[0, 0])
+
+
+def test_an_episode_that_ends_too_early_says_what_to_do():
+    assert len(pushed(1.0, 0.5, steps=20, longest=20)) == 20
+    with pytest.raises(ValueError, match="the episode ended after 20 of 30 steps"):
+        pushed(1.0, 0.5, steps=30, longest=20)
+
+
+@pytest.mark.slow
+def test_p_tells_the_carts_apart(learned):
+    model, biases, _ = learned
+    found = [
+        estimate_bias(model, pushed(*each, steps=100, seed=50 + k), settings=NewtonSettings())[0]
+        for k, each in enumerate(PROPERTIES)
+    ]
+    gaps = np.linalg.norm(np.array(found)[:, None] - np.array(list(biases.values())), axis=-1)
+    assert (gaps.argmin(1) == np.arange(9)).mean() > 0.75
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("properties", [PROPERTIES[0], PROPERTIES[-1]])
+def test_the_controller_brings_the_cart_to_a_place(learned, properties):
+    model, biases, _ = learned
+
+    def loss(states, t):
+        return (states[:, :, 0] - 0.5).square().mean(1)
+
+    p = biases["{}, {}".format(*properties)]
+    controller = Controller(model, loss, p, [-4], [4], ControlSettings(horizon=10))
+    run = collect_run(Cart(*properties), controller.act, 40, "here", observe=lambda seen: seen["place"])
+    assert abs(run.s[-10:, 0] - 0.5).mean() < 0.1
+    assert abs(run.s[0, 0] - 0.5) == 0.5
+
+
+def test_memory_follows_commands_of_others():
+    model = DPMPB(2, 1)
+    watching, acting = (Controller(model, squares, [0.1, 0.2], [-1], [1]) for _ in range(2))
+    for s in np.eye(2):
+        watching.watch(s, acting.act(s))
+    acting.watch(s, [0.5])
+    watching.watch(s, [0.5])
+    assert all(torch.equal(*both) for both in zip(watching._memory, acting._memory, strict=True))
+    assert watching.trace == []
+
+
+def squares(states, t):
+    return states.square().sum((1, 2))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lower": [2]}, "no lower limit is above its upper one, got .2.. and .1.."),
+        ({"upper": 1}, "upper is .1. and finite"),
+        ({"home": [0, 0]}, "home is .1. and finite"),
+        ({"p": [0]}, "p is .2. and finite"),
+        ({"loss": lambda states, t: states.square().sum()}, "a loss is .B., one number for each of 1 plans"),
+    ],
+)
+def test_a_controller_says_what_does_not_fit(change, message):
+    arguments = {"loss": squares, "p": [0, 0], "lower": [-1], "upper": [1]} | change
+    with pytest.raises(ValueError, match=message):
+        Controller(DPMPB(2, 1), **arguments).act([0, 0])
+
+
+def test_the_four_calls_import_nothing_of_cloth():
+    code = (
+        "import sys; from clothlab.learning.control import Controller;"
+        "from clothlab.learning.dpmpb import collect_run, train_dpmpb;"
+        "from clothlab.learning.estimation import estimate_bias;"
+        "print(*(name for name in sys.modules if name.startswith('clothlab')))"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    learning = {f"clothlab.learning.{name}" for name in ("_training", "control", "dpmpb", "estimation", "fast_rollout")}
+    assert set(loaded) == {"clothlab", "clothlab._validation", "clothlab.learning", *learning}
+
+
+def test_a_model_comes_back_from_its_file(tmp_path):
+    biases = {"light": np.array([0.5, 1.0], np.float32), "heavy": np.zeros(2, np.float32)}
+    model = DPMPB(3, 2).eval()
+    artifacts.save_model(model, biases, "toy", data=tmp_path)
+    loaded, p = artifacts.load_model("toy", data=tmp_path)
+    assert p.keys() == biases.keys()
+    assert np.array_equal(p["light"], biases["light"])
+    state = torch.ones(1, 1, 3), torch.ones(1, 1, 2), torch.tensor(p["light"])
+    assert torch.equal(loaded(*state)[0], model(*state)[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", another_robot.KINDS)
+def test_the_study_runs_small(kind):
+    learned = another_robot.train(kind, 0, 120, replace(another_robot.TRAINING, epochs=1))
+    material = another_robot.MATERIALS[0]
+    for method in (name for name, needed in another_robot.METHODS.items() if needed == kind):
+        distances = another_robot.control(learned, method, material, False, 0)
+        assert distances.shape == (10,)
+        assert (distances < 0.42).all()
+    if kind == "p":
+        (row, *_) = another_robot.identify(learned, 0, repeats=1, steps=20)
+        assert {"payload", "friction", "right", "found_payload", "found_friction"} <= row.keys()
