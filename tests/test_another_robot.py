@@ -85,7 +85,6 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
     controller = Controller(model, loss, p, [-4], [4], ControlSettings(horizon=10))
     run = collect_run(Cart(*properties), controller.act, 40, "here", observe=lambda seen: seen["place"])
     assert abs(run.s[-10:, 0] - 0.5).mean() < 0.1
-    assert abs(run.s[0, 0] - 0.5) == 0.5
 
 
 def test_memory_follows_commands_of_others():
@@ -111,6 +110,7 @@ def squares(states, t):
         ({"home": [0, 0]}, "home is .1. and finite"),
         ({"p": [0]}, "p is .2. and finite"),
         ({"loss": lambda states, t: states.square().sum()}, "a loss is .B., one number for each of 1 plans"),
+        ({"loss": lambda states, t: (0 * states).sum((1, 2)).sqrt()}, "the gradient of the loss is not finite"),
     ],
 )
 def test_a_controller_says_what_does_not_fit(change, message):

@@ -124,7 +124,7 @@ class Controller(Planner):
         self.loss, self.settings = loss, settings or ControlSettings()
         self._periodic = choose("warm start", self.settings.warm_start, {"last": False, "periodic": True})
         middle = (self.lower + self.upper) / 2
-        home = middle if home is None else check_array("home", home, (len(self.lower),), np.float32)
+        home = middle if home is None else check_array("home", home, middle.shape, np.float32)
         self._home = torch.as_tensor(home).expand(self.settings.horizon, -1)
         plans = np.empty((0, *self._home.shape)) if plans is None else plans
         plans = check_array("plans", plans, ("N", *self._home.shape), np.float32)
@@ -151,10 +151,9 @@ class Controller(Planner):
     def watch(self, s: ArrayLike, u: ArrayLike) -> None:
         """Take in a step that something else commanded, state `[D_s]` and command `[D_u]`: memory goes on."""
         self._remember()
-        self._last = (
-            torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32)),
-            torch.as_tensor(check_array("u", u, (self.model.command_size,), np.float32)),
-        )
+        s = check_array("s", s, (self.model.state_size,), np.float32)
+        u = check_array("u", u, (self.model.command_size,), np.float32)
+        self._last = (torch.as_tensor(s), torch.as_tensor(u))
 
     def _solve(self, s: Tensor) -> None:
         def predict(u: Tensor) -> Tensor:
@@ -171,7 +170,10 @@ class Controller(Planner):
             with torch.no_grad():
                 starts = torch.cat([start[None], self._plans])
                 start = starts[loss(predict(starts)).argmin()]
-        self._u, trace = self.search(predict, loss, start)
+        plan, trace = self.search(predict, loss, start)
+        if not plan.isfinite().all():
+            raise ValueError("the gradient of the loss is not finite, as that of `sqrt` at 0; try `vector_norm`")
+        self._u = plan
         self.trace.append(trace)
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:

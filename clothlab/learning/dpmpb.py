@@ -153,16 +153,13 @@ def collect_run(
     """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`, and `policy(s)` is u `[D_u]`."""
     observation, _ = env.reset(seed=seed)
     rows: list[tuple[np.ndarray, np.ndarray]] = []
-    ended = False
+    ended: list[bool] = []
     for _ in range(check_number("steps", steps, int, at_least=1)):
-        if ended:
-            raise ValueError(
-                f"the episode ended after {len(rows)} of {steps} steps: raise max_episode_steps of the robot"
-            )
+        if any(ended):
+            raise ValueError(f"the episode ended after {len(rows)} of {steps} steps: raise its `max_episode_steps`")
         s = np.array(observe(observation))
         rows.append((s, np.array(policy(s))))
-        observation, _, terminated, truncated, _ = env.step(rows[-1][1])
-        ended = terminated or truncated
+        observation, _, *ended, _ = env.step(rows[-1][1])
     s, u = (np.stack(column) for column in zip(*rows, strict=True))
     return Sequences(s, u, material)
 

@@ -192,7 +192,7 @@ class BiasEstimator(Estimator):
 class NewtonEstimator(Estimator):
     """One Gauss-Newton step on p whenever a control step has been observed; p so follows the lowest loss.
 
-    `from_rest` says whether the cloth hangs still before the first step that is given.
+    `from_rest` says whether all is at rest before the first step that is given.
     """
 
     def __init__(
