@@ -8,7 +8,7 @@ import torch
 
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_control import ControlPolicy, control_loss, nearest_plans, period_mask, recorded_plans
-from clothlab.learning.cloth_state import EstimatingPolicy, observe, to_sequences
+from clothlab.learning.cloth_state import EstimatingPolicy, to_sequences
 from clothlab.learning.control import ControlSettings, best_step, downhill, optimise_commands
 from clothlab.learning.dpmpb import DPMPB, Sequences
 from clothlab.learning.estimation import BiasEstimator, EstimationSettings
@@ -122,7 +122,7 @@ def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, 
         policy, sent = controller(warm_start=warm_start, period=8), []
         for _ in range(10):
             sent.append(torch.as_tensor(policy(env.observe()), dtype=torch.float32))
-        policy._follow(torch.as_tensor(observe(policy.autoencoder, env.observe())))
+        policy._follow()
         assert torch.equal(policy._u[-1], repeated(policy, sent))
     with pytest.raises(KeyError, match="choose from last, periodic"):
         controller(warm_start="none")

@@ -143,7 +143,8 @@ class Controller(Planner):
 
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
         """The next command `[D_u]` in state s `[D_s]`; without a solve, that of the last plan where there is one."""
-        state = self._follow(torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32)))
+        state = torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32))
+        self._follow()
         if solve or not self.trace:
             self._solve(state)
         return self._send(state)
@@ -180,14 +181,13 @@ class Controller(Planner):
         """Better commands than `start` `[T, D_u]`, and the trace of their loss; overwrite it to search differently."""
         return optimise_commands(predict, loss, start, self.lower, self.upper, self.scale, self.settings)
 
-    def _follow(self, s: Tensor) -> Tensor:
+    def _follow(self) -> None:
         """A step has passed: the plan moves on with it."""
         self._remember()
         if self.trace:
             self._sent = torch.cat([self._sent, self._u[:1]])[-self.settings.period :]
             repeats = self._periodic and len(self._sent) == self.settings.period
             self._u = torch.cat([self._u[1:], self._sent[:1] if repeats else self._u[-1:]])
-        return s
 
     def _remember(self) -> None:
         """Memory follows what was observed, not what was predicted."""

@@ -160,7 +160,8 @@ class IterativeLearningPolicy(ControlPolicy):
         return self._step(observation, self._plan if self._begun is None else self._repeat)
 
     def _step(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
-        s = self._follow(torch.as_tensor(observe(self.autoencoder, observation)))
+        self._follow()
+        s = torch.as_tensor(observe(self.autoencoder, observation))
         self._seen.append(s[self.layout.z])
         if self._t % self.settings.period == 0:
             if self._begun is not None:
