@@ -254,13 +254,7 @@ SLIPS = [
     ("point_of_pixel", "np.deg2rad(fovy) / 2", "np.deg2rad(fovy)", "half of fovy"),
     ("point_of_pixel", "np.deg2rad(fovy) / 2", "fovy / 2", "takes radians"),
     ("point_of_pixel", "0.5", "0.0", "half a pixel"),
-    (
-        "plane_of_most",
-        "body",
-        "columns = np.column_stack([points[:, :2], np.ones(len(points))])\n"
-        "return np.linalg.lstsq(columns, points[:, 2], rcond=None)[0]",
-        "pulled up by what stands",
-    ),
+    ("plane_of_most", "return", "np.linalg.lstsq(np.insert(points[:, :2], 2, 1, 1), points[:, 2])[0]", "pulled up by"),
     ("plane_of_most", "return", "np.array([0.0, 0.0, np.median(points[:, 2])])", "a median height is no plane"),
     ("plane_of_most", "return", "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)", "first the slopes"),
     ("verdict", "sign * mean", "mean", "where its sign is -1"),

@@ -1,6 +1,7 @@
 """Laws of the controller."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,9 +9,9 @@ import torch
 
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_control import ControlPolicy, control_loss, nearest_plans, period_mask, recorded_plans
-from clothlab.learning.cloth_state import EstimatingPolicy, to_sequences
+from clothlab.learning.cloth_state import EstimatingPolicy, observe, to_sequences
 from clothlab.learning.control import ControlSettings, best_step, downhill, optimise_commands
-from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.dpmpb import DPMPB, Sequences, collect_run
 from clothlab.learning.estimation import BiasEstimator, EstimationSettings
 from clothlab.learning.fast_rollout import FastDPMPB
 from clothlab.simulation.arm import MuscleArm
@@ -104,6 +105,14 @@ def test_a_policy_uses_each_estimate_and_a_second_run_is_the_first_one(env, cont
     assert np.array_equal(first.commands, second.commands)
     assert np.array_equal(inner.p, policy.trace[-1])
     assert np.ptp(policy.trace, axis=0).min() > 0
+
+
+def test_a_cloth_is_recorded_by_the_same_call_as_any_robot(env, controller):
+    policy = controller()
+    run = to_sequences(policy.autoencoder, rollout(env, policy, 4))
+    policy.reset()
+    same = collect_run(env, policy.act, 4, "same", observe=partial(observe, policy.autoencoder))
+    assert same.s == pytest.approx(run.s, abs=1e-5)
 
 
 def test_the_memory_follows_the_observations(env, controller):

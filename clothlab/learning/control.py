@@ -81,9 +81,7 @@ class Planner:
         self.lower = torch.as_tensor(check_array("lower", lower, shape, np.float32))
         self.upper = torch.as_tensor(check_array("upper", upper, shape, np.float32))
         if not (self.lower <= self.upper).all():
-            raise ValueError(
-                f"no lower limit is above its upper one, got {self.lower.numpy()} and {self.upper.numpy()}"
-            )
+            raise ValueError(f"a lower limit is above the upper one: {self.lower.numpy()}, {self.upper.numpy()}")
         # One unit of gamma. The descent leaves out what is fixed (the paper's "w/o stiffness").
         self.scale = model.u_std * (self.upper > self.lower)
 

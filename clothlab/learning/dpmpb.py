@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
+from tqdm.auto import tqdm
 
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.learning._training import best_device, fit, training
@@ -149,12 +150,13 @@ def collect_run(
     *,
     seed: int = 0,
     observe: Callable[[Any], ArrayLike] = np.asarray,
+    progress: bool = False,
 ) -> Sequences:
     """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`, and `policy(s)` is u `[D_u]`."""
     observation, _ = env.reset(seed=seed)
-    rows: list[tuple[np.ndarray, np.ndarray]] = []
-    ended: list[bool] = []
-    for _ in range(check_number("steps", steps, int, at_least=1)):
+    rows, ended = list[tuple[np.ndarray, np.ndarray]](), [False]
+    check_number("steps", steps, int, at_least=1)
+    for _ in tqdm(range(steps), desc=material, disable=not progress, unit="step"):
         if any(ended):
             raise ValueError(f"the episode ended after {len(rows)} of {steps} steps: raise its `max_episode_steps`")
         s = np.array(observe(observation))
