@@ -38,7 +38,7 @@ class Cart(gymnasium.Env):
 
 
 def pushed(mass, friction, steps=400, seed=0, **options):
-    pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, (steps, 1)), 3, axis=0))
+    pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, steps), 3))  # plain numbers are taken, too
     robot, name = Cart(mass, friction, **options), f"{mass}, {friction}"
     return collect_run(robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"])
 

@@ -159,8 +159,8 @@ def collect_run(
     for _ in tqdm(range(steps), desc=material, disable=not progress, unit="step"):
         if any(ended):
             raise ValueError(f"the episode ended after {len(rows)} of {steps} steps: raise its `max_episode_steps`")
-        s = np.array(observe(observation))
-        rows.append((s, np.array(policy(s))))
+        s = np.array(observe(observation), ndmin=1)
+        rows.append((s, np.array(policy(s), ndmin=1)))
         observation, _, *ended, _ = env.step(rows[-1][1])
     s, u = (np.stack(column) for column in zip(*rows, strict=True))
     return Sequences(s, u, material)
