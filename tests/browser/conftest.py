@@ -1,5 +1,7 @@
 """JupyterLab and Chromium for the tests, and screenshots of what they do."""
 
+import re
+
 import pytest
 from browser_lab import ROOT, Lab, Notebook, launch_options
 
@@ -47,7 +49,9 @@ def open_notebook(lab, page):
     for notebook in opened:
         lab.stop_kernel(notebook.name)
     assert opened[0].errors == []
-    assert "Traceback" not in lab.log.read_text()
+    # A page may close while the server writes to it. Tornado reports that, although it is no fault.
+    closed = r"Task exception was never retrieved\n.*WebSocketClosedError\(\)>\n(?s:.*?)WebSocketClosedError\n"
+    assert "Traceback" not in re.sub(closed, "", lab.log.read_text())
 
 
 @pytest.fixture
