@@ -38,7 +38,7 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
 
 budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they may be at most
-	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* of +[0-9]'
+	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* +[0-9]'
 
 test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal

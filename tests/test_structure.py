@@ -22,11 +22,11 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 LAYERS = ["_validation", "_files", "alt_text", "simulation", "policies", "trials", "learning", "artifacts"]
 LAYERS += ["_parallel", "analysis", "table_scene", "training_configs", "datasets", "experiments", "plots"]
 LAYERS += ["lab", "checks", "__main__", "scripts"]
-BUDGETS = {  # at most
-    "lines of clothlab": 12_000,
-    "lines of clothlab without experiments, lab, checks": 6_000,
-    "lines of scripts": 1_500,
-    "lines of tests": 10_000,
+BUDGETS = {  # at most; lines are only reported
+    "lines of clothlab": None,
+    "lines of clothlab without experiments, lab, checks": None,
+    "lines of scripts": None,
+    "lines of tests": None,
     "rooms": 22,
     "floors": 11,
     "imports between rooms": 120,
@@ -103,9 +103,9 @@ MEASURES = {
 
 @pytest.mark.parametrize("name", BUDGETS)
 def test_budget(name):
-    found = MEASURES[name]()
-    print(f"\n{name:54}{found:7,} of {BUDGETS[name]:7,}{'' if found <= BUDGETS[name] else '  too many'}")
-    assert found <= BUDGETS[name]
+    found, most = MEASURES[name](), BUDGETS[name]
+    print(f"\n{name:54}{found:7,}" + (f" of {most:7,}" if most else ""))
+    assert most is None or found <= most
 
 
 def test_imports_go_down_only():
