@@ -1,11 +1,16 @@
 """Writing files so that an interruption loses nothing, and saying of a damaged file which one it is."""
 
 import hashlib
+import io
+import math
 import os
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 _LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
@@ -31,15 +36,49 @@ def write_bytes(path: str | Path, content: bytes) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
+class OtherKindError(ValueError):
+    """A file is whole, and not what was asked for: of another kind, of another version, or too large to be read."""
+
+
 @contextmanager
 def reading(path: str | Path, kind: str) -> Iterator[None]:
-    """Turn whatever goes wrong while a file is read into a ValueError that names it; a missing one stays missing."""
+    """Turn whatever goes wrong while a file is read into a ValueError that names it; a missing one stays missing.
+
+    `OtherKindError` inside says that the file is whole: then nothing is said of damage.
+    """
     try:
         yield
     except FileNotFoundError:
         raise
+    except OtherKindError as error:
+        raise OtherKindError(f"{path} is no {kind} that can be read here: {error}") from error
     except Exception as error:
         raise ValueError(f"{path} is damaged or holds no {kind}: {error}") from error
+
+
+def load_arrays(path: str | Path, most_bytes: int) -> dict[str, np.ndarray]:
+    """Arrays of an `.npz` by name, without pickles; refused before they are unpacked if they take more memory.
+
+    A few megabytes of zeros unpack to gigabytes, and a header may ask for more than its file holds. So what each
+    header says and what each member unpacks to are added up first.
+    """
+    content = io.BytesIO(Path(path).read_bytes())
+    with zipfile.ZipFile(content) as archive:
+        needed = sum(max(member.file_size, _announced(archive, member)) for member in archive.infolist())
+    if needed > most_bytes:
+        raise OtherKindError(f"it unpacks to {needed / 1e6:,.0f} MB, and {most_bytes / 1e6:,.0f} MB are the most")
+    content.seek(0)
+    with np.load(content, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def _announced(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Bytes that the header of an array asks for."""
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read_header(file)
+    return math.prod(shape) * dtype.itemsize
 
 
 def sha256(path: str | Path) -> str:

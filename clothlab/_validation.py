@@ -74,6 +74,47 @@ def check_number(what: str, value: Any, kind: type = float, **bounds: float) -> 
     return kind(value)
 
 
+def check_seed(seed: Any) -> int:
+    """Return a seed as Python's own `int`; a ValueError if it is no whole number from 0 on."""
+    return check_number("seed", seed, int, at_least=0)
+
+
+def check_flag(what: str, value: Any) -> bool:
+    """Return True or False; a ValueError for anything else: the word "no" would count as true."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{what} is True or False, got {_short(value)}")
+    return bool(value)
+
+
+def check_kind(what: str, value: Any, kind: type[_T], advice: str = "") -> _T:
+    """Return `value` if it is of this class; a ValueError names the class, and says what `advice` has to say."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise ValueError(f"{what} is {article} {kind.__name__}, got {type(value).__name__} {_short(value)}{advice}")
+    return value
+
+
+def check_each(what: str, values: Any, kind: type[_T], advice: str = "") -> list[_T]:
+    """Return `values` as a list if each is of this class; a ValueError says which is not."""
+    if isinstance(values, kind) or not isinstance(values, Iterable):
+        raise ValueError(f"{what} are a list of {kind.__name__}, got {type(values).__name__} {_short(values)}{advice}")
+    return [check_kind(f"each of {what}", value, kind, advice) for value in values]
+
+
+def settings_or_default(value: _T | None, kind: type[_T]) -> _T:
+    """Return these settings, or the default ones; a ValueError for what is no object of their class, such as a dict."""
+    if value is None:
+        return kind()
+    return check_kind("settings", value, kind, f": write {kind.__name__}(name=value)")
+
+
+def check_some(what: str, values: np.ndarray) -> np.ndarray:
+    """Return an array that holds something; a ValueError for an empty one, whose mean would be NaN."""
+    if not values.size:
+        raise ValueError(f"{what} are empty, so that there is nothing to compute: shape {list(values.shape)}")
+    return values
+
+
 def _short(value: Any) -> str:
     return " ".join(str(value).split())[:80]
 

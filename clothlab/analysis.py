@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 from sklearn.decomposition import PCA
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_number, check_some
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.control import ControlSettings
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_mask
@@ -68,7 +68,7 @@ def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) 
 
 def late_median(best: ArrayLike) -> float:
     """Median of the last ten periods of `best_per_period` `[P]`."""
-    return float(np.median(check_array("best", best, ("P",))[LATE]))
+    return float(np.median(check_some("best", check_array("best", best, ("P",)))[LATE]))
 
 
 def difference_interval(
@@ -79,7 +79,7 @@ def difference_interval(
     Trainings and then their runs are drawn anew each time: runs of one training resemble each other, so that twenty
     runs of five trainings say less than twenty of twenty.
     """
-    values = check_array("differences", differences, ("K", "N"))
+    values = check_some("differences", check_array("differences", differences, ("K", "N")))
     rng, (k, n) = np.random.default_rng(seed), values.shape
     rows = rng.integers(k, size=(resamples, k, 1))
     means = values[rows, rng.integers(n, size=(resamples, k, n))].mean(axis=(1, 2))
@@ -95,7 +95,7 @@ def half_widths_from_zero(differences: ArrayLike) -> float:
 
 def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
     """Share of the episodes in which something held `[N]`, bool, and both ends of Wilson's 95 % interval, 0 to 1."""
-    values = check_array("held", held, ("N",))
+    values = check_some("held", check_array("held", held, ("N",)))
     if not np.isin(values, (0, 1)).all():
         raise ValueError(f"held says of each episode whether it did, True or False, got {held!s:.80}")
     found = binomtest(int(values.sum()), len(values))

@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike
 from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 
-from clothlab._files import reading, sha256, write_bytes
+from clothlab._files import OtherKindError, reading, sha256, write_bytes
 from clothlab._validation import check_name, choose
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.vision import check_mask, mask_from_file
 from clothlab.trials import Trial, load_trial
 
@@ -61,7 +61,8 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
     """Load arm, autoencoder, model and parametric biases together; `torque-0` to `torque-4` differ in their seed."""
     path, about, tensors = _load_tensors("dpmpb", name, data)
     with reading(path, "dpmpb weights"):
-        arm, autoencoder_name, fingerprint = get_arm(about["arm"]), about["sees_with"], about["autoencoder"]
+        arm = arm_from_data(about["arm"])
+        autoencoder_name, fingerprint = about["sees_with"], about["autoencoder"]
     autoencoder, _ = load_autoencoder(autoencoder_name, data=data)
     if autoencoder.fingerprint() != fingerprint:
         raise ValueError(
@@ -75,18 +76,43 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
         return Trained(name, arm, autoencoder, _filled(model, tensors), biases, losses, autoencoder_name)
 
 
-def save(trained: Trained, *, data: Folder = None) -> None:
-    """Write model, biases and losses as `data/weights/dpmpb-NAME.safetensors`; its autoencoder is saved by itself."""
-    about: dict[str, Any] = {"arm": trained.arm.name, "sees_with": trained.autoencoder_name}
-    about |= {"autoencoder": trained.autoencoder.fingerprint(), "materials": list(trained.biases)}
+def save(trained: Trained, *, data: Folder = None, overwrite: bool = False) -> None:
+    """Write model, biases, losses and arm as `data/weights/dpmpb-NAME.safetensors`, so that `load(NAME)` finds all.
+
+    The autoencoder goes into a file of its own, `autoencoder-NAME.safetensors`, unless it lies there already. A
+    ValueError, before anything is written, if another model or autoencoder has one of the names: choose other names
+    (`dataclasses.replace`), or `overwrite` it.
+    """
+    fingerprint = trained.autoencoder.fingerprint()
+    if not _is_there(fingerprint, trained.autoencoder_name, data):
+        save_autoencoder(trained.autoencoder, [], trained.autoencoder_name, data=data, overwrite=overwrite)
+    about = {
+        "arm": arm_data(trained.arm),
+        "sees_with": trained.autoencoder_name,
+        "autoencoder": fingerprint,
+        "materials": list(trained.biases),
+    }
     p = np.array(list(trained.biases.values()))
-    _save_tensors("dpmpb", trained.name, trained.model, about, data, losses=trained.losses, p=p)
+    _save_tensors("dpmpb", trained.name, trained.model, about, data, overwrite, losses=trained.losses, p=p)
 
 
-def save_model(model: DPMPB, biases: Mapping[str, np.ndarray], name: str, *, data: Folder = None) -> None:
-    """Write the model of a robot without arm and autoencoder, and its p, as `data/weights/model-NAME.safetensors`."""
+def _is_there(fingerprint: str, name: str, data: Folder) -> bool:
+    """Whether the autoencoder of this name in `data/` is the one with this fingerprint."""
+    if not _weights_path("autoencoder", name, data_folder(data)).is_file():
+        return False
+    autoencoder, _ = load_autoencoder(name, data=data)
+    return autoencoder.fingerprint() == fingerprint
+
+
+def save_model(
+    model: DPMPB, biases: Mapping[str, np.ndarray], name: str, *, data: Folder = None, overwrite: bool = False
+) -> None:
+    """Write the model of a robot without arm and autoencoder, and its p, as `data/weights/model-NAME.safetensors`.
+
+    A ValueError if there is another one of this name, unless it may be `overwrite`n.
+    """
     about = {"sizes": [model.state_size, model.command_size, model.bias_size], "materials": list(biases)}
-    _save_tensors("model", name, model, about, data, p=np.array(list(biases.values())))
+    _save_tensors("model", name, model, about, data, overwrite, p=np.array(list(biases.values())))
 
 
 def load_model(name: str, *, data: Folder = None) -> tuple[DPMPB, dict[str, np.ndarray]]:
@@ -105,14 +131,24 @@ def load_autoencoder(name: str = "torque", *, data: Folder = None) -> tuple[Auto
         return _filled(Autoencoder(about["latent_size"]), tensors), losses
 
 
-def save_autoencoder(model: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None) -> None:
-    """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`."""
-    _save_tensors("autoencoder", name, model, {"latent_size": model.latent_size}, data, losses=np.asarray(losses))
+def save_autoencoder(
+    model: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None, overwrite: bool = False
+) -> None:
+    """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`.
+
+    A ValueError if there is another one of this name, unless it may be `overwrite`n.
+    """
+    about = {"latent_size": model.latent_size}
+    _save_tensors("autoencoder", name, model, about, data, overwrite, losses=np.asarray(losses))
 
 
 def _filled(model: _M, tensors: Mapping[str, torch.Tensor]) -> _M:
     """A network with weights from a file, to be used and not trained."""
-    model.load_state_dict(tensors)
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise OtherKindError(f"its layers are not those of {type(model).__name__}: {reason:.200}") from None
     return model.eval().requires_grad_(False)
 
 
@@ -163,6 +199,8 @@ def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
 
 def save_results(content: bytes, name: str, suffix: str, *, data: Folder = None) -> None:
     """Write `data/results/NAME SUFFIX`."""
+    if suffix not in _SUFFIXES:
+        raise ValueError(f"results end in {', '.join(sorted(_SUFFIXES))}, got {suffix!r}")
     write_bytes(data_folder(data) / "results" / f"{check_name('result', name)}{suffix}", content)
 
 
@@ -176,7 +214,12 @@ def write_checksums(data: Folder = None) -> None:
     data = data_folder(data)
     hashes = {name: digest for name, digest in _recorded(data).items() if _is_left_out(name)}
     hashes |= {name: sha256(data / name) for name in _present(data)}
-    write_bytes(data / CHECKSUMS, "".join(f"{hashes[name]}  {name}\n" for name in sorted(hashes)).encode())
+    _write_hashes(hashes, data)
+
+
+def _write_hashes(hashes: Mapping[str, str], data: Path) -> None:
+    lines = [f"{hashes[name]}  {name}\n" for name in sorted(hashes)]
+    write_bytes(data / CHECKSUMS, "".join(lines).encode())
 
 
 def check_data(data: Folder = None) -> dict[str, str]:
@@ -256,24 +299,52 @@ def _checked(path: Path, data: Path) -> Path:
 
 
 def _save_tensors(
-    kind: str, name: str, model: torch.nn.Module, about: dict[str, Any], data: Folder, **more: np.ndarray
+    kind: str,
+    name: str,
+    model: torch.nn.Module,
+    about: dict[str, Any],
+    data: Folder,
+    overwrite: bool,
+    **more: np.ndarray,
 ) -> None:
-    path = data_folder(data) / "weights" / f"{kind}-{check_name('training', name)}.safetensors"
+    data = data_folder(data)
+    path = _weights_path(kind, name, data)
     tensors = {key: tensor.contiguous() for key, tensor in model.state_dict().items()}
     tensors |= {key: torch.as_tensor(array, dtype=torch.float32) for key, array in more.items()}
     _check_numbers(tensors)
     about = {"format": _WEIGHTS_FORMAT, "kind": kind, **about}
-    write_bytes(path, to_bytes(tensors, metadata={"clothlab": json.dumps(about)}))
+    content = to_bytes(tensors, metadata={"clothlab": json.dumps(about)})
+    if not overwrite and path.is_file() and path.read_bytes() != content:
+        raise ValueError(f"data/weights/{path.name} exists and differs: choose another name, or pass overwrite=True")
+    write_bytes(path, content)
+    _record_again(path, data)
+
+
+def _weights_path(kind: str, name: str, data: Path) -> Path:
+    return data / "weights" / f"{kind}-{check_name('training', name)}.safetensors"
+
+
+def _record_again(path: Path, data: Path) -> None:
+    """Give a file that was overwritten its new hash, where it had one."""
+    hashes = _recorded(data)
+    name = path.relative_to(data).as_posix()
+    if name in hashes:
+        _write_hashes(hashes | {name: sha256(path)}, data)
 
 
 def _load_tensors(kind: str, name: str, data: Folder) -> tuple[Path, dict[str, Any], dict[str, torch.Tensor]]:
     path = _find(f"{kind} weights", f"weights/{kind}-*.safetensors", name, data)
     with reading(path, f"{kind} weights"):
         with safe_open(path, "pt") as file:
-            about = json.loads(file.metadata()["clothlab"])
+            metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-        if (about["format"], about["kind"]) != (_WEIGHTS_FORMAT, kind):
-            raise ValueError(f"its format is not {_WEIGHTS_FORMAT}, this version's")
+        if "clothlab" not in metadata:
+            raise OtherKindError("clothlab did not write it")
+        about = json.loads(metadata["clothlab"])
+        if about["format"] != _WEIGHTS_FORMAT:
+            raise OtherKindError(f"its format is {about['format']}, this version reads {_WEIGHTS_FORMAT}")
+        if about["kind"] != kind:
+            raise OtherKindError(f"it holds {about['kind']} weights")
         _check_numbers(tensors)
     return path, about, tensors
 

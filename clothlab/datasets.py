@@ -11,6 +11,7 @@ from sklearn.cluster import KMeans
 
 from clothlab import artifacts
 from clothlab._parallel import Job, run_jobs
+from clothlab._validation import check_kind, check_seed, choose
 from clothlab.policies import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
@@ -90,6 +91,9 @@ def record(dataset: Dataset, *, data: artifacts.Folder = None, **options: Any) -
 
 def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Trial]:
     """Record one trial; and behind it, of a throw that spread the cloth, its repetitions."""
+    check_kind("dataset", dataset, Dataset)
+    choose("policy", policy, _POLICIES)
+    check_seed(seed)
     if not dataset.throws:
         with closing(ClothEnv(dataset.arm, cloth)) as env:
             return [rollout(env, _POLICIES[policy](env.arm), dataset.steps, seed=seed)]

@@ -64,8 +64,11 @@ def image_grid(
     images: Sequence[np.ndarray], titles: Sequence[str] = (), columns: int = 6, width: float = 2.0
 ) -> Figure:
     """Images `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8 in rows, each `width` inches wide."""
-    if not len(images):
+    images = [np.asarray(image) for image in images]
+    if not images:
         raise ValueError("there is no image to show")
+    if any(image.ndim not in (2, 3) for image in images):
+        raise ValueError("images are a list of [h, w] or [h, w, 3]: put a single one into a list, [image]")
     columns = min(columns, len(images))
     height = width * max(image.shape[0] / image.shape[1] for image in images)
     title_height = 0.25 if len(titles) else 0.05

@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._files import reading, write_bytes
-from clothlab._validation import Checked, check_array, check_number
+from clothlab._files import OtherKindError, load_arrays, reading, write_bytes
+from clothlab._validation import Checked, check_array, check_flag, check_kind, check_number, check_seed
 from clothlab.policies import Policy, as_policy
-from clothlab.simulation.arm import check_command, get_arm
+from clothlab.simulation.arm import Arm, arm_data, arm_from_data, check_command, get_arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Observation
 from clothlab.simulation.vision import check_masks
 
-_FORMAT = 1  # of trial files
+_FORMATS = (1, 2)  # of trial files: with the name of an arm, and with an arm of one's own
+# Of the arrays in a file. Masks are packed eight to a byte: that many hold 87,000 steps, nearly five hours.
+_MOST_BYTES = 2**27
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Trial(Checked):
     robot: np.ndarray  # robot states [T, D_r], float64, in the arm's units
     commands: np.ndarray  # commands [T, D_u], float64, in the arm's units
     cloth: Cloth
-    arm: str  # name
+    arm: Arm  # or the name of one of `ARMS`
     policy: str  # name of what chose the commands
     seed: int
 
@@ -39,8 +41,9 @@ class Trial(Checked):
             raise ValueError(f"images are [T, H, W] of at least one step, got the shape {list(images.shape)}")
         object.__setattr__(self, "images", images)
         arm = get_arm(self.arm)
+        object.__setattr__(self, "arm", arm)
         for name, width in (("robot", len(arm.state_names)), ("commands", len(arm.command_names))):
-            array = check_array(f"{name} of the {self.arm} arm", getattr(self, name), ("T", width))
+            array = check_array(f"{name} of the {arm.name} arm", getattr(self, name), ("T", width))
             if len(array) != len(images):
                 raise ValueError(f"{name} must have one row for each of the {len(images)} images, got {len(array)}")
             object.__setattr__(self, name, array)
@@ -80,7 +83,10 @@ def rollout(
     The seed is that of its random numbers and of a `random_start` from a posture other than the arm's home. `watch` is
     called `samples` times in each step, as in `ClothEnv.advance`: 5 make 25 pictures a second.
     """
+    check_kind("env", env, ClothEnv, ": ClothEnv(arm, cloth) makes one")
     check_number("steps", steps, int, at_least=1)
+    check_seed(seed)
+    check_flag("random_start", random_start)
     policy = as_policy(policy)
     policy.reset(seed)
     observation, _ = env.reset(seed=seed, options={"random_start": random_start})
@@ -93,15 +99,21 @@ def rollout(
         env.advance(u, watch, samples)
         observation = env.observe()
     images, robot, commands = (np.array(column) for column in zip(*rows, strict=True))
-    return Trial(images, robot, commands, env.cloth, env.arm.name, name or policy.name, seed)
+    return Trial(images, robot, commands, env.cloth, env.arm, name or policy.name, seed)
 
 
 def save_trial(trial: Trial, path: str | Path) -> None:
     """Write a trial as `.npz`, images as packed bits. An interrupted write leaves an existing file as it was."""
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
-    about = {"format": _FORMAT, "cloth": asdict(trial.cloth)}
-    about |= {name: getattr(trial, name) for name in ("arm", "policy", "seed")}
+    arm = arm_data(trial.arm)
+    about = {
+        "format": 1 if isinstance(arm, str) else 2,
+        "cloth": asdict(trial.cloth),
+        "arm": arm,
+        "policy": trial.policy,
+        "seed": trial.seed,
+    }
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -114,11 +126,14 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 
 
 def load_trial(path: str | Path) -> Trial:
-    """Read a trial; a ValueError names the file if it is damaged, is no trial, or is of a newer version."""
-    with reading(path, "trial"), np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
-        about = json.loads(str(file["about"]))
-        if about.pop("format") != _FORMAT:
-            raise ValueError(f"its format is not {_FORMAT}, this version's")
+    """Read a trial; a ValueError names the file if it is damaged, is no trial, is too large, or of a newer version."""
+    with reading(path, "trial"):
+        arrays = load_arrays(path, _MOST_BYTES)
+        about = json.loads(str(arrays["about"]))
+        file_format = about.pop("format")
+        if file_format not in _FORMATS:
+            raise OtherKindError(f"its format is {file_format}, this version reads {' and '.join(map(str, _FORMATS))}")
         about["cloth"] = Cloth(**about["cloth"])
-        images = np.unpackbits(file["images"], axis=-1).view(bool)
-        return Trial(images, file["robot"], file["commands"], **about)
+        about["arm"] = arm_from_data(about["arm"])
+        images = np.unpackbits(arrays["images"], axis=-1).view(bool)
+        return Trial(images, arrays["robot"], arrays["commands"], **about)

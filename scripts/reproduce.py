@@ -75,14 +75,14 @@ def train(configs: Sequence[TrainingConfig], seeds: Iterable[int], **options: An
     """Train the autoencoder and the DPMPBs of each configuration, and save them; options as `run_jobs` has them."""
     jobs = [Job(TrainingConfig.train_autoencoder, {"self": each}, each.inputs) for each in configs]
     for config, (model, losses) in zip(configs, run_jobs("autoencoders", jobs, **options), strict=True):
-        artifacts.save_autoencoder(model, losses, config.name)
+        artifacts.save_autoencoder(model, losses, config.name, overwrite=True)
     artifacts.write_checksums()
     jobs = [
         Job(TrainingConfig.train_model, {"self": c, "seed": seed}, (*c.inputs, f"weights/autoencoder-{c.name}."))
         for c, seed in product(configs, seeds)
     ]
     for trained in run_jobs("models", jobs, **options):
-        artifacts.save(trained)
+        artifacts.save(trained, overwrite=True)
     artifacts.write_checksums()
 
 

@@ -13,7 +13,7 @@ import torch
 
 from clothlab import artifacts
 from clothlab.learning.control import Controller, ControlSettings
-from clothlab.learning.dpmpb import DPMPB, ModelTraining, collect_run, train_dpmpb
+from clothlab.learning.dpmpb import DPMPB, EpisodeEnded, ModelTraining, collect_run, train_dpmpb
 from clothlab.learning.estimation import NewtonSettings, estimate_bias
 
 PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
@@ -57,8 +57,23 @@ def test_a_run_has_what_was_seen_before_each_command():
 
 def test_an_episode_that_ends_too_early_says_what_to_do():
     assert len(pushed(1.0, 0.5, steps=20, longest=20)) == 20
-    with pytest.raises(ValueError, match="the episode ended after 20 of 30 steps"):
+    with pytest.raises(EpisodeEnded, match=r"time limit .* reached after 20 of 30 steps.*max_episode_steps") as told:
         pushed(1.0, 0.5, steps=30, longest=20)
+    assert len(told.value.run) == 20, "what was recorded is not lost"
+
+
+def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
+    class Falls(gymnasium.Env):
+        def reset(self, *, seed=None, options=None):
+            return np.zeros(1), {}
+
+        def step(self, action):
+            return np.ones(1), 0.0, True, False, {}
+
+    with pytest.raises(EpisodeEnded, match="the robot's task was over after 1 of 5 steps") as told:
+        collect_run(Falls(), lambda s: np.zeros(1), 5, "any")
+    assert "max_episode_steps" not in str(told.value)
+    assert len(told.value.run) == 1
 
 
 @pytest.mark.slow

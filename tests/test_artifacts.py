@@ -19,6 +19,7 @@ from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.cloth_control import ControlPolicy
 from clothlab.learning.dpmpb import DPMPB
 from clothlab.learning.trained import Trained
+from clothlab.simulation.arm import get_arm
 from clothlab.trials import load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {
@@ -45,7 +46,7 @@ def shaken(module: torch.nn.Module) -> torch.nn.Module:
 def trained() -> Trained:
     biases = {"a": np.array([1.0, 2.0]), "b": np.array([-1.0, 0.5])}
     autoencoder, model = shaken(Autoencoder()), shaken(DPMPB(7, 2))
-    return Trained("torque-0", artifacts.get_arm("torque"), autoencoder, model, biases, np.array([0.3, 0.2]), "torque")
+    return Trained("torque-0", get_arm("torque"), autoencoder, model, biases, np.array([0.3, 0.2]), "torque")
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +230,7 @@ def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(d
 def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(data, trained, square, full_disk):
     before = contents(data)
     for name, save in {
-        "dpmpb-torque-0.safetensors": lambda: artifacts.save(trained, data=data),
+        "dpmpb-torque-0.safetensors": lambda: artifacts.save(trained, data=data, overwrite=True),
         "target-1.png": lambda: artifacts.save_target(~square, "target-1", data=data),
         "simulation.csv": lambda: artifacts.save_results(b"iou\n0.9", "simulation", ".csv", data=data),
         "SHA256SUMS": lambda: artifacts.write_checksums(data),
@@ -252,12 +253,9 @@ def rewrite(path: Path, about: dict | None = None, **change: torch.Tensor | None
 @pytest.mark.parametrize(
     ("tensors", "about"),
     [
-        ({"s_mean": None}, None),
         ({"s_std": torch.zeros(7)}, None),
         ({"lstm.weight_hh_l1": torch.full((120, 30), torch.nan)}, None),
         ({"p": torch.zeros(3, 2)}, None),
-        ({}, {"format": 2}),
-        ({}, {"arm": "muscle"}),
         ({}, {"sees_with": None}),
     ],
 )
@@ -268,16 +266,68 @@ def test_weights_that_are_not_a_model_are_refused_by_name(data, tensors, about):
         artifacts.load("torque-0", data=data)
 
 
+@pytest.mark.parametrize(
+    ("tensors", "about", "reason"),
+    [
+        ({"s_mean": None}, None, "its layers are not those of DPMPB"),
+        ({}, {"arm": "muscle"}, "its layers are not those of DPMPB"),
+        ({}, {"format": 2}, "its format is 2, this version reads 1"),
+        ({}, {"kind": "model"}, "it holds model weights"),
+        ({}, {"arm": "octopus"}, "its arm 'octopus' is unknown; known are torque, muscle"),
+        ({}, {"arm": {"class": "Octopus"}}, "its class of arms 'Octopus' is unknown; known are TorqueArm"),
+    ],
+)
+def test_weights_of_another_kind_are_not_called_damaged(data, tensors, about, reason):
+    (data / "SHA256SUMS").unlink()
+    rewrite(data / "weights" / "dpmpb-torque-0.safetensors", about, **tensors)
+    with pytest.raises(ValueError, match=rf"dpmpb-torque-0.safetensors is no dpmpb weights .* here: {reason}"):
+        artifacts.load("torque-0", data=data)
+
+
 def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
     (data / "SHA256SUMS").unlink()
-    rewrite(data / "weights" / "autoencoder-torque.safetensors", {"latent_size": 5})
-    with pytest.raises(ValueError, match=r"-torque.safetensors is damaged or holds no autoencoder weights: .+"):
+    path = data / "weights" / "autoencoder-torque.safetensors"
+    rewrite(path, {"latent_size": 5})
+    with pytest.raises(ValueError, match=r"-torque.safetensors is no autoencoder weights .* not those of Autoencoder"):
+        artifacts.load_autoencoder("torque", data=data)
+    save_file({"weight": torch.ones(3)}, path)
+    with pytest.raises(ValueError, match="clothlab did not write it"):
         artifacts.load_autoencoder("torque", data=data)
 
 
+def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
+    for name, arm in {
+        "shorter": replace(trained.arm, link_length=0.35),  # which has kept its name
+        "own": replace(trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))),
+    }.items():
+        artifacts.save(replace(trained, name=name, arm=arm), data=data)
+        assert artifacts.load(name, data=data).arm == arm
+    assert artifacts.load("torque-0", data=data).arm == trained.arm
+
+
+def test_what_is_saved_is_loaded_at_once_with_its_autoencoder(trained, tmp_path):
+    artifacts.save(trained, data=tmp_path)
+    read = artifacts.load(trained.name, data=tmp_path)
+    assert read.autoencoder.fingerprint() == trained.autoencoder.fingerprint()
+
+
+def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
+    before = contents(data)
+    other = replace(trained, model=shaken(DPMPB(7, 2)))
+    other.model.s_mean += 1
+    elsewhere = replace(trained, name="mine", autoencoder=shaken(Autoencoder()))
+    elsewhere.autoencoder.encoder[-1].running_mean += 1
+    for each in (other, elsewhere):
+        with pytest.raises(ValueError, match=r"exists and differs: choose another name, or pass overwrite=True"):
+            artifacts.save(each, data=data)
+    assert contents(data) == before
+    artifacts.save(other, data=data, overwrite=True)
+    read = artifacts.load("torque-0", data=data)  # whose recorded hash has followed
+    assert torch.equal(read.model.s_mean, other.model.s_mean)
+
+
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    artifacts.save_autoencoder(Autoencoder(), [0.5], "torque", data=data)
-    artifacts.write_checksums(data)
+    artifacts.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
     with pytest.raises(
         ValueError, match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies"
     ):

@@ -1,5 +1,6 @@
 """Laws of the controller."""
 
+import threading
 from dataclasses import replace
 from functools import partial
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from clothlab.learning import control
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_control import ControlPolicy, control_loss, nearest_plans, period_mask, recorded_plans
 from clothlab.learning.cloth_state import EstimatingPolicy, observe, to_sequences
@@ -247,3 +249,47 @@ def test_a_fixed_stiffness_stays_fixed(muscle_env, controller):
 def test_what_does_not_belong_together_is_refused(controller, wrong, message):
     with pytest.raises(ValueError, match=message):
         controller(**wrong)
+
+
+def test_p_that_another_thread_sets_waits_for_the_solve(env, controller):
+    policy, threads, during = controller(), [], []
+
+    def search(predict, loss, start):
+        threads.append(threading.Thread(target=policy.set_bias, args=([0.5, -0.5],)))
+        threads[0].start()
+        threads[0].join(timeout=0.1)
+        during.append(policy.p)
+        return start, loss(predict(start[None])).detach().numpy()
+
+    policy.search = search
+    policy(env.observe())
+    threads[0].join()
+    assert during[0].tolist() == [0, 0]
+    assert policy.p.tolist() == [0.5, -0.5]
+
+
+def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
+    monkeypatch.setattr(control, "TRACED", 3)
+    policy = controller()
+    traces = []
+    for _ in range(5):
+        policy(env.observe())
+        traces.append(policy.trace[-1])
+    assert policy.solves == 5
+    assert np.array_equal(policy.trace, traces[-3:])
+
+
+def test_an_error_in_the_loss_leaves_the_controller_as_it_was(env, controller):
+    policy, reference = controller(), controller()
+    right = policy.loss
+
+    def fails(states, t):
+        raise ZeroDivisionError
+
+    for k in range(4):
+        if k == 2:
+            policy.loss = fails
+            with pytest.raises(ZeroDivisionError):
+                policy(env.observe())
+            policy.loss = right
+        assert np.array_equal(policy(env.observe()), reference(env.observe()))

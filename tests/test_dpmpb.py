@@ -7,6 +7,7 @@ import torch
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_state import observe, to_sequences
 from clothlab.learning.dpmpb import DPMPB, ModelTraining, Sequences, fit_normalisation, predict, stretches, train_dpmpb
+from clothlab.learning.estimation import NewtonSettings, estimate_bias
 
 BRIEF = ModelTraining(epochs=8, batch_size=20, sequence_length=10)
 GOOD = Sequences(np.zeros((40, 7)), np.zeros((40, 2)), "a")
@@ -53,11 +54,52 @@ def test_normalisation_comes_from_all_runs_and_never_divides_by_nothing():
     s = np.arange(140.0).reshape(20, 7)
     s[:, 6] = 5.0  # a sensor that never changes
     runs = [Sequences(s[:10], np.zeros((10, 2)), "a"), Sequences(s[10:], np.ones((10, 2)), "b")]
-    fit_normalisation(model, runs)
+    with pytest.warns(UserWarning, match=r"state 6 \(counted from 0\) never changes in these runs"):
+        fit_normalisation(model, runs)
     assert model.s_mean.numpy() == pytest.approx(s.mean(0))
     assert model.s_std.numpy()[:6] == pytest.approx(s.std(0, ddof=1)[:6])
     assert model.s_std[6] > 0
     assert model.u_mean.tolist() == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("constant", [9.81, 0.0, -3.0])
+def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, constant):
+    runs = []
+    for run in made_up_runs:
+        s = np.column_stack([run.s, np.full(len(run), constant)])
+        u = np.column_stack([run.u, np.full(len(run), constant)])
+        runs.append(Sequences(s, u, run.material))
+    with pytest.warns(UserWarning, match="never changes") as told:
+        model, biases, _ = train_dpmpb(runs, BRIEF, device="cpu", progress=False)
+    assert [str(each.message)[:9] for each in told] == ["state 7 (", "command 2"]
+
+    run = runs[0]
+    p, _ = estimate_bias(model, run, settings=NewtonSettings(window=len(run)))
+    for moved in (1e-4, 1.0, 50.0):
+        s, u = run.s.copy(), run.u.copy()
+        s[10:, -1] += moved
+        u[:, -1] -= moved
+        p_moved, _ = estimate_bias(model, Sequences(s, u, "x"), settings=NewtonSettings(window=len(run)))
+        assert p_moved == pytest.approx(p, abs=0.01)
+    start, commands = torch.tensor(run.s[0]), torch.tensor(run.u[None, :5])
+    p_trained = torch.tensor(biases[run.material], dtype=torch.float32)
+    predicted = predict(model, start, commands, p_trained)
+    assert predicted[0, :, -1].tolist() == pytest.approx([constant] * 5)
+
+
+def test_a_seed_is_a_whole_number(made_up_runs):
+    for seed in (1.5, "3", -1):
+        with pytest.raises(ValueError, match=r"seed (is a whole number|must be at least 0)"):
+            train_dpmpb(made_up_runs, BRIEF, seed=seed, progress=False)
+
+
+def test_settings_are_an_object_and_runs_are_runs(made_up_runs, trial):
+    with pytest.raises(ValueError, match=r"settings is a ModelTraining, got dict .*ModelTraining\(name=value\)"):
+        train_dpmpb(made_up_runs, {"epochs": 3}, progress=False)
+    with pytest.raises(ValueError, match=r"runs is a Sequences, got Trial .*learned.sequences\(trial\)"):
+        train_dpmpb([trial], progress=False)
+    with pytest.raises(ValueError, match=r"runs are a list of Sequences, got Sequences"):
+        train_dpmpb(made_up_runs[0], progress=False)
 
 
 def test_training_separates_materials_and_is_reproducible(made_up_runs):

@@ -2,9 +2,11 @@
 
 import pytest
 import torch
+from torch import nn
 
+from clothlab.learning.control import Controller
 from clothlab.learning.dpmpb import DPMPB, Memory, predict
-from clothlab.learning.fast_rollout import FastDPMPB
+from clothlab.learning.fast_rollout import FastDPMPB, PlainRollout, rollout_of
 
 P = torch.tensor([0.3, -0.2], dtype=torch.float64)
 
@@ -64,3 +66,78 @@ def test_its_memory_follows_what_was_observed(model, runs):
     _, expected = model(s, u, P)
     assert torch.allclose(memory.h, expected.h, rtol=0, atol=1e-12)
     assert torch.allclose(memory.c, expected.c, rtol=0, atol=1e-12)
+
+
+class Residual(DPMPB):
+    """Predicts the change of the state, as a user's own network might."""
+
+    def forward(self, s, u, p, memory=None):
+        change, memory = super().forward(s, u, p, memory)
+        return s + change, memory
+
+
+def with_relu(model):
+    model.fc_in[3] = nn.ReLU()
+    return model
+
+
+def with_norm(model):
+    model.fc_out.insert(1, nn.LayerNorm(30))
+    return model
+
+
+def with_hook(model):
+    model.fc_out.register_forward_hook(lambda module, given, output: 1.1 * output)
+    return model
+
+
+OWN = {
+    "residual": lambda: Residual(7, 2),
+    "relu": lambda: with_relu(DPMPB(7, 2)),
+    "norm": lambda: with_norm(DPMPB(7, 2)),
+    "hook": lambda: with_hook(DPMPB(7, 2)),
+}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_network_of_ones_own_is_planned_with_as_it_is(name):
+    torch.manual_seed(0)
+    own = OWN[name]().eval()
+    assert rollout_of(own) is PlainRollout
+    if name != "hook":  # which shows in no layer, only in what comes out
+        with pytest.raises(ValueError, match="has a forward or layers of its own"):
+            FastDPMPB(own, torch.zeros(2))
+
+    last = {}
+
+    def loss(states, t):
+        last["predicted"] = states
+        return states[..., 0].square().sum(1)
+
+    controller = Controller(own, loss, (0.3, -0.2), (-1, -1), (1, 1))
+    s = torch.linspace(-1, 1, 7)
+    u = torch.as_tensor(controller.act(s), dtype=torch.float32)
+    plans = torch.cat([u.expand(1, 1, -1), controller._u[None, 1:]], dim=1)
+    with torch.no_grad():
+        expected = predict(own, s, plans, torch.tensor([0.3, -0.2]))
+        found = controller._predict(s, plans, own.initial_memory())
+        _, memory = own(s[None, None], u[None, None], torch.tensor([0.3, -0.2]))
+    assert torch.equal(found, expected)
+    controller.watch(s, u)
+    assert torch.allclose(controller._memory.h, memory.h, atol=1e-6)
+
+
+def test_the_papers_network_is_planned_with_fast():
+    assert rollout_of(DPMPB(7, 2)) is FastDPMPB
+    assert rollout_of(DPMPB(7, 2, bias_size=0)) is FastDPMPB
+    assert rollout_of(DPMPB(15, 3).double()) is FastDPMPB
+
+
+def test_the_plain_rollout_takes_starts_and_memories_as_the_fast_one_does(model):
+    fast, plain = FastDPMPB(model, P), PlainRollout(model, P)
+    s, u = numbers(5, 7), numbers(5, 8, 2)
+    memory = Memory(0.3 * numbers(2, 5, 30), 0.3 * numbers(2, 5, 30, seed=4))
+    with torch.no_grad():
+        assert torch.allclose(plain(s, u, memory), fast(s, u, memory), rtol=0, atol=1e-12)
+        followed = zip(plain.follow(s, u[:, 0], memory), fast.follow(s, u[:, 0], memory), strict=True)
+    assert all(torch.allclose(one, other, rtol=0, atol=1e-12) for one, other in followed)

@@ -1,11 +1,14 @@
 """Laws of iterative learning control: what is learned from outcomes, and what is done with it."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from clothlab.learning import control
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_control import nearest_plans
 from clothlab.learning.dpmpb import DPMPB, Sequences
@@ -175,3 +178,61 @@ def test_attempts_with_another_material_are_forgotten(iterative, env):
 def test_without_trust_or_biases_the_model_alone_chooses(iterative, env):
     alone, unknown = iterative(biases=BIASES, trust=0), iterative()
     assert (rollout(env, alone, 9).commands == rollout(env, unknown, 9).commands).all()
+
+
+class Interrupt:
+    """Raises a KeyboardInterrupt at the n-th call within `clothlab.learning`, as Ctrl-C might."""
+
+    folder = str(Path(control.__file__).parent)
+
+    def __init__(self, n):
+        self.left = n
+
+    def __call__(self, frame, event, argument):
+        if event == "call" and frame.f_code.co_filename.startswith(self.folder):
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+    def __enter__(self):
+        sys.setprofile(self)
+
+    def __exit__(self, *error):
+        sys.setprofile(None)
+
+
+@pytest.mark.parametrize("biases", [None, BIASES])
+def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
+    """At the steps that begin a period, which do most, and at one within."""
+    quick = {"recorded": 4, "starts": 1, "iterations": 1}
+    policy, reference = (iterative((RUN, replace(RUN, material="b")), biases, **quick) for _ in range(2))
+    interrupted = 0
+    for step in range(26):
+        observation = env.observe()
+        expected = reference(observation)
+        for n in range(1, 1000):
+            if step not in (0, 5, 8, 16, 24):
+                break
+            try:
+                with Interrupt(n):
+                    found = policy(observation)
+                break
+            except KeyboardInterrupt:
+                interrupted += 1
+        else:
+            pytest.fail("the step has more calls than were tried")
+        if step not in (0, 5, 8, 16, 24):
+            found = policy(observation)
+        assert np.array_equal(found, expected), f"step {step}"
+        env.advance(expected)
+    assert interrupted > 100
+    assert len(policy.attempts) == len(reference.attempts) == 3
+
+
+def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
+    policy = iterative((RUN, replace(RUN, material="b")), BIASES)
+    sent = [policy(env.observe()) for _ in range(8)]
+    policy.set_bias((9.0, 0.0))  # so far that the attempt which now ends is of another material
+    again = [policy.step_without_solving(env.observe()) for _ in range(8)]
+    assert policy.attempts == []
+    assert np.array_equal(again, sent)

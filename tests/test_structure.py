@@ -30,7 +30,7 @@ BUDGETS = {  # at most; lines are only reported
     "rooms": 22,
     "floors": 11,
     "imports between rooms": 120,
-    "public names": 450,
+    "public names": 480,
     "lines of the longest class": 200,
     "lines of the longest function": 50,
     "widest line": 120,

@@ -73,6 +73,23 @@ class Experiment:
     paper: Mapping[str, Any] = field(default_factory=dict)
     rows: Callable[[Tables], list[Row]] | None = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cases", self._refusing_typos(self.cases))
+
+    def _refusing_typos(self, cases: Callable[..., list[Case]]) -> Callable[..., list[Case]]:
+        """The same function for sizes that a case or the function itself knows; a ValueError lists them."""
+        named = [each.name for each in inspect.signature(cases).parameters.values() if each.kind != each.VAR_KEYWORD]
+        known = list(dict.fromkeys([*self.keys, *named]))
+
+        @functools.wraps(cases)
+        def checked(**sizes: Any) -> list[Case]:
+            for size in sizes:
+                if size not in known:
+                    raise ValueError(f"{self.name} has no {size!r}; choose from {', '.join(known)}")
+            return cases(**sizes)
+
+        return checked
+
     @property
     def keys(self) -> list[str]:
         """Columns that say which case a row is."""

@@ -92,10 +92,10 @@ class Drivers:
                 u = self._policies[driver](observation)
             return Choice(u, solved=False, predicted=None, period_ended=False)
         controller, self._iterative.exploring = self._controllers[driver], exploring
-        before = len(controller.trace)
+        before = controller.solves
         u = (controller if solve else controller.step_without_solving)(observation)
         basis, foreseen = getattr(controller, "basis", ""), getattr(controller, "foreseen", None)
-        solved, predicted = len(controller.trace) > before, controller.predicted_distance
+        solved, predicted = controller.solves > before, controller.predicted_distance
         return Choice(u, solved, predicted, controller.period_ended, basis, foreseen)
 
     def close_period(self, driver: str, choice: Choice, distance: float) -> Period | None:

@@ -14,7 +14,7 @@ import ipywidgets
 import numpy as np
 
 from clothlab import artifacts
-from clothlab._files import reading, write_bytes
+from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab.alt_text import AltText
 from clothlab.lab import views
 from clothlab.lab.clock import LoopCallbacks
@@ -24,6 +24,7 @@ from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
 _SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
+_MOST_BYTES = 2**26  # of a recorded run's text, several times what two minutes need
 _QUALITY = 60  # of JPEG, of 100
 _Frame = Mapping[str, Any]  # those of `_SHOWN` that are new at a step, and `caption`, what to say meanwhile
 
@@ -56,7 +57,10 @@ def load_recording(path: Path | None = None) -> list[_Frame]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
     with reading(path, "recorded run"):
-        return json.loads(lzma.decompress(path.read_bytes()), object_hook=_unpacked)["shots"]
+        text = lzma.LZMADecompressor().decompress(path.read_bytes(), max_length=_MOST_BYTES + 1)
+        if len(text) > _MOST_BYTES:
+            raise OtherKindError(f"it unpacks to more than {_MOST_BYTES / 1e6:.0f} MB")
+        return json.loads(text, object_hook=_unpacked)["shots"]
 
 
 class RecordedRun(Widget, ipywidgets.VBox):

@@ -208,7 +208,7 @@ class LiveSession:
             raise
         self.observation, self.step_number, self.command = observation, self.step_number + 1, u
         if self.recorder.running:
-            about = {"cloth": self.env.cloth, "arm": self.arm.name, "policy": self.driver, "seed": self.seed}
+            about = {"cloth": self.env.cloth, "arm": self.arm, "policy": self.driver, "seed": self.seed}
             self.recorder.add(seen, u, about)
         if self.estimating:
             s = observe(self.trained.autoencoder, seen)

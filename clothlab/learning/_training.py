@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 from tqdm.auto import tqdm
 
+from clothlab._validation import check_seed
+
 # glibc's parameters for `mallopt`, and their new values [byte].
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 512 * 2**20), (-3, 32 * 2**20)
 
@@ -51,6 +53,7 @@ def fit(
 @contextmanager
 def training(seed: int) -> Iterator[None]:
     """Random numbers of its own, from a seed; the caller's go on as if nothing had happened. Memory is used again."""
+    check_seed(seed)
     _keep_freed_memory()
     with torch.random.fork_rng():
         torch.manual_seed(seed)

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
-from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab._validation import Checked, check_array, check_number, setting, settings_or_default
 from clothlab.learning._training import best_device, fit, training
 from clothlab.simulation.vision import HEIGHT, WIDTH, check_masks
 
@@ -82,7 +82,8 @@ def train_autoencoder(
 
     Returns the model in evaluation mode on the CPU, and the mean binary cross entropy of each epoch [nat per pixel].
     """
-    settings, images = settings or AutoencoderTraining(), check_masks(images)
+    settings = settings_or_default(settings, AutoencoderTraining)
+    images = check_masks(images)
     size, device = settings.batch_size, device or best_device()
     if images.ndim != 3 or len(images) < size:
         raise ValueError(f"training takes images [B, H, W], one batch of {size} or more, got {list(images.shape)}")

@@ -15,8 +15,8 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
 
-from clothlab._validation import check_array, choose
-from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab._validation import check_array, choose, settings_or_default
+from clothlab.learning.dpmpb import DPMPB, Sequences, check_run, check_runs
 from clothlab.learning.estimation import Estimator, Fit, NewtonSettings
 
 _SHARE = 0.9  # of the regions that are shown
@@ -46,7 +46,8 @@ def fit_bias(
     model: DPMPB, run: Sequences, p: ArrayLike, settings: NewtonSettings | None = None, rounds: int = 4
 ) -> tuple[np.ndarray, Fit]:
     """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how it predicts, by Gauss-Newton."""
-    settings, found = settings or NewtonSettings(), check_array("p", p, (model.bias_size,))
+    settings, found = settings_or_default(settings, NewtonSettings), check_array("p", p, (model.bias_size,))
+    check_run(run)
     s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
     fit = Fit.of(model, s, u, found)
     for _ in range(rounds):
@@ -115,7 +116,12 @@ def _log_error_ratio(fit: Fit, p: np.ndarray, biases: np.ndarray, usual: np.ndar
     gaps = ((p - biases) ** 2).sum(1)
     weights = np.exp(-0.5 * (gaps - gaps.min()) / reach**2)
     expected = weights @ usual / weights.sum()
-    return float((np.log((fit.errors**2).mean(0)) - expected).mean())
+    return float((_log_squares(fit) - expected).mean())
+
+
+def _log_squares(fit: Fit) -> np.ndarray:
+    """Log of the mean squared error in each sensor `[D_s]`; a sensor that the model leaves out has none at all."""
+    return np.log(np.maximum((fit.errors**2).mean(0), 1e-20))
 
 
 def calibrate(
@@ -131,6 +137,7 @@ def calibrate(
     The runs begin at rest, at least two with each material, none of them trained on. Of each the beginnings of rising
     `lengths` [step] are looked at.
     """
+    runs = check_runs(runs)
     names = list(dict.fromkeys(run.material for run in runs))
     which = np.array([names.index(run.material) for run in runs])
     if not runs or (np.bincount(which) < 2).any():
@@ -148,7 +155,7 @@ def calibrate(
     floor = _fit_floor(gaps.reshape(-1, gaps.shape[-1]), scatter.reshape(-1, *scatter.shape[2:]))
     squares = np.einsum("nri,nrij,nrj->nr", gaps, np.linalg.inv(scatter + floor), gaps)
     scale = np.array([_upper(each, _SHARE) for each in squares]) / _radius(_SHARE, gaps.shape[-1]) ** 2
-    logs = np.array([[np.log((fit.errors**2).mean(0)) for _, fit in look] for look in looks])
+    logs = np.array([[_log_squares(fit) for _, fit in look] for look in looks])
     limit = [_limit(look, each, which, known) for look, each in zip(looks, logs, strict=True)]
     usual = _means(logs[-1], which, len(names))
     return Calibration(floor, np.array(lengths), scale, np.array(limit), known, usual)

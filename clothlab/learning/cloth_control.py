@@ -9,11 +9,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_number
+from clothlab._validation import check_array, check_each, check_number, settings_or_default
 from clothlab.learning.autoencoder import Autoencoder, encode
 from clothlab.learning.cloth_state import observe
-from clothlab.learning.control import Controller, ControlSettings, Planner
-from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab.learning.control import Controller, ControlSettings, Planner, whole
+from clothlab.learning.dpmpb import DPMPB, Sequences, check_model, check_runs
 from clothlab.policies import Policy
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.env import Observation
@@ -25,7 +25,8 @@ TENSION_WEIGHT = 0.001  # w_loss [1/N]
 
 def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
     """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period, else 0."""
-    steps = t + 1 + np.arange(settings.horizon)
+    settings = settings_or_default(settings, ControlSettings)
+    steps = check_number("t", t, int, at_least=-1) + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
 
@@ -46,6 +47,7 @@ def control_loss(s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension
 def recorded_plans(trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0) -> np.ndarray:
     """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
     check_number("count", count, int, at_least=1)
+    trials = check_each("trials", trials, Trial)
     if not trials or min(map(len, trials)) < check_number("horizon", horizon, int, at_least=1):
         raise ValueError(f"plans of {horizon} steps need recorded trials that are at least as long")
     windows = np.concatenate([sliding_window_view(trial.commands, horizon, axis=0) for trial in trials])
@@ -66,7 +68,10 @@ def nearest_plans(runs: Sequence[Sequences], z_ref: ArrayLike, horizon: int = 8,
 
     No two plans of one run overlap by more than half.
     """
-    z_ref = np.asarray(z_ref, dtype=np.float32)
+    runs = check_runs(runs)
+    z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
+    if runs and len(z_ref) > runs[0].s.shape[1]:
+        raise ValueError(f"z_ref has {len(z_ref)} numbers, more than the {runs[0].s.shape[1]} of a state")
     from_each = -(-count // max(len(runs), 1))
     found = []
     for run in runs:
@@ -85,6 +90,7 @@ class PlanningPolicy(Planner, Policy):
     """Base of policies that predict with a model and aim at an image; `set_target` and `set_bias` come first."""
 
     def __init__(self, model: DPMPB, autoencoder: Autoencoder, arm: Arm | str):
+        check_model(model)
         self.autoencoder, self.arm = autoencoder, get_arm(arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
         lower, upper = self.arm.command_lower, self.arm.command_upper
@@ -95,6 +101,7 @@ class PlanningPolicy(Planner, Policy):
             )
         Planner.__init__(self, model, lower, upper)
 
+    @whole
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next solve on."""
         self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))

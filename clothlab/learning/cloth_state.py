@@ -3,6 +3,7 @@
 import numpy as np
 
 from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.learning.control import TRACED
 from clothlab.learning.dpmpb import Sequences
 from clothlab.learning.estimation import Estimator
 from clothlab.policies import Policy, Wrapper
@@ -37,6 +38,7 @@ class EstimatingPolicy(Wrapper):
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = self.policy(observation)
-        self.trace.append(self.estimator.update(observe(self.autoencoder, observation), u))
-        self.set_bias(self.trace[-1])
+        p = self.estimator.update(observe(self.autoencoder, observation), u)
+        self.trace = [*self.trace, p][-TRACED:]
+        self.set_bias(p)
         return u

@@ -1,19 +1,28 @@
 """Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 7)."""
 
+import functools
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, choose, setting
-from clothlab.learning.dpmpb import DPMPB
-from clothlab.learning.fast_rollout import FastDPMPB
+from clothlab._validation import Checked, check_array, choose, setting, settings_or_default
+from clothlab.learning.dpmpb import DPMPB, check_model
+from clothlab.learning.fast_rollout import rollout_of
 
 Predict = Callable[[Tensor], Tensor]  # commands [B, T, D_u] → predicted states [B, T, D_s]
 Loss = Callable[[Tensor], Tensor]  # predicted states, or commands → loss of each sequence [B]
+
+TRACED = 10_000  # steps that a trace keeps, half an hour at 5 Hz
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_Self = TypeVar("_Self", bound="Planner")
 
 
 @dataclass(frozen=True)
@@ -73,11 +82,35 @@ def optimise_commands(
     return plan[0], np.array([*trace, best.item()])
 
 
+def whole(step: Callable[Concatenate[_Self, _P], _R]) -> Callable[Concatenate[_Self, _P], _R]:
+    """Let a method of a controller happen wholly or not at all, and alone.
+
+    After an interrupt or an error all attributes are those of before: a step that was half taken would leave a memory,
+    a phase and a plan of different steps. And p or a target that another thread sets waits until a solve is over, which
+    otherwise would begin with one and end with the other. Methods that are whole replace lists and never change them.
+    """
+
+    @functools.wraps(step)
+    def run(self: _Self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with self._alone:
+            before = dict(vars(self))
+            try:
+                return step(self, *args, **kwargs)
+            except BaseException:
+                vars(self).update(before)
+                raise
+
+    return run
+
+
 class Planner:
     """A model, the p in use, and the limits of the commands; a command whose range is a point is fixed."""
 
     def __init__(self, model: DPMPB, lower: ArrayLike, upper: ArrayLike):
-        self.model, shape = model, (model.command_size,)
+        self._alone = threading.RLock()
+        self.model = check_model(model)
+        self._rollout_of_model = rollout_of(model)
+        shape = (model.command_size,)
         self.lower = torch.as_tensor(check_array("lower", lower, shape, np.float32))
         self.upper = torch.as_tensor(check_array("upper", upper, shape, np.float32))
         if not (self.lower <= self.upper).all():
@@ -90,10 +123,11 @@ class Planner:
         """Parametric bias in use `[D_p]`."""
         return self._p.numpy().copy()
 
+    @whole
     def set_bias(self, p: ArrayLike) -> None:
         """Use another parametric bias `[D_p]` from the next solve on."""
         self._p = torch.as_tensor(check_array("p", p, (self.model.bias_size,), np.float32))
-        self._predict = FastDPMPB(self.model, self._p)
+        self._predict = self._rollout_of_model(self.model, self._p)
 
 
 class Controller(Planner):
@@ -103,7 +137,7 @@ class Controller(Planner):
     `[D_p]`, limits are `[D_u]`. The first plan repeats the command `home` `[D_u]`, by default the middle of the limits.
     With `plans` `[N, horizon, D_u]`, each period starts from the one that the model likes best, where that beats the
     warm start. The paper has none and leaves open where the first solve starts. `trace` has the losses of each solve
-    since the reset, `[iterations + 1]`.
+    since the reset, `[iterations + 1]`, the last `TRACED` of them; `solves` counts them all.
     """
 
     def __init__(
@@ -119,7 +153,7 @@ class Controller(Planner):
         plans: ArrayLike | None = None,
     ):
         super().__init__(model, lower, upper)
-        self.loss, self.settings = loss, settings or ControlSettings()
+        self.loss, self.settings = loss, settings_or_default(settings, ControlSettings)
         self._periodic = choose("warm start", self.settings.warm_start, {"last": False, "periodic": True})
         middle = (self.lower + self.upper) / 2
         home = middle if home is None else check_array("home", home, middle.shape, np.float32)
@@ -133,12 +167,14 @@ class Controller(Planner):
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory and plan."""
         self.trace: list[np.ndarray] = []
+        self.solves = 0
         self._t = 0
         self._memory = self.model.initial_memory()
         self._last: tuple[Tensor, Tensor] | None = None
         self._u = self._home
         self._sent = self._u[:0]
 
+    @whole
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
         """The next command `[D_u]` in state s `[D_s]`; without a solve, that of the last plan where there is one."""
         state = torch.as_tensor(check_array("s", s, (self.model.state_size,), np.float32))
@@ -147,6 +183,7 @@ class Controller(Planner):
             self._solve(state)
         return self._send(state)
 
+    @whole
     def watch(self, s: ArrayLike, u: ArrayLike) -> None:
         """Take in a step that something else commanded, state `[D_s]` and command `[D_u]`: memory goes on."""
         self._remember()
@@ -173,7 +210,12 @@ class Controller(Planner):
         if not plan.isfinite().all():
             raise ValueError("the gradient of the loss is not finite, as that of `sqrt` at 0; try `vector_norm`")
         self._u = plan
-        self.trace.append(trace)
+        self._note(trace)
+
+    def _note(self, trace: np.ndarray) -> None:
+        """A solve is over: count it, and keep the trace of its loss."""
+        self.trace = [*self.trace, trace][-TRACED:]
+        self.solves += 1
 
     def search(self, predict: Predict, loss: Loss, start: Tensor) -> tuple[Tensor, np.ndarray]:
         """Better commands than `start` `[T, D_u]`, and the trace of their loss; overwrite it to search differently."""

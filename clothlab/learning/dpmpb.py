@@ -1,9 +1,10 @@
 """DPMPB, the deep predictive model with parametric bias: s[t+1] = h(s[t], u[t], p) (paper, eqs. 1, 3 and 4)."""
 
 import itertools
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -11,7 +12,17 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab._validation import Checked, check_array, check_number, choose, setting
+from clothlab._validation import (
+    Checked,
+    check_array,
+    check_each,
+    check_kind,
+    check_number,
+    check_seed,
+    choose,
+    setting,
+    settings_or_default,
+)
 from clothlab.learning._training import best_device, fit, training
 
 
@@ -82,12 +93,13 @@ class _Tanh(nn.Module):
 def predict(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, memory: Memory | None = None) -> Tensor:
     """Predict states `[B, T, D_s]` from one state `[D_s]` and commands `[B, T, D_u]`, each from the prediction before.
 
-    p is `[D_p]`, and `memory` of batch 1. This is the plain version of `FastDPMPB`, to test and time it against.
+    The state may be one for each sequence, `[B, D_s]`; p is `[D_p]`, and `memory` of batch 1 or B. This is the plain
+    version of `FastDPMPB`, to test and time it against, and what controllers use where that does not fit.
     """
     batch = len(u)
     if memory is not None:
         memory = Memory(*(part.expand(-1, batch, -1).contiguous() for part in memory))
-    s = s.expand(batch, 1, -1)
+    s = s.unsqueeze(-2).expand(batch, 1, -1)
     states = []
     for t in range(u.shape[1]):
         s, memory = model(s, u[:, t : t + 1], p, memory)
@@ -142,6 +154,38 @@ class Sequences(Checked):
         return Sequences(self.s[steps], self.u[steps], self.material)
 
 
+RUNS_ADVICE = ": `learned.sequences(trial)` makes one of a trial"
+
+
+def check_model(model: Any) -> DPMPB:
+    """Return a model that can be used for estimation and control; a ValueError if it is none, or on another device."""
+    check_kind("model", model, DPMPB)
+    if model.s_mean.device.type != "cpu":
+        raise ValueError(
+            f"the model is on {model.s_mean.device}: move it with `model.cpu()`, since estimation and control compute "
+            "there, where their small matrices are fastest"
+        )
+    return model
+
+
+def check_run(run: Any) -> Sequences:
+    """Return one run; a ValueError for anything else, such as a trial."""
+    return check_kind("run", run, Sequences, RUNS_ADVICE)
+
+
+def check_runs(runs: Any) -> list[Sequences]:
+    """Return runs as a list; a ValueError says which is none."""
+    return check_each("runs", runs, Sequences, RUNS_ADVICE)
+
+
+class EpisodeEnded(ValueError):
+    """A robot's episode was over before the run: `run` is what had been recorded, None before the first step."""
+
+    def __init__(self, message: str, run: Sequences | None):
+        super().__init__(message)
+        self.run = run
+
+
 def collect_run(
     env: Any,
     policy: Callable[[np.ndarray], ArrayLike],
@@ -152,26 +196,74 @@ def collect_run(
     observe: Callable[[Any], ArrayLike] = np.asarray,
     progress: bool = False,
 ) -> Sequences:
-    """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`, and `policy(s)` is u `[D_u]`."""
-    observation, _ = env.reset(seed=seed)
-    rows, ended = list[tuple[np.ndarray, np.ndarray]](), [False]
+    """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`, and `policy(s)` is u `[D_u]`.
+
+    An episode that ends early is an `EpisodeEnded`, which says why and keeps the steps so far as its `run`.
+    """
     check_number("steps", steps, int, at_least=1)
-    for _ in tqdm(range(steps), desc=material, disable=not progress, unit="step"):
-        if any(ended):
-            raise ValueError(f"the episode ended after {len(rows)} of {steps} steps: raise its `max_episode_steps`")
+    observation, _ = env.reset(seed=check_seed(seed))
+    states: list[np.ndarray] = []
+    commands: list[np.ndarray] = []
+    for step in tqdm(range(steps), desc=material, disable=not progress, unit="step"):
         s = np.array(observe(observation), ndmin=1)
-        rows.append((s, np.array(policy(s), ndmin=1)))
-        observation, _, *ended, _ = env.step(rows[-1][1])
-    s, u = (np.stack(column) for column in zip(*rows, strict=True))
-    return Sequences(s, u, material)
+        u = np.array(policy(s), ndmin=1)
+        states.append(s)
+        commands.append(u)
+        observation, _, terminated, truncated, _ = env.step(u)
+        if (terminated or truncated) and step + 1 < steps:
+            so_far = Sequences(np.stack(states), np.stack(commands), material)
+            raise EpisodeEnded(_why_it_ended(terminated, len(so_far), steps), so_far)
+    return Sequences(np.stack(states), np.stack(commands), material)
+
+
+def _why_it_ended(terminated: bool, done: int, steps: int) -> str:
+    """Advice for an episode that was over after `done` of `steps` steps."""
+    where = f"after {done} of {steps} steps; they are kept as `run` of this error"
+    if terminated:
+        return f"the robot's task was over {where}. Use gentler commands, or record several short runs"
+    return f"the time limit of the environment was reached {where}: raise its `max_episode_steps`"
+
+
+# A sensor counts as constant where it varies by no more than single precision rounds, relative to its size.
+_ROUNDING = 1e-6
+# The standard deviation that such a sensor gets, in units of its size: so large that no reading of it means anything.
+_UNHEARD = 1e6
 
 
 def fit_normalisation(model: DPMPB, runs: Sequence[Sequences]) -> None:
-    """Set the model's means and standard deviations from all the data (paper, "Network Structure of DPMPB")."""
+    """Set the model's means and standard deviations from all the data (paper, "Network Structure of DPMPB").
+
+    What never varies in the data teaches nothing, and dividing by its deviation would turn the first other reading
+    into the largest signal of all. So a constant sensor or command is left out, with a warning: it gets a deviation
+    that nothing reaches, and weights of zero, which stay zero in the training since their gradient is.
+    """
     for name in ("s", "u"):
         values = torch.as_tensor(np.concatenate([getattr(run, name) for run in runs]), dtype=torch.float32)
+        size = values.abs().amax(0)
+        constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
+        deviation = torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0))
         getattr(model, f"{name}_mean").copy_(values.mean(0))
-        getattr(model, f"{name}_std").copy_(values.std(0).clamp_min(1e-6))
+        getattr(model, f"{name}_std").copy_(deviation)
+        if constant.any():
+            _leave_out(model, name, constant)
+            places = ", ".join(str(k) for k in constant.nonzero().flatten().tolist())
+            kind = "state" if name == "s" else "command"
+            warnings.warn(
+                f"{kind} {places} (counted from 0) never changes in these runs: the model leaves it out", stacklevel=3
+            )
+
+
+@torch.no_grad()
+def _leave_out(model: DPMPB, name: str, constant: Tensor) -> None:
+    """Make the model deaf to some states or commands `[D]`, bool, and let it predict their mean."""
+    first_layer = cast(nn.Linear, model.fc_in[0])
+    last_layer = cast(nn.Linear, model.fc_out[-1])
+    offset = 0 if name == "u" else model.command_size
+    columns = offset + constant.nonzero().flatten()
+    first_layer.weight[:, columns] = 0
+    if name == "s":
+        last_layer.weight[constant] = 0
+        last_layer.bias[constant] = 0
 
 
 def train_dpmpb(
@@ -188,8 +280,10 @@ def train_dpmpb(
     With `known`, p of each material `{name: [D_p]}`, only W is trained. The device is a GPU by default, where torch
     sees one. Returns the model on the CPU, p of each material, and the trace of losses and p.
     """
-    settings, device = settings or ModelTraining(), device or best_device()
-    _check_runs(runs, settings.sequence_length)
+    settings = settings_or_default(settings, ModelTraining)
+    device = device or best_device()
+    runs = check_runs(runs)
+    _check_lengths(runs, settings.sequence_length)
     names = _materials(runs)
     p = _first_biases(names, settings.bias_size, known).to(device).requires_grad_(not known)
     with training(seed):
@@ -236,7 +330,7 @@ def _first_biases(materials: list[str], size: int, known: Mapping[str, ArrayLike
     return torch.as_tensor(np.array(rows))
 
 
-def _check_runs(runs: Sequence[Sequences], length: int) -> None:
+def _check_lengths(runs: Sequence[Sequences], length: int) -> None:
     if not runs:
         raise ValueError("no runs to train on")
     for run in runs:

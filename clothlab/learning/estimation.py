@@ -12,8 +12,8 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, setting
-from clothlab.learning.dpmpb import DPMPB, Sequences
+from clothlab._validation import Checked, check_array, check_number, setting, settings_or_default
+from clothlab.learning.dpmpb import DPMPB, Sequences, check_model, check_run
 
 _LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
@@ -103,6 +103,7 @@ def prediction_loss(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int =
     Mean squared error in standard deviations `[]`, or `[B]` for several p `[B, D_p]`, of states `[T, D_s]` and commands
     `[T, D_u]` after a warm-up, in which the memory fills.
     """
+    check_number("warmup", warmup, int, at_least=0, at_most=len(s) - 2)
     many = p if p.ndim > 1 else p[None]
     predicted, _ = model(s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many)
     losses = [model.loss(each[warmup:], s[1 + warmup :]) for each in predicted]
@@ -113,7 +114,7 @@ class Estimator:
     """Moves p, from zero or a given one `[D_p]`, whenever a control step has been observed; subclasses say how."""
 
     def __init__(self, model: DPMPB, p: ArrayLike | None, window: int):
-        self._window, self.model = window, model
+        self._window, self.model = window, check_model(model)
         if self._warmup(window + 1) is None:
             raise ValueError(f"a window of {window} steps is too short for the warm-up, and p would never move")
         self._start = check_array("p", np.zeros(model.bias_size) if p is None else p, (model.bias_size,), np.float32)
@@ -170,7 +171,7 @@ class BiasEstimator(Estimator):
     """The paper's rule: one step of momentum SGD on p whenever a control step has been observed."""
 
     def __init__(self, model: DPMPB, p: ArrayLike | None = None, settings: EstimationSettings | None = None):
-        self.settings = settings or EstimationSettings()
+        self.settings = settings_or_default(settings, EstimationSettings)
         super().__init__(model, p, self.settings.window)
 
     def reset(self) -> None:
@@ -203,7 +204,7 @@ class NewtonEstimator(Estimator):
         *,
         from_rest: bool = True,
     ):
-        self.settings, self._from_rest = settings or NewtonSettings(), from_rest
+        self.settings, self._from_rest = settings_or_default(settings, NewtonSettings), from_rest
         super().__init__(model, p, self.settings.window)
 
     def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
@@ -228,6 +229,7 @@ def estimate_bias(
 
     The settings say which one: of momentum SGD, as by default, or of Gauss-Newton.
     """
+    check_run(run)
     kind: Any = NewtonEstimator if isinstance(settings, NewtonSettings) else BiasEstimator
     estimator = kind(model, p, settings)
     trace = np.stack([estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from clothlab.learning.dpmpb import DPMPB, Memory
+from clothlab.learning.dpmpb import DPMPB, Memory, _Tanh, predict
 
 _Layer = tuple[Tensor, Tensor]  # bias [out], weight [in, out]
 
@@ -18,6 +18,11 @@ class FastDPMPB:
     """
 
     def __init__(self, model: DPMPB, p: Tensor):
+        if not _can_fold(model):
+            raise ValueError(
+                f"this {type(model).__name__} has a forward or layers of its own, which can't be folded: `rollout_of` "
+                "chooses the plain rollout for it"
+            )
         self._s_mean, self._s_std = model.s_mean, model.s_std
         with torch.no_grad():
             self._fc_u, (_, self._fc_s), *layers = _fold(model, p)
@@ -49,6 +54,67 @@ class FastDPMPB:
             s = torch.addmm(bias, _hidden(x, self._fc_out), weight)
             states.append(s)
         return torch.stack(states, dim=1) * self._s_std + self._s_mean, Memory(torch.stack(h), torch.stack(c))
+
+
+class PlainRollout:
+    """The same two calls by the model's own forward: for a network that `FastDPMPB` can't fold, p `[D_p]`."""
+
+    def __init__(self, model: DPMPB, p: Tensor):
+        self._model = model
+        self._p = p
+
+    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
+        """Predict `[B, T, D_s]` from s `[D_s]` or `[B, D_s]`, u `[B, T, D_u]`, and memory of batch 1 or B."""
+        return predict(self._model, s, u, self._p, memory)
+
+    @torch.no_grad()
+    def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
+        """The recurrent state after one observed step: s `[D_s]` or `[B, D_s]`, u `[D_u]` or `[B, D_u]`."""
+        s = s.reshape(-1, 1, s.shape[-1])
+        u = u.reshape(-1, 1, u.shape[-1])
+        return self._model(s, u, self._p, memory)[1]
+
+
+Rollout = FastDPMPB | PlainRollout
+
+
+def rollout_of(model: DPMPB) -> type[FastDPMPB] | type[PlainRollout]:
+    """The fast rollout where it computes what the model does, else the plain one.
+
+    The fast one is a second copy of the network. A subclass with a norm, another activation or a residual connection
+    would be trained as itself and controlled as something else. So layers are looked at, and both are compared once.
+    """
+    if _can_fold(model) and _agrees(model):
+        return FastDPMPB
+    return PlainRollout
+
+
+def _can_fold(model: DPMPB) -> bool:
+    """Whether the network is the paper's, layer by layer."""
+    lstm = model.lstm
+    return (
+        type(model).forward is DPMPB.forward
+        and [type(layer) for layer in model.fc_in] == [nn.Linear, _Tanh] * 3
+        and [type(layer) for layer in model.fc_out] == [nn.Linear, _Tanh] * 3 + [nn.Linear]
+        and type(lstm) is nn.LSTM
+        and (lstm.num_layers, lstm.bidirectional, lstm.proj_size, lstm.bias) == (2, False, 0, True)
+    )
+
+
+@torch.no_grad()
+def _agrees(model: DPMPB) -> bool:
+    """Whether both predict the same within rounding, from states, commands and p that are drawn."""
+    generator = torch.Generator().manual_seed(0)
+
+    def drawn(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=generator).to(model.s_mean)
+
+    s = model.s_mean + model.s_std * drawn(model.state_size)
+    u = model.u_mean + model.u_std * drawn(4, 3, model.command_size)
+    p = drawn(model.bias_size)
+    memory = Memory(*(part.to(model.s_mean) for part in model.initial_memory()))
+    gaps = (FastDPMPB(model, p)(s, u, memory) - predict(model, s, u, p, memory)) / model.s_std
+    return bool(gaps.abs().max() < 1e-3)
 
 
 def _hidden(x: Tensor, layers: Sequence[_Layer]) -> Tensor:

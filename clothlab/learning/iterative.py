@@ -18,12 +18,12 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, setting
+from clothlab._validation import Checked, setting, settings_or_default
 from clothlab.learning.autoencoder import Autoencoder
 from clothlab.learning.cloth_control import ControlPolicy, nearest_plans
 from clothlab.learning.cloth_state import observe
-from clothlab.learning.control import ControlSettings, best_step, downhill
-from clothlab.learning.dpmpb import DPMPB, Memory, Sequences
+from clothlab.learning.control import TRACED, ControlSettings, best_step, downhill, whole
+from clothlab.learning.dpmpb import DPMPB, Memory, Sequences, check_runs
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import Observation
 
@@ -117,10 +117,13 @@ class IterativeLearningPolicy(ControlPolicy):
         control: ControlSettings | None = None,
         biases: Mapping[str, np.ndarray] | None = None,
     ):
-        self.learning, self.exploring, self._runs = settings or IterativeLearningSettings(), True, runs
+        self.learning = settings_or_default(settings, IterativeLearningSettings)
+        self.exploring = True
+        self._runs = check_runs(runs)
         self._biases = dict(biases or {}) if self.learning.trust else {}
         super().__init__(model, autoencoder, arm, target, p, control)
 
+    @whole
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next period on; what was learned stays."""
         super().set_target(mask)
@@ -159,10 +162,11 @@ class IterativeLearningPolicy(ControlPolicy):
         """Return the next command of the plan, `[D_u]`, which is sent once more where a period begins."""
         return self._step(observation, self._plan if self._begun is None else self._repeat)
 
+    @whole
     def _step(self, observation: Observation, choose_plan: Callable[[Tensor], tuple[Tensor, float]]) -> np.ndarray:
         self._follow()
         s = torch.as_tensor(observe(self.autoencoder, observation))
-        self._seen.append(s[self.layout.z])
+        self._seen = [*self._seen, s[self.layout.z]]
         if self._t % self.settings.period == 0:
             if self._begun is not None:
                 attempt = Attempt(*self._begun, torch.stack(self._seen))
@@ -171,7 +175,7 @@ class IterativeLearningPolicy(ControlPolicy):
                 self.attempts = [each for each in self.attempts if self._gap(each.p) < 0.25]
             self._u, self._predicted_distance = choose_plan(s)
             self._begun = (s, self._memory, self._u, self.p)
-            self.predicted_distances.append(self._predicted_distance)
+            self.predicted_distances = [*self.predicted_distances, self._predicted_distance][-TRACED:]
             self._seen = []
         return self._send(s)
 
@@ -229,7 +233,7 @@ class IterativeLearningPolicy(ControlPolicy):
             expected = self.expected_distance(s, self._plans, None)
         shown = self._recorded.distance**2 + self.learning.difference * gap
         best = int((expected.numpy() ** 2 + self.learning.trust * shown).argmin())
-        self.trace.append(expected[best, None].numpy())
+        self._note(expected[best, None].numpy())
         return self._plans[best], float(expected[best])
 
     def _plan(self, s: Tensor) -> tuple[Tensor, float]:
@@ -255,11 +259,14 @@ class IterativeLearningPolicy(ControlPolicy):
             steps = sizes[:, None, None, None] * (direction * self.scale)
             u, losses = best_step(loss, u, steps, self.lower, self.upper)
             trace.append(losses.min().item())
-        self.trace.append(np.array(trace))
+        self._note(np.array(trace))
         return u[losses.argmin()], trace[-1]
 
     def _repeat(self, s: Tensor) -> tuple[Tensor, float]:
-        """The plan of the period that just ended, and what is expected of it from here."""
-        u = self.attempts[-1].u
+        """The plan of the period that just ended, and what is expected of it from here.
+
+        Where p has moved since, its attempt may be forgotten already: the plan is that of the period itself.
+        """
+        u = self.attempts[-1].u if self._begun is None else self._begun[2]
         with torch.no_grad():
             return u, float(self.expected_distance(s, u[None], self.residual_model()))

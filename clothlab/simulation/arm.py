@@ -5,14 +5,16 @@ angles, tensions and stiffness lie in them, and where the camera stands.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar, NoReturn, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from clothlab._files import OtherKindError
 from clothlab._validation import Checked, check_array, check_number, choose, setting
 from clothlab.simulation.muscle import MUSCLES, Muscles
 
@@ -373,6 +375,41 @@ ARMS: dict[str, Arm] = {arm.name: arm for arm in (TorqueArm(), MuscleArm(), Grip
 def get_arm(arm: Arm | str) -> Arm:
     """Return the arm of that name; an arm is returned as it is."""
     return arm if isinstance(arm, Arm) else choose("arm", arm, ARMS)
+
+
+def arm_data(arm: Arm) -> str | dict[str, Any]:
+    """Return what a file says of an arm: the name of one of `ARMS`, else the class and every number.
+
+    So a changed arm is read as itself, even where it has kept its name.
+    """
+    if ARMS.get(arm.name) == arm:
+        return arm.name
+    return {"class": type(arm).__name__, **asdict(arm)}
+
+
+def arm_from_data(data: str | dict[str, Any]) -> Arm:
+    """Return the arm of which a file says this; an `OtherKindError` if no class of arms fits it."""
+    if isinstance(data, str):
+        return get_arm(data) if data in ARMS else _refuse(f"arm {data!r}", ARMS)
+    fields = dict(data)
+    name = fields.pop("class")
+    kinds = {kind.__name__: kind for kind in _kinds()}
+    if name not in kinds:
+        _refuse(f"class of arms {name!r}", kinds)
+    fields["camera"] = Camera(**fields["camera"])
+    return kinds[name](**fields)
+
+
+def _refuse(what: str, known: Iterable[str]) -> NoReturn:
+    raise OtherKindError(f"its {what} is unknown; known are {', '.join(known)}. Import yours before reading the file")
+
+
+def _kinds(parent: type = Arm) -> Iterator[type]:
+    """Every class of arms that is defined at this moment."""
+    child: type
+    for child in parent.__subclasses__():
+        yield child
+        yield from _kinds(child)
 
 
 def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:

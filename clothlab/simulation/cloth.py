@@ -7,7 +7,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, check_kind, check_number, choose, setting
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
@@ -57,6 +57,8 @@ class Cloth(Checked):
 
 def cloth_name(damping: float, mass: float) -> str:
     """Name of a simulated cloth, such as `damp0.03-mass0.10`, from C_damp [N s/m] and C_mass [kg]."""
+    check_number("C_damp", damping, at_least=0)
+    check_number("C_mass", mass, above=0)
     return f"damp{damping:.2f}-mass{mass:.2f}"
 
 
@@ -87,7 +89,8 @@ _BEND = 1.0  # [rad] between neighbouring rows, at which a bending spring stores
 
 def foam(kind: str, sheets: int, sheet: FoamSheet | None = None) -> Cloth:
     """A cloth of loose sheets, `soft` or `hard`: mass and stiffness grow with their number, the drag does not."""
-    sheet = sheet or SHEETS[kind]
+    sheet = choose("foam", kind, SHEETS) if sheet is None else check_kind("sheet", sheet, FoamSheet)
+    check_number("sheets", sheets, int, at_least=1)
     base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
     area, spacing = base.length * base.width, base.length / (base.rows - 1)
     drag = _AIR_DENSITY * _DRAG_COEFFICIENT * area * _SWING_SPEED / 2

@@ -35,7 +35,10 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
 
 def check_masks(images: ArrayLike) -> np.ndarray:
     """Return masks as bool `[..., H, W]`; a ValueError for another shape, or a grey picture or reconstruction."""
-    images = np.asarray(images)
+    try:
+        images = np.asarray(images)
+    except (TypeError, ValueError, RuntimeError):  # rows of different lengths, a tensor that requires grad
+        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}] of 0 and 1, got {type(images).__name__}") from None
     if images.shape[-2:] != (HEIGHT, WIDTH):
         raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape {list(images.shape)}")
     if images.dtype == bool:
