@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -98,14 +98,16 @@ def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Tri
         with closing(ClothEnv(dataset.arm, cloth)) as env:
             return [rollout(env, _POLICIES[policy](env.arm), dataset.steps, seed=seed)]
     with closing(TableEnv(dataset.arm, cloth, start_in="hand")) as env:
-        trials = [_throw(env, _POLICIES[policy](env.arm), dataset.steps, seed)]
+        trials = [_throw(env, _POLICIES[policy](env.arm), dataset, seed)]
         for k in range(1, dataset.again + 1) if was_spread(trials[0]) else ():
-            trials.append(_throw(env, ReplayPolicy(trials[0].commands), dataset.steps, _REPEATED_SEED * k + seed))
+            trials.append(_throw(env, ReplayPolicy(trials[0].commands), dataset, _REPEATED_SEED * k + seed))
         return trials
 
 
-def _throw(env: TableEnv, policy: Policy, steps: int, seed: int) -> Trial:
-    trial = rollout(env, policy, steps, seed=seed)
+def _throw(env: TableEnv, policy: Policy, dataset: Dataset, seed: int) -> Trial:
+    trial = rollout(env, policy, dataset.steps, seed=seed)
+    # The scene with the table starts the arm in a posture of its own. That makes it no other arm.
+    trial = replace(trial, arm=get_arm(dataset.arm))
     seen = None if env.held else see_cloth_pose(env)
     return label_spread(trial, seen is not None and seen.spread)
 

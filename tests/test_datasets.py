@@ -68,7 +68,7 @@ def test_a_throw_is_recorded_with_what_came_of_it_and_repeated_if_it_spread_the_
         "clothlab.datasets.see_cloth_pose", lambda env: looked.append(env.held) or SimpleNamespace(spread=True)
     )
     (held,) = record_run(throws, **run)
-    assert (held.arm, held.policy, held.commands.shape) == ("muscle-hand", "operator", (2, 4))
+    assert (held.arm.name, held.policy, held.commands.shape) == ("muscle-hand", "operator", (2, 4))
     assert looked == []  # a cloth in the hand does not lie
     thrown = lambda env, policy, steps, seed: env.release() or replace(held, policy=policy.name, seed=seed)  # noqa: E731
     monkeypatch.setattr("clothlab.datasets.rollout", thrown)

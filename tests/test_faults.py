@@ -44,7 +44,7 @@ def make_trial(n):
 
 WRITE = {
     "trial": lambda n, data: save_trial(make_trial(n), data / "x.npz"),
-    "weights": lambda n, data: artifacts.save_autoencoder(network, [float(n)] * 3, "x", data=data),
+    "weights": lambda n, data: artifacts.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
     "target": save_mask,
 }
 READ = {

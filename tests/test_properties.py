@@ -138,6 +138,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "best_per_period": (analysis.best_per_period, {"distances": np.ones(24), "period": 8}),
 }
 DOORS["Trial"][1].update({each.name: getattr(trial(), each.name) for each in fields(trials.Trial)})
+DOORS["Trial"][1]["arm"] = "torque"
 del DOORS["Trial"][1]["cloth"]  # which is no number, array or name
 
 
