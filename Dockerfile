@@ -20,7 +20,7 @@ RUN pip install ${TORCH_OPTIONS} "$(grep '^torch==' environment.txt)" \
     && grep '==' environment.txt > pins.txt && pip install --requirement pins.txt && rm pins.txt
 
 COPY --chown=${NB_UID} . ./
-RUN pip install --no-deps --no-build-isolation --editable . && chown ${NB_UID} .
+RUN pip install --no-deps --editable . && chown ${NB_UID} .
 
 USER ${NB_USER}
 EXPOSE 8888

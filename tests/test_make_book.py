@@ -98,16 +98,6 @@ def test_every_notebook_is_a_page_and_a_download(tmp_path):
         assert sorted(set(archive.namelist()) & set(notebooks)) == list(notebooks)
 
 
-def test_the_books_tools_are_pinned_beside_the_environment():
-    pinned, asked, common = (
-        {line.strip().lower() for line in (ROOT / name).read_text().splitlines() if "==" in line}
-        for name in ("docs/requirements.txt", "docs/requirements.in", "environment.txt")
-    )
-    assert asked <= pinned, "run `make lock`"
-    names = {each.split("==")[0] for each in common}
-    assert not names & {each.split("==")[0] for each in pinned}, "one version of everything"
-
-
 def rows(section):
     """Cells of the tables in a section of the syllabus, without their heads."""
     syllabus = (ROOT / "docs" / "course" / "syllabus.md").read_text("utf-8")
