@@ -24,4 +24,5 @@ RUN pip install --no-deps --editable . && chown ${NB_UID} .
 
 USER ${NB_USER}
 EXPOSE 8888
-CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", "notebooks/00_start_here.ipynb"]
+CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", \
+    "--LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb"]
