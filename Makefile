@@ -140,7 +140,8 @@ container: $(DEV)  ## build the container and pass notebook 00 in it, where a co
 lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether every platform has them; UPGRADE=1 takes the newest
 	$(BIN)/python scripts/make_locks.py $(if $(UPGRADE),--upgrade)
 
-format: $(DEV)  ## format code and notebooks, strip notebook outputs
+format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/nbstripout $(NOTEBOOKS)
+	$(BIN)/python scripts/finish_notebooks.py
+	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)

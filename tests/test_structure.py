@@ -243,10 +243,3 @@ def test_versions_agree():
     assert project["version"] == clothlab.__version__
     assert f"version: {clothlab.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"## {clothlab.__version__}" in (ROOT / "CHANGELOG.md").read_text()
-
-
-@pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "data/README.md"])
-def test_links_between_files_lead_somewhere(name):
-    path = ROOT / name
-    for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
-        assert (path.parent / link).exists(), f"{name}: {link}"
