@@ -3,7 +3,7 @@
 FROM python:3.11-slim-bookworm
 
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends git libegl1 libgl1-mesa-dri make \
+    && apt-get install --yes --no-install-recommends git libegl1 libopengl0 libgl1-mesa-dri make \
     && rm -rf /var/lib/apt/lists/*
 
 ARG NB_USER=student

@@ -26,7 +26,7 @@ def _check_versions() -> list[str]:
     if not _ENVIRONMENT.exists():
         return []  # installed as a wheel, whose user chooses versions
     pins = pins_of(_ENVIRONMENT.read_text("utf-8"))
-    installed = {canonicalize_name(each.name): each.version.split("+")[0] for each in distributions()}
+    installed = {str(canonicalize_name(each.name)): each.version.split("+")[0] for each in distributions()}
     found = {name: installed.get(name, "missing") for name in pins}
     wrong = [name for name in pins if found[name] != pins[name]]
     print(f"          {len(pins) - len(wrong)} of {len(pins)} pins met")

@@ -38,9 +38,11 @@ lacking() {
         [ "$(uname)" = Linux ] || return 0
         if has dpkg-query; then
             debian_has libegl1 || echo libegl1
-            ls /usr/share/glvnd/egl_vendor.d/*nvidia* >/dev/null 2>&1 || debian_has libgl1-mesa-dri || echo libgl1-mesa-dri
+            debian_has libopengl0 || debian_has libgl1 || echo libopengl0
+            ls /usr/share/glvnd/egl_vendor.d/*nvidia* >/dev/null 2>&1 || debian_has libgl1-mesa-dri ||
+                echo libgl1-mesa-dri
         else
-            ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || echo libegl1 libgl1-mesa-dri
+            ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || echo libegl1 libopengl0 libgl1-mesa-dri
         fi
         ;;
     chromium)

@@ -19,7 +19,7 @@ ASKED = "import urllib.request as u; print(u.urlopen('http://localhost:8888/api'
 
 def test_the_recipe_agrees_with_the_project():
     recipe = (ROOT / "Dockerfile").read_text().replace("\\\n", " ")
-    assert "libegl1 libgl1-mesa-dri" in recipe
+    assert "libegl1 libopengl0 libgl1-mesa-dri" in recipe
     oldest = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"].removeprefix(">=")
     version = re.search(r"^FROM python:([\d.]+)", recipe, re.MULTILINE)[1]
     assert [int(part) for part in version.split(".")] >= [int(part) for part in oldest.split(".")]
