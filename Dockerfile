@@ -3,7 +3,7 @@
 FROM python:3.11-slim-bookworm
 
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends libegl1 libgl1-mesa-dri make \
+    && apt-get install --yes --no-install-recommends git libegl1 libopengl0 libgl1-mesa-dri make \
     && rm -rf /var/lib/apt/lists/*
 
 ARG NB_USER=student
@@ -20,8 +20,9 @@ RUN pip install ${TORCH_OPTIONS} "$(grep '^torch==' environment.txt)" \
     && grep '==' environment.txt > pins.txt && pip install --requirement pins.txt && rm pins.txt
 
 COPY --chown=${NB_UID} . ./
-RUN pip install --no-deps --no-build-isolation --editable . && chown ${NB_UID} .
+RUN pip install --no-deps --editable . && chown ${NB_UID} .
 
 USER ${NB_USER}
 EXPOSE 8888
-CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", "notebooks/00_start_here.ipynb"]
+CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", \
+    "--LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb"]

@@ -2,7 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What is installed: what runs the notebooks, then what tests need, then what the site needs.
 STAMP := $(VENV)/installed
+DEV := $(VENV)/developer
 BOOK := $(VENV)/book
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
@@ -12,62 +14,80 @@ SITE := build/book$(if $(STUDENT),-student)
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test notebooks site browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow pages notebooks site browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
+# What the system itself must have; missing packages are installed where that needs no password (CHECK=1 only looks).
+export PYTHON CHECK
+SYSTEM := sh scripts/system_packages.sh
+NEEDED := python git egl chromium
+
 $(STAMP): environment.txt pyproject.toml
+	@$(SYSTEM) python
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
-	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo "this Python has no venv: apt-get install python3-venv"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --requirement environment.txt
 	@touch $@
 
+$(DEV): $(STAMP) environment-dev.txt
+	$(BIN)/pip install --quiet --requirement environment-dev.txt
+	@touch $@
+
 doctor: $(STAMP)  ## check this machine: versions, drawing, data
+	@$(SYSTEM) egl || true
 	@$(BIN)/python -m clothlab doctor
 
+# JupyterLab starts in the repository's root: a notebook's ../docs would lie outside of what it serves otherwise.
 lab: doctor  ## open the notebooks in JupyterLab
-	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) notebooks/00_start_here.ipynb
+	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
-check: $(STAMP)  ## linter, types and unit tests, in parallel
+check: $(DEV)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto && wait $$types
+	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto; tests=$$?; wait $$types && exit $$tests
 
-budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they may be at most
+budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
+test:  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
+	@$(SYSTEM) $(NEEDED) || true
+	@if CHECK=1 $(SYSTEM) $(NEEDED) >/dev/null; then $(MAKE) parts; \
+	else $(MAKE) --keep-going CHECK=1 parts; status=$$?; CHECK=1 $(SYSTEM) $(NEEDED) && exit $$status; fi
+
+parts: doctor check slow notebooks pages
+
+slow: $(DEV)  ## only the tests that start kernels and processes of their own
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
-	$(MAKE) notebooks
-	$(MAKE) site & site=$$!; $(BIN)/pytest -m browser tests/browser && wait $$site
+
+pages: chromium
+	$(MAKE) site & site=$$!; $(BIN)/pytest -m browser -rs tests/browser; live=$$?; wait $$site && exit $$live
 
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 	$(BIN)/pytest -m book -rs tests/book
 
-notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
+notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python scripts/make_editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
-browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
+browser: $(DEV) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
 
-chromium: $(STAMP)
-	@command -v chromium chromium-browser google-chrome >/dev/null || $(BIN)/playwright install chromium || \
-		{ echo "no Chromium, and none could be downloaded: apt-get install chromium"; exit 1; }
+chromium: $(DEV)
+	@$(SYSTEM) chromium || $(BIN)/playwright install chromium || true
 
-bench: $(STAMP) chromium  ## measure speed, each figure as a ratio within one run
+bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
 
-nightly: $(STAMP) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
+nightly: $(DEV) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
 	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
@@ -96,7 +116,7 @@ editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (exec
 grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses notebooks
 	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
-$(BOOK): $(STAMP) docs/requirements.txt
+$(BOOK): $(DEV) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
 	@touch $@
 
@@ -114,24 +134,14 @@ slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of four notebooks for a pr
 		--SlidesExporter.reveal_theme=white build/slides/*.ipynb
 	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
 
-container: $(STAMP)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none
+container: $(DEV)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none
 	$(BIN)/pytest -m container -rs tests/test_container.py
 
-lock:  ## resolve environment.in and docs/requirements.in anew, and pin everything in environment.txt and docs/requirements.txt
-	$(PYTHON) -m venv build/lock
-	build/lock/bin/pip install --quiet --upgrade pip
-	build/lock/bin/pip install --quiet --requirement environment.in
-	@{ echo "# Every package and its version, made from environment.in by \`make lock\`."; \
-		build/lock/bin/pip freeze --exclude pip --exclude setuptools | sed 's/+cpu$$//' | grep == ; echo "-e ."; } > build/environment.txt
-	build/lock/bin/pip install --quiet --requirement docs/requirements.in $$(sed '/^-e/d; /^#/d' build/environment.txt)
-	@{ echo "# What \`make book\` needs beside environment.txt, made from docs/requirements.in by \`make lock\`."; \
-		build/lock/bin/pip freeze --exclude pip --exclude setuptools | sed 's/+cpu$$//' | grep == | \
-		grep -vxFf build/environment.txt; } > build/requirements.txt
-	mv build/environment.txt environment.txt
-	mv build/requirements.txt docs/requirements.txt
-	rm -r build/lock
+lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether every platform has them; UPGRADE=1 takes the newest
+	$(BIN)/python scripts/make_locks.py $(if $(UPGRADE),--upgrade)
 
-format: $(STAMP)  ## format code and notebooks, strip notebook outputs
+format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/nbstripout $(NOTEBOOKS)
+	$(BIN)/python scripts/finish_notebooks.py
+	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)

@@ -29,11 +29,14 @@ __version__ = "0.3.0"
 def _choose_opengl() -> None:
     """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported, unless the user already has.
 
-    EGL draws with and without a display, so it is preferred. With neither library present, importing MuJoCo works, and
-    the error comes where something is drawn, with the name of the package to install.
+    EGL draws with and without a display, so it is preferred. It opens the window into OpenGL, whose functions lie in a
+    library of their own: where that is missing, importing MuJoCo with EGL chosen fails. With no library present,
+    importing MuJoCo works, and the error comes where something is drawn, with the names of the packages to install.
     """
     if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
-        found = (name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name))
+        needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}  # any of these beside it
+        has = ctypes.util.find_library
+        found = (name for name, others in needed.items() if has(name) and any(map(has, others)))
         os.environ["MUJOCO_GL"] = next(found, "disable").lower()
         already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")
         if already_chosen is not None:  # `import mujoco` came first; import sorters put it there

@@ -3,12 +3,14 @@
 import argparse
 import os
 import platform
-import re
 import sys
 import time
 from collections import Counter
 from importlib.metadata import distributions, version
 from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
 from clothlab.simulation.env import ClothEnv
@@ -23,12 +25,20 @@ def _check_versions() -> list[str]:
     print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
     if not _ENVIRONMENT.exists():
         return []  # installed as a wheel, whose user chooses versions
-    pins = dict(re.findall(r"^([\w.-]+)==(\S+)$", _ENVIRONMENT.read_text(), flags=re.MULTILINE))
-    installed = {each.name.lower().replace("_", "-"): each.version.split("+")[0] for each in distributions()}
-    found = {name: installed.get(name.lower().replace("_", "-"), "missing") for name in pins}
+    pins = pins_of(_ENVIRONMENT.read_text("utf-8"))
+    installed = {str(canonicalize_name(each.name)): each.version.split("+")[0] for each in distributions()}
+    found = {name: installed.get(name, "missing") for name in pins}
     wrong = [name for name in pins if found[name] != pins[name]]
     print(f"          {len(pins) - len(wrong)} of {len(pins)} pins met")
     return [f"{name} is {found[name]}, pinned is {pins[name]}: pip install {name}=={pins[name]}" for name in wrong]
+
+
+def pins_of(lock: str) -> dict[str, str]:
+    """The versions that the text of a lock pins for this platform and Python, by the package's canonical name."""
+    lines = (line for line in lock.splitlines() if "==" in line and not line.startswith("#"))
+    asked = [Requirement(line) for line in lines]
+    here = [each for each in asked if each.marker is None or each.marker.evaluate()]
+    return {canonicalize_name(each.name): str(each.specifier).removeprefix("==") for each in here}
 
 
 def _check_drawing() -> list[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import nbformat
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import BrowserType, Locator, Page
 
 ROOT = Path(__file__).resolve().parents[1]
 HARMLESS = ("Failed to load resource",)  # JupyterLab asks for a translation and a licence page that are not there
@@ -23,6 +23,12 @@ def launch_options() -> dict:
     """The system's Chromium for `playwright.chromium.launch`; without one, Playwright takes its own."""
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     return {"args": ["--no-sandbox"]} | ({"executable_path": path} if path else {})
+
+
+def lacks_chromium(chromium: BrowserType) -> str:
+    """Why no browser can be started, where neither the system nor Playwright has one; empty if one can."""
+    found = "executable_path" in launch_options() or Path(chromium.executable_path).exists()
+    return "" if found else "NO CHROMIUM: apt-get install chromium, or .venv/bin/playwright install chromium"
 
 
 def frame(page: Page) -> int:

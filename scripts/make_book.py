@@ -35,7 +35,7 @@ def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
 
 def web_page(notebook: nbformat.NotebookNode, name: str, *, student: bool) -> nbformat.NotebookNode:
     """A notebook with outputs as the site shows it, with the file of this name to download."""
-    page = without(without_answers(notebook) if student else copy.deepcopy(notebook), "claim")
+    page = without(without_answers(notebook) if student else copy.deepcopy(notebook), "claim", "colab")
     page.metadata.pop("widgets", None)  # or their library would be fetched
     for cell in page.cells:
         if cell.cell_type != "code":

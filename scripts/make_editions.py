@@ -6,7 +6,6 @@ measured; `--record` stores the figures (`make findings RECORD=1`).
 """
 
 import argparse
-import copy
 import os
 import time
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import nbformat
 from nbconvert import HTMLExporter
 from nbconvert.preprocessors import ExecutePreprocessor
+from repository import portable
 
 from clothlab import artifacts
 from clothlab._files import write_bytes
@@ -28,7 +28,7 @@ def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
     From the first stub on, an error stops no "Run all": what follows an exercise that is not solved is seen, too.
     """
-    edition = without(_moved(notebook), "solution", "claim")
+    edition = without(portable(notebook), "solution", "claim")
     unsolved = False
     for cell in edition.cells:
         if unsolved and cell.cell_type == "code":
@@ -45,7 +45,7 @@ def without(notebook: nbformat.NotebookNode, *tags: str) -> nbformat.NotebookNod
 
 def instructor_edition(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
     """The notebook after a run in a folder, with solutions unfolded; an error in a cell ends it."""
-    edition = _moved(notebook)
+    edition = portable(notebook)
     for cell in edition.cells:
         cell.metadata.get("jupyter", {}).pop("source_hidden", None)
     quiet = ["--IPKernelApp.log_level=ERROR"]  # each kernel would warn that it speaks TCP
@@ -62,15 +62,6 @@ def write_editions(path: Path, build: Path) -> nbformat.NotebookNode:
     write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
     write_bytes(build / "instructor" / path.name, nbformat.writes(executed).encode())
     return executed
-
-
-def _moved(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """A copy whose links to the repository lead out of `build/EDITION` instead of `notebooks`."""
-    edition = copy.deepcopy(notebook)
-    for cell in edition.cells:
-        if cell.cell_type == "markdown":
-            cell.source = cell.source.replace("](../", "](../../")
-    return edition
 
 
 def main() -> None:

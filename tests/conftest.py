@@ -1,7 +1,6 @@
 """Small things that several tests share. Nothing here reads `data/`, and what costs time is made once a session."""
 
 import copy
-import resource
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -103,6 +102,7 @@ def square() -> np.ndarray:
 @pytest.fixture
 def full_disk() -> Callable[[], AbstractContextManager]:
     """While inside, no file can be written: the system itself refuses, as it does when a disk is full."""
+    resource = pytest.importorskip("resource", reason="Windows has no limit on the size of files")
 
     @contextmanager
     def full() -> Iterator[None]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import make_editions
 import nbformat
 import pytest
+import repository
 
 import clothlab
 
@@ -52,7 +53,7 @@ def test_the_instructor_gets_solutions_that_ran_and_a_student_words_and_no_answe
     executed = make_editions.write_editions(path, tmp_path / "build")
     assert executed.cells[-2].outputs[0].text == "correct\n"
     assert "source_hidden" not in executed.cells[3].metadata.jupyter
-    assert executed.cells[0].source == "[map](../../README.md)"
+    assert executed.cells[0].source == f"[map]({repository.address()}/blob/main/README.md)"
     page = re.sub("<[^>]*>", "", (tmp_path / "build" / "instructor" / "08_control.html").read_text())
     assert "range(t + 1, t + horizon + 1)" in page
 

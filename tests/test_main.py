@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from clothlab import artifacts
-from clothlab.__main__ import check_files
+from clothlab.__main__ import check_files, pins_of
 
 
 @pytest.fixture
@@ -43,3 +43,8 @@ def test_a_folder_that_is_not_there_or_empty_is_said(tmp_path, monkeypatch):
     assert check_files() == ["data/ is empty: git checkout data, or make data train"]
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path / "nowhere"))
     assert "no data in" in check_files()[0]
+
+
+def test_a_pin_of_another_platform_or_python_is_none_of_this_machine():
+    lock = "# a lock: x==1\nA_b==1.0\nc==2 ; sys_platform == 'none'\nd==3 ; python_full_version >= '3.11'\n-e .\n"
+    assert pins_of(lock) == {"a-b": "1.0", "d": "3"}

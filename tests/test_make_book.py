@@ -32,6 +32,7 @@ def lesson():
     """A notebook that ran: a figure, an exercise, and what comes after it."""
     cells = [
         new_markdown_cell("# 08 Lesson"),
+        new_code_cell("import on_colab", metadata={"tags": ["colab"], "jupyter": FOLDED}),
         new_code_cell("draw()", metadata={"tags": ["plot"], "jupyter": FOLDED}, outputs=[shown(PICTURE, WORDS)]),
         new_code_cell("arm", metadata={"alt": "an arm"}, outputs=[shown(PICTURE)]),
         new_code_cell("def f():\n    return None", metadata={"tags": ["stub"]}, outputs=[printed("of the stub")]),
@@ -53,6 +54,7 @@ def test_code_of_figures_and_solutions_is_folded_and_says_what_it_is(lesson):
     assert cells["return sesame"].metadata["mystnb"]["code_prompt_show"] == "Show a solution"
     folded = {source for source, cell in cells.items() if "hide-input" in cell.metadata["tags"]}
     assert folded == {"draw()", "return sesame"}
+    assert "import on_colab" not in cells, "nothing that only Colab needs"
 
 
 def test_a_figure_has_its_alternative_text_and_its_numbers_folded_below(lesson):
@@ -96,16 +98,6 @@ def test_every_notebook_is_a_page_and_a_download(tmp_path):
         assert held == make_editions.student_edition(notebook)
     with zipfile.ZipFile(tmp_path / "notebooks.zip") as archive:
         assert sorted(set(archive.namelist()) & set(notebooks)) == list(notebooks)
-
-
-def test_the_books_tools_are_pinned_beside_the_environment():
-    pinned, asked, common = (
-        {line.strip().lower() for line in (ROOT / name).read_text().splitlines() if "==" in line}
-        for name in ("docs/requirements.txt", "docs/requirements.in", "environment.txt")
-    )
-    assert asked <= pinned, "run `make lock`"
-    names = {each.split("==")[0] for each in common}
-    assert not names & {each.split("==")[0] for each in pinned}, "one version of everything"
 
 
 def rows(section):

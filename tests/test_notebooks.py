@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 
+import finish_notebooks
 import nbformat
 import pytest
 
@@ -70,9 +71,30 @@ def test_cells_are_read_at_a_glance(path):
 def test_headings_open_their_cells_and_imports_come_before_parameters(path):
     texts = [cell.source for cell in cells(path, "markdown")]
     assert [text for text in texts if re.search(r"(?<!^)^#{1,4} ", text, re.MULTILINE)] == []
-    first, *_ = code = cells(path, "code")
+    colab, first, *_ = code = cells(path, "code")
+    assert colab == finish_notebooks.colab_cell()
     assert re.match("(import|from) ", first.source)
-    assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [1])
+    assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [2])
+
+
+@each_notebook
+def test_its_last_text_says_how_to_free_its_memory(path):
+    assert cells(path, "markdown")[-1].source.endswith("\n\nFinished? *Kernel, Shut Down Kernel* frees its memory.")
+
+
+def test_what_all_notebooks_share_and_what_the_readme_says_of_them_is_as_one_place_has_it():
+    differing = [path.name for path, text in finish_notebooks.finished().items() if path.read_text("utf-8") != text]
+    assert differing == [], "run `make format`"
+
+
+@each_notebook
+def test_the_readme_has_the_times_of_the_first_cell(path):
+    (row,) = re.findall(rf"^\| \[\d\d [^|]*/{path.name}\) \|.*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    *_, learning, running = (cell.strip() for cell in row.strip("|").split("|"))
+    first = cells(path)[0].source
+    assert f"**Working time**: about {learning.replace(' min', ' minutes')}." in first
+    running = running.replace(" min", " minutes").replace(" s", " seconds")
+    assert f"**Running time**: about {running} on two cores." in first
 
 
 @each_notebook
@@ -144,12 +166,6 @@ def test_nothing_stalls_the_runner_or_swallows_errors(path):
         assert not any(isinstance(node, ast.Try) for node in ast.walk(ast.parse(each))), "an error must show"
     for name in {name for each in code for name in re.findall(r"^(\w+) = (?:Control|LivePanel)\(", each, re.MULTILINE)}:
         assert re.search(rf"^{name}\.check\(\)", code[-1], re.MULTILINE), f"{name}.check() is missing"
-
-
-@each_notebook
-def test_links_lead_to_files_that_exist(path):
-    links = [link for cell in cells(path, "markdown") for link in re.findall(r"\]\(([^)#:]+)\)", cell.source)]
-    assert [link for link in links if not (path.parent / link).exists()] == []
 
 
 def test_the_readme_maps_every_notebook():

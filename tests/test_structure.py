@@ -1,15 +1,22 @@
 """What keeps the project in shape: budgets, layers, names, units, files."""
 
 import ast
+import contextlib
 import dataclasses
 import importlib
 import inspect
 import re
+import sys
 import tomllib
 from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 
+import make_locks
 import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
 
 import clothlab
 from clothlab._validation import Checked
@@ -167,21 +174,68 @@ def test_nothing_asks_which_policy_or_arm_it_is_talking_to():
             assert not re.search(r"ControlPolicy|MuscleArm|TorqueArm|GripperArm", call), f"{path.name}: {call}"
 
 
+LOCKS = {  # each holds what these parts of pyproject.toml name, and what the locks before it lack
+    "environment.txt": ("dependencies", "notebooks", "sysid", "robots"),
+    "environment-dev.txt": ("cluster", "dev"),
+    "docs/requirements.txt": ("book",),
+}
+
+
 def pins(name):
-    return dict(re.findall(r"^([\w.-]+)==(\S+)$", (ROOT / name).read_text(), flags=re.MULTILINE))
+    """Versions that a lock pins, by canonical name."""
+    lines = [line for line in (ROOT / name).read_text().splitlines() if "==" in line and not line.startswith("#")]
+    return {canonicalize_name(line.split("==")[0]): line.split("==")[1].split(" ;")[0] for line in lines}
 
 
-def normal(name):
-    return re.sub(r"[-_.]+", "-", name).lower()
+def named(*parts):
+    """Canonical names in parts of pyproject.toml."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = settings["project"]
+    lists = project["optional-dependencies"] | settings["dependency-groups"] | {"dependencies": project["dependencies"]}
+    return {canonicalize_name(Requirement(need).name) for part in parts for need in lists[part]}
 
 
-def test_the_lock_holds_all_that_is_asked_for():
-    locked = {normal(name): version for name, version in pins("environment.txt").items()}
-    asked = {normal(name): version for name, version in pins("environment.in").items()}
-    assert asked.items() <= locked.items(), "run `make lock`"
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    names = {normal(re.match(r"[\w.-]+", need)[0]) for need in project["dependencies"]}
-    assert names <= set(asked)
+def test_the_locks_pin_all_that_is_named_once():
+    seen = set()
+    for lock, parts in LOCKS.items():
+        assert named(*parts) <= set(pins(lock)) | seen, f"{lock}: run `make lock`"
+        assert not seen & set(pins(lock)), "one version of everything"
+        seen |= set(pins(lock))
+
+
+def test_who_runs_notebooks_installs_no_developers_tools():
+    tools = named("dev") | {"dask", "distributed", "django"}
+    assert tools & set(pins("environment.txt")) == set()
+
+
+@pytest.mark.parametrize("name", LOCKS)
+def test_a_lock_names_no_host_no_build_and_nothing_of_cuda(name):
+    text = "".join(line for line in (ROOT / name).read_text().splitlines(True) if not line.startswith("#"))
+    assert re.findall(r"https?:|--\w+|\+cpu|nvidia\S*|cuda\S*|triton\S*", text) == []
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_what_is_pinned_runs_on_the_python_of_debian_12(lock):
+    for name, version in pins(lock).items():
+        with contextlib.suppress(PackageNotFoundError):
+            about = distribution(name)
+            if about.version.split("+")[0] == version:
+                assert SpecifierSet(about.metadata.get("Requires-Python", "")).contains(make_locks.OLDEST), name
+
+
+def imported_packages():
+    """Packages beside the standard library that the package imports, as the names that pip knows."""
+    known = packages_distributions()
+    for path in MODULES:
+        for node in ast.walk(tree(path)):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
+            for name in {each.split(".")[0] for each in names} - {*sys.stdlib_module_names, "clothlab"}:
+                yield {canonicalize_name(each) for each in known[name]}
+
+
+def test_what_is_imported_is_named():
+    assert [names for names in imported_packages() if not names & named("dependencies")] == []
 
 
 def test_versions_agree():
@@ -189,10 +243,3 @@ def test_versions_agree():
     assert project["version"] == clothlab.__version__
     assert f"version: {clothlab.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"## {clothlab.__version__}" in (ROOT / "CHANGELOG.md").read_text()
-
-
-@pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "data/README.md"])
-def test_links_between_files_lead_somewhere(name):
-    path = ROOT / name
-    for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
-        assert (path.parent / link).exists(), f"{name}: {link}"

@@ -256,8 +256,8 @@ def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Ren
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
         raise RuntimeError(
-            "no OpenGL for drawing: install one with `apt-get install libegl1 libgl1-mesa-dri` and restart Python; "
-            "`python -m clothlab doctor` tests it"
+            "no OpenGL for drawing: install one with `apt-get install libegl1 libopengl0 libgl1-mesa-dri` "
+            "and restart Python; `python -m clothlab doctor` tests it"
         ) from error
     # Shadows and reflections cost a third of the time and only disturb the colour extraction.
     if height <= vision.HEIGHT:

@@ -1,13 +1,18 @@
 """How Sphinx makes the site. `make book` lays out the pages by `scripts/make_book.py`, then runs Sphinx."""
 
+import html
 import logging
 import os
 import re
 import shutil
+import sys
 from importlib.resources import files
 from pathlib import Path
 
 import clothlab
+
+sys.path.append(str(Path(clothlab.__file__).parents[1] / "scripts"))
+from repository import START, address, doors
 
 logging.getLogger("OpenGL").setLevel(logging.WARNING)  # Sphinx would print its news
 
@@ -87,8 +92,19 @@ def level_captions(app, pagename: str, templatename: str, context: dict, doctree
         context[part] = context.get(part, "").replace(' role="heading"', ' role="heading" aria-level="2"')
 
 
+def open_elsewhere(app, pagename: str, templatename: str, context: dict, doctree) -> None:
+    """Begin each page with links to where its notebook runs without an installation; other pages lead to the first."""
+    if doctree is None:  # the search page and the index have no text of their own
+        return
+    notebook = f"{pagename}.ipynb" if pagename.startswith("notebooks/") else START
+    places = doors(notebook) | {"repository": address()}
+    links = " · ".join(f'<a href="{html.escape(link)}">{name}</a>' for name, link in places.items())
+    context["body"] = f'<p class="open-elsewhere">Run it without an installation: {links}</p>' + context["body"]
+
+
 def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("html-page-context", level_captions, priority=900)
+    app.connect("html-page-context", open_elsewhere, priority=901)
     app.connect("autodoc-process-docstring", read_docstring, priority=400)  # before Napoleon
     app.connect("build-finished", bundle_mathjax)

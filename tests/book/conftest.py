@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from browser_lab import ROOT, launch_options
+from browser_lab import ROOT, lacks_chromium, launch_options
 
 SITES = {"instructor": ROOT / "build" / "book" / "html", "student": ROOT / "build" / "book-student" / "html"}
 
@@ -46,7 +46,9 @@ def site(request):
 
 
 @pytest.fixture(scope="session")
-def browser_type_launch_args(browser_type_launch_args):
+def browser_type_launch_args(browser_type_launch_args, browser_type):
+    if reason := lacks_chromium(browser_type):
+        pytest.skip(reason)
     return browser_type_launch_args | launch_options()
 
 

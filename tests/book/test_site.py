@@ -7,6 +7,7 @@ from urllib.parse import unquote, urlsplit
 
 import nbformat
 import pytest
+import repository
 from browser_lab import ROOT
 from bs4 import BeautifulSoup
 from playwright.sync_api import expect
@@ -49,13 +50,28 @@ def test_pictures_have_alternative_texts(page_file):
 
 def test_links_lead_somewhere(page_file):
     for tag in parsed(page_file).find_all(lambda tag: tag.get("href") or tag.get("src")):
-        parts = urlsplit(tag.get("href") or tag["src"])
+        link = tag.get("href") or tag["src"]
+        ours = f"{repository.address()}/blob/{repository.BRANCH}/"
+        if link.startswith(ours):
+            assert (ROOT / unquote(urlsplit(link[len(ours) :]).path)).exists(), tag
+        parts = urlsplit(link)
         if parts.scheme in ("http", "https", "data", "mailto"):
             continue
         target = (page_file.parent / unquote(parts.path)).resolve() if parts.path else page_file
         assert target.is_file(), tag
         if parts.fragment and target.suffix == ".html":
             assert unquote(parts.fragment) in anchors(target), tag
+
+
+def test_a_page_begins_with_where_its_notebook_runs_without_an_installation(page_file):
+    found = parsed(page_file).select("article .open-elsewhere a")
+    if page_file.stem in ("search", "genindex"):
+        assert found == []
+        return
+    own = f"notebooks/{page_file.stem}.ipynb"
+    notebook = own if page_file.parent.name == "notebooks" else repository.START
+    doors = repository.doors(notebook) | {"repository": repository.address()}
+    assert {link.text: link["href"] for link in found} == doors
 
 
 def test_the_series_is_listed_in_order_by_the_titles_of_the_notebooks(site, visit):

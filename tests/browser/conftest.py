@@ -3,13 +3,15 @@
 import re
 
 import pytest
-from browser_lab import ROOT, Lab, Notebook, launch_options
+from browser_lab import ROOT, Lab, Notebook, lacks_chromium, launch_options
 
 SCREENSHOTS = ROOT / "build" / "screenshots"
 
 
 @pytest.fixture(scope="session")
-def browser_type_launch_args(browser_type_launch_args):
+def browser_type_launch_args(browser_type_launch_args, browser_type):
+    if reason := lacks_chromium(browser_type):
+        pytest.skip(reason)
     return browser_type_launch_args | launch_options()
 
 
@@ -19,7 +21,7 @@ def browser_context_args(browser_context_args):
 
 
 @pytest.fixture(scope="session")
-def lab(tmp_path_factory):
+def lab(tmp_path_factory, browser_type_launch_args):  # no server without a browser to look at it
     folder = tmp_path_factory.mktemp("lab")
     lab = Lab(folder)
     lab.folder = folder
