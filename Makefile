@@ -51,7 +51,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
+	rm -rf build/small && $(BIN)/python scripts/solutions.py --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
@@ -135,3 +135,4 @@ format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/nbstripout $(NOTEBOOKS)
+	$(BIN)/python scripts/solutions.py --format $(NOTEBOOKS)
