@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 BOOK := $(VENV)/book
+GRADING := $(VENV)/grading
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
 SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS
@@ -40,7 +41,7 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 budget: $(STAMP)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test: doctor chromium check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
+test: doctor chromium $(GRADING) check  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 	$(MAKE) notebooks
 	$(MAKE) site & site=$$!; $(BIN)/pytest -m browser tests/browser && wait $$site
@@ -93,8 +94,12 @@ $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
-grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses notebooks
-	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
+$(GRADING): $(STAMP) docs/course/requirements.txt
+	$(BIN)/pip install --quiet --requirement docs/course/requirements.txt
+	@touch $@
+
+grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
+	@$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
 $(BOOK): $(STAMP) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt

@@ -66,6 +66,17 @@ def unsolved(notebook: NotebookNode) -> NotebookNode:
     return edition
 
 
+def small(notebook: NotebookNode, like: NotebookNode | None = None) -> NotebookNode:
+    """A copy with the small parameters of CI, which nbmake puts in as well; `like` is the notebook that names them."""
+    edition = copy.deepcopy(notebook)
+    mocks = [cell.metadata.get("nbmake", {}).get("mock", {}) for cell in (like or notebook).cells]
+    lines = "".join(f"\n{name} = {value!r}" for mock in mocks for name, value in mock.items())
+    for cell in edition.cells:
+        if "parameters" in tags(cell) and cell.cell_type == "code":
+            cell.source += lines
+    return edition
+
+
 def _is_text(cell: NotebookNode) -> bool:
     return "solution" in tags(cell) and cell.cell_type == "markdown"
 
