@@ -14,6 +14,7 @@ nbgrader runs a notebook with the rights of whoever calls it: docs/course/gradin
 import argparse
 import ast
 import copy
+import os
 import re
 import shutil
 import subprocess
@@ -112,16 +113,17 @@ def _test(name: str, most: int) -> NotebookNode:
     return nbformat.v4.new_code_cell(TEST.format(name=name), id=_test_id(name), metadata=metadata)
 
 
-def students(folder: Path) -> dict[str, Path]:
+def students(folder: Path, course: Path) -> dict[str, Path]:
     """The students' folders by name.
 
     Raises:
-        ValueError: there is no folder of a student, or it is the repository.
+        ValueError: there is no folder of a student, or it is in or around the course, which begins anew.
     """
-    if not str(folder).strip() or not folder.is_dir():
+    if not folder.is_dir():
         raise ValueError(f"FOLDER={folder} is no folder: it must have a folder for each student")
-    if folder.resolve() == ROOT:
-        raise ValueError("FOLDER is the repository itself: it must have a folder for each student")
+    here, there = folder.resolve(), course.resolve()
+    if here in (there, *there.parents) or there in here.parents:
+        raise ValueError(f"FOLDER={folder} holds {course}, or lies in it: name the folder of a class")
     found = [path for path in sorted(folder.glob("[!.]*")) if path.is_dir() and not path.is_symlink()]
     if not found:
         raise ValueError(f"{folder} has no folder of a student in it")
@@ -203,11 +205,15 @@ def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
     """A row for each exercise of each student, after nbgrader has run everything and written its feedback.
 
     Raises:
-        ValueError: there is no folder of a student.
+        ValueError: there is no folder of a student, or no notebook in any.
     """
+    # nbgrader calls its own tools by name
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
     handed, said = {}, {}
-    for student, path in students(folder).items():
+    for student, path in students(folder, course).items():
         handed[student], said[student] = handed_in(path, lessons)
+    if not any(handed.values()):
+        raise ValueError(f"none of the {len(handed)} folders in {folder} has a notebook that is asked for")
     lay_out(lessons, course)
     for student, notebooks in handed.items():
         for lesson in lessons:
