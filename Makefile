@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 DEV := $(VENV)/developer
 BOOK := $(VENV)/book
+GRADING := $(VENV)/grading
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
 SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS
@@ -60,7 +61,7 @@ test:  ## check, slow tests, every notebook, the live lab and the site in a brow
 
 parts: doctor check slow notebooks pages
 
-slow: $(DEV)  ## only the tests that start kernels and processes of their own
+slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 
 pages: chromium
@@ -72,7 +73,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && mkdir -p build/small && cp $(NOTEBOOKS) build/small
+	rm -rf build/small && $(BIN)/python scripts/solutions.py --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
@@ -113,8 +114,12 @@ $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
-grades: $(STAMP)  ## FOLDER=... points and words for each student in it, as CSV; ONLY="00 01" chooses notebooks
-	$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
+$(GRADING): $(DEV) docs/course/requirements.txt
+	$(BIN)/pip install --quiet --requirement docs/course/requirements.txt
+	@touch $@
+
+grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
+	@$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
 $(BOOK): $(DEV) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
@@ -145,3 +150,4 @@ format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what
 	$(BIN)/ruff format .
 	$(BIN)/python scripts/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
+	$(BIN)/python scripts/solutions.py --format $(NOTEBOOKS)

@@ -14,6 +14,7 @@ import nbformat
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
 from playwright.sync_api import BrowserType, Locator, Page
+from solutions import small
 
 ROOT = Path(__file__).resolve().parents[1]
 HARMLESS = ("Failed to load resource",)  # JupyterLab asks for a translation and a licence page that are not there
@@ -48,10 +49,7 @@ class Lab:
         """Start it, with a folder for the copies, the settings and the log."""
         (folder / "notebooks").mkdir()
         for path in (ROOT / "notebooks").glob("*.ipynb"):
-            notebook = nbformat.read(path, as_version=4)
-            for cell in notebook.cells:  # CI's smaller values, as nbmake has them
-                mock = cell.metadata.get("nbmake", {}).get("mock", {})
-                cell.source += "".join(f"\n{name} = {value!r}" for name, value in mock.items())
+            notebook = small(nbformat.read(path, as_version=4))
             nbformat.write(notebook, folder / "notebooks" / path.name)
         with socket.socket() as free:
             free.bind(("localhost", 0))

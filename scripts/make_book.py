@@ -13,7 +13,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import nbformat
-from make_editions import ROOT, student_edition, without
+from make_editions import ROOT, student_edition
+from solutions import solved, without
 
 from clothlab._files import write_bytes
 
@@ -24,8 +25,8 @@ PAGES = ("*.md", "LICENSE", "data/README.md", "docs/*.*", "docs/course/*", "docs
 
 
 def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
-    """The notebook at `path` with the outputs of its run: of `make editions`, or of `make notebooks` if small."""
-    notebook = nbformat.read(path, as_version=4)
+    """The solved notebook at `path` with the outputs of its run: `make editions`, or `make notebooks` if small."""
+    notebook = solved(nbformat.read(path, as_version=4))
     run = nbformat.read(BUILD / ("small" if small else "instructor") / path.name, as_version=4)
     for cell, ran in zip(notebook.cells, run.cells, strict=True):
         if cell.cell_type == "code":

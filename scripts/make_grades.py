@@ -1,218 +1,271 @@
-"""`make grades FOLDER=...`: the points of a class, and the checks' words for every student, as CSV.
+"""`make grades FOLDER=...`: nbgrader runs what a class handed in, and the checks of `clothlab.checks` give the points.
 
-FOLDER has a folder for each student, with notebooks under the names that they were handed out with, at any depth (such
-as nbgrader's `submitted/STUDENT/ASSIGNMENT/NOTEBOOK.ipynb`). The checks of the installed package judge the functions in
-them; what the notebooks' own cells print or say of themselves counts for nothing. Each exercise runs in a process of
-its own, with limits on processor time and memory.
+FOLDER has a folder for each student, with the student's notebooks in it at any depth. They are only read. All that is
+written goes to `build/grading`, a course of nbgrader that begins anew with each run:
+
+- `source`, `release`: the student edition with a locked cell of nbgrader's behind each exercise, which calls its check,
+- `submitted`: what was found in FOLDER, with the same locked cells and the small parameters of CI,
+- `autograded`, `feedback`: after the run, as notebooks and as pages for the students,
+- `grades.csv`, `totals.csv`: a row for each exercise, with the words of its check, and a row for each student.
+
+nbgrader runs a notebook with the rights of whoever calls it: docs/course/grading.md says how to do that in a container.
 """
 
 import argparse
 import ast
-import contextlib
-import io
-import json
+import copy
 import os
-import pickle
 import re
 import shutil
-import socket
 import subprocess
 import sys
-import tempfile
-import time
 import tomllib
-from collections.abc import Mapping
-from itertools import product
-from multiprocessing.connection import Connection
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import nbformat
-import numpy as np
 import pandas as pd
+from make_editions import ROOT, student_edition
+from nbformat import NotebookNode
+from solutions import small, tags
 from tqdm.auto import tqdm
 
+from clothlab._files import write_bytes
+
+COURSE = ROOT / "build" / "grading"
+POINTS = ROOT / "docs" / "course" / "points.toml"
+SECONDS = 120  # [s] a cell may take; with CI's parameters none takes half of that
+TEST = """\
+# The points of {name}: whoever changes this cell finds it unchanged in the grading.
+import contextlib, sys
 from clothlab import checks
 
-ROOT = Path(__file__).resolve().parents[1]
-POINTS = ROOT / "docs" / "course" / "points.toml"
-MESSAGE_BYTES = 20_000_000  # what an answer may return
-SETTABLE = ("z_ref", "exploring")  # what exercises ask to set on an object that a check lends to an answer
-WAIT = 10  # how many times its processor time an exercise may take by the clock, on a busy machine
+with contextlib.redirect_stderr(sys.stdout):  # or a mere warning would cost the points
+    checks.{name}(globals().get("{name}"))"""
+CONFIG = """\
+c = get_config()
+c.CourseDirectory.course_id = "clothlab"
+c.NbGrader.logfile = "nbgrader.log"
+c.Execute.timeout = {seconds}
+c.Execute.extra_arguments = ["--HistoryManager.hist_file=:memory:", "--IPKernelApp.log_level=ERROR"]
+"""
+STOPPED = "the run ended before its end: an answer stopped its process, or used up the memory (see nbgrader.log)"
 
 
-class Sandbox:
-    """Starts a process for each exercise, with limits; what the notebooks import is imported once.
+@dataclass(frozen=True)
+class Lesson:
+    """A notebook of the series: its file's name without the ending, its exercises, and how it is handed out."""
 
-    Where bubblewrap works (`isolated`), answers see no network, checks or solutions, and write into memory only.
-    """
+    stem: str
+    points: Mapping[str, int]  # of each exercise, in order
+    edition: NotebookNode
 
-    def __init__(self, notebooks: list[Path], seconds: int = 60, megabytes: int = 1500):
-        self.seconds, self.megabytes = seconds, megabytes
-        here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        prefix, self._control = bubblewrap(), here
-        self.isolated = bool(prefix)
-        settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-        settings["MPLCONFIGDIR"] = tempfile.gettempdir()
-        worker = [sys.executable, str(ROOT / "scripts" / "sandbox_worker.py"), str(there.fileno()), imports(notebooks)]
-        self._server = subprocess.Popen([*prefix, *worker], pass_fds=[there.fileno()], env=os.environ | settings)
-        there.close()
-        if self._control.recv(16) != b"ready":
-            raise RuntimeError("the process in which answers run did not start; it says above why")
+    @classmethod
+    def read(cls, path: Path, weights: Mapping[str, int]) -> "Lesson":
+        """The lesson at `path`; exercises that are not in `weights` count 1."""
+        notebook = nbformat.read(path, as_version=4)
+        points = {name: weights.get(name, 1) for name in exercises(notebook.cells)}
+        return cls(path.stem, points, student_edition(notebook))
 
-    def close(self) -> None:
-        """End all processes."""
-        self._control.close()
-        self._server.wait()
-
-    def judge(self, name: str, sources: list[str]) -> str:
-        """What the check of this name says of the function in the sources; "correct" if nothing is wrong with it."""
-        ours, theirs = socket.socketpair()
-        socket.send_fds(self._control, [b"x"], [theirs.fileno()])
-        theirs.close()
-        try:
-            with Connection(ours.detach()) as connection, contextlib.redirect_stdout(io.StringIO()):
-                limits = self.seconds, self.megabytes
-                getattr(checks, name)(Answer(connection, self.seconds).exchange((sources, name, *limits)))
-        except checks.CheckFailed as failure:
-            return f"Not yet: {failure}"
-        finally:
-            self._control.sendall(b"x")
-            self._control.recv(16)
-        return "correct"
+    @property
+    def title(self) -> str:
+        """The heading of the notebook."""
+        return title(self.edition)
 
 
-def bubblewrap() -> list[str]:
-    """The beginning of a command that runs in bubblewrap; empty where that does not work."""
-    package = Path(checks.__file__).parents[1]
-    hidden = [package / "checks", ROOT / "notebooks", ROOT / "build"]
-    prefix = ["bwrap", "--unshare-all", "--as-pid-1", "--die-with-parent", "--ro-bind", "/", "/"]
-    prefix += ["--dev", "/dev", "--proc", "/proc", "--tmpfs", tempfile.gettempdir()]
-    for each in (package, Path(sys.prefix), ROOT):  # a tree below the temporary folder is hidden with it
-        prefix += ["--ro-bind", str(each), str(each)]
-    for each in filter(Path.exists, hidden):
-        prefix += ["--tmpfs", str(each)]
-    common = str(package / "checks" / "_check.py")
-    prefix += ["--ro-bind", common, common]
-    works = shutil.which("bwrap") and not subprocess.run([*prefix, "true"], capture_output=True).returncode
-    return prefix if works else []
-
-
-class Answer:
-    """Functions that run elsewhere. Only numbers, arrays, words and functions get through."""
-
-    def __init__(self, connection: Connection, seconds: int):
-        self._connection, self._seconds, self._end = connection, seconds, time.monotonic() + WAIT * seconds
-        self._lent: list[Any] = []
-
-    def exchange(self, message: Any) -> Any:
-        """What comes back, first the function itself, after all that it asks of what the check lent it."""
-        try:
-            self._send(message)
-            while True:
-                if not self._connection.poll(max(0, self._end - time.monotonic())):
-                    raise EOFError
-                kind, *said = json.loads(self._connection.recv_bytes(MESSAGE_BYTES))
-                if kind == "result":
-                    return self._decode(said[0])
-                if kind == "failed":
-                    raise checks.CheckFailed(str(said[0]))
-                self._send(self._serve(kind, *said))
-        except checks.CheckFailed:
-            raise
-        except (EOFError, OSError):
-            words = f"no answer: it took more than {self._seconds} s or too much memory, or ended its process"
-            raise checks.CheckFailed(words) from None
-        except Exception as error:
-            words = f"what it returned or called for can't be read: {type(error).__name__}: {error}"
-            raise checks.CheckFailed(words) from None
-
-    def _serve(self, kind: str, place: int, *said: Any) -> Any:
-        if kind == "set" and said[0] in SETTABLE:
-            return setattr(self._lent[place], said[0], self._decode(said[1]))
-        args, kwargs = said
-        return self._lent[place](*map(self._decode, args), **{name: self._decode(kwargs[name]) for name in kwargs})
-
-    def _send(self, message: Any) -> None:
-        buffer = io.BytesIO()
-        writer = pickle.Pickler(buffer)
-        writer.persistent_id = self._lend  # type: ignore[method-assign]
-        writer.dump(message)
-        self._connection.send_bytes(buffer.getvalue())
-
-    def _lend(self, thing: Any) -> int | None:
-        """The place of a function or of a check's own object, which stays here; None for what is sent as it is."""
-        made_by = thing.__module__ if hasattr(thing, "__code__") else type(thing).__module__
-        if isinstance(thing, type) or not callable(thing) or not str(made_by).startswith(checks.__name__):
-            return None
-        self._lent.append(thing)
-        return len(self._lent) - 1
-
-    def _decode(self, value: Any) -> Any:
-        if isinstance(value, list):
-            return [self._decode(part) for part in value]
-        if not isinstance(value, dict):
-            return value
-        if "array" in value:
-            return np.array(value["array"]).reshape(value["shape"])
-        if "dict" in value:
-            return {key: self._decode(part) for key, part in value["dict"]}
-        if "lent" in value:
-            return self._lent[value["lent"]]
-        place = int(value["function"])
-        return lambda *args, **kwargs: self.exchange((place, args, kwargs))
-
-
-def exercises(cells: list[nbformat.NotebookNode]) -> list[str]:
+def exercises(cells: Iterable[NotebookNode]) -> list[str]:
     """Names of the functions that a notebook's stubs ask for, in order."""
-    stubs = [ast.parse(cell.source).body for cell in cells if "stub" in cell.metadata.get("tags", [])]
+    stubs = [ast.parse(cell.source).body for cell in cells if "stub" in tags(cell)]
     return [node.name for body in stubs for node in body if isinstance(node, ast.FunctionDef)]
 
 
-def imports(notebooks: list[Path]) -> str:
-    """The imports in the notebooks' cells."""
-    cells = [cell for path in notebooks for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-    nodes = [node for cell in cells for node in ast.parse(cell.source).body]
-    return "\n".join({ast.unparse(node): None for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)})
+def title(notebook: NotebookNode) -> str:
+    """The first line of a notebook's first text."""
+    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    return texts[0].strip().splitlines()[0] if texts and texts[0].strip() else ""
 
 
-def handed_in(student: Path, name: str) -> list[str]:
-    """Sources of the code cells of the notebook of this name in a student's folder, without magics.
+def with_tests(notebook: NotebookNode, points: Mapping[str, int]) -> NotebookNode:
+    """A copy with a locked cell for each exercise, behind its check; nothing else in it counts for nbgrader."""
+    edition = copy.deepcopy(notebook)
+    for cell in edition.cells:
+        cell.metadata.pop("nbgrader", None)
+    edition.cells = [cell for cell in edition.cells if cell.get("id") not in {_test_id(name) for name in points}]
+    for name, most in points.items():
+        place = len(edition.cells)
+        for k, cell in enumerate(edition.cells):
+            if cell.cell_type == "code" and re.search(rf"\b(checks\.|def ){name}\(", cell.source):
+                place = k + 1
+        edition.cells.insert(place, _test(name, most))
+    edition.nbformat_minor = max(5, edition.get("nbformat_minor", 0))  # from which on cells have names
+    return edition
+
+
+def _test_id(name: str) -> str:
+    return f"points-of-{name}"[:64]
+
+
+def _test(name: str, most: int) -> NotebookNode:
+    """The cell in which nbgrader calls a check. Its metadata is ours alone: a tag could keep it from being run."""
+    settings = {"grade": True, "locked": True, "solution": False, "task": False, "schema_version": 3}
+    metadata = {"nbgrader": settings | {"grade_id": name, "points": most}}
+    return nbformat.v4.new_code_cell(TEST.format(name=name), id=_test_id(name), metadata=metadata)
+
+
+def students(folder: Path, course: Path) -> dict[str, Path]:
+    """The students' folders by name.
 
     Raises:
-        ValueError: there is not exactly one, or it can't be read.
+        ValueError: there is no folder of a student, or it is in or around the course, which begins anew.
     """
-    found = [path for path in student.rglob(name) if ".ipynb_checkpoints" not in path.parts and not path.is_symlink()]
-    if len(found) != 1:
-        raise ValueError(f"there are {len(found)} of {name}" if found else "not handed in")
-    try:
-        cells = nbformat.read(found[0], as_version=4).cells
-        sources = [cell.source for cell in cells if cell.cell_type == "code"]
-    except Exception as error:
-        raise ValueError(f"{name} is no notebook that can be read: {type(error).__name__}") from None
-    return [re.sub(r"^[%!].*", "", source, flags=re.MULTILINE) for source in sources]
+    if not folder.is_dir():
+        raise ValueError(f"FOLDER={folder} is no folder: it must have a folder for each student")
+    here, there = folder.resolve(), course.resolve()
+    if here in (there, *there.parents) or there in here.parents:
+        raise ValueError(f"FOLDER={folder} holds {course}, or lies in it: name the folder of a class")
+    found = [path for path in sorted(folder.glob("[!.]*")) if path.is_dir() and not path.is_symlink()]
+    if not found:
+        raise ValueError(f"{folder} has no folder of a student in it")
+    names = [re.sub(r"[^\w.@-]", "_", str(path.name).encode("utf-8", "replace").decode()) for path in found]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"the folders of two students would both be called {', '.join(sorted(twice))}")
+    return dict(zip(names, found, strict=True))
 
 
-def grade(sandbox: Sandbox, folder: Path, notebooks: list[Path], points: Mapping[str, int]) -> pd.DataFrame:
-    """A row for each exercise of each student; exercises that are not in `points` count 1.
+def handed_in(student: Path, lessons: list[Lesson]) -> tuple[dict[str, NotebookNode], dict[str, str]]:
+    """Notebooks of a student by lesson, and what is said of a lesson that has none or was found elsewhere.
 
-    Raises:
-        ValueError: there is no folder of a student.
+    A notebook belongs to a lesson by its name, such as `04_predictive_model (1).ipynb`, or else by its heading.
     """
-    if not (students := sorted(path for path in folder.glob("[!.]*") if path.is_dir())):
-        raise ValueError(f"{folder} has no folder of a student")
-    asked = {path: exercises(nbformat.read(path, as_version=4).cells) for path in notebooks}
-    rows = []
-    for student, (path, names) in tqdm(list(product(students, asked.items())), unit="notebook"):
+    read: dict[str, dict[str, NotebookNode]] = {lesson.stem: {} for lesson in lessons}
+    said: dict[str, str] = {}
+    for path in sorted(student.rglob("*.ipynb")):
+        if ".ipynb_checkpoints" in path.parts or path.is_symlink() or not path.is_file():
+            continue
+        by_name = [lesson.stem for lesson in lessons if path.name.startswith(lesson.stem)]
         try:
-            sources = handed_in(student, path.name)
-            words = [sandbox.judge(name, sources) for name in names]
-        except ValueError as error:
-            words = [str(error)] * len(names)
-        for name, said in zip(names, words, strict=True):
-            most = points.get(name, 1)
-            rows.append((plain(student.name), path.stem, name, most * (said == "correct"), most, plain(said)))
+            notebook = readable(path)
+        except Exception as error:  # whatever a file may be
+            said |= {stem: f"{_shown(path)} can't be read as a notebook: {type(error).__name__}" for stem in by_name}
+            continue
+        by_title = [lesson.stem for lesson in lessons if lesson.title and title(notebook) == lesson.title]
+        for stem in by_name or by_title:
+            read[stem][_shown(path)] = notebook
+    for stem, found in read.items():
+        if len(found) > 1:
+            said[stem] = f"there are {len(found)}: {', '.join(found)}. Keep one"
+        elif not found:
+            said.setdefault(stem, "not handed in")
+        elif f"{stem}.ipynb" not in found:
+            said[stem] = f"found as {next(iter(found))}"
+        else:
+            said.pop(stem, None)
+    return {stem: next(iter(found.values())) for stem, found in read.items() if len(found) == 1}, said
+
+
+def readable(path: Path) -> NotebookNode:
+    """The notebook at `path`, which is one to write again.
+
+    Raises:
+        Exception: of any kind; nothing is known of the file.
+    """
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    nbformat.writes(notebook).encode()  # a lone surrogate can be read and not written
+    return notebook
+
+
+def _shown(path: Path) -> str:
+    return path.name.encode("utf-8", "replace").decode()
+
+
+def lay_out(lessons: list[Lesson], course: Path) -> None:
+    """Begin a course of nbgrader anew in a folder: its settings, and an assignment for each lesson."""
+    course.mkdir(parents=True, exist_ok=True)
+    for old in course.iterdir():
+        shutil.rmtree(old) if old.is_dir() else old.unlink()
+    (course / "nbgrader_config.py").write_text(CONFIG.format(seconds=SECONDS))
+    for lesson in lessons:
+        text = nbformat.writes(with_tests(lesson.edition, lesson.points))
+        write_bytes(course / "source" / lesson.stem / f"{lesson.stem}.ipynb", text.encode())
+        nbgrader(course, "generate_assignment", lesson.stem, "--create", check=True)
+
+
+def nbgrader(course: Path, *words: str, check: bool = False) -> bool:
+    """Run a command of nbgrader in a course, as a teacher would by hand; whether it went well."""
+    command = [sys.executable, "-m", "nbgrader", *words]
+    ended = subprocess.run(command, cwd=course, capture_output=True, text=True, errors="replace")
+    if ended.returncode and check:
+        raise RuntimeError(f"nbgrader {' '.join(words)} failed:\n{ended.stderr[-2000:]}")
+    return not ended.returncode
+
+
+def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
+    """A row for each exercise of each student, after nbgrader has run everything and written its feedback.
+
+    Raises:
+        ValueError: there is no folder of a student, or no notebook in any.
+    """
+    # nbgrader calls its own tools by name
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    handed, said = {}, {}
+    for student, path in students(folder, course).items():
+        handed[student], said[student] = handed_in(path, lessons)
+    if not any(handed.values()):
+        raise ValueError(f"none of the {len(handed)} folders in {folder} has a notebook that is asked for")
+    lay_out(lessons, course)
+    for student, notebooks in handed.items():
+        for lesson in lessons:
+            if lesson.stem in notebooks:
+                ready = with_tests(small(notebooks[lesson.stem], like=lesson.edition), lesson.points)
+                path = course / "submitted" / student / lesson.stem / f"{lesson.stem}.ipynb"
+                write_bytes(path, nbformat.writes(ready).encode())
+    for lesson in tqdm([lesson for lesson in lessons if lesson.points], unit="notebook"):
+        if any(lesson.stem in notebooks for notebooks in handed.values()):
+            nbgrader(course, "autograde", lesson.stem, "--create")  # not well where one student's run has ended it
+            nbgrader(course, "generate_feedback", lesson.stem)
+    rows = [row for student in handed for lesson in lessons for row in judged(course, student, lesson, said[student])]
     return pd.DataFrame(rows, columns=["student", "notebook", "exercise", "points", "most", "words"])
+
+
+def judged(course: Path, student: str, lesson: Lesson, said: Mapping[str, str]) -> list[tuple]:
+    """What nbgrader made of a student's lesson: a row for each exercise."""
+    path = course / "autograded" / student / lesson.stem / f"{lesson.stem}.ipynb"
+    note = said.get(lesson.stem, "")
+    if not path.exists():
+        submitted = (course / "submitted" / student / lesson.stem).exists()
+        words = dict.fromkeys(lesson.points, STOPPED if submitted else note)
+        scores = dict.fromkeys(lesson.points, 0.0)
+    else:
+        cells = nbformat.read(path, as_version=4).cells
+        graded = {cell.metadata.nbgrader.grade_id: cell for cell in cells if cell.metadata.get("nbgrader")}
+        scores = auto_scores(course, student, lesson.stem)
+        words = {name: words_of(graded[name]) for name in lesson.points}
+        words = {name: f"{each} ({note})" if note else each for name, each in words.items()}
+    return [
+        (plain(student), lesson.stem, name, scores[name], most, plain(words[name]))
+        for name, most in lesson.points.items()
+    ]
+
+
+def auto_scores(course: Path, student: str, stem: str) -> dict[str, float]:
+    """The points in nbgrader's gradebook by exercise."""
+    from nbgrader.api import Gradebook  # docs/course/requirements.txt, which `make grades` installs
+
+    with Gradebook(f"sqlite:///{course.resolve()}/gradebook.db") as book:
+        grades = book.find_submission_notebook(stem, stem, student).grades
+        return {grade.name: float(grade.auto_score or 0) for grade in grades}
+
+
+def words_of(cell: NotebookNode) -> str:
+    """What came out of the cell of a check, in words."""
+    for output in cell.outputs:
+        if output.output_type == "error":
+            kind = "it takes too long" if output.ename == "CellTimeoutError" else output.ename
+            first = "Not yet" if output.ename == "CheckFailed" else kind
+            return output.evalue if output.ename == "Unanswered" else f"{first}: {output.evalue}".rstrip(": ")
+    return "".join(output.get("text", "") for output in cell.outputs) or "no answer"
 
 
 def plain(text: str) -> str:
@@ -228,20 +281,23 @@ def totals(grades: pd.DataFrame) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Grade the class in a folder, and write `grades.csv` and `totals.csv` beside its students."""
+    """Grade the class in a folder."""
     notebooks = {path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="with a folder for each student")
+    parser.add_argument("folder", help="with a folder for each student")
     parser.add_argument("--only", nargs="+", choices=notebooks, default=list(notebooks), help="numbers of notebooks")
     arguments = parser.parse_args()
-    chosen = [notebooks[number] for number in arguments.only]
-    with contextlib.closing(Sandbox(chosen)) as sandbox:
-        if not sandbox.isolated:
-            print("answers run with limits on time and memory only: install bubblewrap to keep them from your files")
-        grades = grade(sandbox, arguments.folder, chosen, tomllib.loads(POINTS.read_text("utf-8")))
-    grades.to_csv(arguments.folder / "grades.csv", index=False)
-    totals(grades).to_csv(arguments.folder / "totals.csv")
-    print(f"{arguments.folder}: grades.csv, totals.csv")
+    weights = tomllib.loads(POINTS.read_text("utf-8"))
+    lessons = [Lesson.read(notebooks[number], weights) for number in arguments.only]
+    try:
+        if not arguments.folder:
+            raise ValueError("say which folder: make grades FOLDER=path/to/the/class")
+        grades = grade(Path(arguments.folder), [lesson for lesson in lessons if lesson.points], COURSE)
+    except ValueError as error:
+        sys.exit(str(error))
+    grades.to_csv(COURSE / "grades.csv", index=False)
+    totals(grades).to_csv(COURSE / "totals.csv")
+    print(f"{COURSE}: grades.csv, totals.csv, feedback/")
 
 
 if __name__ == "__main__":

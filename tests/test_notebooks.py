@@ -8,6 +8,7 @@ from pathlib import Path
 import finish_notebooks
 import nbformat
 import pytest
+from solutions import solved
 
 import clothlab
 
@@ -19,7 +20,8 @@ each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path
 
 
 def cells(path, kind=None):
-    return [cell for cell in nbformat.read(path, as_version=4).cells if kind in (None, cell.cell_type)]
+    """The cells with solutions as code."""
+    return [cell for cell in solved(nbformat.read(path, as_version=4)).cells if kind in (None, cell.cell_type)]
 
 
 def tags(cell):

@@ -1,11 +1,12 @@
 """Checks of the exercises: `checks.NAME(NAME)` for the exercise that asks for a function called NAME.
 
-A check takes the reader's function and nothing else. It prints "correct", or raises CheckFailed with a sentence that
-says what is wrong. What it compares with, it makes itself: it needs neither the notebook's variables nor `data/`. Each
-notebook's checks stand in the file of its name.
+A check takes the reader's function. It prints "correct", or raises CheckFailed with a sentence that says what is wrong
+(Unanswered, of a stub with its dots). What it compares with, it makes itself, of other inputs in each run: it needs
+neither the notebook's variables nor `data/`, and `seed=` repeats a run. Each notebook's checks stand in the file of its
+name.
 """
 
-from clothlab.checks._check import CheckFailed
+from clothlab.checks._check import CheckFailed, Unanswered
 from clothlab.checks.cloth_simulation import count_springs, euler_step
 from clothlab.checks.data_and_images import bce_loss, chamfer_by_hand, denoise, linear_reconstruction
 from clothlab.checks.identifiability import share_held

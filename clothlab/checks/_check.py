@@ -2,12 +2,19 @@
 
 An answer may do anything: raise an error, return None, a string or an array of any shape, change what it was given. All
 that ends here, in one sentence, so that a check compares numbers only. An error in a check itself stays what it is.
+
+Each run of a check draws its inputs anew, so that outputs written down in one run are wrong in the next. What fails is
+repeated by its seed: `checks.NAME(NAME, seed=123)`, or the environment variable CLOTHLAB_CHECK_SEED for all checks.
 """
 
+import ast
 import copy
 import functools
 import inspect
+import os
 import reprlib
+import secrets
+import textwrap
 import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -17,40 +24,88 @@ import torch
 from numpy.typing import ArrayLike
 
 Read = Callable[[str, object], object]  # (who returned it, what was returned) -> the same as a check wants it
+SEED = "CLOTHLAB_CHECK_SEED"  # in the environment: the seed of every check that is not given one
+DRAWS = 1000  # after so many a check that finds no inputs for itself is wrong
 
 
 class CheckFailed(AssertionError):
     """The answer is wrong; the text says in what."""
 
+    again = ""  # the call that repeats it with the same inputs
+
     def _render_traceback_(self) -> list[str]:
         """Show a notebook's reader this sentence alone: the lines of the check would give the answer away."""
-        return [f"Not yet: {self}"]
+        return [f"Not yet: {self}", *([f"(the same inputs again: {self.again})"] if self.again else [])]
 
 
-def check(read: Read) -> Callable[[Callable[[Callable], None]], Callable[[Callable], None]]:
+class Unanswered(CheckFailed):
+    """The dots of the stub are still there."""
+
+    def _render_traceback_(self) -> list[str]:
+        return [str(self)]
+
+
+def check(read: Read) -> Callable[[Callable[[Callable, np.random.Generator], None]], Callable[..., None]]:
     """Turn a function that asserts what is true of an answer into a check: it prints "correct" or raises CheckFailed.
 
-    The function takes the reader's function, whose results `read` has made sure of, and asserts, each time with a
-    sentence that says what is wrong.
+    The function takes the reader's function, whose results `read` has made sure of, and a generator for the inputs; it
+    asserts, each time with a sentence that says what is wrong. The check takes the reader's function, and a seed.
     """
 
-    def decorate(compare: Callable[[Callable], None]) -> Callable[[Callable], None]:
+    def decorate(compare: Callable[[Callable, np.random.Generator], None]) -> Callable[..., None]:
         @functools.wraps(compare)
-        def run(answer: Callable) -> None:
+        def run(answer: Callable, seed: int | None = None) -> None:
             name = compare.__name__
             if not callable(answer):
-                raise CheckFailed(f"hand over the function {name} itself, without calling it")
+                words = (
+                    f"this is no function: run the cell that defines {name}, and hand over the function {name} itself"
+                )
+                raise CheckFailed(f"{words}, without calling it")
+            if blank := _blank(answer):
+                raise Unanswered(f"unanswered: the dots of {name} are still there, in `{blank}`")
+            if seed is None:
+                seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
             try:
-                compare(_careful(answer, name, read))
-            except CheckFailed:
-                raise
+                compare(_careful(answer, name, read), np.random.default_rng(seed))
             except AssertionError as failure:
-                raise CheckFailed(str(failure)) from None
+                failed = failure if isinstance(failure, CheckFailed) else CheckFailed(str(failure))
+                failed.again = f"checks.{name}({name}, seed={seed})"
+                raise failed from failed.__cause__
             print("correct")
 
         return run
 
     return decorate
+
+
+def _blank(answer: Callable) -> str:
+    """The first line of a function in which dots stand for what is asked for; empty if there is none.
+
+    Dots in brackets, such as in `x[..., 0]`, are an index.
+    """
+    try:
+        lines = textwrap.dedent(inspect.getsource(answer)).splitlines()
+        nodes = list(ast.walk(ast.parse("\n".join(lines))))
+    except (OSError, TypeError, SyntaxError):  # a built-in, or a lambda in the middle of a line
+        return ""
+    indices = {id(part) for node in nodes if isinstance(node, ast.Subscript) for part in ast.walk(node.slice)}
+    dots = [node for node in nodes if isinstance(node, ast.Constant) and node.value is ... and id(node) not in indices]
+    return lines[min(node.lineno for node in dots) - 1].split("#")[0].strip() if dots else ""
+
+
+def drawn(draw: Callable[[], Any], holds: Callable[[Any], bool]) -> Any:
+    """The first of many draws of which something holds, such as that slips have other results than the truth."""
+    for _ in range(DRAWS):
+        if holds(found := draw()):
+            return found
+    raise RuntimeError(f"none of {DRAWS} draws of inputs will do")
+
+
+def apart(truth: ArrayLike, slips: Mapping[str, ArrayLike], rtol: float = 1e-3, atol: float = 1e-4) -> bool:
+    """Whether the truth and what slips give differ from each other by much more than `expect` lets through."""
+    values = [np.asarray(each, dtype=float) for each in (truth, *slips.values())]
+    pairs = [(a, b) for k, a in enumerate(values) for b in values[:k]]
+    return not any(a.shape == b.shape and np.allclose(a, b, rtol, atol) for a, b in pairs)
 
 
 def expect(

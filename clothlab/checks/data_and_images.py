@@ -8,17 +8,24 @@ from scipy.spatial.distance import cdist
 from torch import Tensor
 from torch.nn import functional as F
 
-from clothlab.checks._check import array, check, expect, number
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.simulation.vision import HEIGHT, WIDTH, chamfer_distance
 
 _PIXELS = HEIGHT * WIDTH
 
 
 @check(number("a distance in pixels"))
-def chamfer_by_hand(answer: Callable) -> None:
+def chamfer_by_hand(answer: Callable, rng: np.random.Generator) -> None:
     """A large and a small rectangle that overlap, for which every usual slip has another value; then an L."""
-    a, b = np.zeros((2, HEIGHT, WIDTH), bool)
-    a[10:22, 40:44] = b[20:23, 42:49] = True
+
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        a, b = np.zeros((2, HEIGHT, WIDTH), bool)
+        row, column, tall, wide = rng.integers((8, 20, 10, 6), (20, 60, 15, 10))
+        a[row : row + tall, column : column + 4] = True
+        b[row + tall - 2 : row + tall + 1, column + 2 : column + 2 + wide] = True
+        return a, b
+
+    a, b = drawn(draw, lambda masks: apart(chamfer_distance(*masks), _chamfer_slips(*masks)))
     bent = a | b
     found, other = answer(a, b), answer(bent, b)
     truth, other_truth = chamfer_distance(a, b), chamfer_distance(bent, b)
@@ -48,11 +55,25 @@ def _chamfer_slips(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
 
 
 @check(number("the mean over all pixels, which is finite for a logit of 200, too"))
-def bce_loss(answer: Callable) -> None:
+def bce_loss(answer: Callable, rng: np.random.Generator) -> None:
     """Random logits, then large ones, all of them wrong."""
-    rng = np.random.default_rng(0)
-    logits = torch.as_tensor(rng.normal(0, 3, (4, 1, 6, 8)), dtype=torch.float32)
-    images = torch.as_tensor(rng.random((4, 1, 6, 8)) < 0.3, dtype=torch.float32)
+
+    def draw() -> tuple[Tensor, Tensor]:
+        logits = torch.as_tensor(rng.normal(0, 3, (4, 1, 6, 8)), dtype=torch.float32)
+        return logits, torch.as_tensor(rng.random((4, 1, 6, 8)) < 0.3, dtype=torch.float32)
+
+    logits, images = drawn(draw, lambda pair: apart(F.binary_cross_entropy_with_logits(*pair), _bce_slips(*pair)))
+    truth = F.binary_cross_entropy_with_logits(logits, images)
+    found = answer(logits, images)
+    expect(found, truth, f"for random logits L is {truth:.4f}, not {found:.4f}", _bce_slips(logits, images))
+    large = float(rng.integers(180, 220))
+    found = answer(large * (1 - 2 * images), images)
+    message = f"where logits of {large:g} are all wrong, L is {large:g}, not {found:.4g}: nothing may be cut off"
+    expect(found, large, message)
+
+
+def _bce_slips(logits: Tensor, images: Tensor) -> dict[str, float]:
+    """What is easily written in place of the binary cross entropy: what the reader is told, and the value."""
     none, cloth = F.softplus(logits), F.softplus(-logits)
     truth = F.binary_cross_entropy_with_logits(logits, images)
     slips = {
@@ -62,40 +83,39 @@ def bce_loss(answer: Callable) -> None:
         "pixels without cloth count, too": images * cloth,
         "each pixel has one of the two terms: choose it by `images`": none + cloth,
     }
-    found = answer(logits, images)
-    expect(found, truth, f"for random logits L is {truth:.4f}, not {found:.4f}", _means(slips))
-    found = answer(200 * (1 - 2 * images), images)
-    expect(found, 200, f"where logits of 200 are all wrong, L is 200, not {found:.4g}: nothing may be cut off")
-
-
-def _means(slips: dict[str, Tensor]) -> dict[str, float]:
     return {message: float(value.mean()) for message, value in slips.items()}
 
 
 @check(array("the loss of each batch", 4))
-def denoise(answer: Callable) -> None:
+def denoise(answer: Callable, rng: np.random.Generator) -> None:
     """Four batches for a small linear network, by plain gradient descent."""
-    slips = {
-        "gradients of the batch before are still there: zero_grad() comes before backward()": _losses("bs"),
-        "the update comes too early: backward() computes the gradient that step() needs": _losses("szb"),
-        "the weights do not move: zero_grad(), then loss.backward(), then step()": _losses("zb"),
-        "the loss compares with the clean image, not with the noisy one": _losses(target=0),
-        "the network is given the noisy image, not the clean one": _losses(given=1),
-        "the noisy image is given, and the clean one is the target": _losses(given=1, target=0),
-        "take the binary cross entropy, not a squared error": _losses(loss=F.mse_loss),
-    }
-    found, truth = answer(*_network_and_batches()), _losses()
+    seed = drawn(lambda: int(rng.integers(2**31)), lambda seed: apart(_losses(seed), _denoise_slips(seed)))
+    slips = _denoise_slips(seed)
+    found, truth = answer(*_network_and_batches(seed)), _losses(seed)
     otherwise = "the first loss is wrong: it is the binary cross entropy of network(noisy) and clean"
     if np.isclose(found[0], truth[0]):
         otherwise = "the first loss is right, and those after an update are wrong"
     expect(found, truth, otherwise, slips)
 
 
+def _denoise_slips(seed: int) -> dict[str, list[float]]:
+    """What a training with a usual slip gives: what the reader is told, and the losses."""
+    return {
+        "gradients of the batch before are still there: zero_grad() comes before backward()": _losses(seed, "bs"),
+        "the update comes too early: backward() computes the gradient that step() needs": _losses(seed, "szb"),
+        "the weights do not move: zero_grad(), then loss.backward(), then step()": _losses(seed, "zb"),
+        "the loss compares with the clean image, not with the noisy one": _losses(seed, target=0),
+        "the network is given the noisy image, not the clean one": _losses(seed, given=1),
+        "the noisy image is given, and the clean one is the target": _losses(seed, given=1, target=0),
+        "take the binary cross entropy, not a squared error": _losses(seed, loss=F.mse_loss),
+    }
+
+
 def _losses(
-    order: str = "zbs", given: int = 0, target: int = 1, loss: Callable = F.binary_cross_entropy_with_logits
+    seed: int, order: str = "zbs", given: int = 0, target: int = 1, loss: Callable = F.binary_cross_entropy_with_logits
 ) -> list[float]:
     """Losses of a training whose calls come in this order: zero_grad, backward, step."""
-    (network, descent, batches), losses = _network_and_batches(), []
+    (network, descent, batches), losses = _network_and_batches(seed), []
     for images in batches:
         value = loss(network(images[given]), images[target])
         losses.append(value.item())
@@ -104,19 +124,22 @@ def _losses(
     return losses
 
 
-def _network_and_batches() -> tuple[torch.nn.Module, torch.optim.Optimizer, list[tuple[Tensor, Tensor]]]:
+def _network_and_batches(seed: int) -> tuple[torch.nn.Module, torch.optim.Optimizer, list[tuple[Tensor, Tensor]]]:
+    """The same for the same seed: a small network, its descent and four pairs of batches."""
+    rng = np.random.default_rng(seed)
     with torch.random.fork_rng(devices=[]):
         network = torch.nn.Linear(5, 5)
-    torch.nn.init.constant_(network.weight, 0.1)
+    with torch.no_grad():
+        network.weight.copy_(torch.as_tensor(rng.normal(0.1, 0.1, (5, 5))))
     torch.nn.init.zeros_(network.bias)
-    images = torch.as_tensor(np.random.default_rng(0).integers(0, 2, (4, 2, 8, 5)), dtype=torch.float32)
+    images = torch.as_tensor(rng.integers(0, 2, (4, 2, 8, 5)), dtype=torch.float32)
     return network, torch.optim.SGD(network.parameters(), lr=0.5), [(noisy, clean) for noisy, clean in images]
 
 
 @check(array("the reconstructed images", None, _PIXELS))
-def linear_reconstruction(answer: Callable) -> None:
+def linear_reconstruction(answer: Callable, rng: np.random.Generator) -> None:
     """A square at random places, beside the best that so many components can do."""
-    corners = np.random.default_rng(0).integers(20, 40, (120, 2, 1))
+    corners = rng.integers(20, 40, (120, 2, 1))
     rows, columns = (np.abs(np.arange(size) - corners[:, k] - 10) < 12 for k, size in enumerate((HEIGHT, WIDTH)))
     images = (rows[:, :, None] & columns[:, None, :]).reshape(120, _PIXELS).astype(np.float32)
     fit, test = images[:80], images[80:]

@@ -8,11 +8,12 @@ from clothlab.checks._check import array, arrays, check, expect
 
 
 @check(arrays("the mean and the share of the variance", array("the mean", None), array("the share", None)))
-def one_outcome(answer: Callable) -> None:
+def one_outcome(answer: Callable, rng: np.random.Generator) -> None:
     """At the plan that was tried, at a length from it, and far away; with noise and without."""
-    x, tried, missed = np.array([2.0, 3.0, 1.0, 20.0]), 2.0, 0.7
+    tried, missed = rng.uniform(1.0, 3.0), rng.uniform(0.5, 0.8)
+    x = tried + np.array([0.0, rng.uniform(0.8, 1.2), -rng.uniform(0.8, 1.2), 20.0])
     k = np.exp(-0.5 * (x - tried) ** 2)
-    for noise in (0.0, 0.25):
+    for noise in (0.0, rng.uniform(0.2, 0.3)):
         mean, left = answer(x, tried, missed, noise)
         wanted = k * missed / (1 + noise)
         slips = {
@@ -28,5 +29,5 @@ def one_outcome(answer: Callable) -> None:
             "that is a standard deviation; asked is the variance": share**0.5,
         }
         expect(left, share, f"of the variance, {share.round(3)} are left here, got {left.round(3)}", slips)
-    mean, left = answer(np.array([-1.0]), -1.0, -3.0, 0.0)
-    expect([*mean, *left], [-3, 0], "where a plan was tried without noise, its outcome is known")
+    mean, left = answer(np.array([-tried]), -tried, -3 * missed, 0.0)
+    expect([*mean, *left], [-3 * missed, 0], "where a plan was tried without noise, its outcome is known")

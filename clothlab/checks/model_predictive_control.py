@@ -11,7 +11,7 @@ from clothlab.learning.control import ControlSettings
 
 
 @check(array("a list of 0 and 1", None))
-def my_mask(answer: Callable) -> None:
+def my_mask(answer: Callable, rng: np.random.Generator) -> None:
     """The paper's example, then any horizon and period."""
     for t, wanted in ((2, [0, 1, 0, 0]), (3, [1, 0, 0, 0]), (4, [0, 0, 0, 1])):
         found = answer(t, 4, 4)
@@ -19,7 +19,10 @@ def my_mask(answer: Callable) -> None:
         now = np.roll(wanted, 1).tolist()
         message = f"for t = {t} the paper's example has {wanted}, got {_integers(found)}"
         expect(found, wanted, message, {message + "; the first number is that of step t + 1, not of step t": now})
-    for t, horizon, period in ((0, 8, 3), (5, 8, 1), (7, 3, 8), (21, 8, 8)):
+    cases = [(int(rng.integers(9)), int(rng.integers(4, 9)), 1), (int(rng.integers(9)), 3, int(rng.integers(8, 12)))]
+    for period in rng.permutation([2, 3, 5, 6, 7]).tolist():  # longer than a period, at any of its steps
+        cases.insert(0, (int(rng.integers(40)), int(rng.integers(2 * period, 2 * period + 5)), period))
+    for t, horizon, period in cases:
         found, case = answer(t, horizon, period), f"t = {t}, horizon = {horizon}, period = {period}"
         assert len(found) == horizon, f"{case}: one number for each of the {horizon} predicted steps, not {len(found)}"
         wanted = period_mask(t, ControlSettings(horizon=horizon, period=period)).tolist()
@@ -32,11 +35,11 @@ def _integers(found: np.ndarray) -> list[float]:
 
 
 @check(array("one sequence of commands for each γ", None, 8, 2))
-def steps_along(answer: Callable) -> None:
+def steps_along(answer: Callable, rng: np.random.Generator) -> None:
     """Shape, length, direction, range."""
-    rng = np.random.default_rng(0)
-    u, g, gammas = rng.uniform(-0.2, 0.2, (8, 2)), rng.normal(size=(8, 2)), np.array([0.0, 0.01, 0.1])
-    lower, upper = np.array([-1.0, -0.4]), np.array([0.5, 0.6])
+    u, g = rng.uniform(-0.2, 0.2, (8, 2)), rng.normal(size=(8, 2))
+    gammas = np.array([0.0, rng.uniform(0.01, 0.02), rng.uniform(0.08, 0.12)])
+    lower, upper = np.array([-1.5, -0.4]) + rng.uniform(-0.1, 0.1), np.array([0.5, 0.6]) + rng.uniform(-0.1, 0.1)
 
     def step(g: np.ndarray, gammas: np.ndarray) -> np.ndarray:
         return answer(u.copy(), g.copy(), gammas.copy(), lower, upper)
@@ -58,14 +61,13 @@ def steps_along(answer: Callable) -> None:
 
 
 @check(array("a gradient for each plan", 3, 4, 2))
-def plan_gradients(answer: Callable) -> None:
+def plan_gradients(answer: Callable, rng: np.random.Generator) -> None:
     """Plans whose losses differ in size."""
     parts = torch.nn.Flatten(1), torch.nn.Linear(8, 4), torch.nn.Softplus(), torch.nn.Linear(4, 1), torch.nn.Flatten(0)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        loss, u = torch.nn.Sequential(*parts).requires_grad_(False), torch.randn(3, 4, 2)
+    loss, u = torch.nn.Sequential(*parts).requires_grad_(False), torch.as_tensor(rng.normal(size=(3, 4, 2))).float()
     for part in parts[1::2]:  # random weights, the same with every version of torch
-        part.weight.copy_(torch.as_tensor(np.random.default_rng(0).normal(size=part.weight.shape)))
+        part.weight.copy_(torch.as_tensor(rng.normal(size=part.weight.shape)))
+        part.bias.copy_(torch.as_tensor(rng.normal(size=part.bias.shape)))
     truth = torch.func.vmap(torch.func.grad(lambda plan: loss(plan[None])[0]))(u).numpy()
     slips = {
         "these are the gradients over the number of plans: add the losses up, and don't average them": truth / 3,
@@ -76,14 +78,14 @@ def plan_gradients(answer: Callable) -> None:
 
 
 @check(array("the commands that were sent", None, 2))
-def receding_horizon(answer: Callable) -> None:
+def receding_horizon(answer: Callable, rng: np.random.Generator) -> None:
     """What each solve saw and started from, and what was sent."""
     seen, starts, plans, sent = [], [], [], []
 
     def solve(observation: object, plan: np.ndarray) -> np.ndarray:
         seen.append(observation)
         starts.append(np.array(plan))
-        plans.append(starts[-1] + 10 * len(seen))
+        plans.append(starts[-1] + 10 * len(seen) + rng.normal(size=starts[-1].shape))
         return plans[-1].copy()
 
     def step(u: np.ndarray) -> float:
@@ -92,23 +94,26 @@ def receding_horizon(answer: Callable) -> None:
         sent.append(np.array(u))
         return float(np.sum(u))
 
-    found = answer(solve, step, 0.5, np.arange(8.0).reshape(4, 2), 5)
-    assert len(plans) == len(found) == len(sent) == 5, "in each of 5 steps, solve once and send one command"
+    steps, first = int(rng.integers(4, 7)), rng.normal()
+    found = answer(solve, step, first, rng.normal(size=(4, 2)), steps)
+    each = f"in each of {steps} steps, solve once and send one command"
+    assert len(plans) == len(found) == len(sent) == steps, each
     slips = {"a command was sent that is not the first of its plan": [plan[-1] for plan in plans]}
     expect(sent, [plan[0] for plan in plans], "send the first command of each new plan", slips)
     expect(found, sent, "return the commands that were sent")
-    assert seen[1] != 0.5, "the second solve sees the first observation again: look after each command"
+    assert seen[1] != first, "the second solve sees the first observation again: look after each command"
     assert seen[1:] == [float(u.sum()) for u in sent[:-1]], "a solve sees what the command before it led to"
     shift = [np.concatenate([plan[1:], plan[-1:]]) for plan in plans[:-1]]
     expect(starts[1:], shift, "each solve starts from the plan before, shifted by one step")
 
 
 @check(array("the start of the next solve", 4, 2))
-def shifted(answer: Callable) -> None:
+def shifted(answer: Callable, rng: np.random.Generator) -> None:
     """Both warm starts, after fewer and after more commands than a period has."""
-    rng, period = np.random.default_rng(0), 3
-    plan, others = rng.normal(size=(4, 2)), rng.normal(size=(6, 2))
-    for count, periodic in ((1, False), (5, False), (7, True), (3, True), (2, True)):
+    period = int(rng.integers(2, 5))
+    plan, others = rng.normal(size=(4, 2)), rng.normal(size=(2 * period, 2))
+    counts = ((1, False), (period + 2, False), (2 * period + 1, True), (period, True), (period - 1, True))
+    for count, periodic in counts:
         sent = np.concatenate([others[: count - 1], plan[:1]])
         case = f"after {count} commands, with period={period} and periodic={periodic}"
         found = answer(plan.copy(), sent.copy(), period, periodic)

@@ -1,6 +1,7 @@
 """Checks of notebook 11."""
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -8,9 +9,9 @@ from clothlab.checks._check import check, expect, number
 
 
 @check(number("a share between 0 and 1"))
-def sign_flip_share(answer: Callable) -> None:
+def sign_flip_share(answer: Callable, rng: np.random.Generator) -> None:
     """Cases that can be counted by hand."""
-    found = answer([1.0, 2.0, 3.0])
+    found = answer(rng.uniform(1.0, 3.0, 3).tolist())
     slips = {
         "the measured signs are one of the choices: count them too, at least as large is not larger": 0,
         "count means that are at least as large, not those that are as far from 0": 2 / 8,
@@ -26,3 +27,11 @@ def sign_flip_share(answer: Callable) -> None:
     message = "the mean of 0.1, 0.2, -0.3 is 0 but for rounding, as with other signs: compare within 1e-12"
     found = answer([0.1, 0.2, -0.3])
     expect(found, 5 / 8, f"5 of 8 choices, not {8 * found:g}; {message}")
+    for _ in range(5):
+        any_case = rng.normal(0.3, 1.0, int(rng.integers(4, 7)))
+        means = [np.mean(np.array(signs) * any_case) for signs in product((1, -1), repeat=len(any_case))]
+        share = float(np.mean(np.array(means) >= np.mean(any_case) - 1e-12))
+        found = answer(any_case.tolist())
+        shown = any_case.round(2).tolist()
+        message = f"{share:.4g} of all choices of signs for {shown} have a mean as large, not {found:.4g}"
+        expect(found, share, message)

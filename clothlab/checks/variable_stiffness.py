@@ -6,17 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from clothlab.checks._check import array, check, expect, number
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
 
 @check(number("a stiffness in N m/rad"))
-def pair_stiffness(answer: Callable) -> None:
+def pair_stiffness(answer: Callable, rng: np.random.Generator) -> None:
     """Compare with the slope of the torque of a flexor and an extensor whose motors stand still."""
     arm = MuscleArm()
-    linear_arm = replace(arm, spring_linear=5000.0, spring_cubic=0.0)
-    for one, r, e0 in ((arm, 0.04, 0.01), (linear_arm, 0.04, 0.01), (arm, 0.03, 0.02)):
+    linear_arm = replace(arm, spring_linear=rng.uniform(3000.0, 6000.0), spring_cubic=0.0)
+    for one in (arm, linear_arm, arm):
+        r, e0 = rng.uniform(0.025, 0.06), rng.uniform(0.01, 0.02)
         k = answer(one.spring_linear, one.spring_cubic, r, e0)
         h = 1e-5  # [rad]
         torque = [r * (one.tension(e0 - r * theta) - one.tension(e0 + r * theta)) for theta in (-h, h)]
@@ -31,10 +32,15 @@ def pair_stiffness(answer: Callable) -> None:
 
 
 @check(array("the matrix C", 2, 2))
-def compliance(answer: Callable) -> None:
+def compliance(answer: Callable, rng: np.random.Generator) -> None:
     """Compare with the exact solution for a tiny push."""
     arm, push = MuscleArm(), 1e-4  # [N]
-    for theta, f_const in ((np.array([0.3, -np.pi / 2]), 30.0), (np.array([0.6, -0.7]), 70.0)):
+
+    def draw() -> tuple[np.ndarray, float]:
+        return np.array([rng.uniform(0.1, 0.7), rng.uniform(-1.5, -0.7)]), rng.uniform(25.0, 68.0)
+
+    for _ in range(2):
+        theta, f_const = drawn(draw, lambda one: apart(_compliance(arm, *one), _compliance_slips(arm, *one), rtol=0.01))
         C = answer(arm, theta, f_const)
         pushed = [static_posture(arm, [*theta, f_const], push * axis) for axis in np.eye(2)]
         wanted = np.stack([arm.hand(q) - arm.hand(theta) for q in pushed], axis=1) / push
@@ -42,6 +48,13 @@ def compliance(answer: Callable) -> None:
         if not np.allclose(C, C.T, rtol=1e-3):
             otherwise = "C is symmetric, yours is not: which factor is missing its transpose?"
         expect(C, wanted, otherwise, _compliance_slips(arm, theta, f_const), rtol=1e-3)
+
+
+def _compliance(arm: MuscleArm, theta: np.ndarray, f_const: float) -> np.ndarray:
+    """The compliance by the formula of the notebook `[2, 2]`, whose slips must be apart from it."""
+    J, G = arm.hand_jacobian(theta), arm.moment_arms
+    k = 1 / (1 / arm.spring_stiffness(f_const) + 1 / arm.motor_stiffness)
+    return J @ np.linalg.inv(k * G.T @ G) @ J.T
 
 
 def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict[str, np.ndarray]:
@@ -67,11 +80,15 @@ def _compliance_slips(arm: MuscleArm, theta: np.ndarray, f_const: float) -> dict
 
 
 @check(array("a length for each of the six muscles", 6))
-def length_for_measured_tension(answer: Callable) -> None:
+def length_for_measured_tension(answer: Callable, rng: np.random.Generator) -> None:
     """Equal tensions must give the known path; others the lengths at which the motors pull just so."""
     arm = MuscleArm()
-    for theta in (arm.home_command[:2], np.array([-0.2, -1.0])):
-        for f in (np.full(6, 30.0), np.array([120.0, 5.0, 40.0, 50.0, 90.0, 20.0])):
+    for _ in range(2):
+        theta = arm.home_command[:2] + rng.uniform(-0.2, 0.2, 2)
+        for f in (
+            np.full(6, rng.uniform(20.0, 40.0)),
+            rng.permutation(np.linspace(5.0, 120.0, 6)) + rng.uniform(0, 10, 6),
+        ):
             sent = answer(arm, theta, f)
             measured = arm.body_image(theta, f)
             given = (f - arm.tension_bias) / arm.motor_stiffness
