@@ -11,7 +11,14 @@ import pytest
 import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
-COPIED = ("Makefile", "scripts/system_packages.sh", "environment.txt", "environment-dev.txt", "docs/requirements.txt")
+COPIED = (
+    "Makefile",
+    "scripts/system_packages.sh",
+    "environment.txt",
+    "environment-dev.txt",
+    "docs/requirements.txt",
+    "docs/course/requirements.txt",
+)
 TOOLS = [
     "sh",
     "bash",
@@ -57,7 +64,7 @@ class Machine:
         for name in VENV:
             self.fake(name, where=folder / ".venv" / "bin")
         self.fake("playwright", "exit 1", where=folder / ".venv" / "bin")
-        for stamp in ("installed", "developer", "book"):
+        for stamp in ("installed", "developer", "grading", "book"):
             (folder / ".venv" / stamp).touch()
         self.fake("python3")
         self.fake("git")
