@@ -167,5 +167,5 @@ def _abandoned(pieces: Path) -> bool:
 
 def _joined(parts: list[Trial]) -> Trial:
     """One trial of several that follow each other; the last one knows all that had driven."""
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
-    return replace(parts[-1], **columns)
+    images, robot, commands = (np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS)
+    return replace(parts[-1], images=images, robot=robot, commands=commands)
