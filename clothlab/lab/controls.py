@@ -116,7 +116,7 @@ def _figure(message: ipywidgets.HTML, picture: ipywidgets.Image) -> ipywidgets.V
 def _widget(choices: Any, start: Any, label: str) -> ipywidgets.DOMWidget:
     """A slider for `(lowest, highest, step)`, else a menu."""
     options = {"value": start, "description": label, "style": {"description_width": "150px"}}
-    options["layout"] = {"width": "480px"}
+    options["layout"] = {"width": "min(480px, calc(100% - 4px))"}
     if isinstance(choices, tuple):
         low, high, step = choices
         kind = ipywidgets.IntSlider if isinstance(step, int) else ipywidgets.FloatSlider

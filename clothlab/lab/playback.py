@@ -71,7 +71,7 @@ class RecordedRun(Widget, ipywidgets.VBox):
         self.images, self.targets = np.swapaxes(masks, 0, 1)  # [T, H, W], seen and aimed at
         self.errors: list[str] = []
         guarded, take = Messages(self.errors).guarded, LoopCallbacks().take
-        self._pictures = [ipywidgets.Image(layout={"width": "100%"}) for _ in _PICTURES]
+        self._pictures = [ipywidgets.Image(layout={"width": "100%", "margin": "0"}) for _ in _PICTURES]
         about = {"value": shown, "max": len(self._moments) - 1, "description": "step"}
         button = ipywidgets.Play(interval=round(1000 * CONTROL_PERIOD), repeat=True, **about)
         self.slider, self._caption = ipywidgets.IntSlider(**about), ipywidgets.HTML(layout={"flex": "1 1 200px"})
@@ -98,8 +98,9 @@ class RecordedRun(Widget, ipywidgets.VBox):
 
 
 def _figure(title: str, picture: ipywidgets.Image, width: int) -> ipywidgets.VBox:
-    """A picture with a title, of this width [pixel] where there is room for it, and at least half as wide."""
-    share = {"flex": f"{width} 1 {0.55 * width:.0f}px", "max_width": f"{width}px", "overflow": "visible"}
+    """A picture with a title, of this width [pixel] where there is room for it; small ones share a row sooner."""
+    least = round(0.9 * width if width > 300 else 0.75 * width)
+    share = {"flex": f"{width} 1 {least}px", "max_width": f"{width}px", "overflow": "visible"}
     return ipywidgets.VBox([ipywidgets.Label(title), picture], layout=share)
 
 
