@@ -15,7 +15,7 @@ SITE := build/book$(if $(STUDENT),-student)
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow pages notebooks site browser chromium bench nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -88,6 +88,9 @@ chromium: $(DEV)
 bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
 
+measured: $(STAMP)  ## measure what a student needs of a server, into docs/course/measured.md, half an hour; OPTIONS="--small" is sooner
+	$(BIN)/python scripts/measure.py $(OPTIONS)
+
 nightly: $(DEV) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
 	$(BIN)/python scripts/nightly.py
 
@@ -132,7 +135,7 @@ book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site;
 		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
 	@echo "$(SITE)/html/index.html: open it in a browser"
 
-slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of four notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
+slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of six notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
 	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
 		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \

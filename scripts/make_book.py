@@ -17,6 +17,7 @@ from make_editions import ROOT, student_edition
 from solutions import solved, without
 
 from clothlab._files import write_bytes
+from clothlab.lab.widget import REOPENED
 
 BUILD = ROOT / "build"
 WIDGET = "application/vnd.jupyter.widget-view+json"
@@ -73,7 +74,7 @@ def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]
     output, data = copy.deepcopy(output), output.get("data", {})
     if "image/png" in data:
         output.data = {"image/png": data["image/png"]}
-    elif WIDGET in data:
+    elif WIDGET in data or data.get("text/html") == REOPENED:
         return
     elif "<video" in data.get("text/html", ""):  # it waits until somebody starts it
         output.data = {"text/html": re.sub(r"(<video\b[^>]*?)((?:\s(?:autoplay|loop)\b)+)", r"\1", data["text/html"])}

@@ -1,7 +1,8 @@
 """The decks of `make slides` as notebooks in `build/slides`, of which nbconvert makes pages for a projector.
 
 A heading begins a slide, text goes on where it does not fit, each figure has a slide of its own without its code, and
-exercises, code and checked claims are left to the notebook.
+exercises, things to change, code and checked claims are left to the notebook. So are cells about code, which JupyterLab
+marks under "Slide Type" as "Skip".
 """
 
 import argparse
@@ -18,9 +19,10 @@ from nbformat.v4 import new_markdown_cell
 
 from clothlab._files import write_bytes
 
-DECKS = ("03", "05", "07", "11")
+DECKS = ("03", "04", "05", "06", "07", "11")
 LETTERS = 900  # of text on a slide
 LEFT_OUT = re.compile(r"#+ (Exercise|References)")
+ALONE = re.compile(r"\*\*(Exercise|Change this)|<details>")  # a paragraph that asks for the notebook
 
 
 def deck_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -29,6 +31,8 @@ def deck_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     deck.metadata.pop("widgets", None)
     deck.cells, left_out = [], False
     for cell in notebook.cells:
+        if cell.metadata.get("slideshow", {}).get("slide_type") == "skip":
+            continue
         if cell.cell_type == "markdown":
             for piece in pieces(cell.source):
                 heading = piece.startswith("#")
@@ -55,11 +59,13 @@ def is_picture(output: nbformat.NotebookNode) -> bool:
 def pieces(text: str) -> list[str]:
     """Markdown in pieces that fit a slide: each heading begins one, paragraphs, lists and tables stay whole."""
     found = [""]
-    for paragraph in re.split(r"\n\s*\n", text.strip()):
+    whole = re.sub(r"<details>.*?</details>", "<details>", text.strip(), flags=re.DOTALL)
+    paragraphs = [each for each in re.split(r"\n\s*\n", whole) if not ALONE.match(each)]
+    for paragraph in paragraphs:
         if found[-1] and (paragraph.startswith("#") or len(found[-1]) + len(paragraph) > LETTERS):
             found.append("")
         found[-1] += re.sub(r"^(#.*)\n(?=.)", r"\1\n\n", paragraph) + "\n\n"  # a heading right above its text
-    return [piece.strip() for piece in found]
+    return [piece.strip() for piece in found if piece.strip()]
 
 
 def lay_out(folder: Path) -> None:

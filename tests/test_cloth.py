@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from clothlab.experiments._runs import NEW
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import (
     CLOTHS,
@@ -153,8 +154,14 @@ def test_a_cloth_is_found_by_its_name_and_returned_as_it_is():
     [
         ("damp0.03-mass0.10", "(0.03, 0.10)"),
         ("hard-2", "hard-2"),
-        (Cloth("x", damping=0.035, mass=0.1), "(0.035, 0.100)"),
+        (Cloth("x", damping=0.035, mass=0.1), "(0.035, 0.10)"),
     ],
 )
 def test_people_see_a_foam_by_its_name_and_a_cloth_by_its_numbers(cloth, label):
     assert get_cloth(cloth).label == label
+
+
+def test_every_cloth_of_the_project_has_a_label_of_its_own():
+    for cloths in ((*CLOTHS.values(), *NEW["torque"]), (*FOAMS.values(), *NEW["muscle"])):
+        labels = [cloth.label for cloth in cloths]
+        assert len({*labels}) == len(labels), labels

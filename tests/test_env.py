@@ -9,9 +9,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import TorqueArm
+from clothlab.simulation.arm import JOINTS, TorqueArm
 from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene, SimulationError, _make_renderer, build_spec
+from clothlab.simulation.env import (
+    CONTROL_PERIOD,
+    ClothEnv,
+    Scene,
+    SimulationError,
+    _make_renderer,
+    build_spec,
+    onlooker,
+)
 
 STIFF = replace(get_cloth("damp0.03-mass0.05"), name="stiff", stiffness=1e7, spring_damping=0.0)  # it diverges
 HOME = TorqueArm().home_command
@@ -206,3 +214,33 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
     monkeypatch.setattr("mujoco.Renderer", no_display)
     with pytest.raises(RuntimeError, match=r"apt-get install libegl1"):
         _make_renderer(env.model, 96, 128)
+
+
+def on_picture(env, view, points):
+    """Where points of the world `[N, 3]` are in a picture: 0 to 1 from left and from top, `[N, 2]`."""
+    renderer = env.renderer(*env.scene.picture_size)
+    renderer.update_scene(env.data, view)
+    left, right = renderer.scene.camera  # one for each eye
+    position, forward = (np.mean([getattr(left, name), getattr(right, name)], axis=0) for name in ("pos", "forward"))
+    up, aspect = np.array(left.up), env.scene.picture_size[1] / env.scene.picture_size[0]
+    sideways = np.cross(forward, up)
+    away = points - position
+    half = left.frustum_top / left.frustum_near
+    scaled = np.stack([away @ sideways / aspect, -(away @ up)], axis=1) / (half * (away @ forward)[:, None])
+    return (1 + scaled) / 2
+
+
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
+def test_an_onlooker_sees_robot_and_cloth_wherever_the_arm_is(arm):
+    env = ClothEnv(arm, "soft-1" if arm == "muscle" else "damp0.05-mass0.10")
+    policy, bodies = RandomPolicy(env.arm), (*JOINTS, "hand")
+    policy.reset(0)
+    seen = []
+    for _ in range(40):
+        env.step(policy({}))
+        points = np.concatenate([[env.data.body(name).xpos for name in bodies], env.cloth_points().reshape(-1, 3)])
+        seen.append(on_picture(env, onlooker(env.arm), points))
+    env.close()
+    inside = (np.array(seen) > 0) & (np.array(seen) < 1)
+    assert inside.all(axis=2)[:, : len(bodies)].all()  # the robot always
+    assert inside.all(axis=2).mean() > 0.97  # and the cloth, unless a corner of it flies out

@@ -177,7 +177,7 @@ def test_a_material_of_the_menu_is_recognised(session):
     session.set_material(0.03, 0.15)
     assert session.env.cloth == get_cloth("damp0.03-mass0.15")
     session.set_material(0.055, 0.1)
-    assert session.env.cloth.label == "(0.055, 0.100)"
+    assert session.env.cloth.label == "(0.055, 0.10)"
 
 
 def test_unknown_names_list_the_choices(session):

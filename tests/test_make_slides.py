@@ -30,6 +30,23 @@ def test_what_is_on_a_slide():
     assert "solved" not in nbformat.writes(deck)  # no name of a cell, which are random, has such letters
 
 
+def test_what_asks_for_the_notebook_is_left_to_it():
+    change = "**Change this**: the rate.\n\n<details><summary>What to expect</summary>\n\nIt is fast.\n\n</details>"
+    cells = [
+        new_markdown_cell("## 1. Loop\n\nThe text.\n\n**Exercise 1.** Write the line."),
+        new_markdown_cell("**Exercise 2.** Write another."),
+        new_markdown_cell("The package's function is this loop.", metadata={"slideshow": {"slide_type": "skip"}}),
+        new_markdown_cell(f"{change}\n\nAnd on."),
+    ]
+    deck = make_slides.deck_of(nbformat.v4.new_notebook(cells=cells))
+    assert [cell.source for cell in deck.cells] == ["## 1. Loop\n\nThe text.", "And on."]
+
+
+def test_the_decks_are_of_notebooks_that_exist():
+    numbers = [path.name[:2] for path in (make_slides.ROOT / "notebooks").glob("*.ipynb")]
+    assert {"04", "06"} < {*make_slides.DECKS} <= {*numbers}
+
+
 def test_long_text_goes_on_on_the_next_slide_and_nothing_is_lost():
     text = "# Title\n\n" + "\n\n".join(f"{k} " + "word " * 60 for k in range(9))
     found = make_slides.pieces(text)

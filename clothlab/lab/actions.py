@@ -1,12 +1,12 @@
-"""What the panel does for each message of the browser."""
+"""What the panel does for each message of the browser, and what such a message may hold."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import choose
+from clothlab._validation import check_array, check_number, choose
 from clothlab.lab.targets import uploaded_mask
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.vision import HEIGHT, WIDTH
@@ -15,10 +15,101 @@ if TYPE_CHECKING:
     from clothlab.lab.panel import LivePanel
 
 
-def stick_command(arm: Arm, places: Sequence[float]) -> np.ndarray:
+_LONGEST_IDENTITY = 64  # letters
+_MOST_NUMBERS = 10  # in a list; commands have three
+
+
+def stick_command(arm: Arm, places: Sequence[float] | np.ndarray) -> np.ndarray:
     """Command `[D_u]` where sticks and trigger stand in its range, 0 to 1; a place without a command is left out."""
     lower, upper = arm.command_lower, arm.command_upper
-    return lower + np.clip(places[: len(lower)], 0, 1) * (upper - lower)
+    places = check_array("places of the sticks", places[: len(lower)], lower.shape)
+    return lower + np.clip(places, 0, 1) * (upper - lower)
+
+
+class Message(NamedTuple):
+    """What a browser asks for. Anybody can send anything from a page, so that all of it is checked."""
+
+    do: str  # the action
+    identity: str  # of this message, by which its answer is known
+    arguments: dict[str, Any]  # of the action, as JSON has them; `content` is a file's bytes
+
+    @classmethod
+    def read(cls, content: Any, buffers: Sequence[bytes]) -> "Message":
+        """What a message says; `do` is empty where it names no action."""
+        named = content if isinstance(content, Mapping) else {}
+        do, identity = named.get("do"), named.get("id")
+        arguments = {key: value for key, value in named.items() if key not in ("do", "id")}
+        if buffers:
+            arguments["content"] = bytes(buffers[0])
+        if not isinstance(identity, str) or len(identity) > _LONGEST_IDENTITY:
+            identity = ""
+        return cls(do if isinstance(do, str) else "", identity, arguments)
+
+
+def _text(what: str, value: Any) -> str:
+    """A name or other short text."""
+    if not isinstance(value, str):
+        raise ValueError(f"{what} is a text, got {value!r:.40}")
+    return value
+
+
+def _switch(what: str, value: Any) -> bool:
+    """On or off."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{what} is true or false, got {value!r:.40}")
+    return value
+
+
+def _numbers(what: str, value: Any) -> np.ndarray:
+    """A short list of finite numbers `[N]`."""
+    if not isinstance(value, list) or len(value) > _MOST_NUMBERS:
+        raise ValueError(f"{what} is a short list of numbers, got {value!r:.40}")
+    return check_array(what, value, ("N",))
+
+
+def _count(what: str, value: Any) -> int:
+    """A whole number."""
+    return check_number(what, value, int)
+
+
+def _force(what: str, value: Any) -> float | None:
+    """A force [N], or None where it is free."""
+    return None if value is None else check_number(what, value)
+
+
+def _image(what: str, value: Any) -> np.ndarray:
+    """An image `[H, W]` of 0 and 1, from its pixels row by row."""
+    if not isinstance(value, bytes) or len(value) != HEIGHT * WIDTH:
+        raise ValueError(f"{what} has {HEIGHT * WIDTH} bytes, one for each pixel, got {_size(value)}")
+    return np.frombuffer(value, np.uint8).reshape(HEIGHT, WIDTH)
+
+
+def _file(what: str, value: Any) -> bytes:
+    """What is in a file."""
+    if not isinstance(value, bytes):
+        raise ValueError(f"{what} is what is in a file, got {value!r:.40}")
+    return value
+
+
+def _size(value: Any) -> str:
+    return f"{len(value)}" if isinstance(value, bytes) else f"{value!r:.40}"
+
+
+class Action(NamedTuple):
+    """What to call, and how each of its arguments is read."""
+
+    call: Callable[..., object]
+    reads: Mapping[str, Callable[[str, Any], Any]] = {}
+    optional: frozenset[str] = frozenset()
+
+    def __call__(self, arguments: Mapping[str, Any]) -> None:
+        """Call it with the arguments of a message; a ValueError says what is missing, too much or of a wrong kind."""
+        missing = [name for name in self.reads if name not in arguments and name not in self.optional]
+        beyond = [name for name in arguments if name not in self.reads]
+        if missing or beyond:
+            takes = ", ".join(self.reads) or "nothing"
+            raise ValueError(f"this action takes {takes}, got {', '.join(map(repr, arguments)) or 'nothing'}")
+        self.call(**{name: self.reads[name](name, value) for name, value in arguments.items()})
 
 
 class PanelActions:
@@ -27,35 +118,49 @@ class PanelActions:
     def __init__(self, panel: "LivePanel", say: Callable[[str], None]):
         self._panel, self._session, self._say = panel, panel.session, say
 
-    def named(self) -> dict[str, Callable[..., object]]:
+    def act(self, message: Message) -> None:
+        """Do what a message asks for; an error says what is wrong with it."""
+        choose("action", message.do, self.named())(message.arguments)
+
+    def named(self) -> dict[str, Action]:
         """The actions by the names that the browser has for them."""
         panel, session = self._panel, self._session
         return {
-            "start": panel.start,
-            "pause": panel.pause,
-            "step": panel.step,
-            "reset": panel.reset,
-            "set arm": panel.set_arm,
-            "set driver": session.set_driver,
-            "explore": lambda on: setattr(session, "exploring", bool(on)),
-            "set cloth": panel.set_cloth,
-            "set material": session.set_material,
-            "set tension": panel.set_tension,
-            "set p": lambda at: session.set_p(panel.views.plane.p(at)),
-            "estimate": lambda on: setattr(session, "estimating", bool(on)),
-            "set hand": self._take_over,
-            "greet gamepad": self._greet_gamepad,
-            "move sticks": lambda places: self._take_over(stick_command(session.arm, places)),
-            "draw": lambda content: panel.aim(np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH), show=False),
-            "clear": lambda: self._say("draw a target; until then the robot keeps the one that it has"),
-            "pick": lambda name: panel.aim(choose("image", name, session.gallery)),
-            "take": lambda: panel.aim(session.observation["image"]),
-            "upload": lambda size, content=b"": panel.aim(uploaded_mask(content, size)),
-            "record": self._record,
-            "stop": self._stop,
-            "save": self._save,
-            "discard": self._discard,
+            "start": Action(panel.start),
+            "pause": Action(panel.pause),
+            "step": Action(panel.step),
+            "reset": Action(panel.reset),
+            "set arm": Action(panel.set_arm, {"name": _text}),
+            "set driver": Action(session.set_driver, {"driver": _text}),
+            "explore": Action(lambda on: setattr(session, "exploring", on), {"on": _switch}),
+            "set cloth": Action(panel.set_cloth, {"cloth": _text}),
+            "set material": Action(session.set_material, {"damping": check_number, "mass": check_number}),
+            "set tension": Action(panel.set_tension, {"f_const": _force}),
+            "set p": Action(self._set_p, {"at": _numbers}),
+            "estimate": Action(lambda on: setattr(session, "estimating", on), {"on": _switch}),
+            "set hand": Action(self._take_over, {"u": _numbers}),
+            "greet gamepad": Action(self._greet_gamepad, {"enough": _switch}),
+            "move sticks": Action(self._move_sticks, {"places": _numbers}),
+            "draw": Action(lambda content: panel.aim(content, show=False), {"content": _image}),
+            "clear": Action(lambda: self._say("draw a target; until then the robot keeps the one that it has")),
+            "pick": Action(lambda name: panel.aim(choose("image", name, session.gallery)), {"name": _text}),
+            "take": Action(lambda: panel.aim(session.observation["image"])),
+            "upload": Action(self._upload, {"size": _count, "content": _file}, frozenset({"content"})),
+            "record": Action(self._record),
+            "stop": Action(self._stop),
+            "save": Action(self._save, {"name": _text}),
+            "discard": Action(self._discard),
         }
+
+    def _set_p(self, at: np.ndarray) -> None:
+        """Use the p of a place on the map `[2]`."""
+        self._session.set_p(self._panel.views.plane.p(check_array("a place on the map", at, (2,))))
+
+    def _move_sticks(self, places: np.ndarray) -> None:
+        self._take_over(stick_command(self._session.arm, places))
+
+    def _upload(self, size: int, content: bytes = b"") -> None:
+        self._panel.aim(uploaded_mask(content, size))
 
     def _take_over(self, u: ArrayLike) -> None:
         """A person who moves a slider or a stick drives from then on."""

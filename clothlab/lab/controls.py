@@ -20,8 +20,12 @@ from numpy.typing import ArrayLike
 
 from clothlab.alt_text import AltText, describe
 from clothlab.lab.clock import LoopCallbacks
+from clothlab.lab.messages import keep_error
 from clothlab.lab.views import Plane, encoded, javascript
-from clothlab.lab.widget import Widget
+from clothlab.lab.widget import LifeSign, Widget, answer_page
+
+WRAPPED = {"display": "flex", "flex_flow": "row wrap", "width": "auto", "overflow": "visible"}
+_FIGURE = "480px"  # as narrow as a figure may get beside a map
 
 
 class PBMap(anywidget.AnyWidget):
@@ -34,7 +38,7 @@ class PBMap(anywidget.AnyWidget):
         reference: p from which a line leads to the chosen one `[D_p]`, if any.
     """
 
-    _esm = javascript("text", "map", "map_widget")
+    _esm = javascript("alive", "text", "map", "map_widget")
     about = traitlets.Dict().tag(sync=True)
     chosen = traitlets.List(traitlets.Float()).tag(sync=True)  # place of the chosen p, PC1 and PC2
 
@@ -49,6 +53,7 @@ class PBMap(anywidget.AnyWidget):
         self._plane = Plane(biases, labels)
         line = [] if reference is None else [self._plane.at(reference)]
         super().__init__(about=self._plane.map | {"line": line}, chosen=self._plane.at(p))
+        self.on_msg(answer_page)
 
     @property
     def value(self) -> np.ndarray:
@@ -79,7 +84,9 @@ class Control(Widget, ipywidgets.VBox):
         self.picture, self.message = ipywidgets.Image(format="png"), ipywidgets.HTML()
         maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
         others = [each for each in self.controls.values() if each not in maps]
-        super().__init__([*others, ipywidgets.HBox([*maps, ipywidgets.VBox([self.message, self.picture])])])
+        beside = ipywidgets.Box([*maps, _figure(self.message, self.picture)], layout=WRAPPED)
+        super().__init__([LifeSign(), *others, beside])
+        self.add_class("clothlab-widget")
         self._redraw()
 
     def still(self) -> tuple[bytes, AltText]:
@@ -94,15 +101,22 @@ class Control(Widget, ipywidgets.VBox):
             plt.close(figure)  # or the notebook would show it a second time
             self.message.value = ""
         except Exception as error:
-            self.errors.append(traceback.format_exc())
+            keep_error(self.errors)
             text = html.escape(traceback.format_exception_only(error)[-1])
             self.message.value = f"<span role='alert' style='color:#b00020'>✗ {text}</span>"
+
+
+def _figure(message: ipywidgets.HTML, picture: ipywidgets.Image) -> ipywidgets.VBox:
+    """A figure with the message above, beside a map where there is room for it, else below."""
+    width = f"min(calc(100% - 4px), {_FIGURE})"  # with the margins that the library gives it
+    layout = {"flex": f"1 1 {width}", "min_width": width, "overflow": "visible"}
+    return ipywidgets.VBox([message, picture], layout=layout)
 
 
 def _widget(choices: Any, start: Any, label: str) -> ipywidgets.DOMWidget:
     """A slider for `(lowest, highest, step)`, else a menu."""
     options = {"value": start, "description": label, "style": {"description_width": "150px"}}
-    options["layout"] = {"width": "480px"}
+    options["layout"] = {"width": "min(480px, calc(100% - 4px))"}
     if isinstance(choices, tuple):
         low, high, step = choices
         kind = ipywidgets.IntSlider if isinstance(step, int) else ipywidgets.FloatSlider

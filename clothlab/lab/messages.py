@@ -6,6 +6,15 @@ from collections.abc import Callable
 from clothlab.simulation.env import SimulationError
 
 KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person can do wrong; the rest is our fault
+MOST_ERRORS = 20  # tracebacks that are kept: a fault in each step would otherwise fill the memory
+_LONGEST_ERROR = 4000  # letters of a traceback, of which the last say most
+_LONGEST_TEXT = 300  # letters of a message; some errors repeat what they were given
+
+
+def keep_error(errors: list[str]) -> None:
+    """Add the traceback of the present exception, unless there are so many already that one more says nothing."""
+    if len(errors) < MOST_ERRORS:
+        errors.append(traceback.format_exc()[-_LONGEST_ERROR:])
 
 
 class Messages:
@@ -17,7 +26,8 @@ class Messages:
 
     def say(self, text: str, kind: str = "info") -> None:
         """Show this from now on; the kind is `info`, `mistake` or `fault`."""
-        self.shown = {"text": text, "kind": kind}
+        shortened = text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]} …"
+        self.shown = {"text": shortened, "kind": kind}
 
     def guarded(self, act: Callable[[], object]) -> bool:
         """Call `act`, and answer whether it went well; an error becomes a message."""
@@ -25,9 +35,9 @@ class Messages:
             act()
         except KNOWN_ERRORS as error:
             self.say(f"⚠ {error.args[0] if isinstance(error, KeyError) else error}", "mistake")
-        except Exception:
-            self.errors.append(traceback.format_exc())
-            self.say(f"✗ a fault in the panel: {self.errors[-1].splitlines()[-1]}", "fault")
+        except Exception as error:
+            keep_error(self.errors)
+            self.say(f"✗ a fault in the panel: {traceback.format_exception_only(error)[-1].strip()}", "fault")
         else:
             return True
         return False

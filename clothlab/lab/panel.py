@@ -8,14 +8,14 @@ import anywidget
 import numpy as np
 import traitlets
 
-from clothlab._validation import choose
+from clothlab._validation import check_number, choose
 from clothlab.alt_text import AltText
 from clothlab.lab import views
-from clothlab.lab.actions import PanelActions
+from clothlab.lab.actions import Message, PanelActions
 from clothlab.lab.clock import Clock, LoopCallbacks
 from clothlab.lab.messages import Messages
 from clothlab.lab.session import LiveSession, StepInfo
-from clothlab.lab.widget import Widget
+from clothlab.lab.widget import Widget, answer_page
 from clothlab.simulation.env import CONTROL_PERIOD
 
 _ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
@@ -31,7 +31,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
             predicted beside what is achieved. The controller then has the p of the cloth that is chosen.
     """
 
-    _esm = views.javascript("text", "traces", "target", "map", "gamepad", "style", "panel")
+    _esm = views.javascript("alive", "text", "traces", "target", "map", "gamepad", "style", "panel")
     about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
     state = traitlets.Dict().tag(sync=True)  # where every control stands, and the message
     target = traitlets.Dict().tag(sync=True)  # with what the autoencoder makes of it
@@ -56,6 +56,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._answered = ""  # the last message that was acted on
         super().__init__()
         self._actions = PanelActions(self, self._messages.say)
+        self.on_msg(answer_page)
         self.on_msg(self._hear)
         self._meet_arm()
 
@@ -181,20 +182,20 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.views = views.Views(self.session)
         self.show_all()
 
-    def _hear(self, _: object, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
+    def _hear(self, _: object, content: Any, buffers: Sequence[bytes]) -> None:
         """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
-        if content.get("do") == "drawn":
-            self.drawn = content["frame"]
-        else:
-            self._callbacks.take(self._act, content, buffers)
+        message = Message.read(content, buffers)
+        if message.do == "drawn":
+            self._messages.guarded(lambda: self._note_drawn(**message.arguments))
+        elif message.do != "alive?":  # which is answered already, even while a step is made
+            self._callbacks.take(self._act, message)
 
-    def _act(self, content: dict[str, Any], buffers: Sequence[bytes]) -> None:
+    def _note_drawn(self, frame: Any = None, **_: Any) -> None:
+        self.drawn = check_number("the frame that was drawn", frame, int)
+
+    def _act(self, message: Message) -> None:
         """Do what a person asked for, and answer how things stand then, even where nothing changed."""
-        arguments = {key: value for key, value in content.items() if key not in ("do", "id")}
-        if buffers:
-            arguments["content"] = bytes(buffers[0])
-        actions = self._actions.named()
         self._messages.say("")
-        self._messages.guarded(lambda: choose("action", content.get("do", ""), actions)(**arguments))
-        self._answered = content.get("id", "")
+        self._messages.guarded(lambda: self._actions.act(message))
+        self._answered = message.identity
         self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))

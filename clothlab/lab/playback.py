@@ -1,6 +1,7 @@
 """A recorded run of the panel: what it showed, step by step, in a file, shown again without computing anything."""
 
 import base64
+import html
 import json
 import lzma
 from collections.abc import Mapping
@@ -18,13 +19,15 @@ from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab.alt_text import AltText
 from clothlab.lab import views
 from clothlab.lab.clock import LoopCallbacks
+from clothlab.lab.controls import WRAPPED
 from clothlab.lab.messages import Messages
-from clothlab.lab.widget import Widget
+from clothlab.lab.widget import LifeSign, Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
 _SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
 _MOST_BYTES = 2**26  # of a recorded run's text, several times what two minutes need
+_PICTURES = {"the robot": 384, "what the camera sees": 256, "the target": 256}  # widths [pixel]
 _QUALITY = 60  # of JPEG, of 100
 _Frame = Mapping[str, Any]  # those of `_SHOWN` that are new at a step, and `caption`, what to say meanwhile
 
@@ -72,16 +75,16 @@ class RecordedRun(Widget, ipywidgets.VBox):
         self.images, self.targets = np.swapaxes(masks, 0, 1)  # [T, H, W], seen and aimed at
         self.errors: list[str] = []
         guarded, take = Messages(self.errors).guarded, LoopCallbacks().take
-        titles = ("the robot", "what the camera sees", "the target")
-        self._pictures = [ipywidgets.Image(width=width) for width in (384, 256, 256)]
-        pairs = zip(map(ipywidgets.Label, titles), self._pictures, strict=True)
+        self._pictures = [ipywidgets.Image(layout={"width": "100%", "margin": "0"}) for _ in _PICTURES]
         about = {"value": shown, "max": len(self._moments) - 1, "description": "step"}
         button = ipywidgets.Play(interval=round(1000 * CONTROL_PERIOD), repeat=True, **about)
-        self.slider, self._caption = ipywidgets.IntSlider(**about), ipywidgets.Label()
+        self.slider, self._caption = ipywidgets.IntSlider(**about), ipywidgets.HTML(layout={"flex": "1 1 200px"})
         ipywidgets.jslink((button, "value"), (self.slider, "value"))
         self.slider.observe(lambda _: take(guarded, self._show), "value")
-        rows = [*map(ipywidgets.VBox, pairs)], [button, self.slider, self._caption]
-        super().__init__([*map(ipywidgets.HBox, rows)])
+        figures = [_figure(*about) for about in zip(_PICTURES, self._pictures, _PICTURES.values(), strict=True)]
+        rows = figures, [button, self.slider, self._caption]
+        super().__init__([LifeSign(), *(ipywidgets.Box(row, layout=WRAPPED) for row in rows)])
+        self.add_class("clothlab-widget")
         self._show()
 
     def still(self) -> tuple[bytes, AltText]:
@@ -95,7 +98,14 @@ class RecordedRun(Widget, ipywidgets.VBox):
         files = frame["scene"], frame["seen"], views.encoded(self.targets[step])
         for picture, file in zip(self._pictures, files, strict=True):
             picture.value = file
-        self._caption.value = f"{_clock_time(step)}: {caption}"
+        self._caption.value = html.escape(f"{_clock_time(step)}: {caption}")
+
+
+def _figure(title: str, picture: ipywidgets.Image, width: int) -> ipywidgets.VBox:
+    """A picture with a title, of this width [pixel] where there is room for it; small ones share a row sooner."""
+    least = round(0.9 * width if width > 300 else 0.75 * width)
+    share = {"flex": f"{width} 1 {least}px", "max_width": f"{width}px", "overflow": "visible"}
+    return ipywidgets.VBox([ipywidgets.Label(title), picture], layout=share)
 
 
 def _clock_time(steps: int) -> str:

@@ -1,7 +1,15 @@
-"""Recordings of a live session, written when they stop and once a minute, so that little is lost with a kernel."""
+"""Recordings of a live session, on the disk every five seconds, so that hardly anything is lost with a kernel.
+
+While a recording runs, the news of the last five seconds go into a piece, a small file of its own: to write all that
+was recorded so often would cost more the longer it gets, and in the end make control steps late. When the recording
+stops, its file is written as a whole, and the pieces go. If the kernel dies before, the pieces stay, and the next
+recorder of this folder joins them.
+"""
 
 import os
+import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +17,13 @@ import numpy as np
 
 from clothlab._validation import check_name
 from clothlab.simulation.env import Observation
-from clothlab.trials import Trial, save_trial
+from clothlab.trials import Trial, load_trial, save_trial
 
-_EVERY = 300  # control steps between two writes, one minute
+_EVERY = 25  # control steps in a piece, five seconds
 _LONGEST = 18_000  # steps of a recording, an hour
+_COLUMNS = ("images", "robot", "commands")
+_PIECES = ".pieces"  # ending of a recording's folder of pieces, each named by its first step
+_ABANDONED = 3600.0  # [s] without a new piece, after which nobody is taken to go on with a recording
 
 
 class Recorder:
@@ -27,6 +38,8 @@ class Recorder:
         self._rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._about: dict[str, Any] = {}
         self._policies: dict[str, None] = {}
+        self._written = 0  # steps that are in pieces
+        join_pieces(self.folder)
 
     @property
     def waiting(self) -> bool:
@@ -50,8 +63,9 @@ class Recorder:
         self._about = about
         if len(self._rows) % _EVERY == 0:
             self.running = False  # unless the disk takes it
-            self._write()
+            self._write_piece()
             if len(self._rows) >= _LONGEST:
+                self._write()
                 raise OSError(f"a recording has {_LONGEST} steps at most, which are over: save it")
             self.running = True
 
@@ -76,6 +90,7 @@ class Recorder:
         """Stop, and forget the recording that runs or waits."""
         if self._file is not None:
             self._file.unlink(missing_ok=True)
+            shutil.rmtree(self._pieces, ignore_errors=True)
         self._forget()
 
     def close(self) -> None:
@@ -87,9 +102,70 @@ class Recorder:
     def _forget(self) -> None:
         self._file, self.running = None, False
         self._rows, self._about, self._policies = [], {}, {}
+        self._written = 0
+
+    @property
+    def _pieces(self) -> Path:
+        assert self._file is not None
+        return self._file.with_suffix(_PIECES)
+
+    def _trial(self, start: int = 0) -> Trial:
+        """What was recorded from a step on."""
+        images, robot, commands = (np.array(column) for column in zip(*self._rows[start:], strict=True))
+        about = self._about | {"policy": ", ".join(self._policies)}
+        return Trial(images, robot, commands, **about)
+
+    def _write_piece(self) -> None:
+        save_trial(self._trial(self._written), _piece(self._pieces, self._written))
+        self._written = len(self._rows)
 
     def _write(self) -> None:
+        """Write the whole recording, after which no piece is needed."""
         if self._rows and self._file is not None:
-            images, robot, commands = (np.array(column) for column in zip(*self._rows, strict=True))
-            about = self._about | {"policy": ", ".join(self._policies)}
-            save_trial(Trial(images, robot, commands, **about), self._file)
+            save_trial(self._trial(), self._file)
+            shutil.rmtree(self._pieces, ignore_errors=True)
+
+
+def _piece(folder: Path, start: int) -> Path:
+    return folder / f"{start:06}.npz"
+
+
+def join_pieces(folder: Path) -> list[Path]:
+    """Make a trial of what a kernel that died had recorded, and return the files.
+
+    A recording that another kernel goes on with is left alone. Should one be joined too early, nothing is lost either:
+    its later pieces are joined to it another time, or its whole file takes its place when it stops.
+    """
+    joined = []
+    for pieces in sorted(folder.glob(f"unfinished-*{_PIECES}")):
+        if _abandoned(pieces):
+            file = pieces.with_suffix(".npz")
+            parts = [load_trial(file)] if file.exists() else []
+            steps = sum(map(len, parts))
+            while (path := _piece(pieces, steps)).exists():  # in order, up to a gap
+                parts.append(load_trial(path))
+                steps += len(parts[-1])
+            if parts:
+                save_trial(_joined(parts), file)
+                joined.append(file)
+            shutil.rmtree(pieces)
+    return joined
+
+
+def _abandoned(pieces: Path) -> bool:
+    """Whether the process that wrote these pieces, the last part of their name, is gone."""
+    process = int(pieces.stem.rsplit("-", 1)[1])
+    if os.name == "posix":
+        try:
+            os.kill(process, 0)  # signal 0 only asks
+        except ProcessLookupError:
+            return True
+        except PermissionError:
+            pass  # another user's, so it is alive
+    return time.time() - pieces.stat().st_mtime > _ABANDONED
+
+
+def _joined(parts: list[Trial]) -> Trial:
+    """One trial of several that follow each other; the last one knows all that had driven."""
+    images, robot, commands = (np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS)
+    return replace(parts[-1], images=images, robot=robot, commands=commands)

@@ -16,11 +16,11 @@ from clothlab.analysis import principal_axes
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import SETUPS, LiveSession, StepInfo
 from clothlab.lab.targets import LARGEST_FILE
-from clothlab.learning.autoencoder import decode
+from clothlab.learning.autoencoder import decode, encode
 from clothlab.learning.calibration import outline
 from clothlab.simulation.arm import JOINTS, MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
-from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.env import CONTROL_PERIOD, onlooker
 from clothlab.simulation.stiffness import static_posture
 from clothlab.simulation.vision import HEIGHT, WIDTH
 
@@ -151,12 +151,12 @@ class Views:
     def frame(self, history: Sequence[StepInfo]) -> dict[str, Any]:
         """Pictures, traces and p after a step."""
         session, step = self._session, self._session.step_number
-        images = (history[-1].image, history[-1].reconstruction) if history else (np.zeros((HEIGHT, WIDTH)),) * 2
+        seen, decoded = (history[-1].image, history[-1].reconstruction) if history else self._before_a_step()
         basis = f", plan from {history[-1].basis}" if history and history[-1].basis else ""
         return {
-            "scene": encoded(session.env.picture(), ".jpg"),
-            "seen": encoded(images[0]),
-            "decoded": encoded(images[1]),
+            "scene": encoded(session.env.picture(onlooker(session.arm)), ".jpg"),
+            "seen": encoded(seen),
+            "decoded": encoded(decoded),
             "clock": f"{step * CONTROL_PERIOD:.1f} s, step {step}{basis}",
             "traces": self._traces(history),
             "marks": [k for k, moment in enumerate(history) if moment.period_ended],
@@ -164,6 +164,11 @@ class Views:
             "trail": [self.plane.at(moment.p) for moment in history],
             "nearest": get_cloth(session.nearest).label,
         } | self._estimate_report()
+
+    def _before_a_step(self) -> tuple[np.ndarray, np.ndarray]:
+        """The image of a cloth that hangs still, and what the autoencoder makes of it, both `[H, W]`."""
+        image, autoencoder = self._session.observation["image"].astype(bool), self._session.trained.autoencoder
+        return image, decode(autoencoder, encode(autoencoder, image))
 
     def period(self, history: Sequence[StepInfo]) -> dict[str, Any]:
         """What the control predicts for the end of this period; of the last one, what it predicted and achieved."""
@@ -173,8 +178,8 @@ class Views:
 
         shown: dict[str, np.ndarray | None] = {}
         ended = next((moment for moment in reversed(history) if moment.period), None)
+        shown["what the camera sees"] = history[-1].image if history else self._before_a_step()[0]
         if history:
-            shown["what the camera sees"] = history[-1].image
             shown["predicted for the end of this period"] = decoded(history[-1].foreseen)
         if ended and ended.period:
             predicted, achieved = ended.period

@@ -1,9 +1,39 @@
-"""What the widgets of this package share: faults that a notebook raises in the end, and a picture of themselves."""
+"""What the widgets of this package share: faults that a notebook raises in the end, a picture, and signs of life."""
 
 import base64
+from collections.abc import Sequence
 from typing import Any
 
+import anywidget
+from IPython.display import display
+
 from clothlab.alt_text import AltText
+from clothlab.lab.views import javascript
+
+# A saved notebook that is opened again has outputs and no kernel. JupyterLab then says "model not found" where a widget
+# was, and asks no other representation of it. So these words are an output of their own, which a living widget hides
+# (`alive.js`); the delay keeps them from showing for the moment before it does.
+REOPENED = """<style>
+@keyframes clothlab-late { from { opacity: 0 } to { opacity: 1 } }
+.clothlab-reopened { animation: clothlab-late 0s 1s both; color: #b00020; font-weight: 600 }
+</style>
+<div class="clothlab-reopened">The controls above need a kernel: run the cells again.</div>"""
+
+
+def answer_page(widget: Any, content: Any, buffers: Sequence[bytes]) -> None:
+    """A handler for `on_msg`: tell a page that asks whether the kernel still lives that it does."""
+    if content == {"do": "alive?"}:
+        widget.send({"do": "alive"})
+
+
+class LifeSign(anywidget.AnyWidget):
+    """Stands unseen in a widget of the library, and says in its place when the kernel has stopped."""
+
+    _esm = javascript("alive", "life_sign")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.on_msg(answer_page)
 
 
 class Widget:
@@ -19,6 +49,12 @@ class Widget:
     def still(self) -> tuple[bytes, AltText]:
         """How it looks now, PNG, and that in words, for pages on which no kernel answers."""
         raise NotImplementedError
+
+    def _ipython_display_(self) -> None:
+        """Show the widget, and below it what to do where its kernel has gone."""
+        data, metadata = self._repr_mimebundle_()
+        display(data, metadata=metadata, raw=True)
+        display({"text/html": REOPENED, "text/plain": ""}, raw=True)
 
     def _repr_mimebundle_(self, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """The library's answer with the picture beside it; JupyterLab shows the widget."""

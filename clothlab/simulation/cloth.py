@@ -48,11 +48,15 @@ class Cloth(Checked):
 
     @property
     def label(self) -> str:
-        """What figures call it: the foam's name, or (C_damp [N s/m], C_mass [kg])."""
+        """What figures and menus call it: the foam's name, or (C_damp [N s/m], C_mass [kg])."""
         if self.foam:
-            return f"{self.foam}-{self.sheets}"
-        digits = 2 if all(abs(x - round(x, 2)) < 1e-9 for x in (self.damping, self.mass)) else 3
-        return f"({self.damping:.{digits}f}, {self.mass:.{digits}f})"
+            kind = f"{self.foam}-{self.sheets}"
+            return self.name if self.name.startswith(kind) else kind  # of another thickness: "hard-2-1.5mm"
+        return f"({_two_digits_or_three(self.damping)}, {_two_digits_or_three(self.mass)})"
+
+
+def _two_digits_or_three(value: float) -> str:
+    return f"{value:.2f}" if abs(value - round(value, 2)) < 1e-9 else f"{value:.3f}"
 
 
 def cloth_name(damping: float, mass: float) -> str:

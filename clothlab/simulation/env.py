@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import Checked, check_number, setting
 from clothlab.simulation import vision
-from clothlab.simulation.arm import Arm, Camera, check_command, get_arm
+from clothlab.simulation.arm import JOINTS, SHOULDER_POSITION, Arm, Camera, check_command, get_arm
 from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
 
 CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
@@ -69,6 +69,23 @@ def add_camera(spec: mujoco.MjSpec, camera: Camera, parent: mujoco.MjsBody | Non
         mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
         direction = {"quat": quaternion}
     parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **direction)
+
+
+def onlooker(arm: Arm) -> str | mujoco.MjvCamera:
+    """A view for people that shows robot and cloth: the arm's own camera, unless it stands too near to see both.
+
+    A camera at the robot's head sees what the robot needs, and half of the robot. Then this view is from beside and
+    behind it, where the front of the cloth shows, too.
+    """
+    reach = len(JOINTS) * arm.link_length + Cloth("").length
+    if np.linalg.norm(np.subtract(arm.camera.position, SHOULDER_POSITION)) > reach:
+        return "camera"
+    view = mujoco.MjvCamera()
+    view.lookat[:] = np.add(SHOULDER_POSITION, [arm.link_length, 0.0, -0.1])
+    view.distance = 2 * reach
+    view.azimuth = -50.0  # [degree] from the x axis
+    view.elevation = -18.0  # [degree]
+    return view
 
 
 class ClothEnv(gymnasium.Env):
@@ -179,9 +196,9 @@ class ClothEnv(gymnasium.Env):
         self.advance(action)
         return self.observe(), 0.0, False, False, {}
 
-    def picture(self) -> np.ndarray:
-        """The scene for people, `[h, w, 3]` uint8, of the size `scene.picture_size`."""
-        return self.camera_picture(*self.scene.picture_size)
+    def picture(self, view: str | mujoco.MjvCamera = "camera") -> np.ndarray:
+        """The scene for people, `[h, w, 3]` uint8, of the size `scene.picture_size`, from a `view` as below."""
+        return self.camera_picture(*self.scene.picture_size, view=view)
 
     def camera_picture(
         self,

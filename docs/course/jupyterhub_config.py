@@ -16,5 +16,5 @@ c.Spawner.environment = {
     "MUJOCO_GL": "egl",
 }
 c.Spawner.cpu_limit = 1.0
-c.Spawner.mem_limit = "2G"  # one notebook of the series at work, and a second one open
+c.Spawner.mem_limit = "3G"  # the largest notebook of the series at work, and a second one that was forgotten
 c.Spawner.args = ["--MappingKernelManager.cull_idle_timeout=1800", "--MappingKernelManager.cull_connected=True"]

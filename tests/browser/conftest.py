@@ -57,9 +57,16 @@ def open_notebook(lab, page):
 
 
 @pytest.fixture
-def screenshot(page):
-    def screenshot(name):
+def screenshot_of():
+    """Keeps what a page shows, under a name."""
+
+    def screenshot_of(page, name):
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"{name}.png")
 
-    return screenshot
+    return screenshot_of
+
+
+@pytest.fixture
+def screenshot(page, screenshot_of):
+    return lambda name: screenshot_of(page, name)

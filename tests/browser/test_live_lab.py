@@ -152,7 +152,7 @@ def test_targets_and_materials_are_changed(notebook, page):
     notebook.until(f"panel.session.env.cloth.damping > {damping}")
     expect(page.get_by_role("combobox", name="cloth", exact=True)).to_have_value("")
     own = page.get_by_role("combobox", name="cloth", exact=True).locator("option").first
-    expect(own).to_have_text("own: (0.055, 0.100)")
+    expect(own).to_have_text("own: (0.055, 0.10)")
 
 
 def test_a_muscle_arm_is_stiffened_and_recorded(notebook, page, screenshot, says):

@@ -16,7 +16,7 @@ function pbMap(choose, SIDE = 310) {
   const SHARP = 2; // canvas pixels to each CSS pixel
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
   canvas.className = "map";
-  canvas.style.cssText = "aspect-ratio:1;cursor:crosshair;touch-action:none";
+  canvas.style.cssText = "max-width:100%;aspect-ratio:1;cursor:crosshair;touch-action:none";
   canvas.style.setProperty("width", `var(--map, ${SIDE}px)`);
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "application");

@@ -10,8 +10,12 @@ function render({ model, el }) {
   };
   model.on("change:chosen", draw);
   model.on("change:about", draw);
-  el.append(map.canvas);
+  const root = document.createElement("div");
+  root.append(map.canvas);
+  el.append(root);
   draw();
+  // Within another widget, that one speaks for both.
+  return watchKernel(model, () => (root.closest(".clothlab-widget") ? null : root));
 }
 
 export default { render };

@@ -4,6 +4,7 @@ const STATUS = {
   paused: ["❚❚ paused", "time stands still: press start"],
   late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
   fault: ["✗ fault", "something went wrong: the message says what"],
+  gone: ["✗ no kernel", "the kernel has stopped or does not answer: run the cells again"],
 };
 
 function make(tag, properties = {}, ...children) {
@@ -100,6 +101,7 @@ function render({ model, el }) {
   });
   const clear = button("clear", () => {
     canvas.clear();
+    forgetTarget();
     act("clear");
   });
   const tools = make("div", { className: "row" }, erase, clear, button("take this image", () => act("take")), button("from a file", () => file.click()), file);
@@ -223,9 +225,9 @@ function render({ model, el }) {
   function showState() {
     const state = get("state"), about = get("about");
     if (met !== about) meetArm(); // both are new, and nothing says which of them is told first
-    const [word, meaning] = STATUS[state.status];
-    status.textContent = `${word}${state.recording ? " ● recording" : ""}`;
-    status.className = `status ${state.status}`;
+    const gone = root.classList.contains("clothlab-gone"), sign = gone ? "gone" : state.status, [word, meaning] = STATUS[sign];
+    status.textContent = `${word}${state.recording && !gone ? " ● recording" : ""}`;
+    status.className = `status ${sign}`;
     status.title = meaning;
     idle(start, state.running ? "time goes by already" : "");
     idle(pause, state.running ? "" : "time stands still already");
@@ -275,6 +277,11 @@ function render({ model, el }) {
       shots[k].image.alt = shots[k].caption.textContent = about;
     });
   }
+  // Of an empty canvas there is nothing to say, although the robot keeps the target that it has.
+  function forgetTarget() {
+    verdict.textContent = reason.textContent = "";
+    reconstruction.show(null);
+  }
   let version = -1;
   function showTarget() {
     const news = get("target");
@@ -319,6 +326,7 @@ function render({ model, el }) {
     show();
   }
   if (!only) cleanUp.push(watchGamepad(model, act));
+  cleanUp.push(watchKernel(model, () => root, { changed: showState, signs: ["change:frame", "change:state"] }));
   return () => {
     cleanUp.forEach((each) => each());
     root.remove(); // or its place above the page would outlast it

@@ -26,7 +26,7 @@ const STYLE = `
 .clothlab .status { font-weight: 600; padding: 2px 12px; border-radius: 12px; background: #e4e4e4; }
 .clothlab .status.running { background: #007a59; color: #fff; }
 .clothlab .status.late { background: #E69F00; color: #000; }
-.clothlab .status.fault { background: #b00020; color: #fff; }
+.clothlab .status.fault, .clothlab .status.gone { background: #b00020; color: #fff; }
 .clothlab .message { min-height: 1.5em; overflow-wrap: anywhere; margin: 6px 0; padding: 1px 8px; border-left: 4px solid transparent; }
 .clothlab .message.info:not(:empty) { border-color: #0072B2; }
 .clothlab .message.mistake { border-color: #E69F00; background: #fdf3dd; }
@@ -56,7 +56,7 @@ const STYLE = `
 .clothlab.projector .folds > .row { flex: none; }
 .clothlab.projector .message { flex: 1; min-height: 0; max-height: 40vh; overflow-y: auto; margin: 0; }
 .clothlab.projector > .message:empty { display: none; }
-.clothlab.projector .stage { flex: 1; min-height: 0; margin: 0; display: grid; grid-template: auto minmax(0, 1fr) / repeat(3, minmax(0, 1fr)); gap: 0.8vh 1.4vh; }
+.clothlab.projector .stage { flex: 1; min-height: 0; margin: 0; display: grid; grid-template: minmax(47vh, auto) minmax(0, 1fr) / repeat(3, minmax(0, 1fr)); gap: 0.8vh 1.4vh; }
 .clothlab.projector .stage > figure:nth-child(1) { grid-area: 1 / 1; }
 .clothlab.projector .stage > figure:nth-child(2) { grid-area: 1 / 2; }
 .clothlab.projector .stage > figure:nth-child(3) { grid-area: 1 / 3; --target: min(100%, 57vh); }
@@ -66,7 +66,7 @@ const STYLE = `
 .clothlab.projector .stage > .traces > figure { flex: 1; min-height: 0; display: flex; flex-direction: column; }
 .clothlab.projector .stage > .traces canvas.plot { flex: 1; min-height: 0; height: auto; }
 .clothlab.projector canvas.plot, .clothlab.projector canvas.map { font-size: 2.5vh; }
-.clothlab.projector .drawer:not(:empty) { display: block; grid-area: 1 / 2 / 2 / 4; background: #fff; overflow: auto; min-height: 0; height: 47vh; padding: 0 1vh; border: 0.3vh solid #0072B2; z-index: 1; }
+.clothlab.projector .drawer:not(:empty) { display: block; grid-area: 1 / 2 / 2 / 4; background: #fff; overflow: auto; height: 0; min-height: 100%; padding: 0 1vh; border: 0.3vh solid #0072B2; z-index: 1; }
 .clothlab.projector .drawer.left { grid-area: 1 / 1 / 2 / 3; }
 .clothlab.projector .drawer section { max-width: none; border: 0; margin: 0; padding: 0; }
 .clothlab.projector .drawer { --map: 44vh; }
