@@ -1,7 +1,8 @@
 """`make nightly`: what takes hours, in one command, with a summary in `build/nightly.md`.
 
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted reproduction, every notebook at full
-size, the student edition's site, and speed. `python scripts/nightly.py --only soak` does one and writes nothing.
+size, a wheel of every pin for every platform, the student edition's site, and speed. `python scripts/nightly.py --only
+soak` does one and writes nothing.
 """
 
 import argparse
@@ -23,6 +24,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
     "reproduction": ((*PYTEST, "tests/test_reproduce.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
+    "locks": ((sys.executable, "scripts/make_locks.py", "--check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
     "every page": ((sys.executable, "-m", "pytest", "-m", "book", "tests/book"), {"CLOTHLAB_PAGES": "1"}),
     "bench": ((sys.executable, "scripts/bench.py"), {}),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+import urllib.error
 import urllib.request
 
 import pytest
@@ -46,8 +47,12 @@ def test_make_lab_serves_the_pictures_of_the_notebooks_and_opens_the_first_one(l
             try:
                 answer = urllib.request.urlopen(picture, timeout=10)
                 break
+            except urllib.error.HTTPError as error:  # it answers, and has no such file
+                pytest.fail(f"{error}: {picture}")
             except OSError:
                 time.sleep(0.5)
+        else:
+            pytest.fail(log.read_text())
         assert answer.read() == (ROOT / "docs" / "control.gif").read_bytes()
         start = urllib.request.urlopen(f"http://localhost:{port}/?token=t", timeout=10).url
         assert "/lab/tree/notebooks/00_start_here.ipynb" in start
