@@ -95,7 +95,7 @@ $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
 $(GRADING): $(STAMP) docs/course/requirements.txt
-	$(BIN)/pip install --quiet --requirement docs/course/requirements.txt
+	$(BIN)/pip install --quiet --no-deps --upgrade --target $@ --requirement docs/course/requirements.txt
 	@touch $@
 
 grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
