@@ -68,7 +68,7 @@ chromium: $(STAMP)
 bench: $(STAMP) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
 
-nightly: $(STAMP) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
+nightly: $(STAMP) $(GRADING) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
 	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
