@@ -91,7 +91,7 @@ bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
 measured: $(STAMP)  ## measure what a student needs of a server, into docs/course/measured.md, half an hour; OPTIONS="--small" is sooner
 	$(BIN)/python scripts/measure.py $(OPTIONS)
 
-nightly: $(DEV) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
+nightly: $(DEV) $(GRADING) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
 	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
@@ -118,7 +118,7 @@ $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
 $(GRADING): $(DEV) docs/course/requirements.txt
-	$(BIN)/pip install --quiet --requirement docs/course/requirements.txt
+	$(BIN)/pip install --quiet --no-deps --upgrade --target $@ --requirement docs/course/requirements.txt
 	@touch $@
 
 grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks

@@ -14,6 +14,7 @@ nbgrader runs a notebook with the rights of whoever calls it: docs/course/gradin
 import argparse
 import ast
 import copy
+import json
 import os
 import re
 import shutil
@@ -33,6 +34,7 @@ from tqdm.auto import tqdm
 
 from clothlab._files import write_bytes
 
+TOOLS = Path(sys.prefix) / "grading"  # where `make grades` installs nbgrader; a container has it among its packages
 COURSE = ROOT / "build" / "grading"
 POINTS = ROOT / "docs" / "course" / "points.toml"
 SECONDS = 120  # [s] a cell may take; with CI's parameters none takes half of that
@@ -48,7 +50,23 @@ c = get_config()
 c.CourseDirectory.course_id = "clothlab"
 c.NbGrader.logfile = "nbgrader.log"
 c.Execute.timeout = {seconds}
+c.Execute.iopub_timeout = 60  # after an interrupt on a busy machine
+c.Execute.startup_timeout = 300
 c.Execute.extra_arguments = ["--HistoryManager.hist_file=:memory:", "--IPKernelApp.log_level=ERROR"]
+"""
+SCORES = """
+import json
+from nbgrader.api import Gradebook
+
+with Gradebook("sqlite:///gradebook.db") as book:
+    found = [
+        (handed.student.id, assignment.name, grade.name, grade.auto_score)
+        for assignment in book.assignments
+        for handed in book.assignment_submissions(assignment.name)
+        for notebook in handed.notebooks
+        for grade in notebook.grades
+    ]
+print(json.dumps(found))
 """
 STOPPED = "the run ended before its end: an answer stopped its process, or used up the memory (see nbgrader.log)"
 
@@ -195,10 +213,17 @@ def lay_out(lessons: list[Lesson], course: Path) -> None:
 def nbgrader(course: Path, *words: str, check: bool = False) -> bool:
     """Run a command of nbgrader in a course, as a teacher would by hand; whether it went well."""
     command = [sys.executable, "-m", "nbgrader", *words]
-    ended = subprocess.run(command, cwd=course, capture_output=True, text=True, errors="replace")
+    ended = subprocess.run(command, cwd=course, env=settings(), capture_output=True, text=True, errors="replace")
     if ended.returncode and check:
         raise RuntimeError(f"nbgrader {' '.join(words)} failed:\n{ended.stderr[-2000:]}")
     return not ended.returncode
+
+
+def settings() -> dict[str, str]:
+    """The environment in which nbgrader is found, and finds its own tools by their names."""
+    added = {"PATH": [TOOLS / "bin", Path(sys.executable).parent], "PYTHONPATH": [TOOLS]}
+    paths = {name: [*map(str, folders), os.environ.get(name, "")] for name, folders in added.items()}
+    return os.environ | {name: os.pathsep.join(filter(None, each)) for name, each in paths.items()}
 
 
 def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
@@ -207,8 +232,6 @@ def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
     Raises:
         ValueError: there is no folder of a student, or no notebook in any.
     """
-    # nbgrader calls its own tools by name
-    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
     handed, said = {}, {}
     for student, path in students(folder, course).items():
         handed[student], said[student] = handed_in(path, lessons)
@@ -225,46 +248,50 @@ def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
         if any(lesson.stem in notebooks for notebooks in handed.values()):
             nbgrader(course, "autograde", lesson.stem, "--create")  # not well where one student's run has ended it
             nbgrader(course, "generate_feedback", lesson.stem)
-    rows = [row for student in handed for lesson in lessons for row in judged(course, student, lesson, said[student])]
+    scores = auto_scores(course)
+    pairs = [(student, lesson) for student in handed for lesson in lessons]
+    rows = [row for student, lesson in pairs for row in judged(course, student, lesson, said[student], scores)]
     return pd.DataFrame(rows, columns=["student", "notebook", "exercise", "points", "most", "words"])
 
 
-def judged(course: Path, student: str, lesson: Lesson, said: Mapping[str, str]) -> list[tuple]:
+def judged(
+    course: Path, student: str, lesson: Lesson, said: Mapping[str, str], scores: Mapping[tuple[str, str, str], float]
+) -> list[tuple]:
     """What nbgrader made of a student's lesson: a row for each exercise."""
     path = course / "autograded" / student / lesson.stem / f"{lesson.stem}.ipynb"
     note = said.get(lesson.stem, "")
     if not path.exists():
         submitted = (course / "submitted" / student / lesson.stem).exists()
         words = dict.fromkeys(lesson.points, STOPPED if submitted else note)
-        scores = dict.fromkeys(lesson.points, 0.0)
+        points = dict.fromkeys(lesson.points, 0.0)
     else:
         cells = nbformat.read(path, as_version=4).cells
         graded = {cell.metadata.nbgrader.grade_id: cell for cell in cells if cell.metadata.get("nbgrader")}
-        scores = auto_scores(course, student, lesson.stem)
+        points = {name: scores.get((student, lesson.stem, name), 0.0) for name in lesson.points}
         words = {name: words_of(graded[name]) for name in lesson.points}
         words = {name: f"{each} ({note})" if note else each for name, each in words.items()}
     return [
-        (plain(student), lesson.stem, name, scores[name], most, plain(words[name]))
+        (plain(student), lesson.stem, name, points[name], most, plain(words[name]))
         for name, most in lesson.points.items()
     ]
 
 
-def auto_scores(course: Path, student: str, stem: str) -> dict[str, float]:
-    """The points in nbgrader's gradebook by exercise."""
-    from nbgrader.api import Gradebook  # docs/course/requirements.txt, which `make grades` installs
-
-    with Gradebook(f"sqlite:///{course.resolve()}/gradebook.db") as book:
-        grades = book.find_submission_notebook(stem, stem, student).grades
-        return {grade.name: float(grade.auto_score or 0) for grade in grades}
+def auto_scores(course: Path) -> dict[tuple[str, str, str], float]:
+    """The points in nbgrader's gradebook, by student, notebook and exercise."""
+    command = [sys.executable, "-c", SCORES]
+    rows = json.loads(subprocess.check_output(command, cwd=course, env=settings(), text=True))
+    return {(student, stem, name): float(score or 0) for student, stem, name, score in rows}
 
 
 def words_of(cell: NotebookNode) -> str:
     """What came out of the cell of a check, in words."""
-    for output in cell.outputs:
-        if output.output_type == "error":
-            kind = "it takes too long" if output.ename == "CellTimeoutError" else output.ename
-            first = "Not yet" if output.ename == "CheckFailed" else kind
-            return output.evalue if output.ename == "Unanswered" else f"{first}: {output.evalue}".rstrip(": ")
+    errors = [output for output in cell.outputs if output.output_type == "error"]
+    if any(error.ename == "CellTimeoutError" for error in errors):
+        return "Not yet: it takes too long"
+    for error in errors:
+        if error.ename == "Unanswered":
+            return error.evalue
+        return f"{'Not yet' if error.ename == 'CheckFailed' else error.ename}: {error.evalue}"
     return "".join(output.get("text", "") for output in cell.outputs) or "no answer"
 
 

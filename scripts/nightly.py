@@ -1,8 +1,8 @@
 """`make nightly`: what takes hours, in one command, with a summary in `build/nightly.md`.
 
-Generated inputs, faults, eight simulated hours of the live lab, an interrupted reproduction, every notebook at full
-size, a wheel of every pin for every platform, the student edition's site, and speed. `python scripts/nightly.py --only
-soak` does one and writes nothing.
+Generated inputs, faults, eight simulated hours of the live lab, an interrupted reproduction, the checks of exercises on
+many inputs, the grading of every notebook, every notebook at full size, a wheel of every pin for every platform, the
+student edition's site, and speed. `python scripts/nightly.py --only soak` does one and writes nothing.
 """
 
 import argparse
@@ -23,6 +23,8 @@ PARTS = {  # what it is: command, and settings in the environment
     "faults": ((*PYTEST, "tests/test_faults.py"), {"CLOTHLAB_FAULTS": "100"}),
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
     "reproduction": ((*PYTEST, "tests/test_reproduce.py", "-m", "nightly"), {}),
+    "checks": ((*PYTEST, "tests/test_checks.py", "-k", "whatever_is_drawn"), {"CLOTHLAB_INPUTS": "200"}),
+    "grades": ((*PYTEST, "tests/test_make_grades.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "locks": ((sys.executable, "scripts/make_locks.py", "--check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),

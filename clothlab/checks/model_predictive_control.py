@@ -39,7 +39,9 @@ def steps_along(answer: Callable, rng: np.random.Generator) -> None:
     """Shape, length, direction, range."""
     u, g = rng.uniform(-0.2, 0.2, (8, 2)), rng.normal(size=(8, 2))
     gammas = np.array([0.0, rng.uniform(0.01, 0.02), rng.uniform(0.08, 0.12)])
-    lower, upper = np.array([-1.5, -0.4]) + rng.uniform(-0.1, 0.1), np.array([0.5, 0.6]) + rng.uniform(-0.1, 0.1)
+    # Farther from u than the longest step; an answer that clips to -1 and 1 is seen by the longer one below.
+    lower = np.array([-1.5, -0.4]) + rng.uniform(-0.05, 0.05)
+    upper = np.array([0.5, 0.6]) + rng.uniform(-0.05, 0.05)
 
     def step(g: np.ndarray, gammas: np.ndarray) -> np.ndarray:
         return answer(u.copy(), g.copy(), gammas.copy(), lower, upper)
@@ -48,7 +50,8 @@ def steps_along(answer: Callable, rng: np.random.Generator) -> None:
     assert len(found) == 3, f"one sequence of commands for each γ: three, not {len(found)}"
     assert not np.allclose(found, u + way * g / np.linalg.norm(g)), "the step goes uphill"
     moved = np.linalg.norm(found - u, axis=(1, 2))
-    assert not np.allclose(moved, gammas * np.linalg.norm(g)), "the length of g must not matter, only its direction"
+    as_long_as_g = np.clip(u - way * g, lower, upper)
+    assert not np.allclose(found, as_long_as_g), "the length of g must not matter, only its direction"
     message = f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
     assert np.allclose(moved, gammas, atol=1e-6), message
     truth = u - way * g / np.linalg.norm(g)
