@@ -7,7 +7,7 @@
 # python    an interpreter that makes virtual environments (PYTHON names it)
 # git       the repository's history, which some tests ask for
 # egl       OpenGL without a display, for the camera's pictures
-# chromium  the browser of the tests of the live lab and the site
+# chromium  the browser of the tests of the live lab and the site, and what Playwright needs to lead it
 set -u
 export DEBIAN_FRONTEND=noninteractive
 
@@ -46,6 +46,8 @@ lacking() {
         fi
         ;;
     chromium)
+        # Playwright, which leads the browser, runs on a Node.js that asks for this library of C.
+        has dpkg-query && { debian_has libatomic1 || echo libatomic1; }
         has chromium || has chromium-browser || has google-chrome || playwright_has_one || echo chromium
         ;;
     *)
