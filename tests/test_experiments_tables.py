@@ -30,8 +30,8 @@ def test_the_pages_show_the_stored_tables(tmp_path):
     tables.publish(tmp_path)
     for page in pages:
         new, shown = ((folder / page).read_text() for folder in (tmp_path, ROOT))
-        new, shown = (text.split("<!-- results -->")[1].split("<!-- /results -->")[0] for text in (new, shown))
-        assert new == shown
+        tables_of = [text.split("<!-- results -->")[1].split("<!-- /results -->")[0] for text in (new, shown)]
+        assert tables_of[0] == tables_of[1]
         assert new.startswith("before")
         assert new.endswith("after")
 
