@@ -342,6 +342,10 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, project, si
     for name in ("target", "hand", "more plots", "material"):
         button(page, name).click()
         look(name)
+        if name != "target":  # that one is beside the target, the others lie over it
+            covered, drawer = (page.locator(each).bounding_box() for each in (".aim [role=status]", ".drawer"))
+            assert drawer["y"] <= covered["y"]
+            assert covered["y"] + covered["height"] <= drawer["y"] + drawer["height"] + 1, "the verdict sticks out"
     button(page, "estimate p online").click()
     slider(page, "C_damp").press("ArrowRight")
     notebook.until("panel.session.env.cloth.damping > 0.05 and panel.session.tracker.report is not None", 30)
