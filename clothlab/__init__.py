@@ -23,7 +23,7 @@ import importlib
 import os
 import sys
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 
 def _choose_opengl() -> None:

@@ -105,6 +105,7 @@ def _figure(title: str, picture: ipywidgets.Image, width: int) -> ipywidgets.VBo
     """A picture with a title, of this width [pixel] where there is room for it; small ones share a row sooner."""
     least = round(0.9 * width if width > 300 else 0.75 * width)
     share = {"flex": f"{width} 1 {least}px", "max_width": f"{width}px", "overflow": "visible"}
+    share["padding"] = "0 6px 0 0"  # or two black masks side by side look like one
     return ipywidgets.VBox([ipywidgets.Label(title), picture], layout=share)
 
 
