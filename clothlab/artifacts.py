@@ -81,7 +81,7 @@ def save(trained: Trained, *, data: Folder = None, overwrite: bool = False) -> N
 
     The autoencoder goes into a file of its own, `autoencoder-NAME.safetensors`, unless it lies there already. A
     ValueError, before anything is written, if another model or autoencoder has one of the names: choose other names
-    (`dataclasses.replace`), or `overwrite` it.
+    (`dataclasses.replace`), or set `overwrite`.
     """
     fingerprint = trained.autoencoder.fingerprint()
     if not _is_there(fingerprint, trained.autoencoder_name, data):
@@ -109,7 +109,7 @@ def save_model(
 ) -> None:
     """Write the model of a robot without arm and autoencoder, and its p, as `data/weights/model-NAME.safetensors`.
 
-    A ValueError if there is another one of this name, unless it may be `overwrite`n.
+    A ValueError if there is another one of this name, unless `overwrite` is set.
     """
     about = {"sizes": [model.state_size, model.command_size, model.bias_size], "materials": list(biases)}
     _save_tensors("model", name, model, about, data, overwrite, p=np.array(list(biases.values())))
@@ -136,7 +136,7 @@ def save_autoencoder(
 ) -> None:
     """Write an autoencoder and its loss curve [nat per pixel] as `data/weights/autoencoder-NAME.safetensors`.
 
-    A ValueError if there is another one of this name, unless it may be `overwrite`n.
+    A ValueError if there is another one of this name, unless `overwrite` is set.
     """
     about = {"latent_size": model.latent_size}
     _save_tensors("autoencoder", name, model, about, data, overwrite, losses=np.asarray(losses))
