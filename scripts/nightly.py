@@ -22,6 +22,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "inputs": ((*PYTEST, "tests/test_properties.py"), {"CLOTHLAB_INPUTS": "10000"}),
     "faults": ((*PYTEST, "tests/test_faults.py"), {"CLOTHLAB_FAULTS": "100"}),
     "soak": ((*PYTEST, "tests/test_soak.py"), {"CLOTHLAB_SOAK": "480"}),
+    "operations": ((*PYTEST, "tests/test_lab_fuzz.py"), {"CLOTHLAB_OPERATIONS": "3000"}),
     "reproduction": ((*PYTEST, "tests/test_reproduce.py", "-m", "nightly"), {}),
     "checks": ((*PYTEST, "tests/test_checks.py", "-k", "whatever_is_drawn"), {"CLOTHLAB_INPUTS": "200"}),
     "grades": ((*PYTEST, "tests/test_make_grades.py", "-m", "nightly"), {}),

@@ -178,81 +178,93 @@ def tool_is_there():
         pytest.skip("NO nbgrader: `make test` installs docs/course/requirements.txt")
 
 
-@pytest.fixture(scope="module")
-def graded(tmp_path_factory):
-    """The class after its grading: its table, and the course of nbgrader."""
-    tool_is_there()
-    folder = tmp_path_factory.mktemp("graded")
-    committed, path = short_lesson(), folder / "lesson" / "90_short.ipynb"
-    written(path, committed)
-    read = Lesson.read(path, {"momentum_step": 2})
+def submissions(committed, points):
+    """What a class hands in, by the names of its students."""
     student = student_edition(committed)
     skipped = answered(student, {})
     for cell in skipped.cells:  # which keeps nbclient from running a cell, and so nbgrader from seeing an error
         cell.metadata["tags"] = [*solutions.tags(cell), "skip-execution"]
-    warns = RIGHT | {
-        "my_mask": "import warnings\n" + RIGHT["my_mask"].replace("    return", "    warnings.warn('!')\n    return")
-    }
-    handed = {
+    warning = RIGHT["my_mask"].replace("    return", "    warnings.warn('!')\n    return")
+    return {
         "perfect": answered(student, RIGHT),
         "solved": solutions.solved(committed),
         "empty": student,
         "repository": committed,
         "half": answered(student, {"my_mask": RIGHT["my_mask"]}),
         "syntax": answered(student, RIGHT | {"my_mask": "def my_mask(t:\n    return 1"}),
-        "warns": answered(student, warns),
-        "skips": make_grades.with_tests(skipped, read.points),
+        "renamed": answered(student, RIGHT),
+        "warns": answered(student, RIGHT | {"my_mask": "import warnings\n" + warning}),
+        "skips": make_grades.with_tests(skipped, points),
         "cheats": with_cell(answered(student, {}), CHEAT),
         "endless": answered(student, RIGHT | {"my_mask": "def my_mask(t, h, p):\n    while True:\n        pass"}),
         "stops": answered(student, RIGHT | {"my_mask": "import os\n\ndef my_mask(t, h, p):\n    os._exit(0)"}),
+        "absent": None,
     }
-    for name, notebook in handed.items():
-        written(folder / "class" / name / "90_short.ipynb", notebook)
-    written(folder / "class" / "renamed" / "90_short (1).ipynb", answered(student, RIGHT))
-    (folder / "class" / "absent").mkdir()
+
+
+def graded(folder, names):
+    """A class of these students after its grading: its table, and the course of nbgrader."""
+    tool_is_there()
+    committed, path = short_lesson(), folder / "lesson" / "90_short.ipynb"
+    written(path, committed)
+    read = Lesson.read(path, {"momentum_step": 2})
+    handed = submissions(committed, read.points)
+    for name in names:
+        file = "90_short (1).ipynb" if name == "renamed" else "90_short.ipynb"
+        (folder / "class" / name).mkdir(parents=True)
+        if handed[name] is not None:
+            written(folder / "class" / name / file, handed[name])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(make_grades, "SECONDS", 40)  # a busy machine takes half of that for its imports
         table = make_grades.grade(folder / "class", [read], folder / "course")
     return table, folder / "course"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("student", "points", "words"),
-    [
-        ("perfect", [1, 2], ["^correct$", "^correct$"]),
-        ("solved", [1, 2], ["^correct$", "^correct$"]),
-        ("renamed", [1, 2], [r"^correct \(found as 90_short \(1\)\.ipynb\)$"] * 2),
-        ("empty", [0, 0], ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"]),
-        ("repository", [0, 0], ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"]),
-        ("half", [1, 0], ["^correct$", "^unanswered"]),
-        ("syntax", [0, 2], ["^Not yet: this is no function: run the cell that defines my_mask", "^correct$"]),
-        ("warns", [1, 2], ["correct", "^correct$"]),
-        ("skips", [0, 0], ["^Not yet|^unanswered", "^Not yet|^unanswered"]),
-        ("cheats", [0, 0], ["^unanswered", "^unanswered"]),
-        ("endless", [0, 2], ["takes too long", "^correct$"]),
-        ("stops", [0, 0], ["^the run ended before its end", "^the run ended before its end"]),
-        ("absent", [0, 0], ["^not handed in$", "^not handed in$"]),
-    ],
-)
-def test_a_class_gets_what_it_deserves(graded, student, points, words):
-    table, _ = graded
-    rows = table[table["student"] == student]
-    assert rows["points"].tolist() == points, rows["words"].tolist()
-    assert rows["most"].tolist() == [1, 2]
-    for said, wanted in zip(rows["words"], words, strict=True):
-        assert re.search(wanted, said), said
+DESERVED = {  # points and words of both exercises, which count 1 and 2
+    "perfect": ([1, 2], ["^correct$", "^correct$"]),
+    "solved": ([1, 2], ["^correct$", "^correct$"]),
+    "renamed": ([1, 2], [r"^correct \(found as 90_short \(1\)\.ipynb\)$"] * 2),
+    "empty": ([0, 0], ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"]),
+    "repository": ([0, 0], ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"]),
+    "half": ([1, 0], ["^correct$", "^unanswered"]),
+    "syntax": ([0, 2], ["^Not yet: this is no function: run the cell that defines my_mask", "^correct$"]),
+    "warns": ([1, 2], ["correct", "^correct$"]),
+    "skips": ([0, 0], ["^Not yet|^unanswered", "^Not yet|^unanswered"]),
+    "cheats": ([0, 0], ["^unanswered", "^unanswered"]),
+    "endless": ([0, 2], ["takes too long", "^correct$"]),
+    "stops": ([0, 0], ["^the run ended before its end", "^the run ended before its end"]),
+    "absent": ([0, 0], ["^not handed in$", "^not handed in$"]),
+}
+USUAL = ("perfect", "empty", "half", "syntax", "renamed", "cheats")
+
+
+def gets_what_it_deserves(table, names):
+    for name in names:
+        points, words = DESERVED[name]
+        rows = table[table["student"] == name]
+        assert rows["points"].tolist() == points, (name, rows["words"].tolist())
+        assert rows["most"].tolist() == [1, 2]
+        for said, wanted in zip(rows["words"], words, strict=True):
+            assert re.search(wanted, said), (name, said)
 
 
 @pytest.mark.slow
-def test_feedback_has_the_words_of_the_checks_and_totals_add_up(graded):
-    table, course = graded
+def test_a_class_gets_what_it_deserves_with_the_words_of_the_checks(tmp_path):
+    table, course = graded(tmp_path, USUAL)
+    gets_what_it_deserves(table, USUAL)
     page = (course / "feedback" / "half" / "90_short" / "90_short.html").read_text()
     assert "unanswered: the dots of momentum_step are still there" in re.sub("<[^>]*>", "", page)
     assert (course / "release" / "90_short" / "90_short.ipynb").exists()
     totals = make_grades.totals(table)
     assert isinstance(totals, pd.DataFrame)
     assert totals.loc["half", ["90_short", "points", "most"]].tolist() == [1, 1, 3]
+
+
+@pytest.mark.nightly
+def test_stranger_submissions_get_what_they_deserve_too(tmp_path):
+    others = [name for name in DESERVED if name not in USUAL]
+    table, _ = graded(tmp_path, others)
+    gets_what_it_deserves(table, others)
 
 
 @pytest.mark.slow
