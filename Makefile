@@ -64,8 +64,12 @@ parts: doctor check slow notebooks pages
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 
+# Of the tests in a browser, those of a moving robot have one core to themselves; all others share the second.
+LIVE := $(addprefix tests/browser/test_,demonstration.py live_lab.py mpc.py)
+
 pages: chromium
-	$(MAKE) site & site=$$!; $(BIN)/pytest -m browser -rs tests/browser; live=$$?; wait $$site && exit $$live
+	{ $(MAKE) site; site=$$?; $(BIN)/pytest -m browser -rs $(filter-out $(LIVE),$(wildcard tests/browser/test_*.py)) && exit $$site; } & \
+		rest=$$!; $(BIN)/pytest -m browser -rs $(LIVE); live=$$?; wait $$rest && exit $$live
 
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) book SMALL=1
