@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_number, check_seed
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.env import Observation
 
@@ -101,7 +101,7 @@ class RandomPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
+        self._rng = np.random.default_rng(check_seed(seed))
         self._steps_left = 0
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -126,7 +126,7 @@ class OperatorPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(check_number("seed", seed, int, at_least=0))
+        self._rng = np.random.default_rng(check_seed(seed))
         self._random.reset(seed)
         self._theta = self.arm.home_command[self.arm.angle_command]
         self._plan: Iterator[np.ndarray] = iter(())

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import nbformat
 from repository import ROOT, address, doors
+from solutions import without
 
 COLAB = """# @title On Google Colab only: get the repository and what Colab lacks
 import os
@@ -47,7 +48,7 @@ def colab_cell() -> nbformat.NotebookNode:
 
 def finish(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     """The notebook itself, with the cell for Colab after its title and the sentence at the end of its last text."""
-    cells = [cell for cell in notebook.cells if "colab" not in cell.metadata.get("tags", [])]
+    cells = without(notebook, "colab").cells
     texts = [cell for cell in cells if cell.cell_type == "markdown"]
     for cell in texts:
         cell.source = cell.source.removesuffix(f"\n\n{FINISHED}")

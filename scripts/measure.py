@@ -19,6 +19,7 @@ from pathlib import Path
 
 import nbformat
 import psutil
+import solutions
 from browser_lab import Lab
 from nbclient import NotebookClient
 from nbformat.v4 import new_code_cell
@@ -90,10 +91,9 @@ def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
 
 def run(path: Path, *, small: bool, live: bool = False) -> Usage:
     """Run a notebook from top to bottom; with `live` up to its panel, which then has time to control."""
-    notebook = nbformat.read(path, as_version=4)
-    for cell in notebook.cells if small else ():
-        mock = cell.metadata.get("nbmake", {}).get("mock", {})
-        cell.source += "".join(f"\n{name} = {value!r}" for name, value in mock.items())
+    notebook = solutions.solved(nbformat.read(path, as_version=4))
+    if small:
+        notebook = solutions.small(notebook)
     if live:
         (last,) = (k for k, cell in enumerate(notebook.cells) if cell.source.startswith("panel = LivePanel("))
         notebook.cells = [*notebook.cells[: last + 1], new_code_cell(DRAWN % LIVE)]

@@ -179,9 +179,9 @@ def check_runs(runs: Any) -> list[Sequences]:
 
 
 class EpisodeEnded(ValueError):
-    """A robot's episode was over before the run: `run` is what had been recorded, None before the first step."""
+    """A robot's episode was over before the run: `run` is what had been recorded."""
 
-    def __init__(self, message: str, run: Sequences | None):
+    def __init__(self, message: str, run: Sequences):
         super().__init__(message)
         self.run = run
 

@@ -78,7 +78,7 @@ class PlainRollout:
 Rollout = FastDPMPB | PlainRollout
 
 
-def rollout_of(model: DPMPB) -> type[FastDPMPB] | type[PlainRollout]:
+def rollout_of(model: DPMPB) -> type[Rollout]:
     """The fast rollout where it computes what the model does, else the plain one.
 
     The fast one is a second copy of the network. A subclass with a norm, another activation or a residual connection

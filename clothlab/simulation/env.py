@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_number, setting
+from clothlab._validation import Checked, check_number, check_seed, setting
 from clothlab.simulation import vision
 from clothlab.simulation.arm import JOINTS, SHOULDER_POSITION, Arm, Camera, check_command, get_arm
 from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
@@ -137,7 +137,7 @@ class ClothEnv(gymnasium.Env):
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode without looking at it: `reset` without the observation."""
-        super().reset(seed=None if seed is None else check_number("seed", seed, int, at_least=0))
+        super().reset(seed=None if seed is None else check_seed(seed))
         u = self.arm.home_command
         if random_start:
             u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)
