@@ -84,8 +84,6 @@ def save(trained: Trained, *, data: Folder = None, overwrite: bool = False) -> N
     (`dataclasses.replace`), or set `overwrite`.
     """
     fingerprint = trained.autoencoder.fingerprint()
-    if not _is_there(fingerprint, trained.autoencoder_name, data):
-        save_autoencoder(trained.autoencoder, [], trained.autoencoder_name, data=data, overwrite=overwrite)
     about = {
         "arm": arm_data(trained.arm),
         "sees_with": trained.autoencoder_name,
@@ -93,7 +91,11 @@ def save(trained: Trained, *, data: Folder = None, overwrite: bool = False) -> N
         "materials": list(trained.biases),
     }
     p = np.array(list(trained.biases.values()))
-    _save_tensors("dpmpb", trained.name, trained.model, about, data, overwrite, losses=trained.losses, p=p)
+    # The model's file is made, and refused, before the autoencoder's is written.
+    model = _weights_file("dpmpb", trained.name, trained.model, about, data, overwrite, losses=trained.losses, p=p)
+    if not _is_there(fingerprint, trained.autoencoder_name, data):
+        save_autoencoder(trained.autoencoder, [], trained.autoencoder_name, data=data, overwrite=overwrite)
+    _write_weights(*model, data)
 
 
 def _is_there(fingerprint: str, name: str, data: Folder) -> bool:
@@ -112,7 +114,8 @@ def save_model(
     A ValueError if there is another one of this name, unless `overwrite` is set.
     """
     about = {"sizes": [model.state_size, model.command_size, model.bias_size], "materials": list(biases)}
-    _save_tensors("model", name, model, about, data, overwrite, p=np.array(list(biases.values())))
+    p = np.array(list(biases.values()))
+    _write_weights(*_weights_file("model", name, model, about, data, overwrite, p=p), data)
 
 
 def load_model(name: str, *, data: Folder = None) -> tuple[DPMPB, dict[str, np.ndarray]]:
@@ -139,7 +142,8 @@ def save_autoencoder(
     A ValueError if there is another one of this name, unless `overwrite` is set.
     """
     about = {"latent_size": model.latent_size}
-    _save_tensors("autoencoder", name, model, about, data, overwrite, losses=np.asarray(losses))
+    file = _weights_file("autoencoder", name, model, about, data, overwrite, losses=np.asarray(losses))
+    _write_weights(*file, data)
 
 
 def _filled(model: _M, tensors: Mapping[str, torch.Tensor]) -> _M:
@@ -298,7 +302,7 @@ def _checked(path: Path, data: Path) -> Path:
     return path
 
 
-def _save_tensors(
+def _weights_file(
     kind: str,
     name: str,
     model: torch.nn.Module,
@@ -306,7 +310,8 @@ def _save_tensors(
     data: Folder,
     overwrite: bool,
     **more: np.ndarray,
-) -> None:
+) -> tuple[Path, bytes]:
+    """Path and content of a file of weights; a ValueError if it may not be written."""
     data = data_folder(data)
     path = _weights_path(kind, name, data)
     tensors = {key: tensor.contiguous() for key, tensor in model.state_dict().items()}
@@ -316,8 +321,12 @@ def _save_tensors(
     content = to_bytes(tensors, metadata={"clothlab": json.dumps(about)})
     if not overwrite and path.is_file() and path.read_bytes() != content:
         raise ValueError(f"data/weights/{path.name} exists and differs: choose another name, or pass overwrite=True")
+    return path, content
+
+
+def _write_weights(path: Path, content: bytes, data: Folder) -> None:
     write_bytes(path, content)
-    _record_again(path, data)
+    _record_again(path, data_folder(data))
 
 
 def _weights_path(kind: str, name: str, data: Path) -> Path:

@@ -317,7 +317,8 @@ def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
     other.model.s_mean += 1
     elsewhere = replace(trained, name="mine", autoencoder=shaken(Autoencoder()))
     elsewhere.autoencoder.encoder[-1].running_mean += 1
-    for each in (other, elsewhere):
+    unseen = replace(other, autoencoder=elsewhere.autoencoder, autoencoder_name="mine")  # which is not written alone
+    for each in (other, elsewhere, unseen):
         with pytest.raises(ValueError, match=r"exists and differs: choose another name, or pass overwrite=True"):
             artifacts.save(each, data=data)
     assert contents(data) == before
