@@ -1,0 +1,237 @@
+"""`make mutate`: change the method and the simulation, and count what the tests notice.
+
+Of all mutants (`scripts/mutants.py`) of `FOLDERS` a sample is drawn, the same for the
+same seed. First every test runs once, to learn which lines it passes through. Then, for
+each mutant, those that pass through its line run in a copy of the repository, the
+quickest first, until one fails; running out of time is failing, too. Survivors that
+somebody has looked at stand in `tests/mutants.toml`, each with a reason, and count as
+survivors all the same. The exit status says whether enough were killed.
+
+Why neither mutmut nor cosmic-ray: the first leaves out whatever has a decorator or
+stands outside of functions, such as properties and settings. The second changes
+annotations, too, and most of what it makes of arithmetic (`a << b` of floats) fails by
+itself, which says nothing about the tests. Neither draws a sample.
+"""
+
+import argparse
+import importlib
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import coverage
+import pytest
+from mutants import Mutant, mutants_of
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("clothlab/learning", "clothlab/simulation")
+ACCEPTED = ROOT / "tests" / "mutants.toml"
+ENOUGH = 85  # [%]
+GROUPS = "not browser and not book and not nightly and not container"
+# What takes seconds to import, and has nothing of this repository in it.
+HEAVY = ("torch", "scipy.optimize", "pandas", "sklearn.pipeline", "gymnasium")
+OPTIONS = ["-q", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"]
+
+
+class Recorder:
+    """A pytest plugin: how long each test takes, and which lines it passes through.
+
+    What a fixture does that tests share is done by all tests that use it.
+    """
+
+    def __init__(self, measured: coverage.Coverage):
+        self.measured = measured
+        self.durations: dict[str, float] = {}  # of tests that pass [s]
+        self.users: dict[str, list[str]] = {}  # tests, by what they run as, or share
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        for name in [item.nodeid, *getattr(item, "fixturenames", [])]:
+            self.users.setdefault(name, []).append(item.nodeid)
+        self.measured.switch_context(item.nodeid)
+        return (yield)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef, request) -> Iterator[None]:
+        if fixturedef.scope == "function":
+            return (yield)
+        self.measured.switch_context(fixturedef.argname)
+        try:
+            return (yield)
+        finally:
+            self.measured.switch_context(request._pyfuncitem.nodeid)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" and report.passed:
+            self.durations[report.nodeid] = report.duration
+
+
+def record(folder: Path, only: list[str]) -> int:
+    """Run the tests of a copy once; `reached.json` in it says what was recorded."""
+    sources = [str(folder / each) for each in FOLDERS]
+    measured = coverage.Coverage(data_file=None, config_file=False, source=sources)
+    recorder = Recorder(measured)
+    measured.start()
+    pytest.main([*OPTIONS, "-m", GROUPS, *only], plugins=[recorder])
+    measured.stop()
+    data = measured.get_data()
+    numbers = {name: k for k, name in enumerate(recorder.durations)}
+    reached: dict[str, dict[int, list[int]]] = {}
+    for path in data.measured_files():
+        lines = reached.setdefault(str(Path(path).relative_to(folder)), {})
+        for line, contexts in data.contexts_by_lineno(path).items():
+            tests = {t for name in contexts for t in recorder.users.get(name, [])}
+            lines[line] = [numbers[test] for test in tests if test in numbers]
+    found = {"durations": recorder.durations, "reached": reached}
+    (folder / "reached.json").write_text(json.dumps(found))
+    return 0
+
+
+def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
+    """Tests that pass through a mutant, quickest first, and how long each takes [s]."""
+    lines = recorded["reached"].get(mutant.path, {})
+    here = lines.values()  # of what runs at the import: any test of the file may tell
+    if mutant.inside:
+        here = [lines.get(str(line), []) for line in mutant.lines]
+    durations = list(recorded["durations"].items())
+    tests = [durations[k] for k in set().union(*here)]
+    return dict(sorted(tests, key=lambda test: test[1]))
+
+
+def copy_repository(into: Path) -> Path:
+    """Copy the files that git knows or would know."""
+    listed = ("git", "ls-files", "--cached", "--others", "--exclude-standard")
+    for name in subprocess.check_output(listed, cwd=ROOT, text=True).splitlines():
+        if (ROOT / name).exists():
+            (into / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, into / name)
+    return into
+
+
+def start(folder: Path, work: Callable[[], int]) -> int:
+    """Do some work in a copy of the repository and a process of its own: its number.
+
+    It is a copy of this one, which has imported what takes seconds to import.
+    """
+    process = os.fork()
+    if process:
+        return process
+    status = 1
+    try:
+        os.setsid()
+        os.chdir(folder)
+        log = os.open("mutate.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(log, sys.stdout.fileno())
+        os.dup2(log, sys.stderr.fileno())
+        os.environ["PYTHONPATH"] = str(folder)
+        sys.path.insert(0, str(folder))
+        status = int(work())
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(status)
+
+
+def outcome(process: int, limit: float) -> str:
+    """Wait for a process: "survived" if all its tests passed, "killed", or "timeout"."""
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        done, status = os.waitpid(process, os.WNOHANG)
+        if done:
+            return "killed" if status else "survived"
+        time.sleep(0.02)
+    os.killpg(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+    return "timeout"
+
+
+def judge(task: tuple[Mutant, dict[str, float]]) -> str:
+    """Run a mutant's tests in the copy where this process is; mend the copy after."""
+    mutant, tests = task
+    if not tests:
+        return "unreached"
+    folder = Path.cwd()
+    original = (folder / mutant.path).read_text()
+    (folder / mutant.path).write_text(mutant.source)
+    arguments = [*OPTIONS, "-x", "-m", GROUPS, *tests]
+    process = start(folder, lambda: pytest.main(arguments))
+    found = outcome(process, 30 + 3 * sum(tests.values()))
+    (folder / mutant.path).write_text(original)
+    return found
+
+
+def all_mutants() -> list[Mutant]:
+    """Every mutant of every file, in order."""
+    found = []
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).glob("*.py")):
+            found += mutants_of(str(path.relative_to(ROOT)), path.read_text())
+    return found
+
+
+def report(outcomes: list[tuple[Mutant, str]]) -> bool:
+    """Print survivors and the score; whether it is enough."""
+    accepted = {}
+    for each in tomllib.loads(ACCEPTED.read_text())["mutant"]:
+        accepted[each["path"], each["before"], each["after"]] = each["reason"]
+    alive = [(m, how) for m, how in outcomes if how not in ("killed", "timeout")]
+    for mutant, how in alive:
+        key = (mutant.path, mutant.before, mutant.after)
+        print(f"\n{mutant.path}:{mutant.line}: {how}; {accepted.get(key, 'no reason')}")
+        print(f"- {mutant.before}\n+ {mutant.after}")
+    score = 100 * (1 - len(alive) / len(outcomes))
+    late = sum(how == "timeout" for _, how in outcomes)
+    print(f"\n{len(outcomes)} mutants, {late} of them killed by time: {score:.1f} % killed")
+    print(f"at least {ENOUGH} % are to be: {score:.1f} ≥ {ENOUGH} is {score >= ENOUGH}")
+    return score >= ENOUGH
+
+
+def main() -> int:
+    """Draw, run and report."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--count", type=int, default=200, help="mutants to draw")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--tests", nargs="+", default=[], help="only these files")
+    options = parser.parse_args()
+    mutants = random.Random(options.seed).sample(all_mutants(), options.count)
+    sys.dont_write_bytecode = True  # else a stale one of the same second would be read
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    for name in HEAVY:
+        importlib.import_module(name)
+
+    with tempfile.TemporaryDirectory() as temporary:
+        folders = []
+        for k in range(options.processes):
+            folders.append(copy_repository(Path(temporary) / str(k)))
+        process = start(folders[0], lambda: record(folders[0], options.tests))
+        if os.waitpid(process, 0)[1]:
+            sys.exit((folders[0] / "mutate.log").read_text())
+        recorded = json.loads((folders[0] / "reached.json").read_text())
+        tasks = [(mutant, tests_of(mutant, recorded)) for mutant in mutants]
+
+        context = multiprocessing.get_context("fork")
+        free = context.SimpleQueue()
+        for folder in folders:
+            free.put(folder)
+        outcomes = []
+        with context.Pool(len(folders), lambda: os.chdir(free.get())) as pool:
+            for (mutant, _), found in zip(tasks, pool.imap(judge, tasks), strict=True):
+                outcomes.append((mutant, found))
+                print(found, mutant.path, mutant.line, flush=True)
+    return not report(outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
