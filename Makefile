@@ -9,7 +9,7 @@ BOOK := $(VENV)/book
 GRADING := $(VENV)/grading
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
-SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS
+SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studies/*.py studies/*/*.py) data/SHA256SUMS
 SITE := build/book$(if $(STUDENT),-student)
 # The matrices are small: a second thread would only wait.
 export OMP_NUM_THREADS ?= 1
@@ -77,11 +77,11 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && $(BIN)/python scripts/solutions.py --into build/small $(NOTEBOOKS)
+	rm -rf build/small && $(BIN)/python course/solutions.py --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
-	$(BIN)/python scripts/make_editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
+	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
 browser: $(DEV) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
@@ -117,7 +117,7 @@ demonstration: $(STAMP)  ## record the run that the live lab plays back, some mi
 	$(BIN)/python scripts/make_demonstration.py
 
 $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
-	$(BIN)/python scripts/make_editions.py $<
+	$(BIN)/python course/editions.py $<
 
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
@@ -126,21 +126,21 @@ $(GRADING): $(DEV) docs/course/requirements.txt
 	@touch $@
 
 grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
-	@$(BIN)/python scripts/make_grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
+	@$(BIN)/python course/grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
 $(BOOK): $(DEV) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
 	@touch $@
 
 book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
-	$(BIN)/python scripts/make_book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
+	$(BIN)/python course/book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
 	rm -rf $(SITE)/html
 	CLOTHLAB_BOOK=$(if $(STUDENT),student) $(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
 		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
 	@echo "$(SITE)/html/index.html: open it in a browser"
 
 slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of six notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
-	$(BIN)/python scripts/make_slides.py $(if $(SMALL),--small)
+	$(BIN)/python course/slides.py $(if $(SMALL),--small)
 	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
 		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \
 		--SlidesExporter.reveal_theme=white build/slides/*.ipynb
@@ -155,6 +155,6 @@ lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether e
 format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/python scripts/finish_notebooks.py
+	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
-	$(BIN)/python scripts/solutions.py --format $(NOTEBOOKS)
+	$(BIN)/python course/solutions.py --format $(NOTEBOOKS)

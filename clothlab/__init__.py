@@ -14,8 +14,8 @@ Shape letters, used in every docstring of the package:
 | `D_u` | command: 2 for the torque arm, 3 for the muscle arm |
 | `D_p` | parametric bias, 2 |
 
-Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and states cross every public boundary in
-physical units; the networks normalise them inside.
+Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and states cross
+every public boundary in physical units; the networks normalise them inside.
 """
 
 import ctypes.util
@@ -27,19 +27,29 @@ __version__ = "0.4.0"
 
 
 def _choose_opengl() -> None:
-    """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported, unless the user already has.
+    """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported,
+    unless the user already has.
 
-    EGL draws with and without a display, so it is preferred. It opens the window into OpenGL, whose functions lie in a
-    library of their own: where that is missing, importing MuJoCo with EGL chosen fails. With no library present,
-    importing MuJoCo works, and the error comes where something is drawn, with the names of the packages to install.
+    EGL draws with and without a display, so it is preferred. It opens the window into
+    OpenGL, whose functions lie in a library of their own: where that is missing,
+    importing MuJoCo with EGL chosen fails. With no library present, importing MuJoCo
+    works, and the error comes where something is drawn, with the names of the packages
+    to install.
     """
     if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
-        needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}  # any of these beside it
+        # Any of these beside it
+        needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
         has = ctypes.util.find_library
-        found = (name for name, others in needed.items() if has(name) and any(map(has, others)))
+        found = (
+            name
+            for name, others in needed.items()
+            if has(name) and any(map(has, others))
+        )
         os.environ["MUJOCO_GL"] = next(found, "disable").lower()
         already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")
-        if already_chosen is not None:  # `import mujoco` came first; import sorters put it there
+        if (
+            already_chosen is not None
+        ):  # `import mujoco` came first; import sorters put it there
             importlib.reload(already_chosen)
 
 

@@ -1,4 +1,6 @@
-"""`python -m clothlab doctor` checks the machine, `python -m clothlab checksums` records the hashes of `data/`."""
+"""`python -m clothlab doctor` checks the machine, `python -m clothlab checksums`
+records the hashes of `data/`.
+"""
 
 import argparse
 import os
@@ -12,33 +14,58 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from clothlab.artifacts import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
+from clothlab.artifacts import (
+    LEFT_TO_MAKE,
+    check_data,
+    cure,
+    data_folder,
+    write_checksums,
+)
 from clothlab.simulation.env import ClothEnv
 
 _ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"
 
 
 def _check_versions() -> list[str]:
-    """Compare installed packages with `environment.txt`; return one line of advice for each difference."""
+    """Compare installed packages with `environment.txt`; return one line of advice for
+    each difference.
+    """
     shown = {name: version(name) for name in ("mujoco", "torch", "numpy", "gymnasium")}
-    print(f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
-    print("packages  " + ", ".join(f"{name} {number}" for name, number in shown.items()))
+    print(
+        f"Python    {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    )
+    print(
+        "packages  " + ", ".join(f"{name} {number}" for name, number in shown.items())
+    )
     if not _ENVIRONMENT.exists():
         return []  # installed as a wheel, whose user chooses versions
     pins = pins_of(_ENVIRONMENT.read_text("utf-8"))
-    installed = {str(canonicalize_name(each.name)): each.version.split("+")[0] for each in distributions()}
+    installed = {
+        str(canonicalize_name(each.name)): each.version.split("+")[0]
+        for each in distributions()
+    }
     found = {name: installed.get(name, "missing") for name in pins}
     wrong = [name for name in pins if found[name] != pins[name]]
     print(f"          {len(pins) - len(wrong)} of {len(pins)} pins met")
-    return [f"{name} is {found[name]}, pinned is {pins[name]}: pip install {name}=={pins[name]}" for name in wrong]
+    return [
+        f"{name} is {found[name]}, pinned is {pins[name]}: pip install {name}=={pins[name]}"
+        for name in wrong
+    ]
 
 
 def pins_of(lock: str) -> dict[str, str]:
-    """The versions that the text of a lock pins for this platform and Python, by the package's canonical name."""
-    lines = (line for line in lock.splitlines() if "==" in line and not line.startswith("#"))
+    """The versions that the text of a lock pins for this platform and Python, by the
+    package's canonical name.
+    """
+    lines = (
+        line for line in lock.splitlines() if "==" in line and not line.startswith("#")
+    )
     asked = [Requirement(line) for line in lines]
     here = [each for each in asked if each.marker is None or each.marker.evaluate()]
-    return {canonicalize_name(each.name): str(each.specifier).removeprefix("==") for each in here}
+    return {
+        canonicalize_name(each.name): str(each.specifier).removeprefix("==")
+        for each in here
+    }
 
 
 def _check_drawing() -> list[str]:
@@ -60,23 +87,35 @@ def _check_drawing() -> list[str]:
 
 
 def check_files() -> list[str]:
-    """Compare `data/` with its recorded hashes; return advice for each file that differs."""
+    """Compare `data/` with its recorded hashes; return advice for each file that
+    differs.
+    """
     try:
         folder, verdict = data_folder(), check_data()
     except FileNotFoundError as error:
         return [str(error)]
     counts = Counter(ok=0)  # named first
     counts.update(verdict.values())
-    print(f"data      {folder}: " + ", ".join(f"{number} {word}" for word, number in counts.items()))
+    print(
+        f"data      {folder}: "
+        + ", ".join(f"{number} {word}" for word, number in counts.items())
+    )
     if not verdict:
         return ["data/ is empty: git checkout data, or make data train"]
     known = {"not recorded": "record its hash with `python -m clothlab checksums`"}
-    faults = {name: word for name, word in verdict.items() if word not in ("ok", LEFT_TO_MAKE)}
-    return [f"data/{name} is {word}: {known.get(word) or cure(name)}" for name, word in faults.items()]
+    faults = {
+        name: word for name, word in verdict.items() if word not in ("ok", LEFT_TO_MAKE)
+    }
+    return [
+        f"data/{name} is {word}: {known.get(word) or cure(name)}"
+        for name, word in faults.items()
+    ]
 
 
 def doctor() -> int:
-    """Print versions, drawing speed and state of the data, and a line of advice for each fault; the exit status."""
+    """Print versions, drawing speed and state of the data, and a line of advice for
+    each fault; the exit status.
+    """
     advice = _check_versions() + _check_drawing() + check_files()
     for line in advice:
         print(f"  ✗ {line}")

@@ -1,4 +1,6 @@
-"""Writing files so that an interruption loses nothing, and saying of a damaged file which one it is."""
+"""Writing files so that an interruption loses nothing, and saying of a damaged file
+which one it is.
+"""
 
 import hashlib
 import io
@@ -16,13 +18,17 @@ _LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all; an OSError names the file that could not be written."""
+    """Write a file whole or not at all; an OSError names the file that could not be
+    written.
+    """
     path = Path(path)
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # The same folder, because a rename is atomic only within one file system.
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=_LEFT_OVER)
+        handle, temporary = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.name}-", suffix=_LEFT_OVER
+        )
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
@@ -30,19 +36,24 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:
-        raise OSError(error.errno, f"cannot write this file ({error.strerror})", str(path)) from error
+        raise OSError(
+            error.errno, f"cannot write this file ({error.strerror})", str(path)
+        ) from error
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
 
 
 class OtherKindError(ValueError):
-    """A file is whole, and not what was asked for: of another kind, of another version, or too large to be read."""
+    """A file is whole, and not what was asked for: of another kind, of another version,
+    or too large to be read.
+    """
 
 
 @contextmanager
 def reading(path: str | Path, kind: str) -> Iterator[None]:
-    """Turn whatever goes wrong while a file is read into a ValueError that names it; a missing one stays missing.
+    """Turn whatever goes wrong while a file is read into a ValueError that names it; a
+    missing one stays missing.
 
     `OtherKindError` inside says that the file is whole: then nothing is said of damage.
     """
@@ -51,22 +62,31 @@ def reading(path: str | Path, kind: str) -> Iterator[None]:
     except FileNotFoundError:
         raise
     except OtherKindError as error:
-        raise OtherKindError(f"{path} is no {kind} that can be read here: {error}") from error
+        raise OtherKindError(
+            f"{path} is no {kind} that can be read here: {error}"
+        ) from error
     except Exception as error:
         raise ValueError(f"{path} is damaged or holds no {kind}: {error}") from error
 
 
 def load_arrays(path: str | Path, most_bytes: int) -> dict[str, np.ndarray]:
-    """Arrays of an `.npz` by name, without pickles; refused before they are unpacked if they take more memory.
+    """Arrays of an `.npz` by name, without pickles; refused before they are unpacked if
+    they take more memory.
 
-    A few megabytes of zeros unpack to gigabytes, and a header may ask for more than its file holds. So what each
-    header says and what each member unpacks to are added up first.
+    A few megabytes of zeros unpack to gigabytes, and a header may ask for more than its
+    file holds. So what each header says and what each member unpacks to are added up
+    first.
     """
     content = io.BytesIO(Path(path).read_bytes())
     with zipfile.ZipFile(content) as archive:
-        needed = sum(max(member.file_size, _announced(archive, member)) for member in archive.infolist())
+        needed = sum(
+            max(member.file_size, _announced(archive, member))
+            for member in archive.infolist()
+        )
     if needed > most_bytes:
-        raise OtherKindError(f"it unpacks to {needed / 1e6:,.0f} MB, and {most_bytes / 1e6:,.0f} MB are the most")
+        raise OtherKindError(
+            f"it unpacks to {needed / 1e6:,.0f} MB, and {most_bytes / 1e6:,.0f} MB are the most"
+        )
     content.seek(0)
     with np.load(content, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
@@ -76,7 +96,11 @@ def _announced(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     """Bytes that the header of an array asks for."""
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        read_header = (
+            np.lib.format.read_array_header_1_0
+            if version == (1, 0)
+            else np.lib.format.read_array_header_2_0
+        )
         shape, _, dtype = read_header(file)
     return math.prod(shape) * dtype.itemsize
 

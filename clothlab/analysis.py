@@ -1,4 +1,6 @@
-"""What the figures and the results table show: geometry of p, distances to a target, success rates."""
+"""What the figures and the results table show: geometry of p, distances to a target,
+success rates.
+"""
 
 from collections.abc import Mapping
 
@@ -8,12 +10,13 @@ from scipy.stats import binomtest
 from sklearn.decomposition import PCA
 
 from clothlab._validation import check_array, check_number, check_some
-from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.learning.control import ControlSettings
-from clothlab.simulation.vision import HEIGHT, WIDTH, check_mask
+from clothlab.masks import HEIGHT, WIDTH, check_mask
+from clothlab.method.autoencoder import Autoencoder, encode
+from clothlab.method.control import ControlSettings
 from clothlab.trials import Trial
 
-LATE = slice(-10, None)  # the last periods of a run, by which what learns from its outcomes is judged
+# The last periods of a run, by which what learns from its outcomes is judged
+LATE = slice(-10, None)
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -24,16 +27,21 @@ def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
 def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
     """PCA of the trained p.
 
-    `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their shares.
+    `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their
+    shares.
     """
     p = _stacked(biases)
     if min(p.shape) < 2:
-        raise ValueError(f"two axes need two materials and two numbers for each at the least, got {list(p.shape)}")
+        raise ValueError(
+            f"two axes need two materials and two numbers for each at the least, got {list(p.shape)}"
+        )
     return PCA(n_components=2).fit(p)
 
 
 def spread(biases: dict[str, np.ndarray]) -> float:
-    """Root mean square distance of the trained p from their mean: the yardstick for errors of p."""
+    """Root mean square distance of the trained p from their mean: the yardstick for
+    errors of p.
+    """
     p = _stacked(biases)
     return float(np.sqrt(((p - p.mean(0)) ** 2).sum(1).mean()))
 
@@ -45,19 +53,35 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
     return list(biases)[np.linalg.norm(gaps, axis=1).argmin()]
 
 
-def target_distance(autoencoder: Autoencoder, trial: Trial, target: ArrayLike) -> np.ndarray:
-    """Distance ‖z_ref - z‖₂ of every step of a trial to a target mask `[H, W]`, `[T]` [s.d. of z]."""
-    return np.linalg.norm(encode(autoencoder, trial.images) - encode(autoencoder, check_mask(target)), axis=1)
+def target_distance(
+    autoencoder: Autoencoder, trial: Trial, target: ArrayLike
+) -> np.ndarray:
+    """Distance ‖z_ref - z‖₂ of every step of a trial to a target mask `[H, W]`, `[T]`
+    [s.d. of z].
+    """
+    return np.linalg.norm(
+        encode(autoencoder, trial.images) - encode(autoencoder, check_mask(target)),
+        axis=1,
+    )
 
 
 def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
-    """Distance ‖z_ref - z‖₂ of an image without cloth to a target mask `[H, W]` [s.d. of z]."""
+    """Distance ‖z_ref - z‖₂ of an image without cloth to a target mask `[H, W]` [s.d.
+    of z].
+    """
     nothing = np.zeros((HEIGHT, WIDTH), bool)
-    return float(np.linalg.norm(encode(autoencoder, check_mask(target)) - encode(autoencoder, nothing)))
+    return float(
+        np.linalg.norm(
+            encode(autoencoder, check_mask(target)) - encode(autoencoder, nothing)
+        )
+    )
 
 
-def best_per_period(distances: ArrayLike, period: int = ControlSettings.period) -> np.ndarray:
-    """Smallest distance within each whole period, `[T // period]`: a periodic motion meets its target once in each.
+def best_per_period(
+    distances: ArrayLike, period: int = ControlSettings.period
+) -> np.ndarray:
+    """Smallest distance within each whole period, `[T // period]`: a periodic motion
+    meets its target once in each.
 
     The first period, in which the arm only swings up from rest, is left out.
     """
@@ -74,12 +98,16 @@ def late_median(best: ArrayLike) -> float:
 def difference_interval(
     differences: ArrayLike, *, resamples: int = 10_000, seed: int = 0
 ) -> tuple[float, float, float]:
-    """Mean, lower and upper end of the 95 % bootstrap interval of paired differences `[trainings, runs]`.
+    """Mean, lower and upper end of the 95 % bootstrap interval of paired differences
+    `[trainings, runs]`.
 
-    Trainings and then their runs are drawn anew each time: runs of one training resemble each other, so that twenty
-    runs of five trainings say less than twenty of twenty.
+    Trainings and then their runs are drawn anew each time: runs of one training
+    resemble each other, so that twenty runs of five trainings say less than twenty of
+    twenty.
     """
-    values = check_some("differences", check_array("differences", differences, ("K", "N")))
+    values = check_some(
+        "differences", check_array("differences", differences, ("K", "N"))
+    )
     rng, (k, n) = np.random.default_rng(seed), values.shape
     rows = rng.integers(k, size=(resamples, k, 1))
     means = values[rows, rng.integers(n, size=(resamples, k, n))].mean(axis=(1, 2))
@@ -88,16 +116,22 @@ def difference_interval(
 
 
 def half_widths_from_zero(differences: ArrayLike) -> float:
-    """Mean of paired differences `[K, N]` over half the width of its interval: near or within one, perhaps none."""
+    """Mean of paired differences `[K, N]` over half the width of its interval: near or
+    within one, perhaps none.
+    """
     mean, low, high = difference_interval(differences)
     return 2 * mean / (high - low)
 
 
 def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
-    """Share of the episodes in which something held `[N]`, bool, and both ends of Wilson's 95 % interval, 0 to 1."""
+    """Share of the episodes in which something held `[N]`, bool, and both ends of
+    Wilson's 95 % interval, 0 to 1.
+    """
     values = check_some("held", check_array("held", held, ("N",)))
     if not np.isin(values, (0, 1)).all():
-        raise ValueError(f"held says of each episode whether it did, True or False, got {held!s:.80}")
+        raise ValueError(
+            f"held says of each episode whether it did, True or False, got {held!s:.80}"
+        )
     found = binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(method="wilson")
     return float(found.statistic), float(low), float(high)

@@ -1,6 +1,8 @@
-"""Figures that two notebooks, or a notebook and the lab, draw: each function takes arrays and returns a Figure.
+"""Figures that two notebooks, or a notebook and the lab, draw: each function takes
+arrays and returns a Figure.
 
-Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines cross, their style differs too.
+Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines
+cross, their style differs too.
 """
 
 import html
@@ -16,29 +18,44 @@ from matplotlib.figure import Figure
 
 from clothlab.alt_text import describe
 from clothlab.analysis import principal_axes
-from clothlab.learning.calibration import outline
+from clothlab.calibration import outline
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
-MARKERS = {DAMPINGS[0]: "o", DAMPINGS[1]: "s", DAMPINGS[2]: "^", "soft": "o", "hard": "s"}
+MARKERS = {
+    DAMPINGS[0]: "o",
+    DAMPINGS[1]: "s",
+    DAMPINGS[2]: "^",
+    "soft": "o",
+    "hard": "s",
+}
 
 
 class _Shown(Figure):
-    """A figure that a notebook shows although pyplot, whose back end would show it, has never been used."""
+    """A figure that a notebook shows although pyplot, whose back end would show it, has
+    never been used.
+    """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
-        """The picture, and the figure in words as its metadata: web pages take `alt` from there."""
+        """The picture, and the figure in words as its metadata: web pages take `alt`
+        from there.
+        """
         png, words = io.BytesIO(), describe(self)
         self.savefig(png, format="png")
         return png.getvalue(), {"alt": words.summary, "details": list(words.details)}
 
 
 def new_axes(
-    rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 3.2), **options: Any
+    rows: int = 1,
+    columns: int = 1,
+    size: tuple[float, float] = (5.0, 3.2),
+    **options: Any,
 ) -> tuple[Figure, np.ndarray]:
-    """Figure and its axes `[rows, columns]`, made without pyplot: widgets may then draw in a thread of their own."""
+    """Figure and its axes `[rows, columns]`, made without pyplot: widgets may then draw
+    in a thread of their own.
+    """
     figure = _Shown(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
@@ -52,27 +69,48 @@ def _look(k: int) -> dict[str, Any]:
     return {"color": COLOURS[k % 7], "ls": STYLES[k % 4]}
 
 
-def show_video(pictures: Sequence[np.ndarray], about: str, fps: int = 25, width: int = 480) -> None:
-    """Play pictures `[h, w, 3]` uint8 in the notebook, `width` pixels wide; `about` says what moves in them."""
+def show_video(
+    pictures: Sequence[np.ndarray], about: str, fps: int = 25, width: int = 480
+) -> None:
+    """Play pictures `[h, w, 3]` uint8 in the notebook, `width` pixels wide; `about`
+    says what moves in them.
+    """
     mediapy.set_ffmpeg(imageio_ffmpeg.get_ffmpeg_exe())
-    page = mediapy.show_video(pictures, fps=fps, width=width, codec="h264", return_html=True)
-    label = html.escape(f"{about}; a video of {len(pictures) / fps:.1f} s without sound")
-    IPython.display.display(IPython.display.HTML(str(page).replace("<video ", f'<video aria-label="{label}" ', 1)))
+    page = mediapy.show_video(
+        pictures, fps=fps, width=width, codec="h264", return_html=True
+    )
+    label = html.escape(
+        f"{about}; a video of {len(pictures) / fps:.1f} s without sound"
+    )
+    IPython.display.display(
+        IPython.display.HTML(
+            str(page).replace("<video ", f'<video aria-label="{label}" ', 1)
+        )
+    )
 
 
 def image_grid(
-    images: Sequence[np.ndarray], titles: Sequence[str] = (), columns: int = 6, width: float = 2.0
+    images: Sequence[np.ndarray],
+    titles: Sequence[str] = (),
+    columns: int = 6,
+    width: float = 2.0,
 ) -> Figure:
-    """Images `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8 in rows, each `width` inches wide."""
+    """Images `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8 in rows, each `width`
+    inches wide.
+    """
     images = [np.asarray(image) for image in images]
     if not images:
         raise ValueError("there is no image to show")
     if any(image.ndim not in (2, 3) for image in images):
-        raise ValueError("images are a list of [h, w] or [h, w, 3]: put a single one into a list, [image]")
+        raise ValueError(
+            "images are a list of [h, w] or [h, w, 3]: put a single one into a list, [image]"
+        )
     columns = min(columns, len(images))
     height = width * max(image.shape[0] / image.shape[1] for image in images)
     title_height = 0.25 if len(titles) else 0.05
-    figure, axes = new_axes(-(-len(images) // columns), columns, size=(width, height + title_height))
+    figure, axes = new_axes(
+        -(-len(images) // columns), columns, size=(width, height + title_height)
+    )
     for ax in axes.flat:
         ax.axis("off")
     for ax, image in zip(axes.flat, images, strict=False):
@@ -83,13 +121,16 @@ def image_grid(
 
 
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
-    """Several runs of masks, one below the other: `{label: masks [T, H, W]}`, and a title for each of the T columns."""
+    """Several runs of masks, one below the other: `{label: masks [T, H, W]}`, and a
+    title for each of the T columns.
+    """
     figure, axes = new_axes(len(rows), len(titles), size=(1.3, 1.05))
     for line, (label, images) in zip(axes, rows.items(), strict=True):
         line[0].set_ylabel(label, fontsize=9)
         for ax, image, title in zip(line, images, titles, strict=True):
             ax.imshow(image, cmap="gray", vmin=0, vmax=1)
-            ax.set(xticks=[], yticks=[], label=f"{label}, {title}")  # the label is for `alt_text`
+            # The label is for `alt_text`
+            ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=9)
     return figure
@@ -99,7 +140,9 @@ def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
     """Quantities over the control steps of a run: `{label: [T]}`."""
     figure, ((ax,),) = new_axes(size=(8.0, 2.8))
     for k, (label, values) in enumerate(series.items()):
-        ax.plot(np.arange(len(values)) * CONTROL_PERIOD, values, label=label, **_look(k))
+        ax.plot(
+            np.arange(len(values)) * CONTROL_PERIOD, values, label=label, **_look(k)
+        )
     ax.set(xlabel="time [s]", ylabel=ylabel)
     figure.legend(loc="outside upper right", ncols=min(len(series), 4))
     return figure
@@ -111,18 +154,29 @@ def material_map(
     trajectories: dict[str, np.ndarray] | None = None,
     covariances: dict[str, np.ndarray] | None = None,
 ) -> Figure:
-    """Parametric biases on their principal axes, with online trajectories (the paper's figure on PB in simulation).
+    """Parametric biases on their principal axes, with online trajectories (the paper's
+    figure on PB in simulation).
 
-    `trajectories` are estimates over time `{label: [T, D_p]}`, the last one ringed, with a 90 % region where there are
-    `covariances` `{label: [D_p, D_p]}`. The size of a marker is C_mass, its shape C_damp or the foam.
+    `trajectories` are estimates over time `{label: [T, D_p]}`, the last one ringed,
+    with a 90 % region where there are `covariances` `{label: [D_p, D_p]}`. The size of
+    a marker is C_mass, its shape C_damp or the foam.
     """
     pca = principal_axes(biases)
     figure, ((ax,),) = new_axes(size=(6.4, 5.0))
     for name, cloth in cloths.items():
         (place,) = pca.transform(biases[name][None])
         marker = MARKERS.get(cloth.foam or cloth.damping, "D")
-        ax.scatter(*place, s=900 * cloth.mass, marker=marker, color="0.75", edgecolor="0.2", zorder=2)
-        ax.annotate(cloth.label, place, xytext=(8, 5), textcoords="offset points", fontsize=8)
+        ax.scatter(
+            *place,
+            s=900 * cloth.mass,
+            marker=marker,
+            color="0.75",
+            edgecolor="0.2",
+            zorder=2,
+        )
+        ax.annotate(
+            cloth.label, place, xytext=(8, 5), textcoords="offset points", fontsize=8
+        )
     for k, (label, path) in enumerate((trajectories or {}).items()):
         ways, colour = pca.transform(path), COLOURS[k % 7]
         ax.plot(*ways.T, lw=1.5, label=label, zorder=3, **_look(k))
@@ -132,9 +186,13 @@ def material_map(
             ax.fill(*outline(ways[-1], across).T, color=colour, alpha=0.25, zorder=1)
     share = pca.explained_variance_ratio_
     ax.margins(0.14)  # room for the labels
-    ax.set(xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})")
+    ax.set(
+        xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})"
+    )
     if not all(cloth.foam for cloth in cloths.values()):
         ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
     if trajectories:
-        figure.legend(loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3))
+        figure.legend(
+            loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3)
+        )
     return figure

@@ -1,75 +1,16 @@
-"""What a policy is, and those that need no model: random commands, the scripted operator, replay."""
+"""What a policy is, and those that need no model: random commands, the scripted
+operator, replay.
+"""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, check_seed
+from clothlab.masks import Observation
+from clothlab.method.policy import Policy
 from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.env import Observation
-
-
-class Policy:
-    """Chooses commands: `policy(observation)` returns the command `[D_u]`. A policy may ignore target and bias."""
-
-    name = "policy"  # in recorded trials
-
-    def reset(self, seed: int = 0) -> None:
-        """Forget the last run, before a new one; `seed` is that of the policy's own random numbers."""
-
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from now on."""
-
-    def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from now on."""
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        """Return the command `[D_u]`."""
-        raise NotImplementedError
-
-
-class Wrapper(Policy):
-    """A policy around another one, to which it passes everything on."""
-
-    def __init__(self, policy: "Policy | Callable[[Observation], ArrayLike]"):
-        self.policy = as_policy(policy)
-        self.reset()
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """That of the policy inside."""
-        return self.policy.name
-
-    def reset(self, seed: int = 0) -> None:
-        self.policy.reset(seed)
-
-    def set_target(self, mask: ArrayLike) -> None:
-        self.policy.set_target(mask)
-
-    def set_bias(self, p: ArrayLike) -> None:
-        self.policy.set_bias(p)
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        return self.policy(observation)
-
-
-class _FunctionPolicy(Policy):
-    """A plain function `observation -> u` as a policy."""
-
-    def __init__(self, function: Callable[[Observation], ArrayLike]):
-        self.function = function
-        self.name = getattr(function, "__name__", type(function).__name__)
-
-    def __call__(self, observation: Observation) -> np.ndarray:
-        return np.asarray(self.function(observation))
-
-
-def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
-    """Return a plain function as a policy, and a policy as it is."""
-    if not callable(policy) or isinstance(policy, type):
-        raise TypeError(f"a policy is called with an observation and returns a command, got {policy!r}")
-    return policy if isinstance(policy, Policy) else _FunctionPolicy(policy)
 
 
 class ReplayPolicy(Policy):
@@ -87,17 +28,24 @@ class ReplayPolicy(Policy):
     def __call__(self, observation: Observation) -> np.ndarray:
         u = next(self._left, None)
         if u is None:
-            raise ValueError(f"only {len(self.commands)} commands were recorded: ask for no more steps than that")
+            raise ValueError(
+                f"only {len(self.commands)} commands were recorded: ask for no more steps than that"
+            )
         return u
 
 
 class RandomPolicy(Policy):
-    """Uniform random commands, each held for 1 to `longest_hold` steps (the paper's Random): slow and fast motions."""
+    """Uniform random commands, each held for 1 to `longest_hold` steps (the paper's
+    Random): slow and fast motions.
+    """
 
     name = "random"
 
     def __init__(self, arm: Arm | str, *, longest_hold: int = 4):
-        self.arm, self.longest_hold = get_arm(arm), check_number("longest_hold", longest_hold, int, at_least=1)
+        self.arm, self.longest_hold = (
+            get_arm(arm),
+            check_number("longest_hold", longest_hold, int, at_least=1),
+        )
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
@@ -113,9 +61,11 @@ class RandomPolicy(Policy):
 
 
 class OperatorPolicy(Policy):
-    """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly, throws it down fast to spread it.
+    """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly,
+    throws it down fast to spread it.
 
-    Every swing draws its own height, depth, speeds and pauses. Stiffness commands are random, as in the paper.
+    Every swing draws its own height, depth, speeds and pauses. Stiffness commands are
+    random, as in the paper.
     """
 
     name = "operator"
@@ -142,8 +92,14 @@ class OperatorPolicy(Policy):
         return u
 
     def _swing(self) -> Sequence[np.ndarray]:
-        """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3."""
-        rng, lower, upper = self._rng, np.array(self.arm.lower), np.array(self.arm.upper)
+        """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of
+        1 to 3.
+        """
+        rng, lower, upper = (
+            self._rng,
+            np.array(self.arm.lower),
+            np.array(self.arm.upper),
+        )
         high = lower + rng.uniform(0.0, 0.35, len(lower)) * (upper - lower)
         low = lower + rng.uniform(0.65, 1.0, len(lower)) * (upper - lower)
         up = np.linspace(self._theta, high, rng.integers(3, 7) + 1)[1:]

@@ -1,11 +1,14 @@
-"""DPMPB for a robot without cloth: Gymnasium's Reacher, which carries a payload against friction, both unknown to it.
+"""DPMPB for a robot without cloth: Gymnasium's Reacher, which carries a payload against
+friction, both unknown to it.
 
-Two motors turn an arm of two links in a plane. Neither the payload at its tip nor the friction of its joints is part of
-the state. `python examples/another_robot.py` trains five models of each kind, and writes the tables and the model that
-notebook 16 shows; trainings are kept in build/another_robot.
+Two motors turn an arm of two links in a plane. Neither the payload at its tip nor the
+friction of its joints is part of the state. `python examples/another_robot.py` trains
+five models of each kind, and writes the tables and the model that notebook 16 shows;
+trainings are kept in build/another_robot.
 
-What a researcher might take in place of p is here too: a model that is told both properties, one without p, whose
-memory may adapt, and an encoder that infers p from the last steps (as in rapid motor adaptation, Kumar et al., 2021).
+What a researcher might take in place of p is here too: a model that is told both
+properties, one without p, whose memory may adapt, and an encoder that infers p from the
+last steps (as in rapid motor adaptation, Kumar et al., 2021).
 """
 
 import itertools
@@ -30,19 +33,13 @@ from torch import Tensor, nn
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
-from clothlab.experiments import save
-from clothlab.learning._training import fit, training
-from clothlab.learning.control import Controller, ControlSettings
-from clothlab.learning.dpmpb import (
-    DPMPB,
-    ModelTraining,
-    Sequences,
-    collect_run,
-    fit_normalisation,
-    stretches,
-    train_dpmpb,
-)
-from clothlab.learning.estimation import NewtonEstimator, NewtonSettings, estimate_bias, prediction_loss
+from clothlab.method.control import Controller, ControlSettings
+from clothlab.method.data import Run, collect_run, set_normalisation, windows
+from clothlab.method.estimation import estimate_bias, prediction_loss
+from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.model import DPMPB
+from clothlab.method.training import ModelTraining, minimise, train_dpmpb, training
+from studies import save
 
 STEPS = 3000  # recorded with each material
 TRAINING = ModelTraining(epochs=70, batch_size=100, stride=3)
@@ -85,8 +82,12 @@ def make_robot(material: Material) -> Any:
 
 
 def see(observation: np.ndarray) -> np.ndarray:
-    """State `[8]`: cosines and sines of both angles, their speeds [rad/s], position of the tip [m]."""
-    return np.concatenate([observation[:4], observation[6:8], observation[8:10] + observation[4:6]])
+    """State `[8]`: cosines and sines of both angles, their speeds [rad/s], position of
+    the tip [m].
+    """
+    return np.concatenate(
+        [observation[:4], observation[6:8], observation[8:10] + observation[4:6]]
+    )
 
 
 def random_commands(seed: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -102,21 +103,39 @@ def random_commands(seed: int) -> Callable[[np.ndarray], np.ndarray]:
     return lambda s: next(commands)
 
 
-def record(material: Material, steps: int = STEPS, seed: int = 0) -> Sequences:
+def record(material: Material, steps: int = STEPS, seed: int = 0) -> Run:
     """A run of random commands."""
-    return collect_run(make_robot(material), random_commands(seed), steps, str(material), seed=seed, observe=see)
+    return collect_run(
+        make_robot(material),
+        random_commands(seed),
+        steps,
+        str(material),
+        seed=seed,
+        observe=see,
+    )
 
 
 def read_out() -> Pipeline:
-    """A smooth map from p to the logarithms of payload and friction, as in the study of cloths."""
+    """A smooth map from p to the logarithms of payload and friction, as in the study of
+    cloths.
+    """
     kernel = DotProduct() + RBF(2.0) + WhiteKernel(0.01)
-    return make_pipeline(StandardScaler(), GaussianProcessRegressor(kernel, optimizer=None, normalize_y=True))
+    return make_pipeline(
+        StandardScaler(),
+        GaussianProcessRegressor(kernel, optimizer=None, normalize_y=True),
+    )
 
 
 def r_squared(biases: dict[str, np.ndarray], readout: Any) -> np.ndarray:
-    """How well the logarithms of payload and friction follow from p, one material left out at a time, `[2]`."""
+    """How well the logarithms of payload and friction follow from p, one material left
+    out at a time, `[2]`.
+    """
     p, logs = columns(biases)
-    return r2_score(logs, cross_val_predict(readout, p, logs, cv=LeaveOneOut()), multioutput="raw_values")
+    return r2_score(
+        logs,
+        cross_val_predict(readout, p, logs, cv=LeaveOneOut()),
+        multioutput="raw_values",
+    )
 
 
 def columns(biases: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -126,25 +145,39 @@ def columns(biases: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ContextEncoder(nn.Module):
-    """The last steps to p, in place of p's training: `[B, CONTEXT, D_s + D_u]` to `[B, D_p]`."""
+    """The last steps to p, in place of p's training: `[B, CONTEXT, D_s + D_u]` to `[B,
+    D_p]`.
+    """
 
     def __init__(self, model: DPMPB):
         super().__init__()
         width = CONTEXT * (model.state_size + model.command_size)
-        self.layers = nn.Sequential(nn.Flatten(), nn.Linear(width, 100), nn.Tanh(), nn.Linear(100, model.bias_size))
-        self.mean, self.std = torch.cat([model.s_mean, model.u_mean]), torch.cat([model.s_std, model.u_std])
+        self.layers = nn.Sequential(
+            nn.Flatten(),
+            nn.Linear(width, 100),
+            nn.Tanh(),
+            nn.Linear(100, model.bias_size),
+        )
+        self.mean, self.std = (
+            torch.cat([model.s_mean, model.u_mean]),
+            torch.cat([model.s_std, model.u_std]),
+        )
 
     def forward(self, s: Tensor, u: Tensor) -> Tensor:
         """p `[B, D_p]` of states `[B, CONTEXT, D_s]` and commands `[B, CONTEXT, D_u]`."""
         return self.layers((torch.cat([s, u], dim=-1) - self.mean) / self.std)
 
 
-def train_with_context(runs: list[Sequences], settings: ModelTraining, seed: int) -> tuple[DPMPB, ContextEncoder]:
-    """The same network, loss and training; p is what the encoder makes of the steps before a sequence."""
-    s, u, _ = stretches(runs, CONTEXT + settings.sequence_length, settings.stride)
+def train_with_context(
+    runs: list[Run], settings: ModelTraining, seed: int
+) -> tuple[DPMPB, ContextEncoder]:
+    """The same network, loss and training; p is what the encoder makes of the steps
+    before a sequence.
+    """
+    s, u, _ = windows(runs, CONTEXT + settings.sequence_length, settings.stride)
     with training(seed):
         model = DPMPB(s.shape[-1], u.shape[-1], settings.bias_size)
-        fit_normalisation(model, runs)
+        set_normalisation(model, runs)
         encoder = ContextEncoder(model)
 
         def loss(index: Tensor) -> Tensor:
@@ -156,18 +189,20 @@ def train_with_context(runs: list[Sequences], settings: ModelTraining, seed: int
             return torch.randperm(len(s)).split(settings.batch_size)
 
         both = [*model.parameters(), *encoder.parameters()]
-        list(fit(both, loss, batches, settings.epochs, settings.learning_rate))
+        list(minimise(both, loss, batches, settings.epochs, settings.learning_rate))
     return model.eval(), encoder.eval()
 
 
 @torch.no_grad()
-def encoded_bias(encoder: ContextEncoder, run: Sequences) -> np.ndarray:
+def encoded_bias(encoder: ContextEncoder, run: Run) -> np.ndarray:
     """Mean p `[D_p]` of all stretches of a run."""
-    s, u, _ = stretches([run], CONTEXT, 1)
+    s, u, _ = windows([run], CONTEXT, 1)
     return encoder(s[:, :-1], u).mean(0).numpy()
 
 
-def train(kind: str, seed: int, steps: int = STEPS, settings: ModelTraining = TRAINING) -> dict[str, Any]:
+def train(
+    kind: str, seed: int, steps: int = STEPS, settings: ModelTraining = TRAINING
+) -> dict[str, Any]:
     """Train one model: of kind "p", "told both", "without p" or "context encoder"."""
     torch.set_num_threads(1)
     runs = [record(material, steps, 100 + k) for k, material in enumerate(MATERIALS)]
@@ -177,7 +212,9 @@ def train(kind: str, seed: int, steps: int = STEPS, settings: ModelTraining = TR
         return {"model": model, "biases": biases, "encoder": encoder}
     known = {"told both": {str(each): told(each) for each in MATERIALS}}.get(kind)
     settings = replace(settings, bias_size=0) if kind == "without p" else settings
-    model, biases, _ = train_dpmpb(runs, settings, known=known, seed=seed, progress=False)
+    model, biases, _ = train_dpmpb(
+        runs, settings, known=known, seed=seed, progress=False
+    )
     return {"model": model, "biases": biases}
 
 
@@ -187,28 +224,53 @@ def told(material: Material) -> np.ndarray:
 
 
 def vary(steps: int, bias_size: int, seed: int) -> dict[str, float]:
-    """R², and the squared error on new runs [s.d. of s], with so many recorded steps of each material and this D_p."""
+    """R², and the squared error on new runs [s.d. of s], with so many recorded steps of
+    each material and this D_p.
+    """
     trained = train("p", seed, steps, replace(TRAINING, bias_size=bias_size))
     errors = []
     for k, material in enumerate(MATERIALS):
-        run, p = record(material, ESTIMATE, 9000 + k), torch.as_tensor(trained["biases"][str(material)])
+        run, p = (
+            record(material, ESTIMATE, 9000 + k),
+            torch.as_tensor(trained["biases"][str(material)]),
+        )
         with torch.no_grad():
-            errors.append(prediction_loss(trained["model"], torch.as_tensor(run.s), torch.as_tensor(run.u), p).item())
-    row = {"steps": steps, "bias_size": bias_size, "seed": seed, "error": float(np.mean(errors))}
+            errors.append(
+                prediction_loss(
+                    trained["model"], torch.as_tensor(run.s), torch.as_tensor(run.u), p
+                ).item()
+            )
+    row = {
+        "steps": steps,
+        "bias_size": bias_size,
+        "seed": seed,
+        "error": float(np.mean(errors)),
+    }
     return row | explained(trained["biases"])
 
 
-def identify(trained: dict[str, Any], seed: int, repeats: int = 10, steps: int = ESTIMATE) -> list[dict[str, Any]]:
-    """Online estimates from p = 0 with new random commands: for materials trained on, and for four between them."""
+def identify(
+    trained: dict[str, Any], seed: int, repeats: int = 10, steps: int = ESTIMATE
+) -> list[dict[str, Any]]:
+    """Online estimates from p = 0 with new random commands: for materials trained on,
+    and for four between them.
+    """
     torch.set_num_threads(1)
     p, logs = columns(trained["biases"])
     readout, rows = read_out().fit(p, logs), []
     for material, repeat in itertools.product(MATERIALS + BETWEEN, range(repeats)):
         run = record(material, steps, 5000 + 100 * seed + repeat)
-        found, _ = estimate_bias(trained["model"], run, settings=NewtonSettings())
+        found, _ = estimate_bias(trained["model"], run, method="newton")
         nearest = MATERIALS[int(np.linalg.norm(p - found, axis=1).argmin())]
         payload, friction = np.exp(readout.predict(found[None].astype(float))[0])
-        rows.append({"seed": seed, "payload": material.payload, "friction": material.friction, "repeat": repeat})
+        rows.append(
+            {
+                "seed": seed,
+                "payload": material.payload,
+                "friction": material.friction,
+                "repeat": repeat,
+            }
+        )
         rows[-1] |= {
             "trained": material in MATERIALS,
             "right": nearest == material,
@@ -218,8 +280,12 @@ def identify(trained: dict[str, Any], seed: int, repeats: int = 10, steps: int =
     return rows
 
 
-def search_plan(env: Any, goal: np.ndarray, seed: int, rounds: int = 15, count: int = 100) -> np.ndarray:
-    """The oracle: the best commands `[ATTEMPT, 2]` that a search in the true simulation finds from here."""
+def search_plan(
+    env: Any, goal: np.ndarray, seed: int, rounds: int = 15, count: int = 100
+) -> np.ndarray:
+    """The oracle: the best commands `[ATTEMPT, 2]` that a search in the true simulation
+    finds from here.
+    """
     rng, data = np.random.default_rng(seed), env.unwrapped.data
     start = data.qpos.copy(), data.qvel.copy()
 
@@ -261,13 +327,27 @@ METHODS = {  # the kind of model that each needs; "" for none
 
 
 class Attempts:
-    """A policy of random commands for 10 s, then of ten attempts to bring the tip to a goal, each of 0.6 s.
+    """A policy of random commands for 10 s, then of ten attempts to bring the tip to a
+    goal, each of 0.6 s.
 
-    It plans once when an attempt begins, or `replan`s in each step; the method says with which p.
+    It plans once when an attempt begins, or `replan`s in each step; the method says
+    with which p.
     """
 
-    def __init__(self, method: str, trained: dict[str, Any], material: Material, replan: bool, seed: int):
-        self.explore, self.goals, self.method, self.replan = random_commands(seed), draw_goals(seed), method, replan
+    def __init__(
+        self,
+        method: str,
+        trained: dict[str, Any],
+        material: Material,
+        replan: bool,
+        seed: int,
+    ):
+        self.explore, self.goals, self.method, self.replan = (
+            random_commands(seed),
+            draw_goals(seed),
+            method,
+            replan,
+        )
         self.model, self.encoder, self.t = trained["model"], trained.get("encoder"), 0
         self.seen: list[tuple[np.ndarray, np.ndarray]] = []
         biases = trained["biases"]
@@ -276,28 +356,38 @@ class Attempts:
             p = max(biases.values(), key=lambda other: float(np.linalg.norm(other - p)))
         elif method in ("estimated p", "p = 0", "context encoder"):
             p = np.zeros(self.model.bias_size)
-        self.estimator = NewtonEstimator(self.model) if method == "estimated p" else None
+        self.estimator = (
+            NewtonEstimator(self.model) if method == "estimated p" else None
+        )
         drawn = random_commands(seed + 1)
         plans = np.array([[drawn(p) for _ in range(ATTEMPT)] for _ in range(200)])
         settings = REPLANNING if replan else SETTINGS
-        self.controller = Controller(self.model, self.loss, p, [-1, -1], [1, 1], settings, plans=plans)
+        self.controller = Controller(
+            self.model, self.loss, p, [-1, -1], [1, 1], settings, plans=plans
+        )
 
     def loss(self, states: Tensor, t: int) -> Tensor:
         """Distance of the tip to the goal at the attempt's end [m]."""
         attempt, step = divmod(t, ATTEMPT)
         return torch.linalg.vector_norm(
-            states[:, ATTEMPT - 1 - step, TIP] - torch.as_tensor(self.goals[attempt % 10]), dim=1
+            states[:, ATTEMPT - 1 - step, TIP]
+            - torch.as_tensor(self.goals[attempt % 10]),
+            dim=1,
         )
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
         step = self.t - ESTIMATE
         begins = step >= 0 and step % ATTEMPT == 0
         if begins and self.encoder is not None:
-            states, commands = (np.array(column) for column in zip(*self.seen, strict=True))
-            self.controller.set_bias(encoded_bias(self.encoder, Sequences(states, commands, "")))
+            states, commands = (
+                np.array(column) for column in zip(*self.seen, strict=True)
+            )
+            self.controller.set_bias(
+                encoded_bias(self.encoder, Run(states, commands, ""))
+            )
         if step < 0:
             u = self.explore(s)
-            self.controller.watch(s, u)
+            self.controller.follow(s, u)
         else:
             u = self.controller.act(s, solve=self.replan or begins)
         if self.estimator is not None:
@@ -307,18 +397,40 @@ class Attempts:
         return u
 
 
-def control(trained: Any, method: str, material: Material, replan: bool, seed: int) -> np.ndarray:
+def control(
+    trained: Any, method: str, material: Material, replan: bool, seed: int
+) -> np.ndarray:
     """How far the tip ends from its goal in each of ten attempts `[10]` [m]."""
     torch.set_num_threads(1)
     env, goals = make_robot(material), draw_goals(seed)
-    policy = Attempts(method, trained, material, replan, seed) if trained else without_model(method, env, seed)
-    run = collect_run(env, policy, ESTIMATE + ATTEMPT * len(goals) + 1, str(material), seed=seed, observe=see)
+    policy = (
+        Attempts(method, trained, material, replan, seed)
+        if trained
+        else without_model(method, env, seed)
+    )
+    run = collect_run(
+        env,
+        policy,
+        ESTIMATE + ATTEMPT * len(goals) + 1,
+        str(material),
+        seed=seed,
+        observe=see,
+    )
     return np.linalg.norm(run.s[ESTIMATE + ATTEMPT :: ATTEMPT, TIP] - goals, axis=1)
 
 
-def without_model(method: str, env: Any, seed: int) -> Callable[[np.ndarray], np.ndarray]:
-    """A policy of the same shape that goes on with random commands, or searches in the true simulation."""
-    goals, explore, t, plan = draw_goals(seed), random_commands(seed), itertools.count(-ESTIMATE), [np.zeros(2)]
+def without_model(
+    method: str, env: Any, seed: int
+) -> Callable[[np.ndarray], np.ndarray]:
+    """A policy of the same shape that goes on with random commands, or searches in the
+    true simulation.
+    """
+    goals, explore, t, plan = (
+        draw_goals(seed),
+        random_commands(seed),
+        itertools.count(-ESTIMATE),
+        [np.zeros(2)],
+    )
 
     def policy(s: np.ndarray) -> np.ndarray:
         attempt, step = divmod(next(t), ATTEMPT)
@@ -331,17 +443,28 @@ def without_model(method: str, env: Any, seed: int) -> Callable[[np.ndarray], np
     return policy
 
 
-def side_by_side(title: str, function: Callable[..., Any], cases: list[tuple]) -> list[Any]:
+def side_by_side(
+    title: str, function: Callable[..., Any], cases: list[tuple]
+) -> list[Any]:
     """What the function returns for each case, one on each core."""
-    calls = joblib.Parallel(n_jobs=-1, return_as="generator")(joblib.delayed(function)(*case) for case in cases)
+    calls = joblib.Parallel(n_jobs=-1, return_as="generator")(
+        joblib.delayed(function)(*case) for case in cases
+    )
     return list(tqdm(calls, desc=title, total=len(cases)))
 
 
 def explained(biases: dict[str, np.ndarray]) -> dict[str, float]:
     """R² of both logarithms, by a smooth and by a straight map."""
-    smooth, straight = r_squared(biases, read_out()), r_squared(biases, LinearRegression())
+    smooth, straight = (
+        r_squared(biases, read_out()),
+        r_squared(biases, LinearRegression()),
+    )
     return dict(
-        zip(("payload", "friction", "payload_straight", "friction_straight"), [*smooth, *straight], strict=True)
+        zip(
+            ("payload", "friction", "payload_straight", "friction_straight"),
+            [*smooth, *straight],
+            strict=True,
+        )
     )
 
 
@@ -349,30 +472,52 @@ def main() -> None:
     """Train five models of each kind, and write what they show."""
     kept = joblib.Memory("build/another_robot", verbose=0).cache(train)
     trainings = list(itertools.product(KINDS, SEEDS))
-    trained = dict(zip(trainings, side_by_side("trainings", kept, trainings), strict=True))
+    trained = dict(
+        zip(trainings, side_by_side("trainings", kept, trainings), strict=True)
+    )
     rows = [
         {"kind": kind, "seed": seed} | explained(trained[kind, seed]["biases"])
         for kind, seed in itertools.product(("p", "context encoder"), SEEDS)
     ]
     save(pd.DataFrame(rows), "another_robot")
 
-    sizes = [(steps, 2) for steps in (100, 300, 1000)] + [(1000, size) for size in (1, 3, 4)]
+    sizes = [(steps, 2) for steps in (100, 300, 1000)] + [
+        (1000, size) for size in (1, 3, 4)
+    ]
     varied = [(*size, seed) for size, seed in itertools.product(sizes, SEEDS)]
     save(pd.DataFrame(side_by_side("amounts", vary, varied)), "another_robot_amount")
 
-    rows = side_by_side("estimates", identify, [(trained["p", seed], seed) for seed in SEEDS])
+    rows = side_by_side(
+        "estimates", identify, [(trained["p", seed], seed) for seed in SEEDS]
+    )
     save(pd.DataFrame(itertools.chain(*rows)), "another_robot_estimates")
 
     cases = [
-        (METHODS[method] and trained[METHODS[method], seed], method, material, replan, seed)
-        for seed, material, method, replan in itertools.product(SEEDS, MATERIALS, METHODS, (False, True))
+        (
+            METHODS[method] and trained[METHODS[method], seed],
+            method,
+            material,
+            replan,
+            seed,
+        )
+        for seed, material, method, replan in itertools.product(
+            SEEDS, MATERIALS, METHODS, (False, True)
+        )
         if METHODS[method] or not replan
     ]
     distances = side_by_side("control", control, cases)
     rows = [
-        {"method": method, "seed": seed, "payload": material.payload, "friction": material.friction, "replan": replan}
+        {
+            "method": method,
+            "seed": seed,
+            "payload": material.payload,
+            "friction": material.friction,
+            "replan": replan,
+        }
         | {"distance": distance}
-        for (_, method, material, replan, seed), distance in zip(cases, distances, strict=True)
+        for (_, method, material, replan, seed), distance in zip(
+            cases, distances, strict=True
+        )
     ]
     save(pd.DataFrame(rows), "another_robot_control")
     artifacts.save_model(trained["p", 0]["model"], trained["p", 0]["biases"], "reacher")

@@ -1,7 +1,9 @@
-"""`make bench`: speed in one table of ratios, some minutes on two cores. `python scripts/bench.py solve` runs one part.
+"""`make bench`: speed in one table of ratios, some minutes on two cores. `python
+scripts/bench.py solve` runs one part.
 
-Both sides of a ratio are measured alternately in one run, since milliseconds vary from run to run on a shared machine.
-`--against CHECKOUT` measures the package of another checkout, too, and puts its ratios beside these.
+Both sides of a ratio are measured alternately in one run, since milliseconds vary from
+run to run on a shared machine. `--against CHECKOUT` measures the package of another
+checkout, too, and puts its ratios beside these.
 """
 
 import argparse
@@ -26,19 +28,23 @@ from browser_lab import Lab, Notebook, launch_options
 from playwright.sync_api import sync_playwright
 
 from clothlab import artifacts
-from clothlab.datasets import DATASETS, record
-from clothlab.learning.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.learning.cloth_control import TENSION_WEIGHT, control_loss, period_mask
-from clothlab.learning.control import ControlSettings, optimise_commands
-from clothlab.learning.dpmpb import Memory, Sequences, predict, train_dpmpb
-from clothlab.learning.fast_rollout import FastDPMPB
+from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
+from clothlab.method.cloth_task import TENSION_WEIGHT, control_loss, period_mask
+from clothlab.method.control import ControlSettings, optimise_commands
+from clothlab.method.data import Run
+from clothlab.method.fast_rollout import FastDPMPB
+from clothlab.method.model import Memory, predict
+from clothlab.method.training import train_dpmpb
 from clothlab.simulation.env import ClothEnv
-from clothlab.training_configs import TRAINING_CONFIGS
+from studies.datasets import DATASETS, record
+from studies.training_configs import TRAINING_CONFIGS
 
 Row = tuple[str, float, str, str]  # what was measured, figure, aim, the times behind it
 
 
-def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+def alternate(
+    functions: dict[str, Callable[[], object]], repeats: int
+) -> dict[str, float]:
     """Medians [s] of the times of functions that are called in turn."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
@@ -52,7 +58,9 @@ def alternate(functions: dict[str, Callable[[], object]], repeats: int) -> dict[
 
 
 def bench_step() -> Iterator[Row]:
-    """`env.step` against the bare MuJoCo step and bare rendering of the same scene, under commands of the same kind."""
+    """`env.step` against the bare MuJoCo step and bare rendering of the same scene,
+    under commands of the same kind.
+    """
     env = ClothEnv()
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -64,37 +72,56 @@ def bench_step() -> Iterator[Row]:
     def bare() -> None:
         env.data.ctrl[:] = command()
         mujoco.mj_step(env.model, env.data, env.scene.substeps)
-        mujoco.mj_forward(env.model, env.data)  # the picture is to show where the last step has led
+        # The picture is to show where the last step has led
+        mujoco.mj_forward(env.model, env.data)
         renderer.update_scene(env.data, "camera")
         renderer.render()
 
     times = alternate({"bare": bare, "ours": lambda: env.step(command())}, 1000)
     env.close()
-    yield "env.step / bare step and rendering", times["ours"] / times["bare"], "≤ 1.05", f"{1e3 * times['ours']:.2f} ms"
+    yield (
+        "env.step / bare step and rendering",
+        times["ours"] / times["bare"],
+        "≤ 1.05",
+        f"{1e3 * times['ours']:.2f} ms",
+    )
 
 
 def bench_recording() -> Iterator[Row]:
-    """Recording what the paper recorded, and trials to evaluate, on two cores against one."""
+    """Recording what the paper recorded, and trials to evaluate, on two cores against
+    one.
+    """
     todo = [dataset for dataset in DATASETS.values() if dataset.repeats == 1]
     cores = os.sched_getaffinity(0)
     seconds = {}
     for used in (1, 2):
-        os.sched_setaffinity(0, sorted(cores)[:used])  # workers inherit it; drawing would otherwise take a second core
+        # Workers inherit it; drawing would otherwise take a second core
+        os.sched_setaffinity(0, sorted(cores)[:used])
         with tempfile.TemporaryDirectory() as folder:
             start = time.perf_counter()
             for dataset in todo:
                 record(dataset, data=folder, workers=used)
             seconds[used] = time.perf_counter() - start
     os.sched_setaffinity(0, cores)
-    yield "recording, 1 core / 2 cores", seconds[1] / seconds[2], "≥ 1.7", f"{seconds[1]:.0f} s / {seconds[2]:.0f} s"
+    yield (
+        "recording, 1 core / 2 cores",
+        seconds[1] / seconds[2],
+        "≥ 1.7",
+        f"{seconds[1]:.0f} s / {seconds[2]:.0f} s",
+    )
 
 
 def solves(name: str) -> dict[str, Callable[[], object]]:
-    """One solve of the controller for an arm, by the straightforward loop over `nn.LSTM` and by ours."""
+    """One solve of the controller for an arm, by the straightforward loop over
+    `nn.LSTM` and by ours.
+    """
     learned, settings = artifacts.load(f"{name}-0"), ControlSettings()
     model, arm = learned.model, learned.arm
     p = torch.as_tensor(next(iter(learned.biases.values())))
-    lower, upper = (torch.as_tensor(end, dtype=torch.float32) for end in (arm.command_lower, arm.command_upper))
+    lower, upper = (
+        torch.as_tensor(end, dtype=torch.float32)
+        for end in (arm.command_lower, arm.command_upper)
+    )
     torch.manual_seed(0)
     s = model.s_mean + model.s_std * torch.randn(model.state_size)
     u = lower + (upper - lower) * torch.rand(settings.horizon, model.command_size)
@@ -103,11 +130,19 @@ def solves(name: str) -> dict[str, Callable[[], object]]:
     fast = FastDPMPB(model, p)
 
     def loss(states: torch.Tensor) -> torch.Tensor:
-        return control_loss(states, z_ref, mask, learned.layout.tensions, TENSION_WEIGHT)
+        return control_loss(
+            states, z_ref, mask, learned.layout.tensions, TENSION_WEIGHT
+        )
 
-    rollouts = {"plain": lambda c: predict(model, s, c, p, memory), "ours": lambda c: fast(s, c, memory)}
+    rollouts = {
+        "plain": lambda c: predict(model, s, c, p, memory),
+        "ours": lambda c: fast(s, c, memory),
+    }
     fixed = (loss, u, lower, upper, model.u_std, settings)
-    return {each: partial(optimise_commands, rollout, *fixed) for each, rollout in rollouts.items()}
+    return {
+        each: partial(optimise_commands, rollout, *fixed)
+        for each, rollout in rollouts.items()
+    }
 
 
 def bench_solve() -> Iterator[Row]:
@@ -116,14 +151,21 @@ def bench_solve() -> Iterator[Row]:
     for name in ("torque", "muscle"):
         times = alternate(solves(name), 100)
         what = f"one solve of the {name} arm, loop over nn.LSTM / ours"
-        yield what, times["plain"] / times["ours"], "≥ 2", f"{1e3 * times['ours']:.1f} ms"
+        yield (
+            what,
+            times["plain"] / times["ours"],
+            "≥ 2",
+            f"{1e3 * times['ours']:.1f} ms",
+        )
 
 
 def bench_training() -> Iterator[Row]:
-    """Trainings side by side, one on each core, as `make train` runs them, against one after the other."""
+    """Trainings side by side, one on each core, as `make train` runs them, against one
+    after the other.
+    """
     cores = len(os.sched_getaffinity(0))
     images = np.random.default_rng(0).random((64 * 10, 96, 128)) > 0.9
-    runs = [Sequences(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9
+    runs = [Run(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9
     model = replace(TRAINING_CONFIGS["torque"].model, epochs=2)
     eyes = AutoencoderTraining(epochs=3)
     jobs = {
@@ -132,9 +174,22 @@ def bench_training() -> Iterator[Row]:
     }
     with joblib.Parallel(n_jobs=cores, max_nbytes=None) as side_by_side:
         for name, job in jobs.items():
-            times = alternate({"one": partial(side_by_side, [job]), "all": partial(side_by_side, [job] * cores)}, 3)
-            what = f"{cores} trainings of the {name}, one after the other / side by side"
-            yield what, cores * times["one"] / times["all"], "≥ 1.5", f"{times['one']:.1f} s each"
+            times = alternate(
+                {
+                    "one": partial(side_by_side, [job]),
+                    "all": partial(side_by_side, [job] * cores),
+                },
+                3,
+            )
+            what = (
+                f"{cores} trainings of the {name}, one after the other / side by side"
+            )
+            yield (
+                what,
+                cores * times["one"] / times["all"],
+                "≥ 1.5",
+                f"{times['one']:.1f} s each",
+            )
 
 
 def bench_lab() -> Iterator[Row]:
@@ -143,7 +198,9 @@ def bench_lab() -> Iterator[Row]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         lab = stack.enter_context(contextlib.closing(Lab(Path(folder))))
         lab.wait()
-        browser = stack.enter_context(sync_playwright()).chromium.launch(**launch_options())
+        browser = stack.enter_context(sync_playwright()).chromium.launch(
+            **launch_options()
+        )
         page = browser.new_page(viewport={"width": 1500, "height": 1100})
         seconds = Notebook(lab, page, "08_live_lab.ipynb").start_panel()
     yield "live lab, from run all to a moving robot [s]", seconds, "≤ 15", ""
@@ -160,9 +217,15 @@ BENCHES = {
 
 def main() -> None:
     """Run all, or those named, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[*BENCHES, []], help="which; all by default")
-    parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="measure that package, too")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", choices=[*BENCHES, []], help="which; all by default"
+    )
+    parser.add_argument(
+        "--against", type=Path, metavar="CHECKOUT", help="measure that package, too"
+    )
     parser.add_argument("--csv", action="store_true", help="print CSV")
     arguments = parser.parse_args()
     names = arguments.names or list(BENCHES)
@@ -171,7 +234,13 @@ def main() -> None:
     if arguments.against:
         command = [sys.executable, __file__, *names, "--csv"]
         path = {"PYTHONPATH": str(arguments.against.resolve())}
-        said = subprocess.run(command, env=os.environ | path, check=True, stdout=subprocess.PIPE, text=True).stdout
+        said = subprocess.run(
+            command,
+            env=os.environ | path,
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+        ).stdout
         table["there"] = pd.read_csv(io.StringIO(said))["ratio"]
     print(table.to_csv(index=False) if arguments.csv else table.to_string(index=False))
 

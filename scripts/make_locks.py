@@ -1,4 +1,5 @@
-"""`make lock`: three locks out of the names in `pyproject.toml`, and a table of the machines that can install them.
+"""`make lock`: three locks out of the names in `pyproject.toml`, and a table of the
+machines that can install them.
 
 | lock | who installs it |
 | --- | --- |
@@ -6,8 +7,9 @@
 | `environment-dev.txt` | developers, beside it: tests, linters, Dask, Playwright, this script's own tool |
 | `docs/requirements.txt` | `make book`, beside both |
 
-One version serves every platform and every Python from `OLDEST` on. A version that is locked stays until `--upgrade`.
-`--check` writes nothing, and only asks for every platform and Python whether each pin has a wheel there.
+One version serves every platform and every Python from `OLDEST` on. A version that is
+locked stays until `--upgrade`. `--check` writes nothing, and only asks for every
+platform and Python whether each pin has a wheel there.
 """
 
 import argparse
@@ -34,15 +36,18 @@ PLATFORMS = {  # as uv calls them; glibc 2.36 is that of Debian 12
     "macOS arm64": "aarch64-apple-darwin",
 }
 OLDEST_MACOS = "14.0"  # that PyTorch's wheels are made for
-# On Linux, PyTorch's default build asks for these, several gigabytes. No lock names them: pip takes what the build at
-# hand asks for, which is nothing where the small build for processors alone is already installed or found first.
+# On Linux, PyTorch's default build asks for these, several gigabytes. No lock names
+# them: pip takes what the build at hand asks for, which is nothing where the small
+# build for processors alone is already installed or found first.
 CUDA = re.compile(r"(nvidia|cuda)-[\w-]+|triton")
 PIN = re.compile(r"(?P<name>[\w.-]+)==(?P<version>[^\s;]+)")
 
 
 @dataclass(frozen=True)
 class Lock:
-    """One lock file, and what of `pyproject.toml` it holds that the locks before it don't."""
+    """One lock file, and what of `pyproject.toml` it holds that the locks before it
+    don't.
+    """
 
     path: str
     purpose: str
@@ -53,7 +58,12 @@ class Lock:
 
 
 LOCKS = (
-    Lock("environment.txt", "What runs the notebooks", extras=("notebooks", "sysid", "robots"), last_lines=("-e .",)),
+    Lock(
+        "environment.txt",
+        "What runs the notebooks",
+        extras=("notebooks", "sysid", "robots"),
+        last_lines=("-e .",),
+    ),
     Lock(
         "environment-dev.txt",
         "What developers need beside environment.txt",
@@ -62,7 +72,9 @@ LOCKS = (
         first_lines=("-r environment.txt",),
     ),
     Lock(
-        "docs/requirements.txt", "What `make book` needs beside environment.txt and environment-dev.txt", group="book"
+        "docs/requirements.txt",
+        "What `make book` needs beside environment.txt and environment-dev.txt",
+        group="book",
     ),
 )
 
@@ -77,23 +89,47 @@ def uv(*words: str) -> subprocess.CompletedProcess[str]:
     """Run uv of this environment in the repository; the caller looks at how it ended."""
     command = [sys.executable, "-m", "uv", *words]
     environment = os.environ | {"MACOSX_DEPLOYMENT_TARGET": OLDEST_MACOS}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True
+    )
 
 
 def resolve(locks: tuple[Lock, ...], known: str, *, upgrade: bool) -> dict[str, str]:
-    """Pins of all that these locks ask for, for every platform; versions in the text `known` stay unless upgraded.
+    """Pins of all that these locks ask for, for every platform; versions in the text
+    `known` stay unless upgraded.
 
     Raises:
         SystemExit: no set of versions fits, with uv's reason.
     """
-    asked = [word for lock in locks for extra in lock.extras for word in ("--extra", extra)]
+    asked = [
+        word for lock in locks for extra in lock.extras for word in ("--extra", extra)
+    ]
     asked += [word for lock in locks if lock.group for word in ("--group", lock.group)]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "lock.txt"
         output.write_text(known)
-        options = ["--universal", "--python-version", OLDEST, "--fork-strategy", "fewest"]
-        options += ["--no-header", "--no-annotate", "--quiet", *(["--upgrade"] if upgrade else [])]
-        done = uv("pip", "compile", "pyproject.toml", *asked, *options, "--output-file", str(output))
+        options = [
+            "--universal",
+            "--python-version",
+            OLDEST,
+            "--fork-strategy",
+            "fewest",
+        ]
+        options += [
+            "--no-header",
+            "--no-annotate",
+            "--quiet",
+            *(["--upgrade"] if upgrade else []),
+        ]
+        done = uv(
+            "pip",
+            "compile",
+            "pyproject.toml",
+            *asked,
+            *options,
+            "--output-file",
+            str(output),
+        )
         if done.returncode:
             raise SystemExit(done.stderr)
         found = pins(output.read_text())
@@ -101,9 +137,14 @@ def resolve(locks: tuple[Lock, ...], known: str, *, upgrade: bool) -> dict[str, 
 
 
 def write_locks(*, upgrade: bool) -> None:
-    """Resolve all names together, then the first lock's alone and so on; each file has what those before it lack."""
-    known = "\n".join(line for lock in LOCKS for line in pins((ROOT / lock.path).read_text()).values())
-    # All names together settle the versions, so that a later lock never contradicts an earlier one.
+    """Resolve all names together, then the first lock's alone and so on; each file has
+    what those before it lack.
+    """
+    known = "\n".join(
+        line for lock in LOCKS for line in pins((ROOT / lock.path).read_text()).values()
+    )
+    # All names together settle the versions, so that a later lock never contradicts an
+    # earlier one.
     settled = "\n".join(resolve(LOCKS, known, upgrade=upgrade).values())
     written: set[str] = set()
     for k, lock in enumerate(LOCKS):
@@ -117,38 +158,82 @@ def write_locks(*, upgrade: bool) -> None:
 
 
 def fault(lines: list[str], platform: str, python: str) -> str:
-    """Why these pins can't be installed from wheels on a platform with a Python; empty if they can."""
+    """Why these pins can't be installed from wheels on a platform with a Python; empty
+    if they can.
+    """
     with tempfile.TemporaryDirectory() as folder:
         asked = Path(folder) / "asked.txt"
         asked.write_text("\n".join(lines))
-        options = ["--python-platform", platform, "--python-version", python, "--only-binary", ":all:", "--quiet"]
-        done = uv("pip", "compile", str(asked), *options, "--no-header", "--output-file", str(Path(folder) / "out"))
+        options = [
+            "--python-platform",
+            platform,
+            "--python-version",
+            python,
+            "--only-binary",
+            ":all:",
+            "--quiet",
+        ]
+        done = uv(
+            "pip",
+            "compile",
+            str(asked),
+            *options,
+            "--no-header",
+            "--output-file",
+            str(Path(folder) / "out"),
+        )
     return " ".join(done.stderr.split()) if done.returncode else ""
 
 
 def check_locks() -> list[str]:
-    """Print a table of Pythons and platforms, and return a line for each that can't install one of the locks."""
+    """Print a table of Pythons and platforms, and return a line for each that can't
+    install one of the locks.
+    """
     faults = []
     lines: list[str] = []
     machines = [(platform, python) for python in PYTHONS for platform in PLATFORMS]
     for lock in LOCKS:
         lines += pins((ROOT / lock.path).read_text()).values()
         with ThreadPoolExecutor(4) as pool:  # they wait for the network
-            asked = ((lines, PLATFORMS[platform], python) for platform, python in machines)
-            verdicts = dict(zip(machines, pool.map(lambda each: fault(*each), asked), strict=True))
-        print(f"\n{lock.path}\n{'':28}" + "".join(f"{platform:18}" for platform in PLATFORMS))
+            asked = (
+                (lines, PLATFORMS[platform], python) for platform, python in machines
+            )
+            verdicts = dict(
+                zip(machines, pool.map(lambda each: fault(*each), asked), strict=True)
+            )
+        print(
+            f"\n{lock.path}\n{'':28}"
+            + "".join(f"{platform:18}" for platform in PLATFORMS)
+        )
         for python, where in PYTHONS.items():
-            words = ["FAULT" if verdicts[platform, python] else "all wheels" for platform in PLATFORMS]
-            print(f"{python} ({where})".ljust(28) + "".join(f"{word:18}" for word in words), flush=True)
+            words = [
+                "FAULT" if verdicts[platform, python] else "all wheels"
+                for platform in PLATFORMS
+            ]
+            print(
+                f"{python} ({where})".ljust(28)
+                + "".join(f"{word:18}" for word in words),
+                flush=True,
+            )
         for (platform, python), reason in verdicts.items():
-            faults += [f"{lock.path}, Python {python}, {platform}: {reason}"] if reason else []
+            faults += (
+                [f"{lock.path}, Python {python}, {platform}: {reason}"]
+                if reason
+                else []
+            )
     return faults
 
 
 def main() -> int:
-    """Write the locks and check them; the exit status says whether every machine can install them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--upgrade", action="store_true", help="take the newest versions that fit")
+    """Write the locks and check them; the exit status says whether every machine can
+    install them.
+    """
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--upgrade", action="store_true", help="take the newest versions that fit"
+    )
     parser.add_argument("--check", action="store_true", help="write nothing")
     arguments = parser.parse_args()
     if not arguments.check:

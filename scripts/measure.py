@@ -1,7 +1,9 @@
-"""`make measured`: what a student needs of a server, measured into `docs/course/measured.md`.
+"""`make measured`: what a student needs of a server, measured into
+`docs/course/measured.md`.
 
-Every notebook is run from top to bottom, one after the other, each in a kernel of its own; then the live lab for 30 s
-of control, and the server that each student has. `--small` takes CI's sizes, and then the page says so.
+Every notebook is run from top to bottom, one after the other, each in a kernel of its
+own; then the live lab for 30 s of control, and the server that each student has.
+`--small` takes CI's sizes, and then the page says so.
 """
 
 import argparse
@@ -19,12 +21,12 @@ from pathlib import Path
 
 import nbformat
 import psutil
-import solutions
 from browser_lab import Lab
 from nbclient import NotebookClient
 from nbformat.v4 import new_code_cell
 
 from clothlab._files import write_bytes
+from course import solutions
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "course" / "measured.md"
@@ -62,7 +64,9 @@ def tree(process: psutil.Process) -> list[psutil.Process]:
 
 @contextmanager
 def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
-    """Watch the kernels that this process starts meanwhile, or another process and all that it starts."""
+    """Watch the kernels that this process starts meanwhile, or another process and all
+    that it starts.
+    """
     usage, over, spent = Usage(), threading.Event(), dict[int, float]()
 
     def watch() -> None:
@@ -90,15 +94,23 @@ def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
 
 
 def run(path: Path, *, small: bool, live: bool = False) -> Usage:
-    """Run a notebook from top to bottom; with `live` up to its panel, which then has time to control."""
+    """Run a notebook from top to bottom; with `live` up to its panel, which then has
+    time to control.
+    """
     notebook = solutions.solved(nbformat.read(path, as_version=4))
     if small:
         notebook = solutions.small(notebook)
     if live:
-        (last,) = (k for k, cell in enumerate(notebook.cells) if cell.source.startswith("panel = LivePanel("))
+        (last,) = (
+            k
+            for k, cell in enumerate(notebook.cells)
+            if cell.source.startswith("panel = LivePanel(")
+        )
         notebook.cells = [*notebook.cells[: last + 1], new_code_cell(DRAWN % LIVE)]
     with watched() as usage:
-        NotebookClient(notebook, timeout=None, resources={"metadata": {"path": str(path.parent)}}).execute()
+        NotebookClient(
+            notebook, timeout=None, resources={"metadata": {"path": str(path.parent)}}
+        ).execute()
     if live:
         steps = int(notebook.cells[-1].outputs[0].data["text/plain"])
         assert steps > 2 * LIVE, f"the panel made {steps} steps in {LIVE} s"
@@ -118,7 +130,9 @@ def server() -> Usage:
 
 def page(rows: dict[str, Usage], *, small: bool) -> str:
     """The table, and what follows for a server."""
-    commit = subprocess.check_output(["git", "describe", "--always"], cwd=ROOT, text=True).strip()
+    commit = subprocess.check_output(
+        ["git", "describe", "--always"], cwd=ROOT, text=True
+    ).strip()
     sizes = "with CI's small sizes" if small else "at full size"
     lines = [
         f"Measured by `make measured` at commit {commit}, notebooks {sizes}, one after the other, on "
@@ -128,13 +142,17 @@ def page(rows: dict[str, Usage], *, small: bool) -> str:
         "| --- | --- | --- | --- |",
     ]
     for name, usage in rows.items():
-        lines.append(f"| {name} | {usage.memory:.0f} | {usage.processor:.0f} | {usage.seconds:.0f} |")
+        lines.append(
+            f"| {name} | {usage.memory:.0f} | {usage.processor:.0f} | {usage.seconds:.0f} |"
+        )
     return "\n".join([*lines, "", *rule(rows)]) + "\n"
 
 
 def rule(rows: dict[str, Usage]) -> list[str]:
     """How many students a server holds, from the table."""
-    notebooks = {name: usage for name, usage in rows.items() if name.startswith("notebook")}
+    notebooks = {
+        name: usage for name, usage in rows.items() if name.startswith("notebook")
+    }
     largest = max(notebooks, key=lambda name: notebooks[name].memory)
     own = rows["the server of a student"].memory
     live = rows[f"live lab, {LIVE} s of control"]
@@ -151,7 +169,9 @@ def rule(rows: dict[str, Usage]) -> list[str]:
 
 def main() -> None:
     """Measure all, or the notebooks of these numbers, which are only printed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--small", action="store_true", help="CI's sizes")
     parser.add_argument("--only", nargs="+", default=[], help="numbers of notebooks")
     arguments = parser.parse_args()
@@ -162,10 +182,14 @@ def main() -> None:
     else:
         rows["the server of a student"] = server()
         (live,) = (path for path in paths if path.stem.startswith("08"))
-        rows[f"live lab, {LIVE} s of control"] = run(live, small=arguments.small, live=True)
+        rows[f"live lab, {LIVE} s of control"] = run(
+            live, small=arguments.small, live=True
+        )
         print(rows, file=sys.stderr, flush=True)
     for path in paths:
-        rows[f"notebook {path.stem[:2]}, all cells"] = usage = run(path, small=arguments.small)
+        rows[f"notebook {path.stem[:2]}, all cells"] = usage = run(
+            path, small=arguments.small
+        )
         print(f"{path.stem}: {usage}", file=sys.stderr, flush=True)
     if arguments.only:
         print(rows)

@@ -1,7 +1,9 @@
-"""What the first cell of each notebook does on Google Colab, once the repository is cloned there.
+"""What the first cell of each notebook does on Google Colab, once the repository is
+cloned there.
 
-Colab comes with its own PyTorch, NumPy and Jupyter, and its kernel is already running. What it has and `pyproject.toml`
-can live with stays; what it lacks comes in the version of `environment.txt`.
+Colab comes with its own PyTorch, NumPy and Jupyter, and its kernel is already running.
+What it has and `pyproject.toml` can live with stays; what it lacks comes in the version
+of `environment.txt`.
 """
 
 import subprocess
@@ -22,12 +24,18 @@ EXTRAS = ("robots", "sysid")  # Colab has the notebooks' own
 def needed() -> list[Requirement]:
     """What the package and the notebooks import, as `pyproject.toml` says it."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    lists = [project["dependencies"], *(project["optional-dependencies"][extra] for extra in EXTRAS)]
+    lists = [
+        project["dependencies"],
+        *(project["optional-dependencies"][extra] for extra in EXTRAS),
+    ]
     return [Requirement(need) for each in lists for need in each]
 
 
-def lacking(needs: Iterable[Requirement], lock: str, installed: Mapping[str, str]) -> dict[str, str]:
-    """What pip has to install: the pin in a lock's text, by canonical name, for each need that is not met.
+def lacking(
+    needs: Iterable[Requirement], lock: str, installed: Mapping[str, str]
+) -> dict[str, str]:
+    """What pip has to install: the pin in a lock's text, by canonical name, for each
+    need that is not met.
 
     Args:
         needs: what is imported, perhaps with the oldest version that will do.
@@ -35,23 +43,29 @@ def lacking(needs: Iterable[Requirement], lock: str, installed: Mapping[str, str
         installed: versions by canonical name.
     """
     lines = (Requirement(line) for line in pins(lock).values())
-    pinned = {canonicalize_name(each.name): f"{each.name}{each.specifier}" for each in lines}
+    pinned = {
+        canonicalize_name(each.name): f"{each.name}{each.specifier}" for each in lines
+    }
     names = {canonicalize_name(need.name): need for need in needs}
     unmet = [
         name
         for name, need in names.items()
-        if name not in installed or not need.specifier.contains(installed[name], prereleases=True)
+        if name not in installed
+        or not need.specifier.contains(installed[name], prereleases=True)
     ]
     return {name: pinned[name] for name in unmet}
 
 
 def imported_already(names: Iterable[str]) -> list[str]:
-    """Which of these installed packages this process has imported, so that a new version would come too late."""
+    """Which of these installed packages this process has imported, so that a new
+    version would come too late.
+    """
     wanted = set(names)
     return [
         module
         for module, owners in packages_distributions().items()
-        if module in sys.modules and wanted & {canonicalize_name(owner) for owner in owners}
+        if module in sys.modules
+        and wanted & {canonicalize_name(owner) for owner in owners}
     ]
 
 
@@ -59,16 +73,24 @@ def install() -> None:
     """Install what this machine lacks, and let Colab show the widgets.
 
     Raises:
-        SystemExit: the kernel has to start anew, since a package in use got a newer version.
+        SystemExit: the kernel has to start anew, since a package in use got a newer
+            version.
     """
-    subprocess.run(["sh", str(ROOT / "scripts" / "system_packages.sh"), "egl"], check=True)
+    subprocess.run(
+        ["sh", str(ROOT / "scripts" / "system_packages.sh"), "egl"], check=True
+    )
     installed = {canonicalize_name(each.name): each.version for each in distributions()}
     unmet = lacking(needed(), (ROOT / "environment.txt").read_text("utf-8"), installed)
     stale = imported_already(set(unmet) & set(installed))
     if unmet:
-        subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", *unmet.values()], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "pip", "install", "--quiet", *unmet.values()],
+            check=True,
+        )
     if stale:
-        raise SystemExit(f"Choose Runtime, Restart session, then run all again: {', '.join(stale)} is in use here.")
+        raise SystemExit(
+            f"Choose Runtime, Restart session, then run all again: {', '.join(stale)} is in use here."
+        )
     from google.colab import output
 
     output.enable_custom_widget_manager()

@@ -1,4 +1,7 @@
-"""Small things that several tests share. Nothing here reads `data/`, and what costs time is made once a session."""
+"""Small things that several tests share.
+
+Nothing here reads `data/`, and what costs time is made once a session.
+"""
 
 import copy
 from collections.abc import Callable, Iterator
@@ -12,11 +15,11 @@ from threadpoolctl import threadpool_limits
 
 from clothlab.lab.recorder import Recorder
 from clothlab.lab.session import LiveSession
-from clothlab.learning.dpmpb import DPMPB, Memory
+from clothlab.method.model import DPMPB, Memory
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
-from clothlab.table_scene.table_env import TableEnv
 from clothlab.trials import Trial, rollout
+from studies.table_scene.table_env import TableEnv
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -51,7 +54,10 @@ def _muscle_env() -> Iterator[ClothEnv]:
 
 @pytest.fixture
 def env(_torque_env: ClothEnv) -> ClothEnv:
-    """A torque arm at the start. A test that changes the cloth or closes it makes its own."""
+    """A torque arm at the start.
+
+    A test that changes the cloth or closes it makes its own.
+    """
     _torque_env.start()
     return _torque_env
 
@@ -75,7 +81,9 @@ def muscle_trial(_muscle_env: ClothEnv) -> Trial:
 
 @pytest.fixture
 def model() -> DPMPB:
-    """Random weights in double precision, so that finite differences are exact enough to compare with."""
+    """Random weights in double precision, so that finite differences are exact enough
+    to compare with.
+    """
     torch.manual_seed(0)
     model = DPMPB(state_size=7, command_size=2).double()
     model.s_mean.copy_(torch.linspace(-1, 1, 7))
@@ -87,7 +95,10 @@ def model() -> DPMPB:
 @pytest.fixture
 def memory() -> Memory:
     generator = torch.Generator().manual_seed(1)
-    h, c = (torch.randn(2, 1, 30, generator=generator, dtype=torch.float64) * 0.3 for _ in range(2))
+    h, c = (
+        torch.randn(2, 1, 30, generator=generator, dtype=torch.float64) * 0.3
+        for _ in range(2)
+    )
     return Memory(h, c)
 
 
@@ -101,8 +112,12 @@ def square() -> np.ndarray:
 
 @pytest.fixture
 def full_disk() -> Callable[[], AbstractContextManager]:
-    """While inside, no file can be written: the system itself refuses, as it does when a disk is full."""
-    resource = pytest.importorskip("resource", reason="Windows has no limit on the size of files")
+    """While inside, no file can be written: the system itself refuses, as it does when
+    a disk is full.
+    """
+    resource = pytest.importorskip(
+        "resource", reason="Windows has no limit on the size of files"
+    )
 
     @contextmanager
     def full() -> Iterator[None]:
@@ -118,20 +133,26 @@ def full_disk() -> Callable[[], AbstractContextManager]:
 
 @pytest.fixture(autouse=True)
 def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A live session compares drawn targets with a tenth of its reference_images: making one takes half as long."""
+    """A live session compares drawn targets with a tenth of its reference_images:
+    making one takes half as long.
+    """
     monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 200)
 
 
 @pytest.fixture(scope="session")
 def _equipped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSession]:
-    session = LiveSession(recordings=tmp_path_factory.mktemp("none"), picture_size=(96, 128))
+    session = LiveSession(
+        recordings=tmp_path_factory.mktemp("none"), picture_size=(96, 128)
+    )
     yield session
     session.close()
 
 
 @pytest.fixture
 def new_session(_equipped: LiveSession, tmp_path: Path) -> Callable[[], LiveSession]:
-    """Makes a session as at its start, with the weights and the scene of one that is made only once."""
+    """Makes a session as at its start, with the weights and the scene of one that is
+    made only once.
+    """
 
     def make() -> LiveSession:
         session = copy.copy(_equipped)

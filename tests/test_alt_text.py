@@ -1,4 +1,6 @@
-"""Figures in words: the words name what is drawn, with its numbers, and change when the figure does."""
+"""Figures in words: the words name what is drawn, with its numbers, and change when the
+figure does.
+"""
 
 import numpy as np
 import pytest
@@ -23,14 +25,23 @@ def test_every_figure_of_the_package_is_put_in_words(name):
     text = " ".join([words.summary, *words.details])
     assert not any(mark in text for mark in ("\n", "$", "\\", "_child", "nan")), text
     for line in (line for ax in figure.axes for line in ax.lines):
-        if not str(line.get_label()).startswith("_") and np.isfinite(line.get_xydata()).all(axis=1).any():
+        if (
+            not str(line.get_label()).startswith("_")
+            and np.isfinite(line.get_xydata()).all(axis=1).any()
+        ):
             assert f"{line.get_label()}: " in text
 
 
 def test_a_line_is_said_by_its_ends_and_by_where_it_is_lowest_and_highest():
     figure = plots.time_series({"error": np.array([2.0, 5.0, 0.25, 1.0])}, "error [m]")
-    assert describe(figure).summary == "Line chart; horizontal: time [s]; vertical: error [m]; shown: error"
-    assert "error: from 2 at 0 to 1 at 0.6, lowest 0.25 at 0.4, highest 5 at 0.2." in only(figure)
+    assert (
+        describe(figure).summary
+        == "Line chart; horizontal: time [s]; vertical: error [m]; shown: error"
+    )
+    assert (
+        "error: from 2 at 0 to 1 at 0.6, lowest 0.25 at 0.4, highest 5 at 0.2."
+        in only(figure)
+    )
 
 
 def test_levels_paths_and_uprights_are_called_so():
@@ -41,7 +52,9 @@ def test_levels_paths_and_uprights_are_called_so():
     paragraph = only(figure)
     assert "still: level at 1.5" in paragraph
     assert "start: upright at 0.25" in paragraph
-    assert "way: a path from 1 at 0 to 4 at 0.5, 0 to 1 across and 1 to 4 up" in paragraph
+    assert (
+        "way: a path from 1 at 0 to 4 at 0.5, 0 to 1 across and 1 to 4 up" in paragraph
+    )
 
 
 def test_a_picture_is_said_by_how_much_is_white_and_where():
@@ -59,9 +72,18 @@ def test_a_picture_is_said_by_how_much_is_white_and_where():
 
 
 def test_a_picture_of_a_strip_is_named_by_its_row_and_its_column():
-    words = describe(plots.film_strips({"up": np.ones((2, 4, 4)), "down": np.ones((2, 4, 4))}, ["0 s", "1 s"]))
+    words = describe(
+        plots.film_strips(
+            {"up": np.ones((2, 4, 4)), "down": np.ones((2, 4, 4))}, ["0 s", "1 s"]
+        )
+    )
     names = [paragraph.split(". ")[0] for paragraph in words.details]
-    assert names == ["Panel 1, up, 0 s", "Panel 2, up, 1 s", "Panel 3, down, 0 s", "Panel 4, down, 1 s"]
+    assert names == [
+        "Panel 1, up, 0 s",
+        "Panel 2, up, 1 s",
+        "Panel 3, down, 0 s",
+        "Panel 4, down, 1 s",
+    ]
 
 
 def test_bars_and_intervals_have_their_numbers_and_names_on_an_axis_stand_for_places():
@@ -89,7 +111,9 @@ def test_notes_and_the_scale_of_colours_are_read():
 
 @pytest.mark.slow
 def test_summaries_are_short():
-    words = describe(plots.image_grid(np.ones((30, 3, 3)), [f"step {k}" for k in range(30)]))
+    words = describe(
+        plots.image_grid(np.ones((30, 3, 3)), [f"step {k}" for k in range(30)])
+    )
     assert words.summary == "Pictures in 30 panels; step 0 to step 29"
     figure, axes = plots.new_axes(1, 3)
     for k, ax in enumerate(axes.flat):
@@ -104,12 +128,17 @@ def test_labels_lose_the_marks_of_type():
     ax.loglog([0.1, 1], [1, 2], label="a\nb")
     ax.set_xlabel(r"$\mathdefault{C_{damp}}$")
     assert "horizontal: C_damp; shown: a b" in describe(figure).summary
-    assert "C_damp from 0.0891 to 1.12, logarithmic" in only(figure), "ticks such as 10^-1 are numbers, not names"
+    assert "C_damp from 0.0891 to 1.12, logarithmic" in only(figure), (
+        "ticks such as 10^-1 are numbers, not names"
+    )
 
 
 def test_a_notebook_gets_the_words_with_the_picture():
     figure = plots.time_series({"x": np.arange(4.0)}, "x [m]")
     picture, metadata = figure._repr_png_()
     assert picture.startswith(b"\x89PNG")
-    assert metadata == {"alt": describe(figure).summary, "details": list(describe(figure).details)}
+    assert metadata == {
+        "alt": describe(figure).summary,
+        "details": list(describe(figure).details),
+    }
     assert describe(plots.new_axes()[0]).summary == "Empty figure"

@@ -14,19 +14,24 @@ from clothlab.analysis import (
     spread,
     target_distance,
 )
-from clothlab.experiments._runs import bias_error, chamfer_against_z
-from clothlab.experiments.estimation import MaterialReadout
-from clothlab.learning.autoencoder import Autoencoder, encode
+from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.vision import chamfer_distance
+from studies._runs import bias_error, chamfer_against_z
+from studies.estimation import MaterialReadout
 
-GRID = {f"{c}-{m}": Cloth(f"{c}-{m}", damping=c, mass=m) for c in DAMPINGS for m in MASSES}
+GRID = {
+    f"{c}-{m}": Cloth(f"{c}-{m}", damping=c, mass=m) for c in DAMPINGS for m in MASSES
+}
 TWO = {"a": np.array([0.0, 3.0]), "b": np.array([0.0, -3.0])}
 
 
 def biases_from(matrix) -> dict[str, np.ndarray]:
     """A p for each cloth of the grid that is linear in (log C_damp, log C_mass)."""
-    return {name: np.array(matrix) @ np.log([cloth.damping, cloth.mass]) for name, cloth in GRID.items()}
+    return {
+        name: np.array(matrix) @ np.log([cloth.damping, cloth.mass])
+        for name, cloth in GRID.items()
+    }
 
 
 def test_materials_written_linearly_into_p_are_read_off_exactly():
@@ -35,11 +40,16 @@ def test_materials_written_linearly_into_p_are_read_off_exactly():
     assert readout.linear_r2 == pytest.approx([1, 1])
     assert (readout.r2 > 0.99).all()
     for name, cloth in GRID.items():
-        assert readout(biases[name]) == pytest.approx((cloth.damping, cloth.mass), rel=0.02)
+        assert readout(biases[name]) == pytest.approx(
+            (cloth.damping, cloth.mass), rel=0.02
+        )
 
 
 def test_materials_written_on_a_curved_surface_are_read_off_too():
-    biases = {name: np.array([np.exp(a), b - 0.3 * a**2]) for name, (a, b) in biases_from(np.eye(2)).items()}
+    biases = {
+        name: np.array([np.exp(a), b - 0.3 * a**2])
+        for name, (a, b) in biases_from(np.eye(2)).items()
+    }
     readout = MaterialReadout.fit(biases, GRID)
     assert (readout.r2 > 0.9).all()
     assert (readout.r2 > readout.linear_r2).all()
@@ -47,8 +57,13 @@ def test_materials_written_on_a_curved_surface_are_read_off_too():
 
 def test_what_is_not_in_p_is_not_read_off():
     rng = np.random.default_rng(1)
-    assert (MaterialReadout.fit({name: rng.normal(size=2) for name in GRID}, GRID).r2 < 0.5).all()
-    only_ratio = {name: np.array([p[0], rng.normal()]) for name, p in biases_from([[1, -1], [0, 0]]).items()}
+    assert (
+        MaterialReadout.fit({name: rng.normal(size=2) for name in GRID}, GRID).r2 < 0.5
+    ).all()
+    only_ratio = {
+        name: np.array([p[0], rng.normal()])
+        for name, p in biases_from([[1, -1], [0, 0]]).items()
+    }
     readout = MaterialReadout.fit(only_ratio, GRID)
     assert readout.ratio_r2 > 0.99
     assert (readout.r2 < 0.9).all()
@@ -58,7 +73,8 @@ def test_the_spread_is_a_distance_and_the_nearest_is_near():
     assert spread(TWO) == pytest.approx(3)
     assert nearest_material([5.0, 0.1], TWO) == "a"
     assert nearest_material(np.float32([5.0, -0.1]), TWO) == "b"
-    assert bias_error([TWO["a"][0], TWO["a"][1] + 6.0], "a", TWO) == pytest.approx(2)  # of the spread of 3
+    # Of the spread of 3
+    assert bias_error([TWO["a"][0], TWO["a"][1] + 6.0], "a", TWO) == pytest.approx(2)
     with pytest.raises(ValueError, match="two materials"):
         principal_axes({"a": [0.0, 1.0]})
 
@@ -80,13 +96,19 @@ def test_distance_to_a_target_is_that_of_their_z(trial):
         target_distance(autoencoder, trial, np.zeros((96, 128)))
 
 
-def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_exists(trial):
+def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_exists(
+    trial,
+):
     images = trial.images.copy()
     images[3] = False
-    log_chamfer, z = chamfer_against_z(Autoencoder().eval(), replace(trial, images=images), images[0])
+    log_chamfer, z = chamfer_against_z(
+        Autoencoder().eval(), replace(trial, images=images), images[0]
+    )
     compared = [image for image in images if image.any() and (image != images[0]).any()]
     assert 0 < len(compared) < 11
-    assert log_chamfer == pytest.approx([np.log(chamfer_distance(image, images[0])) for image in compared])
+    assert log_chamfer == pytest.approx(
+        [np.log(chamfer_distance(image, images[0])) for image in compared]
+    )
     assert len(z) == len(compared)
 
 
@@ -109,7 +131,9 @@ def test_a_rate_has_an_interval_that_holds_the_true_one():
     rng = np.random.default_rng(0)
     for truth in (0.1, 0.5, 0.9):
         intervals = [rate_interval(rng.random(50) < truth) for _ in range(150)]
-        assert 0.88 < np.mean([low <= truth <= high for _, low, high in intervals]) < 0.99
+        assert (
+            0.88 < np.mean([low <= truth <= high for _, low, high in intervals]) < 0.99
+        )
     assert rate_interval([True, False, False, False])[0] == 0.25
     with pytest.raises(ValueError, match="held says"):
         rate_interval([0.5, 1.0])
@@ -118,5 +142,6 @@ def test_a_rate_has_an_interval_that_holds_the_true_one():
 def test_a_rate_of_all_or_none_is_not_sure():
     rate, low, high = rate_interval(np.ones(50, bool))
     assert (rate, high) == pytest.approx((1.0, 1.0))
-    assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)  # Wilson's, solved for all of fifty
+    # Wilson's, solved for all of fifty
+    assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)
     assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)

@@ -1,4 +1,6 @@
-"""DPMPB without a cloth: a cart of two unknown properties by the four public calls, and the study of notebook 16."""
+"""DPMPB without a cloth: a cart of two unknown properties by the four public calls, and
+the study of notebook 16.
+"""
 
 import itertools
 import subprocess
@@ -12,15 +14,19 @@ import pytest
 import torch
 
 from clothlab import artifacts
-from clothlab.learning.control import Controller, ControlSettings
-from clothlab.learning.dpmpb import DPMPB, EpisodeEnded, ModelTraining, collect_run, train_dpmpb
-from clothlab.learning.estimation import NewtonSettings, estimate_bias
+from clothlab.method.control import Controller, ControlSettings
+from clothlab.method.data import EpisodeEnded, collect_run
+from clothlab.method.estimation import estimate_bias
+from clothlab.method.model import DPMPB
+from clothlab.method.training import ModelTraining, train_dpmpb
 
 PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
 
 
 class Cart(gymnasium.Env):
-    """A mass [kg] with friction [N s/m] on a spring of 1 N/m, pushed by a force [N]; a step takes 0.2 s."""
+    """A mass [kg] with friction [N s/m] on a spring of 1 N/m, pushed by a force [N]; a
+    step takes 0.2 s.
+    """
 
     def __init__(self, mass, friction, longest=np.inf):
         self.mass, self.friction, self.longest = mass, friction, longest
@@ -31,22 +37,34 @@ class Cart(gymnasium.Env):
 
     def step(self, action):
         for _ in range(10):
-            speed = self.state[1] + 0.02 * (action[0] - self.friction * self.state[1] - self.state[0]) / self.mass
+            speed = (
+                self.state[1]
+                + 0.02
+                * (action[0] - self.friction * self.state[1] - self.state[0])
+                / self.mass
+            )
             self.state = np.array([self.state[0] + 0.02 * speed, speed])
         self.t += 1
         return {"place": self.state.copy()}, 0.0, False, self.t >= self.longest, {}
 
 
 def pushed(mass, friction, steps=400, seed=0, **options):
-    pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, steps), 3))  # plain numbers are taken, too
+    # Plain numbers are taken, too
+    pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, steps), 3))
     robot, name = Cart(mass, friction, **options), f"{mass}, {friction}"
-    return collect_run(robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"])
+    return collect_run(
+        robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"]
+    )
 
 
 @pytest.fixture(scope="module")
 def learned():
     runs = [pushed(*each, seed=k) for k, each in enumerate(PROPERTIES)]
-    return train_dpmpb(runs, ModelTraining(epochs=25, batch_size=50, sequence_length=20, stride=3), progress=False)
+    return train_dpmpb(
+        runs,
+        ModelTraining(epochs=25, batch_size=50, sequence_length=20, stride=3),
+        progress=False,
+    )
 
 
 def test_a_run_has_what_was_seen_before_each_command():
@@ -57,7 +75,10 @@ def test_a_run_has_what_was_seen_before_each_command():
 
 def test_an_episode_that_ends_too_early_says_what_to_do():
     assert len(pushed(1.0, 0.5, steps=20, longest=20)) == 20
-    with pytest.raises(EpisodeEnded, match=r"time limit .* reached after 20 of 30 steps.*max_episode_steps") as told:
+    with pytest.raises(
+        EpisodeEnded,
+        match=r"time limit .* reached after 20 of 30 steps.*max_episode_steps",
+    ) as told:
         pushed(1.0, 0.5, steps=30, longest=20)
     assert len(told.value.run) == 20, "what was recorded is not lost"
 
@@ -70,7 +91,9 @@ def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
         def step(self, action):
             return np.ones(1), 0.0, True, False, {}
 
-    with pytest.raises(EpisodeEnded, match="the robot's task was over after 1 of 5 steps") as told:
+    with pytest.raises(
+        EpisodeEnded, match="the robot's task was over after 1 of 5 steps"
+    ) as told:
         collect_run(Falls(), lambda s: np.zeros(1), 5, "any")
     assert "max_episode_steps" not in str(told.value)
     assert len(told.value.run) == 1
@@ -80,10 +103,12 @@ def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
 def test_p_tells_the_carts_apart(learned):
     model, biases, _ = learned
     found = [
-        estimate_bias(model, pushed(*each, steps=100, seed=50 + k), settings=NewtonSettings())[0]
+        estimate_bias(model, pushed(*each, steps=100, seed=50 + k), method="newton")[0]
         for k, each in enumerate(PROPERTIES)
     ]
-    gaps = np.linalg.norm(np.array(found)[:, None] - np.array(list(biases.values())), axis=-1)
+    gaps = np.linalg.norm(
+        np.array(found)[:, None] - np.array(list(biases.values())), axis=-1
+    )
     assert (gaps.argmin(1) == np.arange(9)).mean() > 0.75
 
 
@@ -97,18 +122,29 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
 
     p = biases["{}, {}".format(*properties)]
     controller = Controller(model, loss, p, [-4], [4], ControlSettings(horizon=10))
-    run = collect_run(Cart(*properties), controller.act, 40, "here", observe=lambda seen: seen["place"])
+    run = collect_run(
+        Cart(*properties),
+        controller.act,
+        40,
+        "here",
+        observe=lambda seen: seen["place"],
+    )
     assert abs(run.s[-10:, 0] - 0.5).mean() < 0.1
 
 
 def test_memory_follows_commands_of_others():
     model = DPMPB(2, 1)
-    watching, acting = (Controller(model, squares, [0.1, 0.2], [-1], [1]) for _ in range(2))
+    watching, acting = (
+        Controller(model, squares, [0.1, 0.2], [-1], [1]) for _ in range(2)
+    )
     for s in np.eye(2):
-        watching.watch(s, acting.act(s))
-    acting.watch(s, [0.5])
-    watching.watch(s, [0.5])
-    assert all(torch.equal(*both) for both in zip(watching._memory, acting._memory, strict=True))
+        watching.follow(s, acting.act(s))
+    acting.follow(s, [0.5])
+    watching.follow(s, [0.5])
+    assert all(
+        torch.equal(*both)
+        for both in zip(watching._memory, acting._memory, strict=True)
+    )
 
 
 def squares(states, t):
@@ -122,8 +158,14 @@ def squares(states, t):
         ({"upper": 1}, "upper is .1. and finite"),
         ({"home": [0, 0]}, "home is .1. and finite"),
         ({"p": [0]}, "p is .2. and finite"),
-        ({"loss": lambda states, t: states.square().sum()}, "a loss is .B., one number for each of 1 plans"),
-        ({"loss": lambda states, t: (0 * states).sum((1, 2)).sqrt()}, "the gradient of the loss is not finite"),
+        (
+            {"loss": lambda states, t: states.square().sum()},
+            "a loss is .B., one number for each of 1 plans",
+        ),
+        (
+            {"loss": lambda states, t: (0 * states).sum((1, 2)).sqrt()},
+            "the gradient of the loss is not finite",
+        ),
     ],
 )
 def test_a_controller_says_what_does_not_fit(change, message):
@@ -133,15 +175,30 @@ def test_a_controller_says_what_does_not_fit(change, message):
 
 
 def test_the_four_calls_import_nothing_of_cloth():
-    code = "import sys; from clothlab.learning import control, dpmpb, estimation; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    code = "import sys; from clothlab.method import control, estimation, training; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     loaded = {name for name in loaded if name.startswith("clothlab")}
-    learning = {f"clothlab.learning.{name}" for name in ("_training", "control", "dpmpb", "estimation", "fast_rollout")}
-    assert loaded == {"clothlab", "clothlab._validation", "clothlab.learning", *learning}
+    learning = {
+        f"clothlab.method.{name}"
+        for name in (
+            "control",
+            "data",
+            "estimation",
+            "fast_rollout",
+            "model",
+            "training",
+        )
+    }
+    assert loaded == {"clothlab", "clothlab._validation", "clothlab.method", *learning}
 
 
 def test_a_model_comes_back_from_its_file(tmp_path):
-    biases = {"light": np.array([0.5, 1.0], np.float32), "heavy": np.zeros(2, np.float32)}
+    biases = {
+        "light": np.array([0.5, 1.0], np.float32),
+        "heavy": np.zeros(2, np.float32),
+    }
     model = DPMPB(3, 2).eval()
     artifacts.save_model(model, biases, "toy", data=tmp_path)
     loaded, p = artifacts.load_model("toy", data=tmp_path)
@@ -154,11 +211,23 @@ def test_a_model_comes_back_from_its_file(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", another_robot.KINDS)
 def test_the_study_runs_small(kind):
-    learned = another_robot.train(kind, 0, 120, replace(another_robot.TRAINING, epochs=1))
-    for method in (name for name, needed in another_robot.METHODS.items() if needed == kind):
-        distances = another_robot.control(learned, method, another_robot.MATERIALS[0], False, 0)
+    learned = another_robot.train(
+        kind, 0, 120, replace(another_robot.TRAINING, epochs=1)
+    )
+    for method in (
+        name for name, needed in another_robot.METHODS.items() if needed == kind
+    ):
+        distances = another_robot.control(
+            learned, method, another_robot.MATERIALS[0], False, 0
+        )
         assert distances.shape == (10,)
         assert (distances < 0.42).all()
     if kind == "p":
         (row, *_) = another_robot.identify(learned, 0, repeats=1, steps=20)
-        assert {"payload", "friction", "right", "found_payload", "found_friction"} <= row.keys()
+        assert {
+            "payload",
+            "friction",
+            "right",
+            "found_payload",
+            "found_friction",
+        } <= row.keys()

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm, check_command, get_arm
+from clothlab.simulation.arm import (
+    ARMS,
+    JOINTS,
+    Arm,
+    MuscleArm,
+    TorqueArm,
+    check_command,
+    get_arm,
+)
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
@@ -27,7 +35,12 @@ def bare(arm: Arm) -> tuple[mujoco.MjModel, mujoco.MjData]:
 def test_names_sizes_and_places_of_an_arm_belong_together(name):
     arm = get_arm(name)
     assert arm.name == name
-    assert len(arm.command_names) == len(arm.command_lower) == len(arm.command_upper) == len(arm.home_command)
+    assert (
+        len(arm.command_names)
+        == len(arm.command_lower)
+        == len(arm.command_upper)
+        == len(arm.home_command)
+    )
     assert np.array_equal(check_command(arm, arm.home_command), arm.home_command)
     model, data = bare(arm)
     assert len(arm.state(data)) == len(arm.state_names)
@@ -46,14 +59,21 @@ def test_the_state_is_z_and_then_the_robot(name):
     assert numbered[layout.z].tolist() == [0, 1, 2]
     assert np.array_equal(numbered[layout.robot], numbered[3:])
     assert all(layout.names[n].startswith("f ") for n in numbered[layout.tensions])
-    assert len(numbered[layout.tensions]) == (len(MUSCLES) if name.startswith("muscle") else 0)
+    assert len(numbered[layout.tensions]) == (
+        len(MUSCLES) if name.startswith("muscle") else 0
+    )
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_jacobian_is_the_derivative_of_the_hand(name):
     arm, theta = get_arm(name), np.array([0.3, -0.9])
-    differences = [(arm.hand(theta + step) - arm.hand(theta - step)) / 2e-6 for step in 1e-6 * np.eye(2)]
-    assert arm.hand_jacobian(theta) == pytest.approx(np.transpose(differences), abs=1e-8)
+    differences = [
+        (arm.hand(theta + step) - arm.hand(theta - step)) / 2e-6
+        for step in 1e-6 * np.eye(2)
+    ]
+    assert arm.hand_jacobian(theta) == pytest.approx(
+        np.transpose(differences), abs=1e-8
+    )
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -72,7 +92,8 @@ def test_the_torque_arm_reaches_its_command(env):
     u = np.array([0.2, -1.0])
     for _ in range(15):
         env.advance(u)
-    assert env.arm.state(env.data)[:2] == pytest.approx(u, abs=0.12)  # without integral part it sags under weight
+    # Without integral part it sags under weight
+    assert env.arm.state(env.data)[:2] == pytest.approx(u, abs=0.12)
 
 
 @pytest.mark.parametrize("theta", [(-0.7, -1.5), (0.3, -1.57), (0.9, -0.1)])
@@ -117,7 +138,9 @@ def test_an_arm_feels_its_angles_while_it_moves(name):
 
 def test_an_arm_can_be_carried_by_another_body():
     spec = mujoco.MjSpec()
-    base = spec.worldbody.add_body(name="base", mass=1.0, inertia=[1.0] * 3, explicitinertial=True)
+    base = spec.worldbody.add_body(
+        name="base", mass=1.0, inertia=[1.0] * 3, explicitinertial=True
+    )
     base.add_joint(name="base", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
     hand, position = MUSCLE.add_to(spec, base)
     model = spec.compile()
@@ -145,19 +168,29 @@ def test_a_slack_muscle_does_no_work():
     model.actuator_forcerange[:] = 0
     data.joint("shoulder").qvel[0] = 1.0
     mujoco.mj_forward(model, data)
-    assert np.abs(data.qfrc_passive[:2] + MUSCLE.hinge_damping * data.qvel[:2]).max() < 1e-12
+    assert (
+        np.abs(data.qfrc_passive[:2] + MUSCLE.hinge_damping * data.qvel[:2]).max()
+        < 1e-12
+    )
     assert MUSCLE.state(data)[:6] == pytest.approx(np.zeros(6))
 
 
 def test_a_fixed_stiffness_leaves_nothing_to_command():
     stiff = MUSCLE.with_stiffness(70)
-    assert stiff.command_lower[2] == stiff.command_upper[2] == stiff.home_command[2] == 70
+    assert (
+        stiff.command_lower[2] == stiff.command_upper[2] == stiff.home_command[2] == 70
+    )
     assert np.array_equal(stiff.command_lower[:2], MUSCLE.command_lower[:2])
 
 
 @pytest.mark.parametrize(
     ("arm", "f_const", "message"),
-    [(MUSCLE, 9, "outside"), (MUSCLE, np.nan, "finite"), (MUSCLE, None, "finite"), (TorqueArm(), 30, "no stiffness")],
+    [
+        (MUSCLE, 9, "outside"),
+        (MUSCLE, np.nan, "finite"),
+        (MUSCLE, None, "finite"),
+        (TorqueArm(), 30, "no stiffness"),
+    ],
 )
 def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message):
     with pytest.raises(ValueError, match=message):
@@ -167,11 +200,19 @@ def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message
 @pytest.mark.parametrize(
     ("arm", "u", "message"),
     [
-        ("torque", [0.0], r"a command of the torque arm is \[2\] and finite, got the shape \[1\]"),
+        (
+            "torque",
+            [0.0],
+            r"a command of the torque arm is \[2\] and finite, got the shape \[1\]",
+        ),
         ("torque", 0.0, r"got the shape \[\]"),
         ("torque", [0.0, np.nan], "finite, got nan"),
         ("torque", None, "finite"),
-        ("torque", [3.0, 0.0], r"outside the torque arm's range \[-0.8 -1.6\] to \[1. 0.\]; use numpy.clip"),
+        (
+            "torque",
+            [3.0, 0.0],
+            r"outside the torque arm's range \[-0.8 -1.6\] to \[1. 0.\]; use numpy.clip",
+        ),
         ("muscle", [0.0, -0.5], r"is \[3\]"),
         ("muscle", [0.0, -0.5, 9.0], "outside the muscle arm's range"),
         ("muscle", [1.2, -0.5, 30.0], "outside the muscle arm's range"),
@@ -190,7 +231,9 @@ def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_k
     assert u[0] != checked[0]
 
 
-@pytest.mark.parametrize("change", [{"lower": (1.1, -1.6)}, {"upper": (1.0, -2.0)}, {"home": (0.4, 0.1)}])
+@pytest.mark.parametrize(
+    "change", [{"lower": (1.1, -1.6)}, {"upper": (1.0, -2.0)}, {"home": (0.4, 0.1)}]
+)
 def test_a_range_that_does_not_rise_through_home_is_refused(change):
     with pytest.raises(ValueError, match="home, lower and upper"):
         replace(TorqueArm(), **change)
@@ -213,13 +256,18 @@ def test_a_camera_is_moved_along_and_about_its_own_axes():
     right, up, backward = camera.axes
     for k, axis in enumerate((right, up, backward)):
         shift = 0.1 * np.eye(3)[k]
-        assert np.subtract(camera.moved(shift).position, camera.position) == pytest.approx(0.1 * axis)
+        assert np.subtract(
+            camera.moved(shift).position, camera.position
+        ) == pytest.approx(0.1 * axis)
         assert camera.moved(shift).axes == pytest.approx(camera.axes)
         turn = camera.moved(turn=5 * np.eye(3)[k])
         assert turn.position == pytest.approx(camera.position)
         assert turn.axes[k] == pytest.approx(axis)
-        assert np.rad2deg(np.arccos(turn.axes[k - 1] @ camera.axes[k - 1])) == pytest.approx(5)
-    assert camera.moved(turn=(5, 0, 0)).axes[2] @ up < 0  # it looks up, so that backward is down
+        assert np.rad2deg(
+            np.arccos(turn.axes[k - 1] @ camera.axes[k - 1])
+        ) == pytest.approx(5)
+    # It looks up, so that backward is down
+    assert camera.moved(turn=(5, 0, 0)).axes[2] @ up < 0
     assert camera.moved(turn=(0, 5, 0)).axes[2] @ right > 0  # it looks left
     assert camera.moved(turn=(0, 0, 5)).axes[1] @ right < 0  # its top leans left
     assert camera.moved(turn=(0, 0, 5)).roll == pytest.approx(5)

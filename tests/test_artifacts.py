@@ -1,4 +1,6 @@
-"""What lies in `data/`: read whole or refused in one sentence, never half, never silently something else."""
+"""What lies in `data/`: read whole or refused in one sentence, never half, never
+silently something else.
+"""
 
 import json
 import shutil
@@ -15,20 +17,26 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from clothlab import artifacts
-from clothlab.learning.autoencoder import Autoencoder, encode
-from clothlab.learning.cloth_control import ControlPolicy
-from clothlab.learning.dpmpb import DPMPB
-from clothlab.learning.trained import Trained
+from clothlab.method.autoencoder import Autoencoder, encode
+from clothlab.method.cloth_task import ControlPolicy
+from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
+from clothlab.trained import Trained
 from clothlab.trials import load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {
     "trials/train/one.npz": lambda data: artifacts.load_trials("train", data=data),
     "targets/drawn/bar.png": lambda data: artifacts.load_target("drawn/bar", data=data),
     "targets/target-1.png": lambda data: artifacts.load_target("target-1", data=data),
-    "weights/autoencoder-torque.safetensors": lambda data: artifacts.load_autoencoder("torque", data=data),
-    "weights/dpmpb-torque-0.safetensors": lambda data: artifacts.load("torque-0", data=data),
-    "results/simulation.csv": lambda data: artifacts.load_results("simulation", ".csv", data=data),
+    "weights/autoencoder-torque.safetensors": lambda data: artifacts.load_autoencoder(
+        "torque", data=data
+    ),
+    "weights/dpmpb-torque-0.safetensors": lambda data: artifacts.load(
+        "torque-0", data=data
+    ),
+    "results/simulation.csv": lambda data: artifacts.load_results(
+        "simulation", ".csv", data=data
+    ),
 }
 
 
@@ -46,7 +54,15 @@ def shaken(module: torch.nn.Module) -> torch.nn.Module:
 def trained() -> Trained:
     biases = {"a": np.array([1.0, 2.0]), "b": np.array([-1.0, 0.5])}
     autoencoder, model = shaken(Autoencoder()), shaken(DPMPB(7, 2))
-    return Trained("torque-0", get_arm("torque"), autoencoder, model, biases, np.array([0.3, 0.2]), "torque")
+    return Trained(
+        "torque-0",
+        get_arm("torque"),
+        autoencoder,
+        model,
+        biases,
+        np.array([0.3, 0.2]),
+        "torque",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -71,19 +87,36 @@ def data(_data, tmp_path) -> Path:
 
 
 def contents(data: Path) -> dict[str, bytes]:
-    return {path.relative_to(data).as_posix(): path.read_bytes() for path in data.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(data).as_posix(): path.read_bytes()
+        for path in data.rglob("*")
+        if path.is_file()
+    }
 
 
 def test_weights_survive_the_round_trip(data, trained, trial):
     read = artifacts.load("torque-0", data=str(data))
-    for ours, theirs in ((read.model, trained.model), (read.autoencoder, trained.autoencoder)):
+    for ours, theirs in (
+        (read.model, trained.model),
+        (read.autoencoder, trained.autoencoder),
+    ):
         ours, theirs = ours.state_dict(), theirs.state_dict()
         assert list(ours) == list(theirs)
         assert all(torch.equal(ours[name], theirs[name]) for name in ours)
-    assert np.array_equal(encode(read.autoencoder, trial.images), encode(trained.autoencoder, trial.images))
-    assert {name: p.tolist() for name, p in read.biases.items()} == {"a": [1.0, 2.0], "b": [-1.0, 0.5]}
+    assert np.array_equal(
+        encode(read.autoencoder, trial.images),
+        encode(trained.autoencoder, trial.images),
+    )
+    assert {name: p.tolist() for name, p in read.biases.items()} == {
+        "a": [1.0, 2.0],
+        "b": [-1.0, 0.5],
+    }
     assert read.losses == pytest.approx([0.3, 0.2])
-    assert (read.name, read.arm, read.autoencoder_name) == ("torque-0", trained.arm, "torque")
+    assert (read.name, read.arm, read.autoencoder_name) == (
+        "torque-0",
+        trained.arm,
+        "torque",
+    )
     for network in (read.model, read.autoencoder):
         assert not network.training
         assert not any(parameter.requires_grad for parameter in network.parameters())
@@ -100,9 +133,12 @@ def test_everything_else_survives_too(data, square, trial):
 
 
 def test_what_belongs_together_makes_runs_and_controllers(trained, trial, square):
-    run = trained.sequences(trial)
+    run = trained.to_run(trial)
     assert run.s.shape == (12, trained.layout.size) == (12, 7)
-    by_name, by_hand = trained.controller(square, "b"), trained.controller(square, [-1.0, 0.5])
+    by_name, by_hand = (
+        trained.controller(square, "b"),
+        trained.controller(square, [-1.0, 0.5]),
+    )
     assert isinstance(by_name, ControlPolicy)
     assert np.array_equal(by_name.p, by_hand.p)
     lazy = replace(trained.arm, upper=(0.5, 0.0))
@@ -129,7 +165,9 @@ def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
     ],
 )
 def test_unknown_names_list_the_choices(data, load, choices):
-    with pytest.raises(KeyError, match=rf"unknown .*'target-9'; choose from {choices}['\"]"):
+    with pytest.raises(
+        KeyError, match=rf"unknown .*'target-9'; choose from {choices}['\"]"
+    ):
         load("target-9", data=data)
 
 
@@ -143,7 +181,9 @@ def test_sets_of_targets_are_kept_apart(data, square):
 
 
 def test_where_nothing_was_made_yet_that_is_said(tmp_path):
-    with pytest.raises(KeyError, match=r"choose from \(none yet: run `make data train`\)"):
+    with pytest.raises(
+        KeyError, match=r"choose from \(none yet: run `make data train`\)"
+    ):
         artifacts.load("torque-0", data=tmp_path)
     assert artifacts.load_trials("mine", data=tmp_path) == []
     assert artifacts.load_targets(data=tmp_path) == {}
@@ -151,7 +191,9 @@ def test_where_nothing_was_made_yet_that_is_said(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", ""])
-def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, trained, square, name):
+def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(
+    data, trained, square, name
+):
     before = contents(data.parent)
     for save in (
         lambda: artifacts.save(replace(trained, name=name), data=data),
@@ -159,7 +201,9 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, tra
         lambda: artifacts.save_target(square, name, data=data),
         lambda: artifacts.save_results(b"", name, ".csv", data=data),
     ):
-        with pytest.raises(ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"):
+        with pytest.raises(
+            ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"
+        ):
             save()
     assert contents(data.parent) == before
 
@@ -167,13 +211,19 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(data, tra
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("recorded", [True, False])
 def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorded):
-    (data / file).write_bytes((data / file).read_bytes()[: (data / file).stat().st_size // 2])
+    (data / file).write_bytes(
+        (data / file).read_bytes()[: (data / file).stat().st_size // 2]
+    )
     assert artifacts.check_data(data)[file] == "altered"
     if not recorded:
         (data / "SHA256SUMS").unlink()
         if file.endswith(".csv"):
             return  # any bytes are text
-    words = f"data/{file} is damaged or was altered: restore it with `git checkout" if recorded else "is damaged or"
+    words = (
+        f"data/{file} is damaged or was altered: restore it with `git checkout"
+        if recorded
+        else "is damaged or"
+    )
     with pytest.raises(ValueError, match=words):
         FILES[file](data)
 
@@ -182,7 +232,10 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
 def test_a_file_that_is_gone_is_noticed(data, file):
     (data / file).unlink()
     assert artifacts.check_data(data)[file] == "missing"
-    with pytest.raises(ValueError, match=rf"data/{file} is missing: restore it with `git checkout data/{file}`"):
+    with pytest.raises(
+        ValueError,
+        match=rf"data/{file} is missing: restore it with `git checkout data/{file}`",
+    ):
         FILES[file](data)
 
 
@@ -211,37 +264,62 @@ def left_out(data, trial) -> Path:
 
 
 def test_git_ignores_what_is_left_to_make_data():
-    ignored = (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    ignored = (
+        (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    )
     assert f"data/{artifacts._LEFT_OUT.removesuffix('*')}" in ignored
 
 
-def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(data, left_out):
+def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(
+    data, left_out
+):
     assert set(artifacts.check_data(data).values()) == {"ok"}
-    assert [len(trial) for trial in artifacts.load_trials("train-more", data=data)] == [12, 5]
+    assert [len(trial) for trial in artifacts.load_trials("train-more", data=data)] == [
+        12,
+        5,
+    ]
     (left_out / "01.npz").unlink()
     verdict = artifacts.check_data(data)
     assert {name: word for name, word in verdict.items() if word != "ok"} == {
         "trials/train-more/01.npz": artifacts.LEFT_TO_MAKE
     }
-    with pytest.raises(ValueError, match=r"data/trials/train-more/01.npz is missing: record it with `make data`$"):
+    with pytest.raises(
+        ValueError,
+        match=r"data/trials/train-more/01.npz is missing: record it with `make data`$",
+    ):
         artifacts.load_trials("train-more", data=data)
 
 
-def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(data, trained, square, full_disk):
+def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
+    data, trained, square, full_disk
+):
     before = contents(data)
     for name, save in {
-        "dpmpb-torque-0.safetensors": lambda: artifacts.save(trained, data=data, overwrite=True),
+        "dpmpb-torque-0.safetensors": lambda: artifacts.save(
+            trained, data=data, overwrite=True
+        ),
         "target-1.png": lambda: artifacts.save_target(~square, "target-1", data=data),
-        "simulation.csv": lambda: artifacts.save_results(b"iou\n0.9", "simulation", ".csv", data=data),
+        "simulation.csv": lambda: artifacts.save_results(
+            b"iou\n0.9", "simulation", ".csv", data=data
+        ),
         "SHA256SUMS": lambda: artifacts.write_checksums(data),
     }.items():
-        with full_disk(), pytest.raises(OSError, match=rf"cannot write this file \(File too large\).*/{name}"):
+        with (
+            full_disk(),
+            pytest.raises(
+                OSError, match=rf"cannot write this file \(File too large\).*/{name}"
+            ),
+        ):
             save()
     assert contents(data) == before
 
 
-def rewrite(path: Path, about: dict | None = None, **change: torch.Tensor | None) -> None:
-    """Write weights with tensors changed, left out where they are None, and other words about them."""
+def rewrite(
+    path: Path, about: dict | None = None, **change: torch.Tensor | None
+) -> None:
+    """Write weights with tensors changed, left out where they are None, and other words
+    about them.
+    """
     with safe_open(path, "pt") as file:
         tensors = {key: file.get_tensor(key) for key in file.keys()} | change  # noqa: SIM118
         words = json.loads(file.metadata()["clothlab"]) | (about or {})
@@ -262,7 +340,10 @@ def rewrite(path: Path, about: dict | None = None, **change: torch.Tensor | None
 def test_weights_that_are_not_a_model_are_refused_by_name(data, tensors, about):
     (data / "SHA256SUMS").unlink()
     rewrite(data / "weights" / "dpmpb-torque-0.safetensors", about, **tensors)
-    with pytest.raises(ValueError, match=r"dpmpb-torque-0.safetensors is damaged or holds no dpmpb weights: .+"):
+    with pytest.raises(
+        ValueError,
+        match=r"dpmpb-torque-0.safetensors is damaged or holds no dpmpb weights: .+",
+    ):
         artifacts.load("torque-0", data=data)
 
 
@@ -273,14 +354,25 @@ def test_weights_that_are_not_a_model_are_refused_by_name(data, tensors, about):
         ({}, {"arm": "muscle"}, "its layers are not those of DPMPB"),
         ({}, {"format": 2}, "its format is 2, this version reads 1"),
         ({}, {"kind": "model"}, "it holds model weights"),
-        ({}, {"arm": "octopus"}, "its arm 'octopus' is unknown; known are torque, muscle"),
-        ({}, {"arm": {"class": "Octopus"}}, "its class of arms 'Octopus' is unknown; known are TorqueArm"),
+        (
+            {},
+            {"arm": "octopus"},
+            "its arm 'octopus' is unknown; known are torque, muscle",
+        ),
+        (
+            {},
+            {"arm": {"class": "Octopus"}},
+            "its class of arms 'Octopus' is unknown; known are TorqueArm",
+        ),
     ],
 )
 def test_weights_of_another_kind_are_not_called_damaged(data, tensors, about, reason):
     (data / "SHA256SUMS").unlink()
     rewrite(data / "weights" / "dpmpb-torque-0.safetensors", about, **tensors)
-    with pytest.raises(ValueError, match=rf"dpmpb-torque-0.safetensors is no dpmpb weights .* here: {reason}"):
+    with pytest.raises(
+        ValueError,
+        match=rf"dpmpb-torque-0.safetensors is no dpmpb weights .* here: {reason}",
+    ):
         artifacts.load("torque-0", data=data)
 
 
@@ -288,7 +380,10 @@ def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
     (data / "SHA256SUMS").unlink()
     path = data / "weights" / "autoencoder-torque.safetensors"
     rewrite(path, {"latent_size": 5})
-    with pytest.raises(ValueError, match=r"-torque.safetensors is no autoencoder weights .* not those of Autoencoder"):
+    with pytest.raises(
+        ValueError,
+        match=r"-torque.safetensors is no autoencoder weights .* not those of Autoencoder",
+    ):
         artifacts.load_autoencoder("torque", data=data)
     save_file({"weight": torch.ones(3)}, path)
     with pytest.raises(ValueError, match="clothlab did not write it"):
@@ -298,7 +393,9 @@ def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
 def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
     for name, arm in {
         "shorter": replace(trained.arm, link_length=0.35),  # which has kept its name
-        "own": replace(trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))),
+        "own": replace(
+            trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))
+        ),
     }.items():
         artifacts.save(replace(trained, name=name, arm=arm), data=data)
         assert artifacts.load(name, data=data).arm == arm
@@ -317,9 +414,13 @@ def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
     other.model.s_mean += 1
     elsewhere = replace(trained, name="mine", autoencoder=shaken(Autoencoder()))
     elsewhere.autoencoder.encoder[-1].running_mean += 1
-    unseen = replace(other, autoencoder=elsewhere.autoencoder, autoencoder_name="mine")  # which is not written alone
+    # Which is not written alone
+    unseen = replace(other, autoencoder=elsewhere.autoencoder, autoencoder_name="mine")
     for each in (other, elsewhere, unseen):
-        with pytest.raises(ValueError, match=r"exists and differs: choose another name, or pass overwrite=True"):
+        with pytest.raises(
+            ValueError,
+            match=r"exists and differs: choose another name, or pass overwrite=True",
+        ):
             artifacts.save(each, data=data)
     assert contents(data) == before
     artifacts.save(other, data=data, overwrite=True)
@@ -328,9 +429,12 @@ def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
 
 
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    artifacts.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
+    artifacts.save_autoencoder(
+        Autoencoder(), [0.5], "torque", data=data, overwrite=True
+    )
     with pytest.raises(
-        ValueError, match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies"
+        ValueError,
+        match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies",
     ):
         artifacts.load("torque-0", data=data)
 
@@ -348,12 +452,19 @@ def test_a_training_that_diverged_is_not_saved(data, trained):
 
 def test_a_target_is_a_mask_of_the_right_size_with_cloth_in_it(data):
     before = contents(data)
-    for wrong in (np.zeros((96, 128), bool), np.ones((48, 64)), np.full((96, 128), 0.3)):
+    for wrong in (
+        np.zeros((96, 128), bool),
+        np.ones((48, 64)),
+        np.full((96, 128), 0.3),
+    ):
         with pytest.raises(ValueError, match=r"cloth image|no cloth"):
             artifacts.save_target(wrong, "target-1", data=data)
     assert contents(data) == before
     cv2.imwrite(str(data / "targets" / "small.png"), np.full((48, 64), 255, np.uint8))
-    with pytest.raises(ValueError, match=r"small.png is damaged or holds no target: a target has 128×96 pixels"):
+    with pytest.raises(
+        ValueError,
+        match=r"small.png is damaged or holds no target: a target has 128×96 pixels",
+    ):
         artifacts.load_target("small", data=data)
 
 
@@ -361,28 +472,45 @@ def test_the_folder_is_the_one_that_is_named(data, monkeypatch, tmp_path):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
     assert artifacts.data_folder() == data
     assert artifacts.load("torque-0").name == "torque-0"
-    assert artifacts.data_folder(tmp_path) == tmp_path, "an argument goes before the environment"
+    assert artifacts.data_folder(tmp_path) == tmp_path, (
+        "an argument goes before the environment"
+    )
     monkeypatch.setenv("CLOTHLAB_DATA", "")
     assert artifacts.data_folder().name == "data"
 
 
 @pytest.mark.parametrize("where", ["nowhere", "results/simulation.csv"])
-def test_a_missing_folder_is_named_with_what_would_help(data, monkeypatch, where, square):
+def test_a_missing_folder_is_named_with_what_would_help(
+    data, monkeypatch, where, square
+):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data / where))
-    for use in (artifacts.load, artifacts.check_data, lambda: artifacts.save_target(square, "x")):
-        with pytest.raises(FileNotFoundError, match=rf"no data in .*{where}.*: clone .* or set CLOTHLAB_DATA"):
+    for use in (
+        artifacts.load,
+        artifacts.check_data,
+        lambda: artifacts.save_target(square, "x"),
+    ):
+        with pytest.raises(
+            FileNotFoundError,
+            match=rf"no data in .*{where}.*: clone .* or set CLOTHLAB_DATA",
+        ):
             use()
 
 
-def test_recordings_go_where_the_environment_says_and_are_read_from_there(data, trial, tmp_path, monkeypatch):
+def test_recordings_go_where_the_environment_says_and_are_read_from_there(
+    data, trial, tmp_path, monkeypatch
+):
     home = tmp_path / "home"
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
     assert artifacts.own_trials() == data / artifacts.OWN_TRIALS
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("CLOTHLAB_RECORDINGS", "~/recordings")
     assert artifacts.own_trials() == home / "recordings"
-    assert artifacts.own_trials(data) == data / artifacts.OWN_TRIALS, "whoever names a folder gets it"
+    assert artifacts.own_trials(data) == data / artifacts.OWN_TRIALS, (
+        "whoever names a folder gets it"
+    )
     save_trial(trial[:3], home / "recordings" / "first.npz")
     assert [len(each) for each in artifacts.load_trials("mine")] == [3]
     assert artifacts.load_trials("mine", data=data) == []
-    assert np.array_equal(load_trial(home / "recordings" / "first.npz").images, trial[:3].images)
+    assert np.array_equal(
+        load_trial(home / "recordings" / "first.npz").images, trial[:3].images
+    )

@@ -1,18 +1,23 @@
-"""Laws of calibration: regions hold what they should as often as they say, and the unknown is told from the known."""
-
-from types import SimpleNamespace
+"""Laws of calibration: regions hold what they should as often as they say, and the
+unknown is told from the known.
+"""
 
 import numpy as np
 import pytest
 import torch
 
-from clothlab.learning.calibration import _fit_floor, calibrate, fit_bias, inside, outline
-from clothlab.learning.dpmpb import Sequences
-from clothlab.learning.estimation import Fit, NewtonSettings
+from clothlab.calibration import _likeliest_floor, best_bias, calibrate, inside, outline
+from clothlab.method.data import Run
+from clothlab.method.gauss_newton import Linearisation, NewtonSettings
 
 ENDLESS = NewtonSettings(freedom=1e9)
-BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -1.0])}
-MIX = torch.tensor([[1.0, 0.5], [-0.5, 1.0], [0.3, 0.3]])  # how the state feels a command and p
+BIASES = {
+    "a": np.array([1.0, 0.0]),
+    "b": np.array([-1.0, 0.5]),
+    "c": np.array([0.0, -1.0]),
+}
+# How the state feels a command and p
+MIX = torch.tensor([[1.0, 0.5], [-0.5, 1.0], [0.3, 0.3]])
 
 
 class Toy:
@@ -27,19 +32,30 @@ class Toy:
 def toy_run(p, rng, steps=80, noise=0.3, material="a"):
     u = rng.normal(size=(steps, 2))
     s = np.zeros((steps, 3))
-    s[1:] = (u * (np.asarray(p) + 1))[:-1] @ MIX.numpy().T + noise * rng.normal(size=(steps - 1, 3))
-    return Sequences(s, u, material)
+    s[1:] = (u * (np.asarray(p) + 1))[:-1] @ MIX.numpy().T + noise * rng.normal(
+        size=(steps - 1, 3)
+    )
+    return Run(s, u, material)
 
 
 @pytest.mark.slow
 def test_the_90_percent_region_of_a_linear_gaussian_toy_holds_the_truth_in_90_percent():
     rng = np.random.default_rng(0)
-    fits = [fit_bias(Toy(), toy_run([0.3, -0.2], rng), np.zeros(2), ENDLESS) for _ in range(400)]
-    held = np.mean([inside([0.3, -0.2], p, fit.covariance(1e9, lag=0)) for p, fit in fits])
+    fits = [
+        best_bias(Toy(), toy_run([0.3, -0.2], rng), np.zeros(2), ENDLESS)
+        for _ in range(400)
+    ]
+    held = np.mean(
+        [inside([0.3, -0.2], p, fit.covariance(1e9, lag=0)) for p, fit in fits]
+    )
     assert held == pytest.approx(0.9, abs=3 * np.sqrt(0.9 * 0.1 / len(fits)))
     found = np.mean([fit.covariance(1e9, lag=0) for _, fit in fits], axis=0)
-    squares = [np.linalg.inv(np.einsum("tdi,tdj->ij", fit.jacobian, fit.jacobian)) for _, fit in fits]
-    assert found == pytest.approx(0.3**2 * np.mean(squares, axis=0), rel=0.1, abs=2e-5)  # of least squares
+    squares = [
+        np.linalg.inv(np.einsum("tdi,tdj->ij", fit.jacobian, fit.jacobian))
+        for _, fit in fits
+    ]
+    # Of least squares
+    assert found == pytest.approx(0.3**2 * np.mean(squares, axis=0), rel=0.1, abs=2e-5)
 
 
 def test_a_region_grows_with_its_share_and_its_edge_is_its_edge():
@@ -48,10 +64,18 @@ def test_a_region_grows_with_its_share_and_its_edge_is_its_edge():
         edge = outline(centre, covariance, share)
         assert edge.shape == (48, 2)
         assert edge[0] == pytest.approx(edge[-1])
-        assert all(inside(centre + 0.99 * (p - centre), centre, covariance, share) for p in edge)
-        assert not any(inside(centre + 1.01 * (p - centre), centre, covariance, share) for p in edge)
+        assert all(
+            inside(centre + 0.99 * (p - centre), centre, covariance, share)
+            for p in edge
+        )
+        assert not any(
+            inside(centre + 1.01 * (p - centre), centre, covariance, share)
+            for p in edge
+        )
     drawn = np.random.default_rng(0).multivariate_normal(centre, covariance, 1000)
-    assert np.mean([inside(p, centre, covariance, 0.5) for p in drawn]) == pytest.approx(0.5, abs=0.05)
+    assert np.mean(
+        [inside(p, centre, covariance, 0.5) for p in drawn]
+    ) == pytest.approx(0.5, abs=0.05)
 
 
 def test_the_floor_is_what_scatter_leaves_unexplained():
@@ -59,15 +83,22 @@ def test_the_floor_is_what_scatter_leaves_unexplained():
     true = np.array([[0.5, 0.2], [0.2, 0.3]])
     scatter = np.array([np.eye(2) * k for k in rng.uniform(0.1, 1, 500)])
     gaps = np.array([rng.multivariate_normal([0, 0], true + each) for each in scatter])
-    assert _fit_floor(gaps, scatter) == pytest.approx(true, abs=0.12)
-    assert np.trace(_fit_floor(gaps / 100, scatter)) < 0.01  # never more than there is
+    assert _likeliest_floor(gaps, scatter) == pytest.approx(true, abs=0.12)
+    # Never more than there is
+    assert np.trace(_likeliest_floor(gaps / 100, scatter)) < 0.01
 
 
 @pytest.fixture(scope="module")
 def calibration():
-    """Of a toy whose right p shifts from run to run by 0.1, which no curvature can know."""
+    """Of a toy whose right p shifts from run to run by 0.1, which no curvature can
+    know.
+    """
     rng = np.random.default_rng(2)
-    runs = [toy_run(p + 0.1 * rng.normal(size=2), rng, 110, 0.1, name) for name, p in BIASES.items() for _ in range(9)]
+    runs = [
+        toy_run(p + 0.1 * rng.normal(size=2), rng, 110, 0.1, name)
+        for name, p in BIASES.items()
+        for _ in range(9)
+    ]
     return calibrate(Toy(), BIASES, runs, lengths=(50, 100, 500), settings=ENDLESS)
 
 
@@ -77,7 +108,12 @@ def test_a_calibration_finds_what_curvature_cannot_know(calibration):
     assert calibration.lengths.tolist() == [50, 100]
     rng, held, bare = np.random.default_rng(3), [], []
     for _ in range(150):
-        p, fit = fit_bias(Toy(), toy_run(BIASES["a"] + 0.1 * rng.normal(size=2), rng, 100, 0.1), [0, 0], ENDLESS)
+        p, fit = best_bias(
+            Toy(),
+            toy_run(BIASES["a"] + 0.1 * rng.normal(size=2), rng, 100, 0.1),
+            [0, 0],
+            ENDLESS,
+        )
         held.append(inside(BIASES["a"], p, calibration.covariance(fit)))
         bare.append(inside(BIASES["a"], p, fit.covariance()))
     assert 0.8 < np.mean(held) <= 1
@@ -87,13 +123,20 @@ def test_a_calibration_finds_what_curvature_cannot_know(calibration):
 def test_only_an_unusual_error_is_out_of_distribution(calibration):
     rng, alarms = np.random.default_rng(4), {}
     for noise in (0.1, 0.3):
-        fits = [fit_bias(Toy(), toy_run(BIASES["b"], rng, 100, noise), [0, 0], ENDLESS) for _ in range(40)]
-        alarms[noise] = np.mean([calibration.out_of_distribution(fit, p) for p, fit in fits])
+        fits = [
+            best_bias(Toy(), toy_run(BIASES["b"], rng, 100, noise), [0, 0], ENDLESS)
+            for _ in range(40)
+        ]
+        alarms[noise] = np.mean(
+            [calibration.out_of_distribution(fit, p) for p, fit in fits]
+        )
         ratio = np.mean([calibration.log_error_ratio(fit, p) for p, fit in fits])
         assert ratio == pytest.approx(2 * np.log(noise / 0.1), abs=0.1)
     assert alarms[0.1] < 0.25
     assert alarms[0.3] == 1
-    early, late = (Fit(np.full((n, 3), 9.0), np.zeros((n, 3, 2))) for n in (20, 99))
+    early, late = (
+        Linearisation(np.full((n, 3), 9.0), np.zeros((n, 3, 2))) for n in (20, 99)
+    )
     assert not calibration.out_of_distribution(early, BIASES["a"])
     assert calibration.out_of_distribution(late, BIASES["a"])
 
@@ -102,17 +145,26 @@ def test_outside_is_where_no_trained_material_is_around(calibration):
     small = 1e-4 * np.eye(2)
     assert not calibration.outside_hull(np.mean(list(BIASES.values()), axis=0), small)
     assert calibration.outside_hull(2 * BIASES["a"], small)
-    assert not calibration.outside_hull(2 * BIASES["a"], 4 * np.eye(2))  # too unsure to tell
+    # Too unsure to tell
+    assert not calibration.outside_hull(2 * BIASES["a"], 4 * np.eye(2))
 
 
 def test_a_report_says_all_of_it_at_once(calibration):
-    p, fit = fit_bias(Toy(), toy_run(BIASES["c"], np.random.default_rng(6), 100, 0.1), [0, 0], ENDLESS)
-    report = calibration.report(SimpleNamespace(fit=fit, p=p))
+    p, fit = best_bias(
+        Toy(), toy_run(BIASES["c"], np.random.default_rng(6), 100, 0.1), [0, 0], ENDLESS
+    )
+    report = calibration.report(fit, p)
     assert np.array_equal(report.covariance, calibration.covariance(fit))
     assert report.log_error_ratio == calibration.log_error_ratio(fit, p)
-    assert report[2:] == (calibration.out_of_distribution(fit, p), calibration.outside_hull(p, report.covariance))
-    assert calibration.report(SimpleNamespace(fit=None, p=p)) is None
-    assert calibration.report(SimpleNamespace(fit=Fit(fit.errors, np.zeros_like(fit.jacobian)), p=p)) is None
+    assert report[2:] == (
+        calibration.out_of_distribution(fit, p),
+        calibration.outside_hull(p, report.covariance),
+    )
+    assert calibration.report(None, p) is None
+    assert (
+        calibration.report(Linearisation(fit.errors, np.zeros_like(fit.jacobian)), p)
+        is None
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,6 +177,8 @@ def test_a_report_says_all_of_it_at_once(calibration):
     ],
 )
 def test_a_calibration_needs_runs_with_known_materials(names, lengths, message):
-    runs = [toy_run([0, 0], np.random.default_rng(5), 60, material=name) for name in names]
+    runs = [
+        toy_run([0, 0], np.random.default_rng(5), 60, material=name) for name in names
+    ]
     with pytest.raises((ValueError, KeyError), match=message):
         calibrate(Toy(), BIASES, runs, lengths=lengths)

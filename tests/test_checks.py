@@ -12,13 +12,13 @@ import nbformat
 import numpy as np
 import pytest
 import torch
-from solutions import solved
 from threadpoolctl import threadpool_limits
 
 import clothlab
 from clothlab import checks
 from clothlab.checks._check import array, check, number
 from clothlab.checks.cloth_simulation import acceleration
+from course.solutions import solved
 
 NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
 LESSONS = {"acceleration": acceleration}  # what solutions take from their lesson
@@ -26,7 +26,9 @@ LESSONS = {"acceleration": acceleration}  # what solutions take from their lesso
 
 @pytest.fixture(autouse=True, scope="module")
 def one_core():
-    """The principal axes of a few small images take ten times as long on two cores that are busy."""
+    """The principal axes of a few small images take ten times as long on two cores that
+    are busy.
+    """
     with threadpool_limits(1):
         yield
 
@@ -49,20 +51,29 @@ def tagged(path, tag):
 
 
 def functions(source):
-    return [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    return [
+        node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)
+    ]
 
 
 def signatures(source):
-    return [(node.name, ast.unparse(node.args), ast.get_docstring(node)) for node in functions(source)]
+    return [
+        (node.name, ast.unparse(node.args), ast.get_docstring(node))
+        for node in functions(source)
+    ]
 
 
 def exercises():
     """Each exercise by its function's name: its notebook, stub and solution."""
     found = {}
     for path in NOTEBOOKS:
-        for stub, solution in zip(tagged(path, "stub"), tagged(path, "solution"), strict=True):
+        for stub, solution in zip(
+            tagged(path, "stub"), tagged(path, "solution"), strict=True
+        ):
             name = functions(stub)[0].name
-            assert name not in found, f"{path.stem} has a second exercise called {name}: checks go by their names"
+            assert name not in found, (
+                f"{path.stem} has a second exercise called {name}: checks go by their names"
+            )
             found[name] = path, stub, solution
     return found
 
@@ -71,14 +82,21 @@ EXERCISES = exercises()
 
 
 def define(name, source):
-    """The function as the notebook's reader would have it: after the notebook's imports."""
+    """The function as the notebook's reader would have it: after the notebook's
+    imports.
+    """
     namespace = dict(LESSONS)
     for _, cell in code_cells(EXERCISES[name][0]):
-        imports = [node for node in ast.parse(cell).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        imports = [
+            node
+            for node in ast.parse(cell).body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+        ]
         exec(ast.unparse(ast.Module(imports, [])), namespace)
     code = "\n".join(ast.unparse(node) for node in functions(source))
     file = f"<{name} {hash(code)}>"
-    linecache.cache[file] = len(code), None, code.splitlines(keepends=True), file  # as a kernel does for its cells
+    # As a kernel does for its cells
+    linecache.cache[file] = (len(code), None, code.splitlines(keepends=True), file)
     exec(compile(code, file, "exec"), namespace)
     return namespace[name]
 
@@ -94,7 +112,9 @@ def test_an_exercise_has_stub_solution_and_check(path):
         assert signatures(stub) == signatures(solution)
         (name, *_), *others = signatures(stub)
         assert not others, "one function to an exercise"
-        assert check.startswith(f"checks.{name}({name})"), f"the check of {name} is clothlab.checks.{name}"
+        assert check.startswith(f"checks.{name}({name})"), (
+            f"the check of {name} is clothlab.checks.{name}"
+        )
         assert getattr(checks, name).__module__ == f"clothlab.checks.{path.stem[3:]}"
 
 
@@ -105,15 +125,19 @@ def test_every_check_belongs_to_an_exercise():
 @pytest.mark.parametrize("name", EXERCISES)
 def test_stubs_are_refused_and_solutions_are_not(name, capsys):
     _, stub, solution = EXERCISES[name]
-    with pytest.raises(checks.Unanswered, match=rf"^unanswered: the dots of {name} are still there, in `.*\.\.\..*`$"):
+    with pytest.raises(
+        checks.Unanswered,
+        match=rf"^unanswered: the dots of {name} are still there, in `.*\.\.\..*`$",
+    ):
         getattr(checks, name)(define(name, stub))
     assert capsys.readouterr().out == ""
     getattr(checks, name)(define(name, solution))
     assert capsys.readouterr().out == "correct\n"
 
 
-# What goes wrong easily: of the solution of an exercise `right` is replaced by `wrong`, and this the reader is told.
-# Where `right` is "return", `wrong` is what the last line returns instead; where it is "body", all that it does.
+# What goes wrong easily: of the solution of an exercise `right` is replaced by `wrong`,
+# and this the reader is told. Where `right` is "return", `wrong` is what the last line
+# returns instead; where it is "body", all that it does.
 SLIPS = [
     ("lstm_step", "c = f * c + i * g", "c = i * c + f * g", "changed places"),
     ("lstm_step", "c = f * c + i * g", "c = i * g", "old cell state is missing"),
@@ -130,24 +154,74 @@ SLIPS = [
     ("influence", "z.square().sum()", "z.norm()", "‖z‖, not of its square"),
     ("influence", "u[None], p, memory", "u[None], p, None", "pass the memory on"),
     ("shares_by_hand", "[::-1]", "", "the larger one first"),
-    ("shares_by_hand", "np.cov(np.asarray(points, dtype=float).T)", "points.T @ points", "subtract the mean"),
-    ("shares_by_hand", "eigenvalues / eigenvalues.sum()", "eigenvalues", "divide by their sum"),
-    ("shares_by_hand", "shares = ", "eigenvalues = np.sqrt(eigenvalues); shares = ", "not of its root"),
-    ("shares_by_hand", "return shares", "v = np.var(points, axis=0); return v / v.sum()", "shares of the two columns"),
+    (
+        "shares_by_hand",
+        "np.cov(np.asarray(points, dtype=float).T)",
+        "points.T @ points",
+        "subtract the mean",
+    ),
+    (
+        "shares_by_hand",
+        "eigenvalues / eigenvalues.sum()",
+        "eigenvalues",
+        "divide by their sum",
+    ),
+    (
+        "shares_by_hand",
+        "shares = ",
+        "eigenvalues = np.sqrt(eigenvalues); shares = ",
+        "not of its root",
+    ),
+    (
+        "shares_by_hand",
+        "return shares",
+        "v = np.var(points, axis=0); return v / v.sum()",
+        "shares of the two columns",
+    ),
     ("left_out", "!= k", ">= 0", "leave it out"),
-    ("left_out", "columns[k] @ coefficients", "y[others].mean()", "the mean of the others"),
-    ("left_out", "return predicted", "return predicted[:8]", "for each of the 9 cloths, not 8"),
+    (
+        "left_out",
+        "columns[k] @ coefficients",
+        "y[others].mean()",
+        "the mean of the others",
+    ),
+    (
+        "left_out",
+        "return predicted",
+        "return predicted[:8]",
+        "for each of the 9 cloths, not 8",
+    ),
     ("gradient_by_nudges", "/ (2 * nudge)", "/ nudge", "2 ε apart"),
     ("gradient_by_nudges", "/ (2 * nudge)", "", "by the distance of the two places"),
-    ("gradient_by_nudges", "loss_at(p - step)) / (2 * nudge)", "loss_at(p)) / nudge", "not forwards alone"),
-    ("gradient_by_nudges", "loss_at(p + step) - loss_at(p - step)", "loss_at(p - step) - loss_at(p + step)", "ahead"),
-    ("momentum_step", "+ gradient", "+ rate * gradient", "v collects the gradients as they are"),
+    (
+        "gradient_by_nudges",
+        "loss_at(p - step)) / (2 * nudge)",
+        "loss_at(p)) / nudge",
+        "not forwards alone",
+    ),
+    (
+        "gradient_by_nudges",
+        "loss_at(p + step) - loss_at(p - step)",
+        "loss_at(p - step) - loss_at(p + step)",
+        "ahead",
+    ),
+    (
+        "momentum_step",
+        "+ gradient",
+        "+ rate * gradient",
+        "v collects the gradients as they are",
+    ),
     ("momentum_step", "momentum * v + gradient", "gradient", "times the momentum"),
     ("momentum_step", "momentum * v + gradient", "v + gradient", "only momentum times"),
     ("momentum_step", "p - rate * v", "p + rate * v", "uphill"),
     ("momentum_step", "p - rate * v", "p - v", "rate times v"),
     ("momentum_step", "return p, v", "return v, p", "the new p first"),
-    ("momentum_step", "body", "return p - rate * v, momentum * v + gradient", "by the new v, not by the old"),
+    (
+        "momentum_step",
+        "body",
+        "return p - rate * v, momentum * v + gradient",
+        "by the new v, not by the old",
+    ),
     ("curvature", "epsilon**2", "epsilon", "what is yours divided by"),
     ("curvature", "- 2 * loss_at(p)", "- loss_at(p)", "counts twice"),
     ("curvature", "- 2 * loss_at(p)", "+ 2 * loss_at(p)", "subtracted, not added"),
@@ -161,41 +235,126 @@ SLIPS = [
         "(loss_at(p + step) - loss_at(p - step)) / (2 * epsilon)",
         "slope",
     ),
-    ("curvature", "sides - 2 * loss_at(p)", "loss_at(p + step) - loss_at(p)", "to one side only"),
-    ("curvature", "sides - 2 * loss_at(p)", "2 * loss_at(p) - sides", "the curvature is positive"),
-    ("momentum_step", "momentum * v + gradient", "momentum * v - rate * gradient", "another way to write momentum"),
-    ("momentum_step", "momentum * v + gradient", "momentum * v - gradient", "the sign belongs to the step of p"),
+    (
+        "curvature",
+        "sides - 2 * loss_at(p)",
+        "loss_at(p + step) - loss_at(p)",
+        "to one side only",
+    ),
+    (
+        "curvature",
+        "sides - 2 * loss_at(p)",
+        "2 * loss_at(p) - sides",
+        "the curvature is positive",
+    ),
+    (
+        "momentum_step",
+        "momentum * v + gradient",
+        "momentum * v - rate * gradient",
+        "another way to write momentum",
+    ),
+    (
+        "momentum_step",
+        "momentum * v + gradient",
+        "momentum * v - gradient",
+        "the sign belongs to the step of p",
+    ),
     ("momentum_step", "+ gradient", "+ (1 - momentum) * gradient", "not an average"),
     ("plan_gradients", ".sum()", ".mean()", "over the number of plans"),
-    ("plan_gradients", "loss(u).sum()", "loss(u)[0]", "only the first plan has a gradient"),
+    (
+        "plan_gradients",
+        "loss(u).sum()",
+        "loss(u)[0]",
+        "only the first plan has a gradient",
+    ),
     ("plan_gradients", "return g", "return -g", "this points downhill"),
     ("plan_gradients", "loss(u).sum()", "loss(u[0])", "raised RuntimeError"),
-    ("receding_horizon", "step(plan[0])", "step(plan[-1])", "not the first of its plan"),
-    ("receding_horizon", "observation = step(plan[0])", "step(plan[0])", "look after each command"),
-    ("receding_horizon", "sent.append(plan[0])", "sent.extend(plan)", "solve once and send one command"),
-    ("receding_horizon", "sent.append(plan[0])", "sent.append(plan[-1])", "return the commands that were sent"),
+    (
+        "receding_horizon",
+        "step(plan[0])",
+        "step(plan[-1])",
+        "not the first of its plan",
+    ),
+    (
+        "receding_horizon",
+        "observation = step(plan[0])",
+        "step(plan[0])",
+        "look after each command",
+    ),
+    (
+        "receding_horizon",
+        "sent.append(plan[0])",
+        "sent.extend(plan)",
+        "solve once and send one command",
+    ),
+    (
+        "receding_horizon",
+        "sent.append(plan[0])",
+        "sent.append(plan[-1])",
+        "return the commands that were sent",
+    ),
     ("receding_horizon", "step(plan[0])", "step(plan)", "a step takes one command"),
-    ("receding_horizon", "plan = np.concatenate([plan[1:], plan[-1:]])", "pass", "shifted by one step"),
+    (
+        "receding_horizon",
+        "plan = np.concatenate([plan[1:], plan[-1:]])",
+        "pass",
+        "shifted by one step",
+    ),
     ("shifted", "plan[1:]", "plan[:-1]", "one step to the left"),
     ("shifted", "sent[-period]", "sent[-1]", "sent just now"),
     ("shifted", "sent[-period]", "sent[0]", "filled by sent[-"),
     ("shifted", "sent[-period]", "plan[-1]", "the plan's last command"),
     ("shifted", "periodic and len(sent) >= period", "periodic", "IndexError"),
-    ("shifted", "periodic and len(sent) >= period", "len(sent) >= period", "periodic=False"),
-    ("best_moment", "skip + np.argmax(overlap[skip:])", "np.argmax(overlap)", "steps do not count with skip"),
-    ("best_moment", "(skip + np.argmax(overlap[skip:]))", "np.argmax(overlap[skip:])", "from the start of the run"),
+    (
+        "shifted",
+        "periodic and len(sent) >= period",
+        "len(sent) >= period",
+        "periodic=False",
+    ),
+    (
+        "best_moment",
+        "skip + np.argmax(overlap[skip:])",
+        "np.argmax(overlap)",
+        "steps do not count with skip",
+    ),
+    (
+        "best_moment",
+        "(skip + np.argmax(overlap[skip:]))",
+        "np.argmax(overlap[skip:])",
+        "from the start of the run",
+    ),
     ("best_moment", "0.2 * ", "", "a step lasts 0.2 s"),
     ("best_moment", "return time", "return overlap[skip:].max()", "return its time"),
     ("best_moment", "argmax", "argmin", "the smallest overlap"),
-    ("best_moment", "time =", "skip = 2 if skip == 8 else skip; time =", "eight steps are left out"),
+    (
+        "best_moment",
+        "time =",
+        "skip = 2 if skip == 8 else skip; time =",
+        "eight steps are left out",
+    ),
     ("euler_step", "a[0] = 0.0", "pass", "its velocity stays zero"),
-    ("euler_step", "acceleration(cloth, x, v)", "acceleration(cloth, x, 0 * v)", "acceleration(cloth, x, v)"),
+    (
+        "euler_step",
+        "acceleration(cloth, x, v)",
+        "acceleration(cloth, x, 0 * v)",
+        "acceleration(cloth, x, v)",
+    ),
     ("euler_step", "v = v + dt * a", "v = v + a", "multiplied by the time step"),
     ("euler_step", "return x, v", "return v, x", "first the positions"),
-    ("euler_step", "v = v + dt * a", "x, v = x + dt * v, v + dt * a; return x, v", "not the old"),
+    (
+        "euler_step",
+        "v = v + dt * a",
+        "x, v = x + dt * v, v + dt * a; return x, v",
+        "not the old",
+    ),
     ("euler_step", "v = v + dt * a", "v += dt * a", "in place"),
     ("chamfer_by_hand", "return", "there.mean()", "only, from a to b"),
-    ("chamfer_by_hand", "return (there.mean() + back.mean()) / 2", "return there.mean() + back.mean()", "halve it"),
+    (
+        "chamfer_by_hand",
+        "return (there.mean() + back.mean()) / 2",
+        "return there.mean() + back.mean()",
+        "halve it",
+    ),
     ("chamfer_by_hand", "return", "max(there.max(), back.max())", "Hausdorff"),
     ("chamfer_by_hand", ".mean()", ".sum()", "a sum over the pixels"),
     ("chamfer_by_hand", "return", "distances.mean()", "all pairs"),
@@ -203,73 +362,228 @@ SLIPS = [
     ("bce_loss", "loss.mean()", "loss.sum()", "a sum: take the mean"),
     ("bce_loss", "F.softplus(", "F.softplus(-1 * ", "changed places"),
     ("bce_loss", "return", "-loss.mean()", "never negative"),
-    ("bce_loss", " + (1 - images) * F.softplus(logits)", "", "pixels without cloth count"),
-    ("bce_loss", "return", "-torch.where(images > 0.5, logits, -logits).sigmoid().log().mean()", "for a logit of 200"),
-    ("bce_loss", "return", "F.binary_cross_entropy(logits.sigmoid().clamp(1e-6, 1 - 1e-6), images)", "be cut off"),
+    (
+        "bce_loss",
+        " + (1 - images) * F.softplus(logits)",
+        "",
+        "pixels without cloth count",
+    ),
+    (
+        "bce_loss",
+        "return",
+        "-torch.where(images > 0.5, logits, -logits).sigmoid().log().mean()",
+        "for a logit of 200",
+    ),
+    (
+        "bce_loss",
+        "return",
+        "F.binary_cross_entropy(logits.sigmoid().clamp(1e-6, 1 - 1e-6), images)",
+        "be cut off",
+    ),
     ("denoise", "adam.zero_grad()", "pass", "zero_grad() comes before backward()"),
     ("denoise", "adam.step()", "pass", "the weights do not move"),
-    ("denoise", "loss.backward()", "loss.backward(); adam.zero_grad()", "the weights do not move"),
+    (
+        "denoise",
+        "loss.backward()",
+        "loss.backward(); adam.zero_grad()",
+        "the weights do not move",
+    ),
     (
         "denoise",
         "adam.zero_grad()\n        loss.backward()\n        adam.step()",
         "adam.step()\n        adam.zero_grad()\n        loss.backward()",
         "too early",
     ),
-    ("denoise", "network(noisy), clean", "network(noisy), noisy", "compares with the clean image"),
-    ("denoise", "network(noisy), clean", "network(clean), clean", "is given the noisy image"),
-    ("denoise", "network(noisy), clean", "network(clean), noisy", "clean one is the target"),
-    ("denoise", "F.binary_cross_entropy_with_logits", "F.mse_loss", "not a squared error"),
+    (
+        "denoise",
+        "network(noisy), clean",
+        "network(noisy), noisy",
+        "compares with the clean image",
+    ),
+    (
+        "denoise",
+        "network(noisy), clean",
+        "network(clean), clean",
+        "is given the noisy image",
+    ),
+    (
+        "denoise",
+        "network(noisy), clean",
+        "network(clean), noisy",
+        "clean one is the target",
+    ),
+    (
+        "denoise",
+        "F.binary_cross_entropy_with_logits",
+        "F.mse_loss",
+        "not a squared error",
+    ),
     ("denoise", "loss.item()", "loss.item() / 2", "the first loss is wrong"),
     ("linear_reconstruction", "PCA(components", "PCA(3", "more axes"),
     ("linear_reconstruction", "PCA(components", "PCA(components + 1", "more axes"),
-    ("linear_reconstruction", "pca.fit(train)", "pca.fit(images)", "fitted them to other images"),
+    (
+        "linear_reconstruction",
+        "pca.fit(train)",
+        "pca.fit(images)",
+        "fitted them to other images",
+    ),
     ("linear_reconstruction", "return ", "return 0.5 < ", "real numbers"),
-    ("linear_reconstruction", "return ", "return -train.mean(axis=0) + ", "mean added again"),
+    (
+        "linear_reconstruction",
+        "return ",
+        "return -train.mean(axis=0) + ",
+        "mean added again",
+    ),
     ("pair_stiffness", "2 * r", "r", "two muscles"),
     ("pair_stiffness", "2 * r", "-2 * r", "a positive number"),
     ("pair_stiffness", "r**2", "r", "r enters twice"),
     ("pair_stiffness", "3 * k3", "k3", "df/de, not f/e"),
     ("pair_stiffness", "e0**2", "e0", "slope is"),
     ("compliance", "+ 1 / arm.motor_stiffness", "", "motors are rigid"),
-    ("compliance", "spring_stiffness(f_const)", "spring_stiffness(arm.elongation(f_const))", "not its stretch"),
-    ("compliance", "arm.spring_stiffness(f_const)", "(f_const / arm.elongation(f_const))", "not f/e"),
-    ("compliance", "J @ np.linalg.inv(joints) @ J.T", "J.T @ np.linalg.inv(joints) @ J", "changed places"),
+    (
+        "compliance",
+        "spring_stiffness(f_const)",
+        "spring_stiffness(arm.elongation(f_const))",
+        "not its stretch",
+    ),
+    (
+        "compliance",
+        "arm.spring_stiffness(f_const)",
+        "(f_const / arm.elongation(f_const))",
+        "not f/e",
+    ),
+    (
+        "compliance",
+        "J @ np.linalg.inv(joints) @ J.T",
+        "J.T @ np.linalg.inv(joints) @ J",
+        "changed places",
+    ),
     ("compliance", "return", "np.linalg.inv(joints)", "where does J enter"),
     ("compliance", "np.linalg.inv(joints)", "joints", "in place of its inverse"),
-    ("length_for_measured_tension", "- (f - arm.tension_bias) / arm.motor_stiffness", "", "l_ref"),
+    (
+        "length_for_measured_tension",
+        "- (f - arm.tension_bias) / arm.motor_stiffness",
+        "",
+        "l_ref",
+    ),
     ("length_for_measured_tension", "f - arm.tension_bias", "f", "subtract it"),
     ("length_for_measured_tension", "lengths - (f", "lengths + (f", "not a longer one"),
-    ("length_for_measured_tension", "arm.body_image(theta_ref, f)", "theta_ref @ arm.moment_arms.T", "springs stretch"),
-    ("length_for_measured_tension", "(theta_ref, f)", "(theta_ref, np.full(6, f.mean()))", "the motors pull"),
-    ("count_springs", "(rows - 1) * columns", "rows * columns", "structural springs, not"),
+    (
+        "length_for_measured_tension",
+        "arm.body_image(theta_ref, f)",
+        "theta_ref @ arm.moment_arms.T",
+        "springs stretch",
+    ),
+    (
+        "length_for_measured_tension",
+        "(theta_ref, f)",
+        "(theta_ref, np.full(6, f.mean()))",
+        "the motors pull",
+    ),
+    (
+        "count_springs",
+        "(rows - 1) * columns",
+        "rows * columns",
+        "structural springs, not",
+    ),
     ("count_springs", "shear = 2 * (rows", "shear = (rows", "two diagonals"),
-    ("count_springs", "(rows - 1) * (columns - 2)", "rows * (columns - 2)", "the first row is held"),
-    ("count_springs", "structural, shear, bending", "structural, bending, shear", "in another order"),
-    ("my_mask", "range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "not of step t"),
-    ("my_mask", "range(t + 1, t + horizon + 1)", "range(t + 1, t + period + 1)", "predicted steps, not"),
+    (
+        "count_springs",
+        "(rows - 1) * (columns - 2)",
+        "rows * (columns - 2)",
+        "the first row is held",
+    ),
+    (
+        "count_springs",
+        "structural, shear, bending",
+        "structural, bending, shear",
+        "in another order",
+    ),
+    (
+        "my_mask",
+        "range(t + 1, t + horizon + 1)",
+        "range(t, t + horizon)",
+        "not of step t",
+    ),
+    (
+        "my_mask",
+        "range(t + 1, t + horizon + 1)",
+        "range(t + 1, t + period + 1)",
+        "predicted steps, not",
+    ),
     ("my_mask", "% period", "% 4", "a multiple of"),
-    ("my_mask", "return", "[int(k == (period - t - 1) % period) for k in range(horizon)]", "a multiple of"),
+    (
+        "my_mask",
+        "return",
+        "[int(k == (period - t - 1) % period) for k in range(horizon)]",
+        "a multiple of",
+    ),
     ("steps_along", " / np.linalg.norm(g)", "", "only its direction"),
     ("steps_along", "u - gammas", "u + gammas", "uphill"),
-    ("steps_along", "np.linalg.norm(g)", "np.linalg.norm(g, axis=1, keepdims=True)", "as long as its γ"),
+    (
+        "steps_along",
+        "np.linalg.norm(g)",
+        "np.linalg.norm(g, axis=1, keepdims=True)",
+        "as long as its γ",
+    ),
     ("steps_along", "g / np.linalg.norm(g)", "np.sign(g) / 4", "another direction"),
     ("steps_along", "return", "u - gammas[:, None, None] * direction", "numpy.clip"),
-    ("steps_along", "return", "np.clip(u - gammas[:, None, None] * direction, -1, 1)", "lower and the upper"),
-    ("one_outcome", "k * missed / (1 + noise)", "k / (1 + noise)", "where is what was missed"),
+    (
+        "steps_along",
+        "return",
+        "np.clip(u - gammas[:, None, None] * direction, -1, 1)",
+        "lower and the upper",
+    ),
+    (
+        "one_outcome",
+        "k * missed / (1 + noise)",
+        "k / (1 + noise)",
+        "where is what was missed",
+    ),
     ("one_outcome", "k * missed / (1 + noise)", "k * missed", "teaches less"),
     ("one_outcome", "-0.5 *", "-1.0 *", "a half in its exponent"),
-    ("one_outcome", "1 - k**2 / (1 + noise)", "k**2 / (1 + noise)", "asked is what is left"),
+    (
+        "one_outcome",
+        "1 - k**2 / (1 + noise)",
+        "k**2 / (1 + noise)",
+        "asked is what is left",
+    ),
     ("one_outcome", "1 - k**2 / (1 + noise)", "1 - k / (1 + noise)", "k enters twice"),
-    ("one_outcome", "1 - k**2 / (1 + noise)", "(1 - k**2 / (1 + noise)) ** 0.5", "asked is the variance"),
+    (
+        "one_outcome",
+        "1 - k**2 / (1 + noise)",
+        "(1 - k**2 / (1 + noise)) ** 0.5",
+        "asked is the variance",
+    ),
     ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
     ("sign_flip_share", ">= d.mean() - 1e-12", ">= d.mean()", "within 1e-12"),
-    ("sign_flip_share", "np.array(means) >= d", "np.abs(means) >= d", "not those that are as far from 0"),
-    ("sign_flip_share", "float(np.mean(", "float(np.sum(", "divide by how many there are"),
+    (
+        "sign_flip_share",
+        "np.array(means) >= d",
+        "np.abs(means) >= d",
+        "not those that are as far from 0",
+    ),
+    (
+        "sign_flip_share",
+        "float(np.mean(",
+        "float(np.sum(",
+        "divide by how many there are",
+    ),
     ("share_held", "-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
     ("share_held", "np.mean(squared", "np.mean(np.sqrt(squared)", "has no root"),
-    ("share_held", "np.linalg.inv(covariances)", "covariances", "the inverse of the covariance"),
+    (
+        "share_held",
+        "np.linalg.inv(covariances)",
+        "covariances",
+        "the inverse of the covariance",
+    ),
     ("share_held", "<=", ">", "of those outside"),
-    ("point_of_pixel", "(height / 2 - row - 0.5)", "(row + 0.5 - height / 2)", "rows count downwards"),
+    (
+        "point_of_pixel",
+        "(height / 2 - row - 0.5)",
+        "(row + 0.5 - height / 2)",
+        "rows count downwards",
+    ),
     ("point_of_pixel", "-1.0]", "1.0]", "minus z axis"),
     (
         "point_of_pixel",
@@ -281,26 +595,59 @@ SLIPS = [
     ("point_of_pixel", "np.deg2rad(fovy) / 2", "np.deg2rad(fovy)", "half of fovy"),
     ("point_of_pixel", "np.deg2rad(fovy) / 2", "fovy / 2", "takes radians"),
     ("point_of_pixel", "0.5", "0.0", "half a pixel"),
-    ("plane_of_most", "return", "np.linalg.lstsq(np.insert(points[:, :2], 2, 1, 1), points[:, 2])[0]", "pulled up by"),
-    ("plane_of_most", "return", "np.array([0.0, 0.0, np.median(points[:, 2])])", "a median height is no plane"),
-    ("plane_of_most", "return", "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)", "first the slopes"),
+    (
+        "plane_of_most",
+        "return",
+        "np.linalg.lstsq(np.insert(points[:, :2], 2, 1, 1), points[:, 2])[0]",
+        "pulled up by",
+    ),
+    (
+        "plane_of_most",
+        "return",
+        "np.array([0.0, 0.0, np.median(points[:, 2])])",
+        "a median height is no plane",
+    ),
+    (
+        "plane_of_most",
+        "return",
+        "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)",
+        "first the slopes",
+    ),
     ("verdict", "sign * mean", "mean", "where its sign is -1"),
     ("verdict", "return", "int(abs(mean) > half)", "return -1"),
     ("verdict", "/ np.sqrt(len(differences))", "", "root of their number"),
     ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "1.96", "Student's t"),
     ("verdict", "ddof=1", "ddof=0", "n - 1, not by n"),
-    ("verdict", "stats.t.ppf(0.975, len(differences) - 1)", "2.776", "one less than the values"),
+    (
+        "verdict",
+        "stats.t.ppf(0.975, len(differences) - 1)",
+        "2.776",
+        "one less than the values",
+    ),
 ]
-# Other ways to be right, as readers write them: the solution with one piece replaced by another.
+# Other ways to be right, as readers write them: the solution with one piece replaced by
+# another.
 RIGHTS = [
     ("curvature", "return curvatures", "return curvatures.tolist()"),
-    ("shares_by_hand", "body", "s = np.linalg.svd(points - points.mean(0))[1] ** 2; return list(s / s.sum())"),
+    (
+        "shares_by_hand",
+        "body",
+        "s = np.linalg.svd(points - points.mean(0))[1] ** 2; return list(s / s.sum())",
+    ),
     ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
     ("momentum_step", "return p, v", "return [p.tolist(), v.astype(np.float32)]"),
-    ("plan_gradients", "(g,) = torch.autograd.grad(loss(u).sum(), u)", "loss(u).sum().backward(); g = u.grad"),
+    (
+        "plan_gradients",
+        "(g,) = torch.autograd.grad(loss(u).sum(), u)",
+        "loss(u).sum().backward(); g = u.grad",
+    ),
     ("receding_horizon", "return", "[list(u) for u in sent]"),
     ("shifted", "return", "np.vstack([rest, gap]).tolist()"),
-    ("best_moment", "body", "return float(max(range(skip, len(overlap)), key=lambda k: overlap[k])) / 5"),
+    (
+        "best_moment",
+        "body",
+        "return float(max(range(skip, len(overlap)), key=lambda k: overlap[k])) / 5",
+    ),
     ("euler_step", "return x, v", "return np.stack([x, v])"),
     ("chamfer_by_hand", "return (", "return np.float32("),
     ("bce_loss", "body", "return F.binary_cross_entropy_with_logits(logits, images)"),
@@ -313,9 +660,17 @@ RIGHTS = [
     ),
     ("linear_reconstruction", 'svd_solver="randomized"', 'svd_solver="full"'),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
-    ("my_mask", "return", "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))"),
+    (
+        "my_mask",
+        "return",
+        "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))",
+    ),
     ("steps_along", "np.linalg.norm(g)", "np.sqrt((g**2).sum())"),
-    ("one_outcome", "return", "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]"),
+    (
+        "one_outcome",
+        "return",
+        "[np.float32(k * missed / (1 + noise)), torch.tensor(1 - k * k / (1 + noise))]",
+    ),
     ("sign_flip_share", "(1, -1)", "(1, 0)"),
 ]
 
@@ -328,7 +683,9 @@ def replaced(name, old, new):
         function.body = ast.parse(new).body
         module = ast.Module([ast.FunctionDef(**vars(function))], [])
         return define(name, ast.unparse(ast.fix_missing_locations(module)))
-    assert old in solution, "the solution has changed: change this row of the table, too"
+    assert old in solution, (
+        "the solution has changed: change this row of the table, too"
+    )
     if old == "return":
         old = solution[solution.rindex("return ") + len("return ") :]
     return define(name, solution.replace(old, new))
@@ -361,12 +718,18 @@ def test_dots_of_an_index_are_an_answer_and_dots_in_one_line_are_none():
     with pytest.raises(checks.Unanswered, match=r"in `return \.\.\.`$"):
         checks.my_mask(define("my_mask", source))
     checks.my_mask(
-        replaced("my_mask", "return", "np.array([int(k % period == 0) for k in range(t + 1, t + horizon + 1)])[...]")
+        replaced(
+            "my_mask",
+            "return",
+            "np.array([int(k % period == 0) for k in range(t + 1, t + horizon + 1)])[...]",
+        )
     )
 
 
 class Replay:
-    """Returns what another answer returned, call for call, as one who writes down the outputs of a run would."""
+    """Returns what another answer returned, call for call, as one who writes down the
+    outputs of a run would.
+    """
 
     def __init__(self, answer):
         self.answer, self.recorded = answer, []
@@ -392,10 +755,13 @@ def test_a_recorded_replay_of_outputs_fails(name, capsys):
         getattr(checks, name)(replay, seed=1)  # the replay itself is exact
 
 
-CALLED_BACK = {"receding_horizon", "denoise", "parameter_groups"}  # these judge what an answer does, not returns only
+# These judge what an answer does, not returns only
+CALLED_BACK = {"receding_horizon", "denoise", "parameter_groups"}
 
 
-def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_all(monkeypatch):
+def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_all(
+    monkeypatch,
+):
     def wrong(overlap, skip=8):
         seen.append(overlap)
         return -1.0
@@ -405,7 +771,10 @@ def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_al
     with pytest.raises(checks.CheckFailed) as first:
         checks.best_moment(wrong)
     line = first.value._render_traceback_()[1]
-    seed = re.fullmatch(r"\(the same inputs again: checks\.best_moment\(best_moment, seed=(\d+)\)\)", line)[1]
+    seed = re.fullmatch(
+        r"\(the same inputs again: checks\.best_moment\(best_moment, seed=(\d+)\)\)",
+        line,
+    )[1]
     with pytest.raises(checks.CheckFailed):
         checks.best_moment(wrong, seed=int(seed))
     monkeypatch.setenv("CLOTHLAB_CHECK_SEED", seed)
@@ -423,7 +792,11 @@ TIMES = int(os.environ.get("CLOTHLAB_INPUTS", 3))  # `make nightly` asks for mor
 def test_whatever_is_drawn_solutions_pass_and_slips_are_named(name, capsys):
     right = [define(name, EXERCISES[name][2])]
     right += [replaced(name, old, new) for other, old, new in RIGHTS if other == name]
-    slips = [(replaced(name, old, new), words) for other, old, new, words in SLIPS if other == name]
+    slips = [
+        (replaced(name, old, new), words)
+        for other, old, new, words in SLIPS
+        if other == name
+    ]
     for seed in range(min(TIMES, 200)):
         for answer in right:
             getattr(checks, name)(answer, seed=seed)
@@ -432,14 +805,35 @@ def test_whatever_is_drawn_solutions_pass_and_slips_are_named(name, capsys):
                 getattr(checks, name)(wrong, seed=seed)
 
 
-ODD = [None, "three", float("nan"), np.inf, 1j, (), range(9), [[1], [2, 3]], {"a": 1}, dict, np.array("three")]
-ODD += [np.zeros((2, 2, 2, 2)), torch.full((3,), torch.nan), (k for k in range(3)), ["1", "2"], (np.zeros(2), None)]
+ODD = [
+    None,
+    "three",
+    float("nan"),
+    np.inf,
+    1j,
+    (),
+    range(9),
+    [[1], [2, 3]],
+    {"a": 1},
+    dict,
+    np.array("three"),
+]
+ODD += [
+    np.zeros((2, 2, 2, 2)),
+    torch.full((3,), torch.nan),
+    (k for k in range(3)),
+    ["1", "2"],
+    (np.zeros(2), None),
+]
 
 
 @pytest.mark.parametrize("name", EXERCISES)
 def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
     for odd in ODD:
-        for answer in (lambda *args, odd=odd, **kwargs: odd, lambda *args, odd=odd, **kwargs: lambda observation: odd):
+        for answer in (
+            lambda *args, odd=odd, **kwargs: odd,
+            lambda *args, odd=odd, **kwargs: lambda observation: odd,
+        ):
             with pytest.raises(checks.CheckFailed, match=r"\w \w") as refused:
                 getattr(checks, name)(answer)
             assert "\n" not in str(refused.value)
@@ -447,12 +841,18 @@ def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize("error", [AssertionError("no"), KeyError("p"), StopIteration(), RuntimeError("two\nlines")])
+@pytest.mark.parametrize(
+    "error",
+    [AssertionError("no"), KeyError("p"), StopIteration(), RuntimeError("two\nlines")],
+)
 def test_every_error_of_an_answer_is_named(error):
     def answer(*args, **kwargs):
         raise error
 
-    with pytest.raises(checks.CheckFailed, match=f"best_moment raised {type(error).__name__}.*`raise error`"):
+    with pytest.raises(
+        checks.CheckFailed,
+        match=f"best_moment raised {type(error).__name__}.*`raise error`",
+    ):
         checks.best_moment(answer)
 
 
@@ -482,15 +882,29 @@ def test_an_answer_must_not_change_what_it_was_given(given, change):
         answer(given)
 
     compare(lambda x: len(x))
-    with pytest.raises(checks.CheckFailed, match="changes its argument `x` in place: work on a copy"):
+    with pytest.raises(
+        checks.CheckFailed, match="changes its argument `x` in place: work on a copy"
+    ):
         compare(lambda x: bool(change(x) is x))
 
 
-@pytest.mark.parametrize("found", [2, 2.0, np.float32(2), np.int64(2), np.array(2), torch.tensor(2.0), Fraction(2)])
+@pytest.mark.parametrize(
+    "found",
+    [2, 2.0, np.float32(2), np.int64(2), np.array(2), torch.tensor(2.0), Fraction(2)],
+)
 def test_a_number_of_any_kind_is_a_number(found):
     assert number("a number")("f", found) == 2.0
 
 
-@pytest.mark.parametrize("found", [(1, 2), [True, 2], np.array([1, 2], np.float32), torch.tensor([1, 2]), range(1, 3)])
+@pytest.mark.parametrize(
+    "found",
+    [
+        (1, 2),
+        [True, 2],
+        np.array([1, 2], np.float32),
+        torch.tensor([1, 2]),
+        range(1, 3),
+    ],
+)
 def test_an_array_of_any_kind_is_an_array(found):
     assert array("two numbers", 2)("f", found).tolist() == [1.0, 2.0]

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.experiments._runs import NEW
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import (
     CLOTHS,
@@ -20,17 +19,23 @@ from clothlab.simulation.cloth import (
     springs,
 )
 from clothlab.simulation.env import ClothEnv, Scene
+from studies._runs import NEW
 
 GRAVITY = 9.81
 
 
 def falling(cloth: Cloth) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A cloth that nobody holds: its bar slides down with the drag of the points tied to it."""
+    """A cloth that nobody holds: its bar slides down with the drag of the points tied
+    to it.
+    """
     spec = mujoco.MjSpec()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     bar = spec.worldbody.add_body(name="bar")
     bar.add_joint(
-        name="bar", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], damping=[cloth.columns * cloth.damping, 0, 0]
+        name="bar",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[0, 0, 1],
+        damping=[cloth.columns * cloth.damping, 0, 0],
     )
     add_cloth(spec, cloth, bar, np.zeros(3))
     model = spec.compile()
@@ -42,8 +47,12 @@ def test_terminal_speed_is_weight_over_drag(name):
     cloth = get_cloth(name)
     model, data = falling(cloth)
     mujoco.mj_step(model, data, 3000)
-    assert -data.joint("bar").qvel[0] == pytest.approx(cloth.point_mass * GRAVITY / cloth.damping, rel=1e-3)
-    assert cloth.terminal_speed == pytest.approx(cloth.point_mass * GRAVITY / cloth.damping)
+    assert -data.joint("bar").qvel[0] == pytest.approx(
+        cloth.point_mass * GRAVITY / cloth.damping, rel=1e-3
+    )
+    assert cloth.terminal_speed == pytest.approx(
+        cloth.point_mass * GRAVITY / cloth.damping
+    )
 
 
 @pytest.mark.parametrize("name", [*CLOTHS, *FOAMS])
@@ -67,7 +76,9 @@ def test_a_hanging_cloth_stretches_by_its_weight(env):
 
 
 def motion(cloth: Cloth, time_step: float = 0.002) -> np.ndarray:
-    """Where the points are after each of 15 steps of three random runs, `[45, rows, columns, 3]` [m]."""
+    """Where the points are after each of 15 steps of three random runs, `[45, rows,
+    columns, 3]` [m].
+    """
     env = ClothEnv("torque", cloth, scene=Scene(time_step=time_step))
     moments = []
     for seed in range(3):
@@ -89,15 +100,26 @@ def test_materials_matter_more_than_the_time_step():
     cloth = get_cloth("damp0.05-mass0.10")
     base = motion(cloth)
     halved = mean_shift(base, motion(cloth, time_step=0.001))
-    for change in ({"damping": 0.07}, {"damping": 0.03}, {"mass": 0.15}, {"mass": 0.05}):
+    for change in (
+        {"damping": 0.07},
+        {"damping": 0.03},
+        {"mass": 0.15},
+        {"mass": 0.05},
+    ):
         assert mean_shift(base, motion(replace(cloth, **change))) > 2 * halved
 
 
 def test_springs_join_neighbours_and_leave_the_hand_bar_out():
     cloth = Cloth("small", rows=3, columns=3)
     found = {(a, b): stiffness for a, b, stiffness in springs(cloth)}
-    assert not any(a.startswith("cloth_0_") and b.startswith("cloth_0_") for a, b in found)
-    assert found["cloth_0_0", "cloth_1_0"] == found["cloth_0_0", "cloth_1_1"] == cloth.stiffness
+    assert not any(
+        a.startswith("cloth_0_") and b.startswith("cloth_0_") for a, b in found
+    )
+    assert (
+        found["cloth_0_0", "cloth_1_0"]
+        == found["cloth_0_0", "cloth_1_1"]
+        == cloth.stiffness
+    )
     assert found["cloth_0_1", "cloth_2_1"] == cloth.bending
     assert len(found) == 6 + 4 + 4 + 4 + 3 + 2
 
@@ -105,7 +127,11 @@ def test_springs_join_neighbours_and_leave_the_hand_bar_out():
 def test_a_free_first_row_has_springs_of_its_own():
     cloth = get_cloth("soft-1")
     more = set(springs(cloth, held=False)) - set(springs(cloth))
-    pairs = {("cloth_0_0", "cloth_0_1"), ("cloth_0_1", "cloth_0_2"), ("cloth_0_0", "cloth_0_2")}
+    pairs = {
+        ("cloth_0_0", "cloth_0_1"),
+        ("cloth_0_1", "cloth_0_2"),
+        ("cloth_0_0", "cloth_0_2"),
+    }
     assert {(a, b) for a, b, _ in more} == pairs
 
 
@@ -116,19 +142,27 @@ def test_a_cloth_that_nobody_holds_falls_as_a_whole():
     data = mujoco.MjData(model)
     assert model.nv == 3 * cloth.rows * cloth.columns
     mujoco.mj_step(model, data, 100)
-    fallen = np.array([data.joint(f"{name}_z").qpos[0] for row in point_names(cloth) for name in row])
+    fallen = np.array(
+        [data.joint(f"{name}_z").qpos[0] for row in point_names(cloth) for name in row]
+    )
     assert fallen == pytest.approx(np.full(len(fallen), fallen[0]))
     assert fallen[0] < -0.05
 
 
 def test_sheets_add_mass_and_stiffness_but_no_drag():
     one, three = FOAMS["hard-1"], FOAMS["hard-3"]
-    assert (three.mass, three.bending, three.stiffness) == pytest.approx((3 * one.mass, 3 * one.bending, 180))
+    assert (three.mass, three.bending, three.stiffness) == pytest.approx(
+        (3 * one.mass, 3 * one.bending, 180)
+    )
     assert three.damping == one.damping == FOAMS["soft-1"].damping
 
 
 def test_thick_sheets_bend_less_by_the_third_power():
-    soft, hard = (FOAMS[f"{kind}-1"].bending / (SHEETS[kind].modulus * SHEETS[kind].thickness ** 3) for kind in SHEETS)
+    soft, hard = (
+        FOAMS[f"{kind}-1"].bending
+        / (SHEETS[kind].modulus * SHEETS[kind].thickness ** 3)
+        for kind in SHEETS
+    )
     assert soft == pytest.approx(hard)
 
 
@@ -162,6 +196,9 @@ def test_people_see_a_foam_by_its_name_and_a_cloth_by_its_numbers(cloth, label):
 
 
 def test_every_cloth_of_the_project_has_a_label_of_its_own():
-    for cloths in ((*CLOTHS.values(), *NEW["torque"]), (*FOAMS.values(), *NEW["muscle"])):
+    for cloths in (
+        (*CLOTHS.values(), *NEW["torque"]),
+        (*FOAMS.values(), *NEW["muscle"]),
+    ):
         labels = [cloth.label for cloth in cloths]
         assert len({*labels}) == len(labels), labels

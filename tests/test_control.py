@@ -8,35 +8,64 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.learning import control
-from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.cloth_control import ControlPolicy, control_loss, nearest_plans, period_mask, recorded_plans
-from clothlab.learning.cloth_state import EstimatingPolicy, observe, to_sequences
-from clothlab.learning.control import ControlSettings, best_step, downhill, optimise_commands
-from clothlab.learning.dpmpb import DPMPB, Sequences, collect_run
-from clothlab.learning.estimation import BiasEstimator, EstimationSettings
-from clothlab.learning.fast_rollout import FastDPMPB
-from clothlab.simulation.arm import MuscleArm
-from clothlab.trials import rollout
+from clothlab.method import control
+from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.cloth_task import (
+    ControlPolicy,
+    EstimatingPolicy,
+    control_loss,
+    observe,
+    period_mask,
+)
+from clothlab.method.control import (
+    ControlSettings,
+    best_step,
+    downhill,
+    optimise_commands,
+)
+from clothlab.method.data import Run, collect_run
+from clothlab.method.estimation import BiasEstimator, EstimationSettings
+from clothlab.method.fast_rollout import FastDPMPB
+from clothlab.method.iterative import nearest_plans
+from clothlab.method.model import DPMPB
+from clothlab.simulation.arm import MuscleArm, get_arm
+from clothlab.trials import recorded_plans, rollout, to_run
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])
 
 
 @pytest.fixture
 def controller(square):
-    def make(plans=None, p=(0.0, 0.0), target=square, arm="torque", sizes=(7, 2), **change):
+    def make(
+        plans=None, p=(0.0, 0.0), target=square, arm="torque", sizes=(7, 2), **change
+    ):
         torch.manual_seed(0)
         model = DPMPB(*sizes).eval()
         settings = replace(ControlSettings(candidates=5, iterations=1), **change)
-        return ControlPolicy(model, Autoencoder().eval(), arm, target, p, settings, plans)
+        return ControlPolicy(
+            model, Autoencoder().eval(), get_arm(arm), target, p, settings, plans
+        )
 
     return make
 
 
 def test_the_mask_shifts_as_in_the_papers_example_and_marks_each_end_of_a_period():
     settings = ControlSettings(horizon=4, period=4)
-    assert [tuple(period_mask(t, settings)) for t in (2, 3, 4)] == [(0, 1, 0, 0), (1, 0, 0, 0), (0, 0, 0, 1)]
-    assert list(period_mask(1, ControlSettings(horizon=8, period=3))) == [0, 1, 0, 0, 1, 0, 0, 1]
+    assert [tuple(period_mask(t, settings)) for t in (2, 3, 4)] == [
+        (0, 1, 0, 0),
+        (1, 0, 0, 0),
+        (0, 0, 0, 1),
+    ]
+    assert list(period_mask(1, ControlSettings(horizon=8, period=3))) == [
+        0,
+        1,
+        0,
+        0,
+        1,
+        0,
+        0,
+        1,
+    ]
 
 
 def test_the_loss_counts_masked_steps_and_tensions_where_the_arm_has_them():
@@ -45,8 +74,12 @@ def test_the_loss_counts_masked_steps_and_tensions_where_the_arm_has_them():
     s[:, 1, :3] = z_ref
     s[1, 1, 0] += 2
     s[1, 0, 3:5] = torch.tensor([30.0, 40.0])
-    assert control_loss(s, z_ref, mask, slice(3, 3), 0.001).tolist() == pytest.approx([0, 2])
-    assert control_loss(s, z_ref, mask, slice(3, 5), 0.001).tolist() == pytest.approx([0, 2.05])
+    assert control_loss(s, z_ref, mask, slice(3, 3), 0.001).tolist() == pytest.approx(
+        [0, 2]
+    )
+    assert control_loss(s, z_ref, mask, slice(3, 5), 0.001).tolist() == pytest.approx(
+        [0, 2.05]
+    )
 
 
 def test_each_plan_goes_down_its_own_gradient_by_the_step_that_is_best_for_it():
@@ -60,8 +93,11 @@ def test_each_plan_goes_down_its_own_gradient_by_the_step_that_is_best_for_it():
     assert losses.tolist() == [0.25, 0.25]
     assert direction.tolist() == [[[-1, 0]], [[0, -1]]]
     steps = torch.tensor([0.0, 0.3, 0.6])[:, None, None, None] * direction
-    best, losses = best_step(loss, plans, steps, torch.tensor([-1.0, -1.0]), torch.tensor([1.0, 0.2]))
-    assert best.flatten().tolist() == pytest.approx([0.6, 0, 0, 0.2])  # the second ends at its limit
+    best, losses = best_step(
+        loss, plans, steps, torch.tensor([-1.0, -1.0]), torch.tensor([1.0, 0.2])
+    )
+    # The second ends at its limit
+    assert best.flatten().tolist() == pytest.approx([0.6, 0, 0, 0.2])
     assert losses.tolist() == pytest.approx([0.01, 0.09])
 
 
@@ -69,8 +105,12 @@ def test_each_plan_goes_down_its_own_gradient_by_the_step_that_is_best_for_it():
 def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     generator = torch.Generator().manual_seed(seed)
     fast = FastDPMPB(model, torch.zeros(2, dtype=torch.float64))
-    z_ref, s = (3 * torch.randn(size, generator=generator, dtype=torch.float64) for size in (3, 7))
-    start = 2 * torch.randn(8, 2, generator=generator, dtype=torch.float64)  # mostly outside the range
+    z_ref, s = (
+        3 * torch.randn(size, generator=generator, dtype=torch.float64)
+        for size in (3, 7)
+    )
+    # Mostly outside the range
+    start = 2 * torch.randn(8, 2, generator=generator, dtype=torch.float64)
     given = start.clone()
     u, trace = optimise_commands(
         lambda u: fast(s, u, memory),
@@ -101,7 +141,9 @@ def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller)
 @pytest.mark.slow
 def test_a_policy_uses_each_estimate_and_a_second_run_is_the_first_one(env, controller):
     inner = controller()
-    estimator = BiasEstimator(inner.model, [0.1, 0.2], EstimationSettings(window=5, warmup=1))
+    estimator = BiasEstimator(
+        inner.model, [0.1, 0.2], EstimationSettings(window=5, warmup=1)
+    )
     policy = EstimatingPolicy(inner, estimator, inner.autoencoder)
     first, second = rollout(env, policy, 6), rollout(env, policy, 6)
     assert np.array_equal(first.commands, second.commands)
@@ -111,21 +153,25 @@ def test_a_policy_uses_each_estimate_and_a_second_run_is_the_first_one(env, cont
 
 def test_a_cloth_is_recorded_by_the_same_call_as_any_robot(env, controller):
     policy = controller()
-    run = to_sequences(policy.autoencoder, rollout(env, policy, 4))
+    run = to_run(policy.autoencoder, rollout(env, policy, 4))
     policy.reset()
-    same = collect_run(env, policy.act, 4, "same", observe=partial(observe, policy.autoencoder))
+    same = collect_run(
+        env, policy.act, 4, "same", observe=partial(observe, policy.autoencoder)
+    )
     assert same.s == pytest.approx(run.s, abs=1e-5)
 
 
 def test_the_memory_follows_the_observations(env, controller):
     policy = controller()
-    run = to_sequences(policy.autoencoder, rollout(env, policy, 4))
+    run = to_run(policy.autoencoder, rollout(env, policy, 4))
     s, u = torch.as_tensor(run.s)[None, :-1], torch.as_tensor(run.u)[None, :-1]
     _, memory = policy.model(s, u, torch.zeros(2))
     assert torch.allclose(policy._memory.h, memory.h, atol=1e-5)
 
 
-def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, controller):
+def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(
+    env, controller
+):
     for warm_start, repeated in (
         ("last", lambda policy, sent: policy._u[-2]),
         ("periodic", lambda policy, sent: sent[-8]),
@@ -133,7 +179,7 @@ def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, 
         policy, sent = controller(warm_start=warm_start, period=8), []
         for _ in range(10):
             sent.append(torch.as_tensor(policy(env.observe()), dtype=torch.float32))
-        policy._follow()
+        policy._move_on()
         assert torch.equal(policy._u[-1], repeated(policy, sent))
     with pytest.raises(KeyError, match="choose from last, periodic"):
         controller(warm_start="none")
@@ -141,7 +187,8 @@ def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(env, 
 
 def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, controller):
     policy = controller()
-    env.advance(policy.step_without_solving(env.observe()))  # a first plan needs a solve
+    # a first plan needs a solve
+    env.advance(policy.step_without_solving(env.observe()))
     plan = policy._u.clone()
     for k in (1, 2):
         env.advance(policy.step_without_solving(env.observe()))
@@ -153,14 +200,19 @@ def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, contr
 
 
 @pytest.mark.slow
-def test_the_predicted_distance_is_that_of_the_end_of_the_period(muscle_env, controller):
+def test_the_predicted_distance_is_that_of_the_end_of_the_period(
+    muscle_env, controller
+):
     policy = controller(arm=MuscleArm(), sizes=(15, 3))
     policy.tension_weight = 0.0
     assert policy.predicted_distance is None
     for k in range(16):
         assert not policy.period_ended or k == 8
         muscle_env.advance(policy(muscle_env.observe()))
-        assert policy.predicted_distance == pytest.approx(policy.trace[-1][-1], rel=1e-4)  # where tensions cost nothing
+        # Where tensions cost nothing
+        assert policy.predicted_distance == pytest.approx(
+            policy.trace[-1][-1], rel=1e-4
+        )
     assert policy.period_ended
     policy.reset()
     assert policy.predicted_distance is None
@@ -206,9 +258,13 @@ def test_plans_are_stretches_of_recorded_commands(trial):
     plans = recorded_plans([trial], horizon=5, count=20)
     windows = [trial.commands[k : k + 5] for k in range(len(trial) - 4)]
     assert plans.shape == (20, 5, 2)
-    assert all(any(np.array_equal(plan, window) for window in windows) for plan in plans)
+    assert all(
+        any(np.array_equal(plan, window) for window in windows) for plan in plans
+    )
     assert np.array_equal(plans, recorded_plans([trial], horizon=5, count=20))
-    assert not np.array_equal(plans, recorded_plans([trial], horizon=5, count=20, seed=1))
+    assert not np.array_equal(
+        plans, recorded_plans([trial], horizon=5, count=20, seed=1)
+    )
     with pytest.raises(ValueError, match="at least as long"):
         recorded_plans([trial], horizon=13)
 
@@ -216,8 +272,11 @@ def test_plans_are_stretches_of_recorded_commands(trial):
 def test_nearest_plans_are_those_after_which_the_cloth_was_nearest_best_first_and_hardly_overlapping():
     s, u = np.full((40, 7), 9.0), np.arange(40.0)[:, None].repeat(2, 1)
     s[20, :3], s[21, :3], s[35, :3] = 1.0, 1.1, 1.2
-    plans = nearest_plans([Sequences(s, u, "a"), Sequences(s + 5, u, "b")], [1.0, 1.0, 1.0], horizon=8, count=4)
-    assert plans.u[:2, 0, 0].tolist() == [12.0, 27.0]  # eight commands before steps 20 and 35; 21 is too near to 20
+    plans = nearest_plans(
+        [Run(s, u, "a"), Run(s + 5, u, "b")], [1.0, 1.0, 1.0], horizon=8, count=4
+    )
+    # Eight commands before steps 20 and 35; 21 is too near to 20
+    assert plans.u[:2, 0, 0].tolist() == [12.0, 27.0]
     assert plans.u.shape == (4, 8, 2)
     assert plans.distance[:2] == pytest.approx([0.0, 0.2 * 3**0.5])
     assert set(plans.material[:2]) == {"a"}
@@ -225,7 +284,10 @@ def test_nearest_plans_are_those_after_which_the_cloth_was_nearest_best_first_an
 
 def test_another_search_may_take_the_place_of_the_descent(env, controller):
     policy, found = controller(), torch.full((8, 2), -0.5)
-    policy.search = lambda predict, loss, start: (found, loss(predict(found[None])).detach().numpy())
+    policy.search = lambda predict, loss, start: (
+        found,
+        loss(predict(found[None])).detach().numpy(),
+    )
     assert (rollout(env, policy, 3).commands == -0.5).all()
 
 
@@ -242,8 +304,14 @@ def test_a_fixed_stiffness_stays_fixed(muscle_env, controller):
         ({"p": np.zeros(3)}, r"p is \[2\] and finite, got the shape \[3\]"),
         ({"target": np.zeros((96, 128))}, "no cloth in the image"),
         ({"target": np.ones((48, 64))}, "cloth images are"),
-        ({"plans": np.zeros((3, 5, 2))}, r"plans is \[N, 8, 2\] and finite, got the shape \[3, 5, 2\]"),
-        ({"arm": "muscle"}, "the muscle arm has 15 and 3; load the weights of this arm"),
+        (
+            {"plans": np.zeros((3, 5, 2))},
+            r"plans is \[N, 8, 2\] and finite, got the shape \[3, 5, 2\]",
+        ),
+        (
+            {"arm": "muscle"},
+            "the muscle arm has 15 and 3; load the weights of this arm",
+        ),
     ],
 )
 def test_what_does_not_belong_together_is_refused(controller, wrong, message):

@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.cloth_state import observe, to_sequences
-from clothlab.learning.dpmpb import DPMPB, ModelTraining, Sequences, fit_normalisation, predict, stretches, train_dpmpb
-from clothlab.learning.estimation import NewtonSettings, estimate_bias
+from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.cloth_task import observe
+from clothlab.method.data import Run, set_normalisation, windows
+from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import NewtonSettings
+from clothlab.method.model import DPMPB, predict
+from clothlab.method.training import ModelTraining, train_dpmpb
+from clothlab.trials import to_run
 
 BRIEF = ModelTraining(epochs=8, batch_size=20, sequence_length=10)
-GOOD = Sequences(np.zeros((40, 7)), np.zeros((40, 2)), "a")
+GOOD = Run(np.zeros((40, 7)), np.zeros((40, 2)), "a")
 
 
 @pytest.fixture
@@ -23,14 +27,19 @@ def made_up_runs(model):
     runs = []
     for name, p in (("a", [0.5, 0.0]), ("b", [-0.5, 0.0])):
         u = torch.randn(1, 80, 2, generator=generator, dtype=torch.float64)
-        states = predict(model, torch.zeros(7, dtype=torch.float64), u, torch.tensor(p).double())
-        runs.append(Sequences(np.vstack([np.zeros(7), states[0, :-1]]), u[0].numpy(), name))
+        states = predict(
+            model, torch.zeros(7, dtype=torch.float64), u, torch.tensor(p).double()
+        )
+        runs.append(Run(np.vstack([np.zeros(7), states[0, :-1]]), u[0].numpy(), name))
     return runs
 
 
 def test_gradient_on_p_equals_finite_differences(model):
     torch.manual_seed(3)
-    s, u = torch.randn(1, 6, 7, dtype=torch.float64), torch.randn(1, 6, 2, dtype=torch.float64)
+    s, u = (
+        torch.randn(1, 6, 7, dtype=torch.float64),
+        torch.randn(1, 6, 2, dtype=torch.float64),
+    )
     p = torch.tensor([0.3, -0.2], dtype=torch.float64, requires_grad=True)
 
     def loss(p):
@@ -41,10 +50,15 @@ def test_gradient_on_p_equals_finite_differences(model):
 
 
 def test_predictions_depend_on_p_and_on_memory_which_begins_with_zeros(model, memory):
-    s, u = torch.zeros(7, dtype=torch.float64), torch.zeros(1, 4, 2, dtype=torch.float64)
+    s, u = (
+        torch.zeros(7, dtype=torch.float64),
+        torch.zeros(1, 4, 2, dtype=torch.float64),
+    )
     zero, one = (torch.full((2,), value, dtype=torch.float64) for value in (0.0, 1.0))
     assert not torch.allclose(predict(model, s, u, zero), predict(model, s, u, one))
-    assert not torch.allclose(predict(model, s, u, zero), predict(model, s, u, zero, memory))
+    assert not torch.allclose(
+        predict(model, s, u, zero), predict(model, s, u, zero, memory)
+    )
     first = type(memory)(*(part.double() for part in model.initial_memory()))
     assert torch.equal(predict(model, s, u, zero), predict(model, s, u, zero, first))
 
@@ -53,9 +67,11 @@ def test_normalisation_comes_from_all_runs_and_never_divides_by_nothing():
     model = DPMPB(7, 2)
     s = np.arange(140.0).reshape(20, 7)
     s[:, 6] = 5.0  # a sensor that never changes
-    runs = [Sequences(s[:10], np.zeros((10, 2)), "a"), Sequences(s[10:], np.ones((10, 2)), "b")]
-    with pytest.warns(UserWarning, match=r"state 6 \(counted from 0\) never changes in these runs"):
-        fit_normalisation(model, runs)
+    runs = [Run(s[:10], np.zeros((10, 2)), "a"), Run(s[10:], np.ones((10, 2)), "b")]
+    with pytest.warns(
+        UserWarning, match=r"state 6 \(counted from 0\) never changes in these runs"
+    ):
+        set_normalisation(model, runs)
     assert model.s_mean.numpy() == pytest.approx(s.mean(0))
     assert model.s_std.numpy()[:6] == pytest.approx(s.std(0, ddof=1)[:6])
     assert model.s_std[6] > 0
@@ -68,18 +84,25 @@ def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, con
     for run in made_up_runs:
         s = np.column_stack([run.s, np.full(len(run), constant)])
         u = np.column_stack([run.u, np.full(len(run), constant)])
-        runs.append(Sequences(s, u, run.material))
+        runs.append(Run(s, u, run.material))
     with pytest.warns(UserWarning, match="never changes") as told:
         model, biases, _ = train_dpmpb(runs, BRIEF, device="cpu", progress=False)
     assert [str(each.message)[:9] for each in told] == ["state 7 (", "command 2"]
 
     run = runs[0]
-    p, _ = estimate_bias(model, run, settings=NewtonSettings(window=len(run)))
+    p, _ = estimate_bias(
+        model, run, method="newton", settings=NewtonSettings(window=len(run))
+    )
     for moved in (1e-4, 1.0, 50.0):
         s, u = run.s.copy(), run.u.copy()
         s[10:, -1] += moved
         u[:, -1] -= moved
-        p_moved, _ = estimate_bias(model, Sequences(s, u, "x"), settings=NewtonSettings(window=len(run)))
+        p_moved, _ = estimate_bias(
+            model,
+            Run(s, u, "x"),
+            method="newton",
+            settings=NewtonSettings(window=len(run)),
+        )
         assert p_moved == pytest.approx(p, abs=0.01)
     start, commands = torch.tensor(run.s[0]), torch.tensor(run.u[None, :5])
     p_trained = torch.tensor(biases[run.material], dtype=torch.float32)
@@ -89,50 +112,77 @@ def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, con
 
 def test_a_seed_is_a_whole_number(made_up_runs):
     for seed in (1.5, "3", -1):
-        with pytest.raises(ValueError, match=r"seed (is a whole number|must be at least 0)"):
+        with pytest.raises(
+            ValueError, match=r"seed (is a whole number|must be at least 0)"
+        ):
             train_dpmpb(made_up_runs, BRIEF, seed=seed, progress=False)
 
 
 def test_settings_are_an_object_and_runs_are_runs(made_up_runs, trial):
-    with pytest.raises(ValueError, match=r"settings is a ModelTraining, got dict .*ModelTraining\(name=value\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"settings is a ModelTraining, got dict .*ModelTraining\(name=value\)",
+    ):
         train_dpmpb(made_up_runs, {"epochs": 3}, progress=False)
-    with pytest.raises(ValueError, match=r"runs is a Sequences, got Trial .*learned.sequences\(trial\)"):
+    with pytest.raises(
+        ValueError, match=r"runs is a Run, got Trial .*learned.to_run\(trial\)"
+    ):
         train_dpmpb([trial], progress=False)
-    with pytest.raises(ValueError, match=r"runs are a list of Sequences, got Sequences"):
+    with pytest.raises(ValueError, match=r"runs are a list of Run, got Run"):
         train_dpmpb(made_up_runs[0], progress=False)
 
 
 def test_training_separates_materials_and_is_reproducible(made_up_runs):
-    trained, found, trace = train_dpmpb(made_up_runs, BRIEF, device="cpu", progress=False)
-    again, found_again, _ = train_dpmpb(made_up_runs, BRIEF, device="cpu", progress=False)
+    trained, found, trace = train_dpmpb(
+        made_up_runs, BRIEF, device="cpu", progress=False
+    )
+    again, found_again, _ = train_dpmpb(
+        made_up_runs, BRIEF, device="cpu", progress=False
+    )
     assert trace.losses[-1] < trace.losses[0]
     assert np.linalg.norm(found["a"] - found["b"]) > 0.01
     assert np.array_equal(found["a"], found_again["a"])
-    assert all(torch.equal(a, b) for a, b in zip(trained.parameters(), again.parameters(), strict=True))
+    assert all(
+        torch.equal(a, b)
+        for a, b in zip(trained.parameters(), again.parameters(), strict=True)
+    )
     assert not trained.training
 
 
 def test_a_p_that_is_known_is_used_as_it_is(made_up_runs):
     known = {"b": [-0.5, 0.25], "a": [0.5, 0.0]}
-    _, biases, trace = train_dpmpb(made_up_runs, BRIEF, known=known, device="cpu", progress=False)
+    _, biases, trace = train_dpmpb(
+        made_up_runs, BRIEF, known=known, device="cpu", progress=False
+    )
     for name, p in known.items():
         assert np.array_equal(biases[name], np.float32(p))
-        assert np.array_equal(trace.biases[name], np.tile(np.float32(p), (BRIEF.epochs + 1, 1)))
+        assert np.array_equal(
+            trace.biases[name], np.tile(np.float32(p), (BRIEF.epochs + 1, 1))
+        )
     with pytest.raises(KeyError, match="b"):
         train_dpmpb(made_up_runs, BRIEF, known={"a": [0.0, 0.0]}, progress=False)
 
 
 def test_stretches_overlap_and_belong_to_their_material():
-    runs = [Sequences(np.arange(n)[:, None], 10.0 * np.arange(n)[:, None], name) for n, name in ((7, "a"), (5, "b"))]
-    s, u, k = stretches([*runs, runs[0]], 3, 2)
-    assert s[:, :, 0].tolist() == [[0, 1, 2, 3], [2, 3, 4, 5], [0, 1, 2, 3], [0, 1, 2, 3], [2, 3, 4, 5]]
+    runs = [
+        Run(np.arange(n)[:, None], 10.0 * np.arange(n)[:, None], name)
+        for n, name in ((7, "a"), (5, "b"))
+    ]
+    s, u, k = windows([*runs, runs[0]], 3, 2)
+    assert s[:, :, 0].tolist() == [
+        [0, 1, 2, 3],
+        [2, 3, 4, 5],
+        [0, 1, 2, 3],
+        [0, 1, 2, 3],
+        [2, 3, 4, 5],
+    ]
     assert u[:, :, 0].tolist() == (10 * s[:, :-1, 0]).tolist()
     assert k.tolist() == [0, 0, 1, 0, 0]
 
 
 def test_states_of_a_trial_are_z_and_robot(trial):
     autoencoder = Autoencoder().eval()
-    run = to_sequences(autoencoder, trial)
+    run = to_run(autoencoder, trial)
     assert run.s.shape == (12, 7)
     assert run.s[:, 3:] == pytest.approx(trial.robot, rel=1e-5)
     assert run.material == "damp0.05-mass0.10"
@@ -146,20 +196,26 @@ def test_states_of_a_trial_are_z_and_robot(trial):
     ("s", "u", "message"),
     [
         (GOOD.s + np.nan, GOOD.u, r"s of a run of a is \[T, D_s\] and finite, got nan"),
-        (GOOD.s, GOOD.u[0], r"u of a run of a is \[T, D_u\] and finite, got the shape \[2\]"),
+        (
+            GOOD.s,
+            GOOD.u[0],
+            r"u of a run of a is \[T, D_u\] and finite, got the shape \[2\]",
+        ),
         (GOOD.s[:5], GOOD.u, "as many states as commands, and some, got 5 and 40"),
         (GOOD.s[:0], GOOD.u[:0], "got 0 and 0"),
     ],
 )
 def test_what_does_not_belong_together_is_no_run(s, u, message):
     with pytest.raises(ValueError, match=message):
-        Sequences(s, u, "a")
+        Run(s, u, "a")
 
 
 def test_runs_that_no_model_can_learn_are_refused():
     with pytest.raises(ValueError, match=r"no runs"):
         train_dpmpb([])
-    with pytest.raises(ValueError, match=r"more steps than the 30 of a sequence, got 20"):
+    with pytest.raises(
+        ValueError, match=r"more steps than the 30 of a sequence, got 20"
+    ):
         train_dpmpb([GOOD, GOOD[:20]])
     with pytest.raises(ValueError, match=r"of the same sizes"):
-        train_dpmpb([GOOD, Sequences(np.zeros((40, 9)), GOOD.u, "b")])
+        train_dpmpb([GOOD, Run(np.zeros((40, 9)), GOOD.u, "b")])

@@ -21,7 +21,10 @@ from clothlab.simulation.env import (
     onlooker,
 )
 
-STIFF = replace(get_cloth("damp0.03-mass0.05"), name="stiff", stiffness=1e7, spring_damping=0.0)  # it diverges
+# It diverges
+STIFF = replace(
+    get_cloth("damp0.03-mass0.05"), name="stiff", stiffness=1e7, spring_damping=0.0
+)
 HOME = TorqueArm().home_command
 
 
@@ -35,12 +38,15 @@ def own() -> ClothEnv:
 
 @pytest.fixture
 def quiet_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file where it stands
+    # MuJoCo writes its warnings into a file where it stands
+    monkeypatch.chdir(tmp_path)
 
 
 def everything(env: ClothEnv) -> np.ndarray:
     """All that decides how the physics goes on."""
-    return np.concatenate([env.data.qpos, env.data.qvel, env.data.act, env.data.ctrl, [env.data.time]])
+    return np.concatenate(
+        [env.data.qpos, env.data.qvel, env.data.act, env.data.ctrl, [env.data.time]]
+    )
 
 
 def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
@@ -55,8 +61,12 @@ def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # commands are in the arm's units on purpose
-@pytest.mark.filterwarnings("ignore:.*observation space (min|max)imum value is")  # a velocity has no bound
+@pytest.mark.filterwarnings(
+    "ignore:.*symmetric and normalized space"
+)  # commands are in the arm's units on purpose
+@pytest.mark.filterwarnings(
+    "ignore:.*observation space (min|max)imum value is"
+)  # a velocity has no bound
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
 def test_gymnasium_accepts_it(arm):
     env = ClothEnv(arm)
@@ -78,14 +88,19 @@ def test_pictures_for_people_have_the_size_of_the_scene():
 
 @pytest.mark.parametrize("size", [(720, 1280), (0, 10)])
 def test_a_picture_larger_than_its_room_is_refused_and_the_room_is_named(env, size):
-    with pytest.raises(ValueError, match=r"Scene\(picture_size=...\) made room for 640×480 pixels, got"):
+    with pytest.raises(
+        ValueError, match=r"Scene\(picture_size=...\) made room for 640×480 pixels, got"
+    ):
         env.camera_picture(*size)
 
 
 @pytest.mark.slow
 def test_another_cloth_in_the_hand_is_like_a_new_scene(own):
     own.picture()
-    for cloth in (get_cloth("damp0.03-mass0.15"), replace(own.cloth, rows=8, length=0.4)):
+    for cloth in (
+        get_cloth("damp0.03-mass0.15"),
+        replace(own.cloth, rows=8, length=0.4),
+    ):
         own.hold(cloth)
         fresh = ClothEnv(own.arm, cloth)
         assert np.array_equal(run(own, 5), run(fresh, 5))
@@ -109,7 +124,10 @@ def test_a_cloth_that_is_refused_changes_nothing(own, cloth):
 
 @pytest.mark.usefixtures("quiet_log")
 def test_a_diverging_simulation_raises_and_names_what_would_help():
-    with pytest.raises(SimulationError, match=r"cloth \(0.03, 0.05\) diverged; use a smaller time_step than 0.002 s"):
+    with pytest.raises(
+        SimulationError,
+        match=r"cloth \(0.03, 0.05\) diverged; use a smaller time_step than 0.002 s",
+    ):
         ClothEnv("torque", STIFF)
 
 
@@ -121,8 +139,12 @@ def test_watching_changes_nothing(env, samples):
     watched = run(env, 4, watch=lambda: seen.append(env.data.time), samples=samples)
     assert np.array_equal(watched, unwatched)
     assert len(seen) == 4 * samples
-    assert seen[samples - 1 :: samples] == pytest.approx(CONTROL_PERIOD * np.arange(1, 5))
-    assert np.diff(seen) == pytest.approx(CONTROL_PERIOD / samples, abs=env.scene.time_step)
+    assert seen[samples - 1 :: samples] == pytest.approx(
+        CONTROL_PERIOD * np.arange(1, 5)
+    )
+    assert np.diff(seen) == pytest.approx(
+        CONTROL_PERIOD / samples, abs=env.scene.time_step
+    )
 
 
 def test_what_is_watched_is_up_to_date(env):
@@ -152,7 +174,9 @@ def test_threads_may_take_turns_at_drawing(own):
     with ThreadPoolExecutor(1) as another:
         for _ in range(2):
             here = [own.camera_picture(), own.picture()]
-            there = another.submit(lambda: [own.camera_picture(), own.picture()]).result()
+            there = another.submit(
+                lambda: [own.camera_picture(), own.picture()]
+            ).result()
             assert all(map(np.array_equal, here, there))
         another.submit(own.close).result()
 
@@ -186,7 +210,8 @@ def test_a_start_from_home_draws_nothing_at_random(env):
 
 
 @pytest.mark.parametrize(
-    ("u", "message"), [([0.0, np.nan], "finite, got nan"), ([3.0, 0.0], "outside the torque arm's")]
+    ("u", "message"),
+    [([0.0, np.nan], "finite, got nan"), ([3.0, 0.0], "outside the torque arm's")],
 )
 def test_a_command_that_is_refused_changes_nothing(env, u, message):
     before = everything(env)
@@ -197,12 +222,16 @@ def test_a_command_that_is_refused_changes_nothing(env, u, message):
 
 @pytest.mark.parametrize("time_step", [0.003, 0.0007, 0.3])
 def test_a_time_step_fills_the_control_period(time_step):
-    with pytest.raises(ValueError, match=r"Scene.time_step must divide the control period of 0.2 s"):
+    with pytest.raises(
+        ValueError, match=r"Scene.time_step must divide the control period of 0.2 s"
+    ):
         Scene(time_step=time_step)
 
 
 def test_a_scene_can_be_read_as_mjcf():
-    xml = build_spec(TorqueArm(), get_cloth("soft-1"), Scene(picture_size=(720, 960))).to_xml()
+    xml = build_spec(
+        TorqueArm(), get_cloth("soft-1"), Scene(picture_size=(720, 960))
+    ).to_xml()
     assert "cloth_5_2" in xml
     assert 'offwidth="960"' in xml
 
@@ -217,16 +246,26 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
 
 
 def on_picture(env, view, points):
-    """Where points of the world `[N, 3]` are in a picture: 0 to 1 from left and from top, `[N, 2]`."""
+    """Where points of the world `[N, 3]` are in a picture: 0 to 1 from left and from
+    top, `[N, 2]`.
+    """
     renderer = env.renderer(*env.scene.picture_size)
     renderer.update_scene(env.data, view)
     left, right = renderer.scene.camera  # one for each eye
-    position, forward = (np.mean([getattr(left, name), getattr(right, name)], axis=0) for name in ("pos", "forward"))
-    up, aspect = np.array(left.up), env.scene.picture_size[1] / env.scene.picture_size[0]
+    position, forward = (
+        np.mean([getattr(left, name), getattr(right, name)], axis=0)
+        for name in ("pos", "forward")
+    )
+    up, aspect = (
+        np.array(left.up),
+        env.scene.picture_size[1] / env.scene.picture_size[0],
+    )
     sideways = np.cross(forward, up)
     away = points - position
     half = left.frustum_top / left.frustum_near
-    scaled = np.stack([away @ sideways / aspect, -(away @ up)], axis=1) / (half * (away @ forward)[:, None])
+    scaled = np.stack([away @ sideways / aspect, -(away @ up)], axis=1) / (
+        half * (away @ forward)[:, None]
+    )
     return (1 + scaled) / 2
 
 
@@ -238,9 +277,15 @@ def test_an_onlooker_sees_robot_and_cloth_wherever_the_arm_is(arm):
     seen = []
     for _ in range(40):
         env.step(policy({}))
-        points = np.concatenate([[env.data.body(name).xpos for name in bodies], env.cloth_points().reshape(-1, 3)])
+        points = np.concatenate(
+            [
+                [env.data.body(name).xpos for name in bodies],
+                env.cloth_points().reshape(-1, 3),
+            ]
+        )
         seen.append(on_picture(env, onlooker(env.arm), points))
     env.close()
     inside = (np.array(seen) > 0) & (np.array(seen) < 1)
     assert inside.all(axis=2)[:, : len(bodies)].all()  # the robot always
-    assert inside.all(axis=2).mean() > 0.97  # and the cloth, unless a corner of it flies out
+    # And the cloth, unless a corner of it flies out
+    assert inside.all(axis=2).mean() > 0.97

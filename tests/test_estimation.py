@@ -1,19 +1,25 @@
-"""Laws of estimating p: it finds the p that made the data, touches nothing else, and forgets at a reset."""
+"""Laws of estimating p: it finds the p that made the data, touches nothing else, and
+forgets at a reset.
+"""
 
 import numpy as np
 import pytest
 import torch
 
-from clothlab.learning.dpmpb import Sequences, predict
-from clothlab.learning.estimation import (
+from clothlab.method.data import Run
+from clothlab.method.estimation import (
     BiasEstimator,
     EstimationSettings,
-    Fit,
-    NewtonEstimator,
-    NewtonSettings,
     estimate_bias,
     prediction_loss,
 )
+from clothlab.method.gauss_newton import (
+    Linearisation,
+    NewtonEstimator,
+    NewtonSettings,
+    linearise,
+)
+from clothlab.method.model import predict
 
 
 @pytest.fixture
@@ -30,7 +36,7 @@ def run(listening):
     """A run that the model generates itself with p = (0.4, -0.3)."""
     u = torch.randn(1, 40, 2, generator=torch.Generator().manual_seed(2))
     states = predict(listening, torch.zeros(7), u, torch.tensor([0.4, -0.3]))[0]
-    return Sequences(np.vstack([np.zeros(7), states[:-1]]), u[0].numpy(), "cloth")
+    return Run(np.vstack([np.zeros(7), states[:-1]]), u[0].numpy(), "cloth")
 
 
 def follow(estimator, run):
@@ -54,18 +60,25 @@ def test_estimation_touches_nothing_but_p(listening, run):
     assert np.array_equal(trace[-1], p)
     assert (p != 0).all()
     assert not start.any()
-    assert all(torch.equal(a, b) for a, b in zip(before, listening.parameters(), strict=True))
+    assert all(
+        torch.equal(a, b) for a, b in zip(before, listening.parameters(), strict=True)
+    )
     assert all(parameter.grad is None for parameter in listening.parameters())
 
 
 def test_what_lies_before_the_window_is_forgotten(listening, run):
     settings = EstimationSettings(window=10, warmup=2, momentum=0.0)
-    whole, alone = BiasEstimator(listening, settings=settings), BiasEstimator(listening, settings=settings)
-    follow(whole, Sequences(run.s[::-1], run.u[::-1], "cloth"))
+    whole, alone = (
+        BiasEstimator(listening, settings=settings),
+        BiasEstimator(listening, settings=settings),
+    )
+    follow(whole, Run(run.s[::-1], run.u[::-1], "cloth"))
     follow(whole, run[:20])
     follow(alone, run[10:20])
     alone._p.data.copy_(whole._p.data)
-    assert np.array_equal(whole.update(run.s[20], run.u[20]), alone.update(run.s[20], run.u[20]))
+    assert np.array_equal(
+        whole.update(run.s[20], run.u[20]), alone.update(run.s[20], run.u[20])
+    )
 
 
 @pytest.mark.parametrize("kind", [BiasEstimator, NewtonEstimator])
@@ -88,7 +101,9 @@ def test_a_reset_estimator_is_a_new_one(listening, run, kind):
         (np.full(7, 1e38), np.zeros(2), "so far from what the model was trained on"),
     ],
 )
-def test_a_step_that_is_refused_leaves_the_estimate_and_what_it_rests_on(listening, run, kind, s, u, message):
+def test_a_step_that_is_refused_leaves_the_estimate_and_what_it_rests_on(
+    listening, run, kind, s, u, message
+):
     estimator, spared = kind(listening), kind(listening)
     for each in (estimator, spared):
         follow(each, run[:20])
@@ -109,14 +124,19 @@ def test_a_start_is_a_p_and_a_window_reaches_beyond_the_warm_up(listening):
             kind(listening, settings=settings)
 
 
-def test_newton_finds_the_p_that_generated_the_data_while_momentum_is_on_its_way(listening, run):
-    _, newton = estimate_bias(listening, run, settings=NewtonSettings())
+def test_newton_finds_the_p_that_generated_the_data_while_momentum_is_on_its_way(
+    listening, run
+):
+    _, newton = estimate_bias(listening, run, method="newton")
     _, momentum = estimate_bias(listening, run)
-    distance = [np.linalg.norm(trace - (0.4, -0.3), axis=1) for trace in (newton, momentum)]
+    distance = [
+        np.linalg.norm(trace - (0.4, -0.3), axis=1) for trace in (newton, momentum)
+    ]
     assert distance[0][20] < 0.01
     assert distance[1][20] > 0.3
     moved = np.linalg.norm(np.diff(newton, axis=0), axis=1)
-    assert moved[:4].tolist() == [0] * 4  # with two predictions there is nothing to judge
+    # With two predictions there is nothing to judge
+    assert moved[:4].tolist() == [0] * 4
     assert moved.max() <= NewtonSettings.longest + 1e-6
 
 
@@ -125,7 +145,7 @@ def test_the_jacobian_gives_the_gradient_and_the_loss_is_the_loss(listening, run
     p = torch.tensor([0.1, 0.2], requires_grad=True)
     loss = prediction_loss(listening, s, u, p, warmup=3)
     loss.backward()
-    fit = Fit.of(listening, s, u, p.detach().numpy(), warmup=3)
+    fit = Linearisation.of(listening, s, u, p.detach().numpy(), warmup=3)
     assert fit.loss == pytest.approx(loss.item(), rel=1e-4)
     gradient = -2 * np.einsum("td,tdi->i", fit.errors, fit.jacobian) / fit.errors.size
     assert gradient == pytest.approx(p.grad.numpy(), rel=0.02)
@@ -135,7 +155,9 @@ def test_outliers_move_newton_less_where_errors_are_weighted():
     rng = np.random.default_rng(0)
     errors, jacobian = rng.normal(size=(200, 1)), np.ones((200, 1, 1))
     errors[:3] += 100
-    plain, weighted = (Fit(errors, jacobian).step(freedom)[0] for freedom in (1e9, 3))
+    plain, weighted = (
+        Linearisation(errors, jacobian).step(freedom)[0] for freedom in (1e9, 3)
+    )
     assert plain == pytest.approx(errors.mean())
     assert abs(weighted) < abs(plain) / 2
 
@@ -145,31 +167,47 @@ def test_errors_that_follow_each_other_make_the_estimate_less_sure():
     jacobian = np.ones((3000, 1, 1))
     alone = rng.normal(size=(3000, 1))
     together = np.repeat(alone[:1000], 3, axis=0)
-    apart, joined = (Fit(errors, jacobian).covariance(1e9, lag=30)[0, 0] for errors in (alone, together))
+    apart, joined = (
+        Linearisation(errors, jacobian).covariance(1e9, lag=30)[0, 0]
+        for errors in (alone, together)
+    )
     assert apart == pytest.approx(1 / 3000, rel=0.35)  # the law of the mean
     assert joined == pytest.approx(1 / 1000, rel=0.35)
 
 
 @pytest.mark.parametrize("kind", [BiasEstimator, NewtonEstimator])
 def test_an_estimator_knows_how_sure_it_is(listening, run, kind):
-    noisy = Sequences(run.s + np.random.default_rng(2).normal(size=run.s.shape) * 0.01, run.u, "cloth")
+    noisy = Run(
+        run.s + np.random.default_rng(2).normal(size=run.s.shape) * 0.01, run.u, "cloth"
+    )
     estimator = kind(listening)
     follow(estimator, noisy[:2])
-    assert estimator.fit is None
+    assert linearise(estimator) is None
     follow(estimator, noisy[2:])
     skipped = 0 if kind is NewtonEstimator else EstimationSettings.warmup
-    whole = Fit.of(listening, torch.as_tensor(noisy.s), torch.as_tensor(noisy.u), estimator.p, skipped)
-    assert np.trace(estimator.fit.covariance()) > 0
-    assert estimator.fit.covariance() == pytest.approx(whole.covariance())
+    whole = Linearisation.of(
+        listening,
+        torch.as_tensor(noisy.s),
+        torch.as_tensor(noisy.u),
+        estimator.p,
+        skipped,
+    )
+    assert np.trace(linearise(estimator).covariance()) > 0
+    assert linearise(estimator).covariance() == pytest.approx(whole.covariance())
 
 
 def test_the_warm_up_counts_only_where_the_window_begins_in_a_motion(listening, run):
     settings = NewtonSettings(window=20, warmup=8)
     counted = {}
     for from_rest in (True, False):
-        estimator, counted[from_rest] = NewtonEstimator(listening, settings=settings, from_rest=from_rest), []
+        estimator, counted[from_rest] = (
+            NewtonEstimator(listening, settings=settings, from_rest=from_rest),
+            [],
+        )
         for s, u in zip(run.s, run.u, strict=True):
             estimator.update(s, u)
-            counted[from_rest].append(0 if estimator.fit is None else len(estimator.fit.errors))
+            counted[from_rest].append(
+                0 if linearise(estimator) is None else len(linearise(estimator).errors)
+            )
     assert counted[True][:21] == [0] * 5 + [*range(5, 20)] + [12]
     assert counted[False][12:21] == [0, *range(5, 13)]

@@ -1,22 +1,28 @@
-"""Laws of the fast model: whatever is rearranged or folded, it is the function of the plain one."""
+"""Laws of the fast model: whatever is rearranged or folded, it is the function of the
+plain one.
+"""
 
 import pytest
 import torch
 from torch import nn
 
-from clothlab.learning.control import Controller
-from clothlab.learning.dpmpb import DPMPB, Memory, predict
-from clothlab.learning.fast_rollout import FastDPMPB, PlainRollout, rollout_of
+from clothlab.method.control import Controller
+from clothlab.method.fast_rollout import FastDPMPB, PlainRollout, rollout_of
+from clothlab.method.model import DPMPB, Memory, predict
 
 P = torch.tensor([0.3, -0.2], dtype=torch.float64)
 
 
 def numbers(*shape, seed=5):
-    return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    return torch.randn(
+        shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64
+    )
 
 
 def gradients(function, *inputs):
-    """Gradient of an arbitrary weighting of what a function returns, with respect to all its inputs."""
+    """Gradient of an arbitrary weighting of what a function returns, with respect to
+    all its inputs.
+    """
     inputs = [each.clone().requires_grad_() for each in inputs]
     output = function(*inputs)
     return torch.autograd.grad((output * numbers(*output.shape, seed=6)).sum(), inputs)
@@ -28,7 +34,10 @@ def test_it_equals_the_plain_model(model, memory, bias_size):
         model = DPMPB(7, 2, bias_size=0).double()
     s, u, p = numbers(7), numbers(30, 8, 2), P[:bias_size]
     with torch.no_grad():
-        found, expected = FastDPMPB(model, p)(s, u, memory), predict(model, s, u, p, memory)
+        found, expected = (
+            FastDPMPB(model, p)(s, u, memory),
+            predict(model, s, u, p, memory),
+        )
     assert torch.allclose(found, expected, rtol=0, atol=1e-12)
 
 
@@ -36,7 +45,9 @@ def test_its_gradients_equal_the_plain_ones(model, memory):
     fast = FastDPMPB(model, P)
     inputs = numbers(7), numbers(4, 8, 2), *memory
     found = gradients(lambda s, u, h, c: fast(s, u, Memory(h, c)), *inputs)
-    expected = gradients(lambda s, u, h, c: predict(model, s, u, P, Memory(h, c)), *inputs)
+    expected = gradients(
+        lambda s, u, h, c: predict(model, s, u, P, Memory(h, c)), *inputs
+    )
     for one, other in zip(found, expected, strict=True):
         assert torch.allclose(one, other, rtol=1e-9, atol=1e-12)
         assert other.abs().min() > 1e-9
@@ -46,15 +57,22 @@ def test_values_are_the_same_with_a_gradient_and_without(model, memory):
     fast, s, u = FastDPMPB(model, P), numbers(7), numbers(4, 8, 2)
     assert torch.equal(fast(s, u.clone().requires_grad_(), memory), fast(s, u, memory))
     with torch.no_grad():
-        assert torch.equal(fast(s, u, memory), fast(s, u.clone().requires_grad_(), memory))
+        assert torch.equal(
+            fast(s, u, memory), fast(s, u.clone().requires_grad_(), memory)
+        )
 
 
 def test_sequences_may_have_starts_of_their_own_and_do_not_see_each_other(model):
     fast, s, u = FastDPMPB(model, P), numbers(5, 7), numbers(5, 8, 2)
     memory = Memory(0.3 * numbers(2, 5, 30), 0.3 * numbers(2, 5, 30, seed=4))
-    alone = [fast(s[k], u[k : k + 1], Memory(*(part[:, k : k + 1] for part in memory))) for k in range(5)]
+    alone = [
+        fast(s[k], u[k : k + 1], Memory(*(part[:, k : k + 1] for part in memory)))
+        for k in range(5)
+    ]
     assert torch.allclose(fast(s, u, memory), torch.cat(alone), rtol=0, atol=1e-12)
-    assert not torch.allclose(alone[0], fast(s[1], u[:1], Memory(*(part[:, :1] for part in memory))))
+    assert not torch.allclose(
+        alone[0], fast(s[1], u[:1], Memory(*(part[:, :1] for part in memory)))
+    )
 
 
 @pytest.mark.parametrize("runs", [1, 4])
@@ -123,7 +141,7 @@ def test_a_network_of_ones_own_is_planned_with_as_it_is(name):
         found = controller._predict(s, plans, own.initial_memory())
         _, memory = own(s[None, None], u[None, None], torch.tensor([0.3, -0.2]))
     assert torch.equal(found, expected)
-    controller.watch(s, u)
+    controller.follow(s, u)
     assert torch.allclose(controller._memory.h, memory.h, atol=1e-6)
 
 
@@ -138,6 +156,14 @@ def test_the_plain_rollout_takes_starts_and_memories_as_the_fast_one_does(model)
     s, u = numbers(5, 7), numbers(5, 8, 2)
     memory = Memory(0.3 * numbers(2, 5, 30), 0.3 * numbers(2, 5, 30, seed=4))
     with torch.no_grad():
-        assert torch.allclose(plain(s, u, memory), fast(s, u, memory), rtol=0, atol=1e-12)
-        followed = zip(plain.follow(s, u[:, 0], memory), fast.follow(s, u[:, 0], memory), strict=True)
-    assert all(torch.allclose(one, other, rtol=0, atol=1e-12) for one, other in followed)
+        assert torch.allclose(
+            plain(s, u, memory), fast(s, u, memory), rtol=0, atol=1e-12
+        )
+        followed = zip(
+            plain.follow(s, u[:, 0], memory),
+            fast.follow(s, u[:, 0], memory),
+            strict=True,
+        )
+    assert all(
+        torch.allclose(one, other, rtol=0, atol=1e-12) for one, other in followed
+    )

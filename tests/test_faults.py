@@ -13,14 +13,15 @@ import pytest
 
 MOMENTS = int(os.environ.get("CLOTHLAB_FAULTS", "10"))
 
-# For each kind of file: how version n is written, and how the version that is there is read. Version 0 is there before.
+# For each kind of file: how version n is written, and how the version that is there is
+# read. Version 0 is there before.
 SUFFERING = """
 import mmap, os, random, resource, signal, sys, time
 from pathlib import Path
 import numpy as np
 import torch
 from clothlab import artifacts
-from clothlab.learning.autoencoder import Autoencoder
+from clothlab.method.autoencoder import Autoencoder
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial, load_trial, save_trial
 
@@ -115,9 +116,17 @@ for kind in WRITE:
 
 @pytest.mark.slow
 def test_nothing_that_was_there_is_lost():
-    with tempfile.TemporaryDirectory() as folder:  # pytest closes its own to others whenever another pytest begins
+    with (
+        tempfile.TemporaryDirectory() as folder
+    ):  # pytest closes its own to others whenever another pytest begins
         Path(folder).chmod(0o755)  # another user must get in
         process = [sys.executable, "-c", SUFFERING, str(MOMENTS), folder]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-        done = subprocess.run(process, env=environment, capture_output=True, text=True, timeout=100 + 10 * MOMENTS)
+        done = subprocess.run(
+            process,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=100 + 10 * MOMENTS,
+        )
     assert done.returncode == 0, done.stderr[-2000:]

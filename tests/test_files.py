@@ -35,7 +35,13 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(path, monkeyp
 
 
 def test_a_full_disk_leaves_the_old_file_and_names_it(path, full_disk):
-    with full_disk(), pytest.raises(OSError, match=r"cannot write this file \(File too large\): '.*results.json'"):
+    with (
+        full_disk(),
+        pytest.raises(
+            OSError,
+            match=r"cannot write this file \(File too large\): '.*results.json'",
+        ),
+    ):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(path.parent.iterdir()) == [path]

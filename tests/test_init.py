@@ -9,9 +9,15 @@ import pytest
 
 def run(code: str, **environment: str) -> str:
     """What Python prints, started afresh without a choice of OpenGL."""
-    inherited = {name: value for name, value in os.environ.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+    inherited = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")
+    }
     process = [sys.executable, "-c", code]
-    return subprocess.run(process, env=inherited | environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        process, env=inherited | environment, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_importing_the_package_imports_little():
@@ -22,14 +28,15 @@ def test_importing_the_package_imports_little():
 
 @pytest.mark.slow
 def test_it_draws_where_mujoco_was_imported_first():
-    code = (
-        "import mujoco; from clothlab.simulation.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
-    )
+    code = "import mujoco; from clothlab.simulation.env import ClothEnv; print(ClothEnv().reset()[0]['image'].sum() > 100)"
     assert run(code) == "True\n"
 
 
 def test_a_choice_of_opengl_is_respected():
-    assert run("import clothlab, os; print(os.environ['MUJOCO_GL'])", MUJOCO_GL="disable") == "disable\n"
+    assert (
+        run("import clothlab, os; print(os.environ['MUJOCO_GL'])", MUJOCO_GL="disable")
+        == "disable\n"
+    )
 
 
 CHOICES = {
@@ -45,4 +52,6 @@ CHOICES = {
 @pytest.mark.parametrize(("found", "chosen"), CHOICES.items())
 def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     code = f"import ctypes.util, os; ctypes.util.find_library = lambda name: name in {found} or None"
-    assert run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
+    assert (
+        run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
+    )

@@ -1,4 +1,6 @@
-"""Laws of iterative learning control: what is learned from outcomes, and what is done with it."""
+"""Laws of iterative learning control: what is learned from outcomes, and what is done
+with it.
+"""
 
 import sys
 from dataclasses import replace
@@ -8,15 +10,26 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.learning import control
-from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.cloth_control import nearest_plans
-from clothlab.learning.dpmpb import DPMPB, Sequences
-from clothlab.learning.iterative import Attempt, IterativeLearningPolicy, IterativeLearningSettings, ResidualModel
+from clothlab.method import control
+from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.data import Run
+from clothlab.method.iterative import (
+    Attempt,
+    IterativeLearningPolicy,
+    IterativeLearningSettings,
+    ResidualModel,
+    nearest_plans,
+)
+from clothlab.method.model import DPMPB
+from clothlab.simulation.arm import get_arm
 from clothlab.trials import rollout
 
 RNG = np.random.default_rng(0)
-RUN = Sequences(RNG.normal(size=(40, 7)), RNG.uniform((-0.8, -1.6), (1.0, 0.0), (40, 2)), "damp0.05-mass0.10")
+RUN = Run(
+    RNG.normal(size=(40, 7)),
+    RNG.uniform((-0.8, -1.6), (1.0, 0.0), (40, 2)),
+    "damp0.05-mass0.10",
+)
 
 
 @pytest.fixture
@@ -25,7 +38,16 @@ def iterative(square):
         torch.manual_seed(0)
         settings = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
         model, autoencoder = DPMPB(7, 2).eval(), Autoencoder().eval()
-        return IterativeLearningPolicy(model, autoencoder, "torque", square, (0.0, 0.0), runs, settings, biases=biases)
+        return IterativeLearningPolicy(
+            model,
+            autoencoder,
+            get_arm("torque"),
+            square,
+            (0.0, 0.0),
+            runs,
+            settings,
+            biases=biases,
+        )
 
     return make
 
@@ -35,14 +57,18 @@ def attempts(policy, residual, count=3):
     generator, made = torch.Generator().manual_seed(1), []
     for _ in range(count):
         s, memory = torch.randn(7, generator=generator), policy.model.initial_memory()
-        u = policy.lower + (policy.upper - policy.lower) * torch.rand(8, 2, generator=generator)
+        u = policy.lower + (policy.upper - policy.lower) * torch.rand(
+            8, 2, generator=generator
+        )
         with torch.no_grad():
             z = policy._predict(s, u[None], memory)[0, :, :3]
         made.append(Attempt(s, memory, u, policy.p, z + torch.as_tensor(residual)))
     return made
 
 
-def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_prediction(iterative):
+def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_prediction(
+    iterative,
+):
     policy = iterative(noise=1e-4)
     policy.attempts = attempts(policy, [0.5, -0.3, 0.2])
     first, residuals = policy.attempts[0], policy.residual_model()
@@ -58,10 +84,19 @@ def test_the_residual_model_says_what_a_textbook_says():
     x, y = torch.tensor([[0.0], [1.0]]), torch.tensor([1.0, 2.0])
     settings = IterativeLearningSettings(noise=0.1)
     mean, variance = ResidualModel(x, y[:, None, None], settings)(torch.tensor([[0.5]]))
-    k, kernel = np.exp(-0.125) * np.ones(2), np.array([[1.1, np.exp(-0.5)], [np.exp(-0.5), 1.1]])
-    scale = (settings.prior_count * settings.prior_error**2 + 5) / (settings.prior_count + 2)
-    assert float(mean) == pytest.approx(k @ np.linalg.solve(kernel, y.numpy()), rel=1e-5)
-    assert float(variance) == pytest.approx(scale * (1 - k @ np.linalg.solve(kernel, k)), rel=1e-4)
+    k, kernel = (
+        np.exp(-0.125) * np.ones(2),
+        np.array([[1.1, np.exp(-0.5)], [np.exp(-0.5), 1.1]]),
+    )
+    scale = (settings.prior_count * settings.prior_error**2 + 5) / (
+        settings.prior_count + 2
+    )
+    assert float(mean) == pytest.approx(
+        k @ np.linalg.solve(kernel, y.numpy()), rel=1e-5
+    )
+    assert float(variance) == pytest.approx(
+        scale * (1 - k @ np.linalg.solve(kernel, k)), rel=1e-4
+    )
 
 
 def test_without_exploring_the_best_known_plan_is_repeated(iterative):
@@ -76,7 +111,9 @@ def test_without_exploring_the_best_known_plan_is_repeated(iterative):
 
 
 @pytest.mark.slow
-def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_run(iterative, env):
+def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_run(
+    iterative, env
+):
     policy = iterative(remembered=1)
     first, second = (rollout(env, policy, 25, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.commands, second.commands)
@@ -87,17 +124,27 @@ def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_
 
 
 @pytest.mark.slow
-def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_more(iterative, env):
+def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_more(
+    iterative, env
+):
     policy, commands = iterative(), []
     for k in range(25):
         step = policy.step_without_solving if k in (0, 3, 8, 13, 14, 15) else policy
         commands.append(step(env.observe()))
         env.advance(commands[-1])
         if k == 8:
-            expected = policy.expected_distance(policy._begun[0], policy._begun[2][None], policy.residual_model())
-            assert policy.predicted_distance == policy.predicted_distances[1] == pytest.approx(float(expected))
+            expected = policy.expected_distance(
+                policy._begun[0], policy._begun[2][None], policy.residual_model()
+            )
+            assert (
+                policy.predicted_distance
+                == policy.predicted_distances[1]
+                == pytest.approx(float(expected))
+            )
     np.testing.assert_array_equal(commands[:8], commands[8:16])
-    assert [len(trace) for trace in policy.trace] == [3] * 3  # the start and two iterations, in three of four periods
+    assert [len(trace) for trace in policy.trace] == [
+        3
+    ] * 3  # the start and two iterations, in three of four periods
     assert len(policy.predicted_distances) == 4
     for k, attempt in enumerate(policy.attempts):
         np.testing.assert_allclose(attempt.u, commands[8 * k : 8 * k + 8], atol=1e-6)
@@ -107,7 +154,9 @@ def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_mor
 
 
 @pytest.mark.slow
-def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays(iterative, env):
+def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays(
+    iterative, env
+):
     policy = iterative()
     for _ in range(11):
         env.advance(policy(env.observe()))
@@ -120,14 +169,18 @@ def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays
     assert [len(each.z) for each in policy.attempts] == [8, 8]
 
 
-def test_a_new_target_has_other_starts_and_no_prediction_and_what_was_learned_stays(iterative, env, square):
+def test_a_new_target_has_other_starts_and_no_prediction_and_what_was_learned_stays(
+    iterative, env, square
+):
     policy = iterative(recorded=2)
     policy(env.observe())
     assert policy.predicted_distance == policy.predicted_distances[-1] > 0
     policy.attempts = attempts(policy, 0.3)
     policy.set_target(np.roll(square, 30, axis=1))
     assert policy.predicted_distance is None
-    plans = torch.as_tensor(nearest_plans([RUN], policy.z_ref, count=2).u, dtype=torch.float32)
+    plans = torch.as_tensor(
+        nearest_plans([RUN], policy.z_ref, count=2).u, dtype=torch.float32
+    )
     assert torch.equal(policy._plans, plans.clamp(policy.lower, policy.upper))
     assert len(policy.attempts) == 3
     policy.reset()
@@ -154,14 +207,21 @@ def test_there_must_be_something_to_begin_with(iterative, runs):
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.0])}
 
 
-def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice(iterative, env):
-    runs = [replace(RUN, s=RUN.s + shift, material=name) for name, shift in {"a": 0.0, "b": 3.0}.items()]
+def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice(
+    iterative, env
+):
+    runs = [
+        replace(RUN, s=RUN.s + shift, material=name)
+        for name, shift in {"a": 0.0, "b": 3.0}.items()
+    ]
     policy = iterative(runs, BIASES, difference=1e6)
     for p, material in ((BIASES["a"], "a"), (BIASES["b"], "b")):
         policy.set_bias(p)
         sent = rollout(env, policy, 17).commands
         assert (sent[:8] == sent[8:16]).all()
-        own = nearest_plans([run for run in runs if run.material == material], policy.z_ref)
+        own = nearest_plans(
+            [run for run in runs if run.material == material], policy.z_ref
+        )
         assert np.isclose(own.u, sent[:8], atol=1e-5).all(axis=(1, 2)).any()
 
 
@@ -181,7 +241,9 @@ def test_without_trust_or_biases_the_model_alone_chooses(iterative, env):
 
 
 class Interrupt:
-    """Raises a KeyboardInterrupt at the n-th call within `clothlab.learning`, as Ctrl-C might."""
+    """Raises a KeyboardInterrupt at the n-th call within `clothlab.method`, as Ctrl-C
+    might.
+    """
 
     folder = str(Path(control.__file__).parent)
 
@@ -205,7 +267,9 @@ class Interrupt:
 def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
     """At the steps that begin a period, which do most, and at one within."""
     quick = {"recorded": 4, "starts": 1, "iterations": 1}
-    policy, reference = (iterative((RUN, replace(RUN, material="b")), biases, **quick) for _ in range(2))
+    policy, reference = (
+        iterative((RUN, replace(RUN, material="b")), biases, **quick) for _ in range(2)
+    )
     interrupted = 0
     for step in range(26):
         observation = env.observe()
@@ -232,7 +296,8 @@ def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
 def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
     policy = iterative((RUN, replace(RUN, material="b")), BIASES)
     sent = [policy(env.observe()) for _ in range(8)]
-    policy.set_bias((9.0, 0.0))  # so far that the attempt which now ends is of another material
+    # So far that the attempt which now ends is of another material
+    policy.set_bias((9.0, 0.0))
     again = [policy.step_without_solving(env.observe()) for _ in range(8)]
     assert policy.attempts == []
     assert np.array_equal(again, sent)

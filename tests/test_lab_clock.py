@@ -9,7 +9,9 @@ from clothlab.lab.clock import _RECENT, Clock, LoopCallbacks
 
 
 class JumpingLoop(asyncio.SelectorEventLoop):
-    """Nothing waits: when there is nothing to do, it is at once as late as the next event is due."""
+    """Nothing waits: when there is nothing to do, it is at once as late as the next
+    event is due.
+    """
 
     now = 0.0
 

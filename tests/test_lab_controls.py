@@ -1,4 +1,6 @@
-"""Controls for notebooks without a browser: they draw when they are moved, and say what goes wrong."""
+"""Controls for notebooks without a browser: they draw when they are moved, and say what
+goes wrong.
+"""
 
 import base64
 
@@ -11,7 +13,10 @@ from clothlab import analysis
 from clothlab.lab import Control, PBMap
 from clothlab.simulation.cloth import CLOTHS
 
-BIASES = {name: np.array([cloth.damping / cloth.mass, 10 * cloth.mass]) for name, cloth in CLOTHS.items()}
+BIASES = {
+    name: np.array([cloth.damping / cloth.mass, 10 * cloth.mass])
+    for name, cloth in CLOTHS.items()
+}
 LABELS = {name: cloth.label for name, cloth in CLOTHS.items()}
 
 
@@ -32,9 +37,17 @@ def draw(calls):
 
 
 def test_it_draws_once_at_the_start_and_whenever_a_control_moves(draw, calls):
-    control = Control(draw, labels={"period": "N_periodic"}, target=["target-1", "target-2"], period=(1, 12, 1))
+    control = Control(
+        draw,
+        labels={"period": "N_periodic"},
+        target=["target-1", "target-2"],
+        period=(1, 12, 1),
+    )
     assert calls == [("target-2", 8)]
-    assert [each.description for each in control.controls.values()] == ["target", "N_periodic"]
+    assert [each.description for each in control.controls.values()] == [
+        "target",
+        "N_periodic",
+    ]
     first = control.picture.value
     assert bytes(first).startswith(b"\x89PNG")
     assert not control.controls["period"].continuous_update
@@ -67,11 +80,15 @@ def test_an_error_is_shown_kept_and_raised_by_check(calls):
 
 def test_the_map_of_p_chooses_a_p(calls):
     name = "damp0.05-mass0.10"
-    pb_map = PBMap(BIASES, LABELS, p=BIASES[name], reference=BIASES["damp0.03-mass0.05"])
+    pb_map = PBMap(
+        BIASES, LABELS, p=BIASES[name], reference=BIASES["damp0.03-mass0.05"]
+    )
     dots = pb_map.about["dots"]
     assert [dot["label"] for dot in dots] == list(LABELS.values())
     axes = analysis.principal_axes(BIASES)
-    assert dots[0]["at"] == pytest.approx(axes.transform(BIASES[dots[0]["name"]][None])[0])
+    assert dots[0]["at"] == pytest.approx(
+        axes.transform(BIASES[dots[0]["name"]][None])[0]
+    )
     control = Control(lambda p: calls.append(p) or Figure(), p=pb_map)
     pb_map.chosen = [0.3, -0.1]  # as a click does
     assert calls[0] == pytest.approx(BIASES[name])
@@ -82,6 +99,7 @@ def test_the_map_of_p_chooses_a_p(calls):
 def test_a_page_without_a_kernel_gets_a_picture_and_its_words(draw):
     control = Control(draw, target=["target-1", "target-2"], period=(1, 12, 1))
     data, metadata = control._repr_mimebundle_()
-    assert "application/vnd.jupyter.widget-view+json" in data  # JupyterLab shows the widget
+    # JupyterLab shows the widget
+    assert "application/vnd.jupyter.widget-view+json" in data
     assert base64.b64decode(data["image/png"]) == bytes(control.picture.value)
     assert "from 0 at 0 to 8 at 1" in metadata["image/png"]["details"][0]

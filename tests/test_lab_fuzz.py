@@ -1,6 +1,8 @@
-"""Hostile use of the live lab: messages that no page of ours sends, and random operations with each driver.
+"""Hostile use of the live lab: messages that no page of ours sends, and random
+operations with each driver.
 
-Whatever comes, the answer is a sentence about a mistake, the session goes on, and nothing grows without bound.
+Whatever comes, the answer is a sentence about a mistake, the session goes on, and
+nothing grows without bound.
 """
 
 import asyncio
@@ -18,16 +20,71 @@ pytestmark = pytest.mark.slow  # each panel starts a session
 DEEP: list = []
 for _ in range(200):
     DEEP = [DEEP]
-SCALARS = (None, True, 0, -1, 3, 1e-9, -1e308, 1e308, float("nan"), float("inf"), 10**400)
-TEXTS = ("", "x", "torque\x00", "../../etc/passwd", "\ud800", "x" * 100_000, "control", "own", "__class__")
-OTHERS = ([], [[]], [None], ["1", "2"], [1e400, 0], [[1, 2], [3]], [0.1] * 10_000, {}, {"a": 1}, DEEP, [0.1, -0.1])
+SCALARS = (
+    None,
+    True,
+    0,
+    -1,
+    3,
+    1e-9,
+    -1e308,
+    1e308,
+    float("nan"),
+    float("inf"),
+    10**400,
+)
+TEXTS = (
+    "",
+    "x",
+    "torque\x00",
+    "../../etc/passwd",
+    "\ud800",
+    "x" * 100_000,
+    "control",
+    "own",
+    "__class__",
+)
+OTHERS = (
+    [],
+    [[]],
+    [None],
+    ["1", "2"],
+    [1e400, 0],
+    [[1, 2], [3]],
+    [0.1] * 10_000,
+    {},
+    {"a": 1},
+    DEEP,
+    [0.1, -0.1],
+)
 VALUES = (*SCALARS, *TEXTS, *OTHERS)
-BUFFERS = (b"", b"\x00", b"\x01" * 96 * 128, b"\xff" * 96 * 128, b"\x89PNG\r\n\x1a\n" + b"\x00" * 1000)
-ARGUMENTS = ("name", "driver", "on", "cloth", "damping", "mass", "f_const", "at", "u", "enough", "places", "size")
+BUFFERS = (
+    b"",
+    b"\x00",
+    b"\x01" * 96 * 128,
+    b"\xff" * 96 * 128,
+    b"\x89PNG\r\n\x1a\n" + b"\x00" * 1000,
+)
+ARGUMENTS = (
+    "name",
+    "driver",
+    "on",
+    "cloth",
+    "damping",
+    "mass",
+    "f_const",
+    "at",
+    "u",
+    "enough",
+    "places",
+    "size",
+)
 
 
 def messages(panel):
-    """Contents and buffers: every action with every hostile value, too little, too much, and no message at all."""
+    """Contents and buffers: every action with every hostile value, too little, too
+    much, and no message at all.
+    """
     for value in VALUES:
         yield value, []
         yield {"do": value}, []
@@ -49,7 +106,9 @@ def messages(panel):
 
 
 async def bombard(panel):
-    """Send all of them, in an event loop as in a kernel: how many there were, and the kinds of the answers."""
+    """Send all of them, in an event loop as in a kernel: how many there were, and the
+    kinds of the answers.
+    """
     count, kinds = 0, set()
     for content, buffers in messages(panel):
         panel._handle_custom_msg(content, buffers)
@@ -88,7 +147,8 @@ def test_faults_of_every_step_do_not_fill_the_memory():
     assert messages.errors[-1].endswith("ZeroDivisionError: division by zero\n")
 
 
-OPERATIONS = int(os.environ.get("CLOTHLAB_OPERATIONS", 600))  # `make nightly` asks for more
+# `make nightly` asks for more
+OPERATIONS = int(os.environ.get("CLOTHLAB_OPERATIONS", 600))
 
 
 def test_random_operations_with_iterative_as_driver_are_no_faults(new_session):
@@ -109,7 +169,10 @@ def test_random_operations_with_iterative_as_driver_are_no_faults(new_session):
         lambda: send("explore", on=bool(rng.random() < 0.5)),
         lambda: send("estimate", on=bool(rng.random() < 0.5)),
         lambda: send("set cloth", cloth=str(rng.choice(materials))),
-        lambda: send("set driver", driver=str(rng.choice(["iterative", "iterative", "control", "random"]))),
+        lambda: send(
+            "set driver",
+            driver=str(rng.choice(["iterative", "iterative", "control", "random"])),
+        ),
         lambda: send("set driver", driver="iterative"),
         lambda: send("reset"),
     ]

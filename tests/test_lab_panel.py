@@ -1,4 +1,6 @@
-"""The panel without a browser: what its actions do to the session, and what it says when something is wrong."""
+"""The panel without a browser: what its actions do to the session, and what it says
+when something is wrong.
+"""
 
 import asyncio
 import base64
@@ -41,7 +43,9 @@ def says(panel):
 def draw_every_frame(panel):
     """What a fast browser does."""
     send(panel, "drawn", frame=panel.frame["number"])
-    panel.observe(lambda change: send(panel, "drawn", frame=change["new"]["number"]), "frame")
+    panel.observe(
+        lambda change: send(panel, "drawn", frame=change["new"]["number"]), "frame"
+    )
 
 
 async def until(condition, seconds=20):
@@ -52,7 +56,9 @@ async def until(condition, seconds=20):
 
 
 def run_steps(panel, steps, draws=True):
-    """Let the panel make steps, with a browser that draws each frame at once, or with none."""
+    """Let the panel make steps, with a browser that draws each frame at once, or with
+    none.
+    """
 
     async def main():
         panel.start()
@@ -85,7 +91,9 @@ def test_time_goes_by_until_it_is_paused(panel):
     assert not panel.running
 
 
-def test_a_browser_that_does_not_draw_gets_no_more_frames_and_stops_the_clock(panel, monkeypatch):
+def test_a_browser_that_does_not_draw_gets_no_more_frames_and_stops_the_clock(
+    panel, monkeypatch
+):
     monkeypatch.setattr(panel_module, "_PATIENCE", 3)
     first = panel.frame["number"]
     run_steps(panel, 100, draws=False)
@@ -103,12 +111,16 @@ def test_a_second_panel_closes_the_first(panel, new_session):
     other.close()  # twice is once
 
 
-def test_actions_wait_for_the_end_of_a_step_whatever_thread_brings_them(new_session, monkeypatch):
+def test_actions_wait_for_the_end_of_a_step_whatever_thread_brings_them(
+    new_session, monkeypatch
+):
     threads = []
 
     async def main():
         panel = LivePanel(new_session())
-        monkeypatch.setattr(panel.session, "set_p", lambda p: threads.append(get_ident()))
+        monkeypatch.setattr(
+            panel.session, "set_p", lambda p: threads.append(get_ident())
+        )
         panel.start()
         await asyncio.to_thread(send, panel, "set p", at=[0, 0])
         await until(lambda: threads)
@@ -132,9 +144,15 @@ def test_single_steps_and_reset(panel):
 
 def test_after_a_reset_the_camera_shows_the_cloth_that_hangs(panel):
     def seen():
-        return cv2.imdecode(np.frombuffer(panel.frame["seen"], np.uint8), cv2.IMREAD_GRAYSCALE) > 127
+        return (
+            cv2.imdecode(
+                np.frombuffer(panel.frame["seen"], np.uint8), cv2.IMREAD_GRAYSCALE
+            )
+            > 127
+        )
 
-    assert np.array_equal(seen(), panel.session.observation["image"])  # before the first step
+    # Before the first step
+    assert np.array_equal(seen(), panel.session.observation["image"])
     hanging = seen()
     assert hanging.any()
     send(panel, "set driver", driver="random")
@@ -143,7 +161,9 @@ def test_after_a_reset_the_camera_shows_the_cloth_that_hangs(panel):
     assert not np.array_equal(seen(), hanging)
     send(panel, "reset")
     assert np.array_equal(seen(), hanging)
-    decoded = cv2.imdecode(np.frombuffer(panel.frame["decoded"], np.uint8), cv2.IMREAD_GRAYSCALE)
+    decoded = cv2.imdecode(
+        np.frombuffer(panel.frame["decoded"], np.uint8), cv2.IMREAD_GRAYSCALE
+    )
     assert (decoded > 127).any()
 
 
@@ -169,7 +189,8 @@ def test_a_drawing_becomes_the_target_and_shows_its_reconstruction(panel, square
     send(panel, "draw", memoryview(square.astype(np.uint8).tobytes()))
     assert np.array_equal(panel.session.target, square)
     assert panel.target["reconstruction"] != before["reconstruction"]
-    assert panel.target["version"] == before["version"]  # it stands on the canvas already
+    # It stands on the canvas already
+    assert panel.target["version"] == before["version"]
     send(panel, "draw", bytes(96 * 128))
     assert "no cloth in the image" in says(panel)
     assert np.array_equal(panel.session.target, square)
@@ -214,7 +235,9 @@ def test_sticks_and_trigger_span_the_range():
     for arm in (TorqueArm(), MuscleArm()):
         assert stick_command(arm, [0, -1, 0]) == pytest.approx(arm.command_lower)
         assert stick_command(arm, [1, 2, 1]) == pytest.approx(arm.command_upper)
-        assert stick_command(arm, [0.5] * 3) == pytest.approx((arm.command_lower + arm.command_upper) / 2)
+        assert stick_command(arm, [0.5] * 3) == pytest.approx(
+            (arm.command_lower + arm.command_upper) / 2
+        )
 
 
 def test_another_arm_brings_its_controls_its_sticks_and_its_stiffness(panel):
@@ -223,14 +246,18 @@ def test_another_arm_brings_its_controls_its_sticks_and_its_stiffness(panel):
     assert len(panel.state["hand"]) == len(panel.about["hands"]) == 3
     json.dumps({key: value for key, value in panel.about.items() if key != "gallery"})
     send(panel, "greet gamepad", enough=True)
-    assert "left stick: shoulder, right stick: elbow, right trigger: stiffness" in says(panel)
+    assert "left stick: shoulder, right stick: elbow, right trigger: stiffness" in says(
+        panel
+    )
     send(panel, "greet gamepad", enough=False)
     assert "needs two sticks" in says(panel)
     send(panel, "move sticks", places=[1.0, 0.0, 0.5])
     send(panel, "step")
     arm = panel.session.arm
     assert panel.session.driver == "manual"
-    assert panel.history[-1].command == pytest.approx([arm.upper[0], arm.lower[1], 40.0])
+    assert panel.history[-1].command == pytest.approx(
+        [arm.upper[0], arm.lower[1], 40.0]
+    )
     send(panel, "set tension", f_const=50.0)
     assert (panel.state["fixed"], panel.state["tension"]) == (True, [50.0])
     send(panel, "step")
@@ -275,8 +302,13 @@ def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     assert panel.state["status"] == "paused"
 
 
-@pytest.mark.parametrize(("error", "faults"), [(ZeroDivisionError("oh"), 1), (SimulationError("diverged"), 0)])
-def test_a_step_that_fails_pauses_until_a_person_goes_on(panel, monkeypatch, error, faults):
+@pytest.mark.parametrize(
+    ("error", "faults"),
+    [(ZeroDivisionError("oh"), 1), (SimulationError("diverged"), 0)],
+)
+def test_a_step_that_fails_pauses_until_a_person_goes_on(
+    panel, monkeypatch, error, faults
+):
     signs = []
     panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run_steps(panel, 2)
@@ -285,7 +317,11 @@ def test_a_step_that_fails_pauses_until_a_person_goes_on(panel, monkeypatch, err
     assert panel.state["status"] == "paused"
     monkeypatch.setattr(panel.session, "step", broken(error))
     run_steps(panel, 100)
-    assert (panel.state["status"], panel.state["running"], len(panel.errors)) == ("fault", False, faults)
+    assert (panel.state["status"], panel.state["running"], len(panel.errors)) == (
+        "fault",
+        False,
+        faults,
+    )
     assert str(error) in says(panel)
     panel.errors.clear()
     monkeypatch.undo()
@@ -297,27 +333,39 @@ def test_a_step_that_fails_pauses_until_a_person_goes_on(panel, monkeypatch, err
 
 def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     step, signs = panel.session.step, []
-    monkeypatch.setattr(panel.session, "step", lambda **options: time.sleep(0.35) or step(**options))
+    monkeypatch.setattr(
+        panel.session, "step", lambda **options: time.sleep(0.35) or step(**options)
+    )
     panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run_steps(panel, 3)
     assert "late" in signs
     assert "fault" not in signs
 
 
-def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_knows_the_cloth(new_session):
+def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_knows_the_cloth(
+    new_session,
+):
     panel = LivePanel(new_session(), only="control")
     assert panel.about["only"]
-    assert [each["about"] for each in panel.frame["pictures"]] == ["what the camera sees"]
+    assert [each["about"] for each in panel.frame["pictures"]] == [
+        "what the camera sees"
+    ]
     send(panel, "set cloth", cloth="damp0.07-mass0.15")
-    assert panel.session.p == pytest.approx(panel.session.trained.biases["damp0.07-mass0.15"])
+    assert panel.session.p == pytest.approx(
+        panel.session.trained.biases["damp0.07-mass0.15"]
+    )
     shown = []
     for _ in range(9):
         send(panel, "step")
-        shown.append([each["about"] for each in panel.frame["pictures"] if each["image"]])
+        shown.append(
+            [each["about"] for each in panel.frame["pictures"] if each["image"]]
+        )
     assert [len(each) for each in shown] == [2] * 7 + [4] * 2
     moment = panel.history[7]
     assert shown[8][2].endswith(f"{moment.distance:.2f}")
-    assert np.linalg.norm(moment.began - panel.session._z_ref) == pytest.approx(moment.period.predicted, abs=1e-5)
+    assert np.linalg.norm(moment.began - panel.session._z_ref) == pytest.approx(
+        moment.period.predicted, abs=1e-5
+    )
     assert np.array_equal(moment.began, panel.history[0].foreseen)
     panel.check()
     panel.close()
@@ -327,7 +375,15 @@ def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):
     send(panel, "step")
     data, metadata = panel._repr_mimebundle_()
     assert "application/vnd.jupyter.widget-view+json" in data
-    assert cv2.imdecode(np.frombuffer(base64.b64decode(data["image/png"]), np.uint8), 1) is not None
+    assert (
+        cv2.imdecode(np.frombuffer(base64.b64decode(data["image/png"]), np.uint8), 1)
+        is not None
+    )
     words = metadata["image/png"]
-    assert words["alt"].endswith("the scene, 0.2 s, step 1; what the camera sees; the target")
-    assert f"White in {100 * panel.session.target.mean():.0f} % of it" in words["details"][2]
+    assert words["alt"].endswith(
+        "the scene, 0.2 s, step 1; what the camera sees; the target"
+    )
+    assert (
+        f"White in {100 * panel.session.target.mean():.0f} % of it"
+        in words["details"][2]
+    )

@@ -11,7 +11,9 @@ pytestmark = pytest.mark.slow  # a panel starts a session
 
 @pytest.fixture
 def recording(new_session, tmp_path):
-    """Three steps: the first, one with a frame that is new, and one in which all stays as it is."""
+    """Three steps: the first, one with a frame that is new, and one in which all stays
+    as it is.
+    """
     panel = LivePanel(new_session())
     recording = SessionRecording(panel)
     recording.take("the beginning")

@@ -1,4 +1,6 @@
-"""Recordings of a live session: named when they stop, written every five seconds, refused in a sentence."""
+"""Recordings of a live session: named when they stop, written every five seconds,
+refused in a sentence.
+"""
 
 import signal
 import subprocess
@@ -13,7 +15,12 @@ from clothlab.lab.recorder import Recorder
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import load_trial
 
-ABOUT = {"cloth": get_cloth("damp0.03-mass0.05"), "arm": "torque", "policy": "control", "seed": 3}
+ABOUT = {
+    "cloth": get_cloth("damp0.03-mass0.05"),
+    "arm": "torque",
+    "policy": "control",
+    "seed": 3,
+}
 
 
 def add(recorder, steps, **changes):
@@ -73,12 +80,16 @@ def test_a_killed_process_loses_less_than_five_seconds(tmp_path, steps):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         recorded = next(int(line) for line in process.stdout if int(line) >= steps)
         process.send_signal(signal.SIGKILL)
-        recorded = max([recorded, *map(int, process.stdout.read().split())])  # until the signal came
-    assert [path.suffix for path in tmp_path.iterdir() if path.suffix != ".pieces"] == []  # nothing half-written
+        # Until the signal came
+        recorded = max([recorded, *map(int, process.stdout.read().split())])
+    assert [
+        path.suffix for path in tmp_path.iterdir() if path.suffix != ".pieces"
+    ] == []  # nothing half-written
     Recorder(tmp_path)
     trials = [load_trial(path) for path in tmp_path.glob("*.npz")]
     kept = sum(map(len, trials))
-    assert recorded - 25 < kept <= recorded + 1  # the step may be on the disk that was not yet reported
+    # The step may be on the disk that was not yet reported
+    assert recorded - 25 < kept <= recorded + 1
     assert not list(tmp_path.glob("*.pieces"))
     for trial in trials:
         assert trial.commands[:, 1] == pytest.approx(np.arange(kept))
@@ -91,12 +102,17 @@ def test_pieces_of_a_kernel_that_lives_are_left_to_it(tmp_path):
     add(recording, 60)
     Recorder(tmp_path)
     (pieces,) = tmp_path.iterdir()
-    assert sorted(path.name for path in pieces.iterdir()) == ["000000.npz", "000025.npz"]
+    assert sorted(path.name for path in pieces.iterdir()) == [
+        "000000.npz",
+        "000025.npz",
+    ]
     assert len(load_trial(recording.save("mine"))) == 60
     assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
 
 
-def test_pieces_that_come_after_they_were_joined_are_joined_to_them(tmp_path, monkeypatch):
+def test_pieces_that_come_after_they_were_joined_are_joined_to_them(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(recorder, "_abandoned", lambda pieces: True)
     recording = Recorder(tmp_path)
     recording.start()
@@ -117,7 +133,9 @@ def test_a_step_costs_as_much_at_the_end_as_at_the_beginning(tmp_path):
         start = time.thread_time()
         add(recording, 25)
         seconds.append((time.thread_time() - start) / 25)
-    print(f"recording costs {1e3 * np.median(seconds):.2f} ms a step, {1e3 * np.median(seconds[-10:]):.2f} at the end")
+    print(
+        f"recording costs {1e3 * np.median(seconds):.2f} ms a step, {1e3 * np.median(seconds[-10:]):.2f} at the end"
+    )
     assert np.median(seconds[-10:]) < 2 * np.median(seconds[:10])
     recording.discard()
 
@@ -131,7 +149,9 @@ def test_a_closed_recording_keeps_its_file(tmp_path):
     assert len(load_trial(left)) == 2
 
 
-def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_on(tmp_path):
+def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_on(
+    tmp_path,
+):
     recording = Recorder(tmp_path)
     recording.start()
     with pytest.raises(ValueError, match="nothing was recorded"):
@@ -145,7 +165,9 @@ def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_o
     assert recording.running
 
 
-def test_a_disk_that_is_full_stops_the_recording_and_keeps_its_steps(tmp_path, monkeypatch):
+def test_a_disk_that_is_full_stops_the_recording_and_keeps_its_steps(
+    tmp_path, monkeypatch
+):
     def full(*_):
         raise OSError("No space left on device")
 

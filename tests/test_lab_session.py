@@ -1,9 +1,10 @@
-"""The live session behind the panel: what can be changed while it runs, and what it refuses."""
+"""The live session behind the panel: what can be changed while it runs, and what it
+refuses.
+"""
 
 import numpy as np
 import pytest
 
-from clothlab.experiments.motion import replay
 from clothlab.lab.drivers import DRIVERS
 from clothlab.lab.session import LiveSession
 from clothlab.lab.views import MATERIAL
@@ -11,6 +12,7 @@ from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial, rollout
+from studies.motion import replay
 
 pytestmark = pytest.mark.slow  # each session starts a scene
 
@@ -26,7 +28,9 @@ def session(new_session):
 
 @pytest.fixture(scope="module")
 def muscle(tmp_path_factory):
-    session = LiveSession("muscle", recordings=tmp_path_factory.mktemp("mine"), picture_size=(96, 128))
+    session = LiveSession(
+        "muscle", recordings=tmp_path_factory.mktemp("mine"), picture_size=(96, 128)
+    )
     yield session
     session.close()
 
@@ -46,7 +50,10 @@ def test_every_driver_drives(session, driver):
     moments = [session.step() for _ in range(3)]
     assert [moment.step for moment in moments] == [1, 2, 3]
     assert np.array_equal(moments[-1].command, session.command)
-    assert all(moment.command.shape == moment.theta.shape == moment.p.shape == (2,) for moment in moments)
+    assert all(
+        moment.command.shape == moment.theta.shape == moment.p.shape == (2,)
+        for moment in moments
+    )
     if driver == "manual":
         assert np.array_equal(moments[0].command, session.hand)
 
@@ -57,7 +64,9 @@ def test_a_late_step_goes_on_with_the_last_plan(session):
     session.set_driver("iterative")
     first, late = drive(session, 1), [session.step(solve=False) for _ in range(8)]
     assert not any(moment.solved for moment in late)
-    assert np.array_equal([moment.command for moment in first], [moment.command for moment in late])
+    assert np.array_equal(
+        [moment.command for moment in first], [moment.command for moment in late]
+    )
     assert session.step().solved
     assert len(learned(session)) == 2
 
@@ -66,9 +75,13 @@ def test_iterative_learning_learns_from_each_period_and_predicts_the_next(sessio
     session.set_driver("iterative")
     moments = drive(session, 3)
     assert len(learned(session)) == 2  # the third is seen to its end in the next step
-    assert [moment.step for moment in moments if moment.solved] == [1, 17]  # the first plan is sent twice
+    # The first plan is sent twice
+    assert [moment.step for moment in moments if moment.solved] == [1, 17]
     assert [moment.step for moment in moments if moment.period_ended] == [8, 16, 24]
-    assert [len({moment.predicted for moment in moments[8 * k : 8 * k + 8]}) for k in range(3)] == [1, 1, 1]
+    assert [
+        len({moment.predicted for moment in moments[8 * k : 8 * k + 8]})
+        for k in range(3)
+    ] == [1, 1, 1]
 
 
 def test_without_new_plans_the_best_known_one_is_repeated(session):
@@ -96,7 +109,8 @@ def test_p_moves_only_while_it_is_estimated(session):
     for _ in range(14):
         assert session.step().p == pytest.approx([0.3, -0.2])
     session.estimating = True
-    moved = [session.step().p for _ in range(18)][-1]  # the warm-up of a cloth in motion, and some to judge
+    # The warm-up of a cloth in motion, and some to judge
+    moved = [session.step().p for _ in range(18)][-1]
     assert not np.allclose(moved, [0.3, -0.2])
     for wrong in ([np.nan, 0.0], [0.1] * 3, "p"):
         with pytest.raises(ValueError, match="p is"):
@@ -108,7 +122,12 @@ def test_another_arm_brings_its_own_weights_cloth_and_target(session):
     before = session.gallery
     session.set_arm("muscle")
     assert session.step().command.shape == (3,)
-    assert set(before) & set(session.gallery) >= {"target-1", "target-2", "muscle", "recorded 1"}
+    assert set(before) & set(session.gallery) >= {
+        "target-1",
+        "target-2",
+        "muscle",
+        "recorded 1",
+    }
     assert not np.array_equal(before["recorded 1"], session.gallery["recorded 1"])
     assert session.env.cloth.name in session.trained.biases
 
@@ -151,19 +170,27 @@ def test_the_lightest_cloth_of_the_sliders_can_be_swung(session, damping):
     rng, arm = np.random.default_rng(0), session.arm
     session.set_driver("manual")
     for _ in range(25):
-        session.set_hand(np.where(rng.random(2) < 0.5, arm.command_lower, arm.command_upper))
+        session.set_hand(
+            np.where(rng.random(2) < 0.5, arm.command_lower, arm.command_upper)
+        )
         session.step()
 
 
 @pytest.mark.parametrize(
     ("values", "error", "message"),
     [
-        ((0.05, 2e-3), SimulationError, r"too light or too stiff .* \(0.05, 0.10\) stays in the hand"),
+        (
+            (0.05, 2e-3),
+            SimulationError,
+            r"too light or too stiff .* \(0.05, 0.10\) stays in the hand",
+        ),
         ((-1, 0.1), ValueError, "Cloth"),
         ((0.05, 0.0), ValueError, "Cloth"),
     ],
 )
-def test_a_cloth_that_cannot_be_is_refused_and_the_one_before_goes_on(session, values, error, message):
+def test_a_cloth_that_cannot_be_is_refused_and_the_one_before_goes_on(
+    session, values, error, message
+):
     session.step()
     before, state = session.env.cloth, session.env.data.qpos.copy()
     with pytest.raises(error, match=message):
@@ -182,16 +209,25 @@ def test_a_material_of_the_menu_is_recognised(session):
 
 def test_unknown_names_list_the_choices(session):
     for call, message in (
-        (lambda: session.set_driver("clock"), "unknown driver 'clock'; choose from control, iterative, manual"),
+        (
+            lambda: session.set_driver("clock"),
+            "unknown driver 'clock'; choose from control, iterative, manual",
+        ),
         (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
-        (lambda: session.set_arm("muscle-hand"), "unknown arm 'muscle-hand'; choose from torque, muscle"),
+        (
+            lambda: session.set_arm("muscle-hand"),
+            "unknown arm 'muscle-hand'; choose from torque, muscle",
+        ),
     ):
         with pytest.raises(KeyError, match=message):
             call()
     assert session.driver == "control"
 
 
-@pytest.mark.parametrize(("change", "arguments"), [("set_arm", ["muscle"]), ("set_cloth", ["soft-1"]), ("reset", [])])
+@pytest.mark.parametrize(
+    ("change", "arguments"),
+    [("set_arm", ["muscle"]), ("set_cloth", ["soft-1"]), ("reset", [])],
+)
 def test_a_recording_is_of_one_run(session, change, arguments):
     session.record()
     with pytest.raises(ValueError, match="cannot change during a recording"):
@@ -233,13 +269,18 @@ def test_a_recording_of_random_commands_is_the_trial_of_its_seed(session):
 def test_every_recording_can_be_replayed(session, muscle, arm):
     session = muscle if arm == "muscle" else session
     for _ in range(3):
-        session.step()  # a recording that began here, in the middle of a swing, could not
+        # A recording that began here, in the middle of a swing, could not
+        session.step()
     session.record()
     for driver in ("control", "manual", "control", "operator"):
         session.set_driver(driver)
         for _ in range(3):
             session.step()
     trial = load_trial(session.recorder.save("swing"))
-    assert (len(trial), trial.policy, trial.seed) == (12, "control, manual, operator", session.seed)
+    assert (len(trial), trial.policy, trial.seed) == (
+        12,
+        "control, manual, operator",
+        session.seed,
+    )
     assert trial.cloth == session.env.cloth
     assert len(replay(trial).time) == 12 * 50

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from clothlab.lab import targets
-from clothlab.learning.autoencoder import Autoencoder
+from clothlab.method.autoencoder import Autoencoder
 
 
 def test_yardsticks_have_cloth_in_view(trial, monkeypatch):
@@ -20,16 +20,25 @@ def test_yardsticks_have_cloth_in_view(trial, monkeypatch):
 
 def test_nothing_is_further_from_the_truth_than_no_cloth(square):
     assert targets.reconstruction_distance(square, square.astype(float)) == 0
-    moved = np.roll(square, 5, axis=1) * 0.9  # five of thirty columns stick out, by 1 to 5 pixels
-    assert targets.reconstruction_distance(square, moved) == pytest.approx(sum(range(6)) / 30)
+    # Five of thirty columns stick out, by 1 to 5 pixels
+    moved = np.roll(square, 5, axis=1) * 0.9
+    assert targets.reconstruction_distance(square, moved) == pytest.approx(
+        sum(range(6)) / 30
+    )
     assert targets.reconstruction_distance(square, square * 0.4) == np.inf
 
 
 def test_the_usual_misunderstanding_is_of_the_worst_in_a_hundred(square, monkeypatch):
     shifts = range(100)
     monkeypatch.setattr(targets, "encode", lambda _, images: images)
-    monkeypatch.setattr(targets, "decode", lambda _, z: [np.roll(square, k // 10, axis=1) for k in shifts])
-    usual = targets.usual_reconstruction_distance(Autoencoder(), np.repeat(square[None], 100, axis=0))
+    monkeypatch.setattr(
+        targets,
+        "decode",
+        lambda _, z: [np.roll(square, k // 10, axis=1) for k in shifts],
+    )
+    usual = targets.usual_reconstruction_distance(
+        Autoencoder(), np.repeat(square[None], 100, axis=0)
+    )
     assert usual == targets.reconstruction_distance(square, np.roll(square, 9, axis=1))
 
 

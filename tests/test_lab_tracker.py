@@ -21,7 +21,13 @@ def learned():
 @pytest.fixture(scope="module")
 def run(learned):
     trials = artifacts.load_trials("evaluation")
-    return learned.sequences(next(t for t in trials if t.policy == "random" and t.cloth.name == "damp0.07-mass0.10"))
+    return learned.to_run(
+        next(
+            t
+            for t in trials
+            if t.policy == "random" and t.cloth.name == "damp0.07-mass0.10"
+        )
+    )
 
 
 @pytest.fixture
@@ -49,18 +55,24 @@ def test_reports_come_now_and_then_and_grow_surer(learned, calibrated, run):
 def test_states_unlike_any_training_are_out_of_distribution(learned, calibrated, run):
     noise = np.random.default_rng(0).normal(size=run.s.shape).astype(np.float32)
     strange = replace(run, s=run.s + noise * learned.model.s_std.numpy())
-    assert follow(BiasTracker(learned, "evaluation", np.zeros(2)), strange, 60)[-1].out_of_distribution
+    assert follow(BiasTracker(learned, "evaluation", np.zeros(2)), strange, 60)[
+        -1
+    ].out_of_distribution
 
 
 def test_only_a_run_that_begins_at_rest_has_no_warm_up(learned, calibrated, run):
-    at_rest, moving = (BiasTracker(learned, "evaluation", np.zeros(2)) for _ in range(2))
+    at_rest, moving = (
+        BiasTracker(learned, "evaluation", np.zeros(2)) for _ in range(2)
+    )
     follow(at_rest, run, 10)
     follow(moving, run, 10, at_rest=False)
     assert at_rest.report is not None
     assert moving.report is None
 
 
-def test_before_the_calibration_is_there_p_is_estimated_without_reports(learned, calibrated, run, monkeypatch):
+def test_before_the_calibration_is_there_p_is_estimated_without_reports(
+    learned, calibrated, run, monkeypatch
+):
     there = BiasTracker(learned, "evaluation", np.zeros(2))
     follow(there, run, 20)
     monkeypatch.setattr(tracker, "_calibration", lambda *_: Future())

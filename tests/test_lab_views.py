@@ -7,21 +7,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab import artifacts, experiments
+import studies
+from clothlab import artifacts
+from clothlab.calibration import EstimateReport, inside
 from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.session import SETUPS, LiveSession
-from clothlab.learning.calibration import EstimateReport, inside
 from clothlab.simulation.arm import MuscleArm
 
 pytestmark = pytest.mark.slow  # both arms have a session
 
-BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.5]), "c": np.array([0.0, -2.0])}
+BIASES = {
+    "a": np.array([1.0, 0.0]),
+    "b": np.array([-1.0, 0.5]),
+    "c": np.array([0.0, -2.0]),
+}
 
 
 @pytest.fixture(scope="module", params=["torque", "muscle"])
 def session(request, tmp_path_factory):
-    session = LiveSession(request.param, recordings=tmp_path_factory.mktemp("mine"), picture_size=(96, 128))
+    session = LiveSession(
+        request.param,
+        recordings=tmp_path_factory.mktemp("mine"),
+        picture_size=(96, 128),
+    )
     session.set_driver("random")
     yield session
     session.close()
@@ -39,16 +48,23 @@ def shown(session):
 
 def plain(value):
     """The value, if JSON has a word for all of it but bytes."""
-    json.dumps(value, default=lambda each: "bytes" if isinstance(each, bytes) else 1 / 0)
+    json.dumps(
+        value, default=lambda each: "bytes" if isinstance(each, bytes) else 1 / 0
+    )
     return value
 
 
 def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
-    plane, covariance = views.Plane(BIASES, {"a": "first"}), np.array([[0.04, 0.01], [0.01, 0.09]])
+    plane, covariance = (
+        views.Plane(BIASES, {"a": "first"}),
+        np.array([[0.04, 0.01], [0.01, 0.09]]),
+    )
     for p in BIASES.values():
         assert plane.p(plane.at(p)) == pytest.approx(p)
     assert [dot["label"] for dot in plane.map["dots"]] == ["first", "b", "c"]
-    assert all(max(map(abs, dot["at"])) < plane.map["reach"] for dot in plane.map["dots"])
+    assert all(
+        max(map(abs, dot["at"])) < plane.map["reach"] for dot in plane.map["dots"]
+    )
     edge = plane.region(BIASES["a"], covariance)
     assert np.mean(edge[:-1], axis=0) == pytest.approx(plane.at(BIASES["a"]), abs=0.01)
     assert all(inside(plane.p(at), BIASES["a"], 1.01 * covariance) for at in edge)
@@ -56,7 +72,10 @@ def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
 
 
 def test_warnings_are_shown_while_p_is_estimated(session, shown):
-    known, nothing = EstimateReport(0.01 * np.eye(2), 0.1, False, False), {"region": [], "warning": ""}
+    known, nothing = (
+        EstimateReport(0.01 * np.eye(2), 0.1, False, False),
+        {"region": [], "warning": ""},
+    )
     session.tracker.report = known
     assert shown._estimate_report() == nothing
     session.estimating = True
@@ -65,7 +84,9 @@ def test_warnings_are_shown_while_p_is_estimated(session, shown):
     assert report["warning"] == ""
     session.tracker.report = known._replace(outside_hull=True)
     assert "outside the trained ones" in shown._estimate_report()["warning"]
-    session.tracker.report = known._replace(out_of_distribution=True, log_error_ratio=np.log(2))
+    session.tracker.report = known._replace(
+        out_of_distribution=True, log_error_ratio=np.log(2)
+    )
     assert "2.0 times the usual" in shown._estimate_report()["warning"]
     session.tracker.report = None
     assert shown._estimate_report() == nothing
@@ -76,34 +97,65 @@ def test_names_and_ranges_come_from_the_arm(session, shown):
     about, arm = plain(shown.fixtures()), session.arm
     assert about["arms"] == list(SETUPS)
     assert [name for name, _ in about["hands"]] == list(arm.command_names)
-    assert [limits[:2] for _, limits in about["hands"]] == [*zip(arm.command_lower, arm.command_upper, strict=True)]
-    assert (about["tension"] is not None) == arm.has_stiffness == bool(shown.ellipse(session.hand))
+    assert [limits[:2] for _, limits in about["hands"]] == [
+        *zip(arm.command_lower, arm.command_upper, strict=True)
+    ]
+    assert (
+        (about["tension"] is not None)
+        == arm.has_stiffness
+        == bool(shown.ellipse(session.hand))
+    )
     assert len(about["map"]["dots"]) == len(session.trained.biases)
 
 
-def test_a_frame_has_pictures_and_traces_as_long_as_the_history(session, shown, history):
+def test_a_frame_has_pictures_and_traces_as_long_as_the_history(
+    session, shown, history
+):
     for steps in ([], history):
         frame = plain(shown.frame(steps))
         assert all(frame[name] for name in ("scene", "seen", "decoded"))
         assert len(frame["trail"]) == len(steps)
-        assert all(len(line["values"]) == len(steps) for each in frame["traces"] for line in each["lines"])
+        assert all(
+            len(line["values"]) == len(steps)
+            for each in frame["traces"]
+            for line in each["lines"]
+        )
     titles = [each["title"] for each in frame["traces"]]
     assert titles[0] == "distance to the target"
     assert frame["traces"][0]["limit"] == ("hanging still", session.still_distance)
     assert ("stiffness command" in titles) == session.arm.has_stiffness
 
 
-def test_predictions_stand_beside_the_distance_and_where_their_period_ended(shown, history):
+def test_predictions_stand_beside_the_distance_and_where_their_period_ended(
+    shown, history
+):
     first, *others = history
-    ended = [first, *(replace(moment, predicted=0.25, period_ended=k == 1) for k, moment in enumerate(others))]
+    ended = [
+        first,
+        *(
+            replace(moment, predicted=0.25, period_ended=k == 1)
+            for k, moment in enumerate(others)
+        ),
+    ]
     ended[2] = replace(ended[2], period=Period(0.5, 0.75))
     frame = plain(shown.frame(ended))
     distance, predicted = frame["traces"][0]["lines"]
-    assert (predicted["name"], predicted["values"]) == ("predicted at each step", [None, 0.25, 0.25])
-    assert (predicted["colour"], predicted["dash"], predicted["fine"]) != (distance["colour"], 0, False)
+    assert (predicted["name"], predicted["values"]) == (
+        "predicted at each step",
+        [None, 0.25, 0.25],
+    )
+    assert (predicted["colour"], predicted["dash"], predicted["fine"]) != (
+        distance["colour"],
+        0,
+        False,
+    )
     assert (frame["marks"], frame["traces"][0]["pairs"]) == ([2], [(2, 0.5, 0.75)])
     frame = shown.frame(history)
-    assert (frame["marks"], frame["traces"][0]["pairs"], len(frame["traces"][0]["lines"])) == ([], [], 1)
+    assert (
+        frame["marks"],
+        frame["traces"][0]["pairs"],
+        len(frame["traces"][0]["lines"]),
+    ) == ([], [], 1)
 
 
 def test_the_sliders_of_the_hand_show_what_is_sent(session, shown):
@@ -113,13 +165,18 @@ def test_the_sliders_of_the_hand_show_what_is_sent(session, shown):
     assert shown.state()["hand"] == pytest.approx(session.hand)
     session.set_driver("random")
     for each in (session.arm.command_lower, session.arm.command_upper):
-        session.command = each.astype(np.float32) * np.float32(1 + 1e-6)  # as a controller may round it
+        # As a controller may round it
+        session.command = each.astype(np.float32) * np.float32(1 + 1e-6)
         session.set_hand(shown.state()["hand"])
     if session.arm.has_stiffness:
         assert shown.state()["tension"] == [shown.state()["hand"][2]]
         session.set_tension(45.0)
         state = shown.state()
-        assert (state["fixed"], state["tension"], state["hand"][2]) == (True, [45.0], 45.0)
+        assert (state["fixed"], state["tension"], state["hand"][2]) == (
+            True,
+            [45.0],
+            45.0,
+        )
         session.set_tension(None)
 
 
@@ -129,17 +186,27 @@ def test_the_verdict_says_whether_the_autoencoder_reproduces_the_target(session,
     assert shown.target()["verdict"].startswith("Known shape. ")
     session.set_target(np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0)
     assert not shown.target()["known"]
-    assert shown.target()["verdict"] == "Not reachable. The autoencoder does not reproduce it."
+    assert (
+        shown.target()["verdict"]
+        == "Not reachable. The autoencoder does not reproduce it."
+    )
 
 
-def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(monkeypatch):
-    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)  # as outside of tests
-    searched = experiments.load("oracle_transfer").query("overlap")
+def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
+    monkeypatch,
+):
+    # As outside of tests
+    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)
+    searched = studies.load("oracle_transfer").query("overlap")
     with contextlib.closing(LiveSession()) as session:
-        for target, best in zip(searched["target"], searched["iou"].map(np.max), strict=True):
+        for target, best in zip(
+            searched["target"], searched["iou"].map(np.max), strict=True
+        ):
             session.set_target(artifacts.load_target(target))
             verdict = views.Views(session).target()["verdict"]
-            assert best < 0.55 if verdict.startswith("Not reachable") else best >= 0.5, (target, verdict, best)
+            assert (
+                best < 0.55 if verdict.startswith("Not reachable") else best >= 0.5
+            ), (target, verdict, best)
 
 
 def test_the_ellipse_lies_around_the_hand_and_is_smaller_the_stiffer_the_arm():
@@ -149,4 +216,6 @@ def test_the_ellipse_lies_around_the_hand_and_is_smaller_the_stiffer_the_arm():
     hand = [line[-1] for line in links.get_data()]
     assert hand == pytest.approx(arm.hand(theta))
     assert np.mean(stiff.get_xydata()[:-1], axis=0) == pytest.approx(hand, abs=0.02)
-    assert np.ptp(soft.get_xydata(), axis=0) == pytest.approx(3.3 * np.ptp(stiff.get_xydata(), axis=0), rel=0.1)
+    assert np.ptp(soft.get_xydata(), axis=0) == pytest.approx(
+        3.3 * np.ptp(stiff.get_xydata(), axis=0), rel=0.1
+    )

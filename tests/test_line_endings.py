@@ -1,4 +1,6 @@
-"""A clone by a Git that turns line endings into Windows' own is the same clone: data keep their checksums."""
+"""A clone by a Git that turns line endings into Windows' own is the same clone: data
+keep their checksums.
+"""
 
 import os
 import subprocess
@@ -15,11 +17,14 @@ CHECKED = "from clothlab.__main__ import check_files; print(check_files())"
 
 def git(*words, cwd=ROOT):
     """What a command of Git prints."""
-    return subprocess.run(["git", *words], cwd=cwd, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        ["git", *words], cwd=cwd, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def test_no_file_would_be_converted():
-    # `text` or `eol` of a path say what a Windows checkout does to it: data untouched, text with a line feed alone.
+    # `text` or `eol` of a path say what a Windows checkout does to it: data untouched,
+    # text with a line feed alone.
     names = git("ls-files").splitlines()
     data = [name for name in names if name.startswith("data/")]
     asked = git("check-attr", "text", "--", *data).splitlines()
@@ -33,11 +38,25 @@ def test_no_file_would_be_converted():
 
 @pytest.mark.slow
 def test_the_data_of_a_clone_with_windows_line_endings_keep_their_checksums(tmp_path):
-    git("clone", "--quiet", "--depth=1", "--config=core.autocrlf=true", ROOT.as_uri(), str(tmp_path / "clone"))
+    git(
+        "clone",
+        "--quiet",
+        "--depth=1",
+        "--config=core.autocrlf=true",
+        ROOT.as_uri(),
+        str(tmp_path / "clone"),
+    )
     environment = os.environ | {"PYTHONPATH": str(tmp_path / "clone")}
     environment.pop("CLOTHLAB_DATA", None)
     command = [sys.executable, "-c", CHECKED]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert str(tmp_path / "clone" / "data") in done.stdout
     assert done.stdout.splitlines()[-1] == "[]"
     shell = tmp_path / "clone" / ".ci" / "run"

@@ -1,4 +1,6 @@
-"""The doctor's look at `data/`: one line of advice for each fault, none for what is no fault."""
+"""The doctor's look at `data/`: one line of advice for each fault, none for what is no
+fault.
+"""
 
 import shutil
 
@@ -10,7 +12,9 @@ from clothlab.__main__ import check_files, pins_of
 
 @pytest.fixture
 def data(tmp_path, square, monkeypatch):
-    """A small `data/` that `CLOTHLAB_DATA` names, with recordings that the repository leaves out."""
+    """A small `data/` that `CLOTHLAB_DATA` names, with recordings that the repository
+    leaves out.
+    """
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     artifacts.save_target(square, "a")
     artifacts.save_target(square, "drawn/b")
@@ -35,7 +39,9 @@ def test_each_fault_comes_with_its_cure(data, square, capsys):
         "data/targets/c.png is not recorded: record its hash with `python -m clothlab checksums`",
         "data/trials/train-more/00.npz is altered: record it with `make data`",
     ]
-    assert capsys.readouterr().out.endswith(": 1 ok, 1 missing, 1 not recorded, 1 altered\n")
+    assert capsys.readouterr().out.endswith(
+        ": 1 ok, 1 missing, 1 not recorded, 1 altered\n"
+    )
 
 
 def test_a_folder_that_is_not_there_or_empty_is_said(tmp_path, monkeypatch):

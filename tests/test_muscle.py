@@ -62,10 +62,17 @@ def test_springs_of_ones_own_pull_in_everything_that_follows_from_springs():
         def elongation(self, tension, more_stiffness=0.0):
             return tension / (5000.0 + more_stiffness)
 
-    linear, u = replace(SIX, spring_linear=5000.0, spring_cubic=0.0), np.array([0.3, -1.0, 30.0])
+    linear, u = (
+        replace(SIX, spring_linear=5000.0, spring_cubic=0.0),
+        np.array([0.3, -1.0, 30.0]),
+    )
     assert OwnSprings().sent_length(u) == pytest.approx(linear.sent_length(u))
-    assert OwnSprings().static_tension(u[:2] + 0.1, u) == pytest.approx(linear.static_tension(u[:2] + 0.1, u))
-    assert OwnSprings().static_tension(u[:2] + 0.1, u) != pytest.approx(SIX.static_tension(u[:2] + 0.1, u), abs=0.1)
+    assert OwnSprings().static_tension(u[:2] + 0.1, u) == pytest.approx(
+        linear.static_tension(u[:2] + 0.1, u)
+    )
+    assert OwnSprings().static_tension(u[:2] + 0.1, u) != pytest.approx(
+        SIX.static_tension(u[:2] + 0.1, u), abs=0.1
+    )
 
 
 def test_motors_pull_within_their_limits_however_far_the_arm_is_moved():
@@ -77,5 +84,7 @@ def test_motors_pull_within_their_limits_however_far_the_arm_is_moved():
 
 @pytest.mark.parametrize("range_", [(70.0, 10.0), (1.0, 70.0), (10.0, 300.0)])
 def test_a_range_of_tension_rises_within_what_motors_can_pull(range_):
-    with pytest.raises(ValueError, match=r"must rise, within f_bias 2.0 and f_max 250.0 N"):
+    with pytest.raises(
+        ValueError, match=r"must rise, within f_bias 2.0 and f_max 250.0 N"
+    ):
         Muscles(tension_range=range_)

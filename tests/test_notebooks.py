@@ -1,18 +1,20 @@
-"""The notebooks as one series: one template, every finding with its condition, nothing that stalls or hides errors."""
+"""The notebooks as one series: one template, every finding with its condition, nothing
+that stalls or hides errors.
+"""
 
 import ast
 import json
 import re
 from pathlib import Path
 
-import finish_notebooks
 import nbformat
 import pytest
 from nbclient import NotebookClient
-from solutions import small, solved
 
 import clothlab
 from clothlab.trials import save_trial
+from course import finish_notebooks
+from course.solutions import small, solved
 
 ROOT = Path(clothlab.__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -23,7 +25,11 @@ each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path
 
 def cells(path, kind=None):
     """The cells with solutions as code."""
-    return [cell for cell in solved(nbformat.read(path, as_version=4)).cells if kind in (None, cell.cell_type)]
+    return [
+        cell
+        for cell in solved(nbformat.read(path, as_version=4)).cells
+        if kind in (None, cell.cell_type)
+    ]
 
 
 def tags(cell):
@@ -34,7 +40,9 @@ def tags(cell):
 def test_it_is_stripped(path):
     metadata = nbformat.read(path, as_version=4).metadata
     assert metadata.kernelspec.name == "python3"
-    assert "nbmake" not in metadata, "mock belongs to the cell that is tagged parameters"
+    assert "nbmake" not in metadata, (
+        "mock belongs to the cell that is tagged parameters"
+    )
     assert not any(cell.outputs or cell.execution_count for cell in cells(path, "code"))
 
 
@@ -43,13 +51,22 @@ def test_it_begins_and_ends_as_all_do(path):
     first = cells(path)[0].source
     assert re.match(rf"# {path.stem[:2]} \w", first)
     assert [part for part in PARTS if part not in first] == []
-    titles = [line for cell in cells(path, "markdown") for line in cell.source.splitlines() if line.startswith("## ")]
+    titles = [
+        line
+        for cell in cells(path, "markdown")
+        for line in cell.source.splitlines()
+        if line.startswith("## ")
+    ]
     assert titles[-3:] == ["## Exercises", "## Summary", "## References"]
 
 
 def visible(path):
     """Code that a reader sees: neither folded nor a condition."""
-    return [cell.source for cell in cells(path, "code") if not cell.metadata.get("jupyter", {}).get("source_hidden")]
+    return [
+        cell.source
+        for cell in cells(path, "code")
+        if not cell.metadata.get("jupyter", {}).get("source_hidden")
+    ]
 
 
 def lines(sources):
@@ -60,21 +77,34 @@ def nested(source):
     """Whether a comprehension stands within another one."""
     kinds = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
     found = [node for node in ast.walk(ast.parse(source)) if isinstance(node, kinds)]
-    return any(isinstance(inner, kinds) for node in found for inner in ast.walk(node) if inner is not node)
+    return any(
+        isinstance(inner, kinds)
+        for node in found
+        for inner in ast.walk(node)
+        if inner is not node
+    )
 
 
 @each_notebook
 def test_cells_are_read_at_a_glance(path):
     code = cells(path, "code")
-    assert [cell.source for cell in code if len(cell.source.splitlines()) > 20 and "claim" not in tags(cell)] == []
-    assert [line for line in lines(cell.source for cell in code) if len(line) > 80] == []
+    assert [
+        cell.source
+        for cell in code
+        if len(cell.source.splitlines()) > 20 and "claim" not in tags(cell)
+    ] == []
+    assert [
+        line for line in lines(cell.source for cell in code) if len(line) > 80
+    ] == []
     assert [source for source in visible(path) if nested(source)] == []
 
 
 @each_notebook
 def test_headings_open_their_cells_and_imports_come_before_parameters(path):
     texts = [cell.source for cell in cells(path, "markdown")]
-    assert [text for text in texts if re.search(r"(?<!^)^#{1,4} ", text, re.MULTILINE)] == []
+    assert [
+        text for text in texts if re.search(r"(?<!^)^#{1,4} ", text, re.MULTILINE)
+    ] == []
     colab, first, *_ = code = cells(path, "code")
     assert colab == finish_notebooks.colab_cell()
     assert re.match("(import|from) ", first.source)
@@ -83,17 +113,27 @@ def test_headings_open_their_cells_and_imports_come_before_parameters(path):
 
 @each_notebook
 def test_its_last_text_says_how_to_free_its_memory(path):
-    assert cells(path, "markdown")[-1].source.endswith("\n\nFinished? *Kernel, Shut Down Kernel* frees its memory.")
+    assert cells(path, "markdown")[-1].source.endswith(
+        "\n\nFinished? *Kernel, Shut Down Kernel* frees its memory."
+    )
 
 
 def test_what_all_notebooks_share_and_what_the_readme_says_of_them_is_as_one_place_has_it():
-    differing = [path.name for path, text in finish_notebooks.finished().items() if path.read_text("utf-8") != text]
+    differing = [
+        path.name
+        for path, text in finish_notebooks.finished().items()
+        if path.read_text("utf-8") != text
+    ]
     assert differing == [], "run `make format`"
 
 
 @each_notebook
 def test_the_readme_has_the_times_of_the_first_cell(path):
-    (row,) = re.findall(rf"^\| \[\d\d [^|]*/{path.name}\) \|.*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    (row,) = re.findall(
+        rf"^\| \[\d\d [^|]*/{path.name}\) \|.*$",
+        (ROOT / "README.md").read_text(),
+        re.MULTILINE,
+    )
     *_, learning, running = (cell.strip() for cell in row.strip("|").split("|"))
     first = cells(path)[0].source
     assert f"**Working time**: about {learning.replace(' min', ' minutes')}." in first
@@ -105,20 +145,41 @@ def test_the_readme_has_the_times_of_the_first_cell(path):
 def test_every_finding_has_a_condition_in_the_last_cell_and_types_no_figure(path):
     found = cells(path)
     texts = [cell.source for cell in found if cell.cell_type == "markdown"]
-    findings = [each for text in texts for each in text.split("\n\n") if each.startswith("**Finding")]
-    assert [each for each in findings if re.search(r"\d\.\d|\d ?%|\d per cent", each)] == []
+    findings = [
+        each
+        for text in texts
+        for each in text.split("\n\n")
+        if each.startswith("**Finding")
+    ]
+    assert [
+        each for each in findings if re.search(r"\d\.\d|\d ?%|\d per cent", each)
+    ] == []
     claims = [cell for cell in found if "claim" in tags(cell)]
     if findings or claims:
         assert claims == [found[-1]], "conditions stand in one cell, the last one"
-        assert len(re.findall(r"findings\.(?:stored|live)\(", claims[0].source)) >= len(findings) > 0
+        assert (
+            len(re.findall(r"findings\.(?:stored|live)\(", claims[0].source))
+            >= len(findings)
+            > 0
+        )
         assert claims[0].metadata.jupyter.source_hidden, "conditions are folded"
-        assert len(lines([claims[0].source])) <= max(10, 0.15 * len(lines(cell.source for cell in cells(path, "code"))))
-    assert [source for source in visible(path) if re.search(r"Findings\(|full_size|set_num_threads", source)] == []
+        assert len(lines([claims[0].source])) <= max(
+            10, 0.15 * len(lines(cell.source for cell in cells(path, "code")))
+        )
+    assert [
+        source
+        for source in visible(path)
+        if re.search(r"Findings\(|full_size|set_num_threads", source)
+    ] == []
 
 
 @each_notebook
 def test_what_a_reader_may_change_has_an_expected_answer(path):
-    texts = [cell.source for cell in cells(path, "markdown") if "**Change this**" in cell.source]
+    texts = [
+        cell.source
+        for cell in cells(path, "markdown")
+        if "**Change this**" in cell.source
+    ]
     assert [text[:60] for text in texts if "<details>" not in text] == []
 
 
@@ -128,16 +189,24 @@ WORDS = r"\bpromis\w*|told apart|\bwhoever\b|\bnobody\b|\beyes\b|\bcame of (?:it
 @each_notebook
 def test_words_are_the_fields(path):
     assert [
-        text for cell in cells(path, "markdown") for text in re.findall(rf".{{0,30}}(?:{WORDS})", cell.source)
+        text
+        for cell in cells(path, "markdown")
+        for text in re.findall(rf".{{0,30}}(?:{WORDS})", cell.source)
     ] == []
-    assert not any(r"\boldsymbol" in cell.source or r"\mathbf" in cell.source for cell in cells(path, "markdown"))
+    assert not any(
+        r"\boldsymbol" in cell.source or r"\mathbf" in cell.source
+        for cell in cells(path, "markdown")
+    )
 
 
 def parameters(path):
     """The parameters of a notebook by name, as written and as CI has them."""
     for cell in cells(path, "code"):
         if "parameters" in tags(cell):
-            written = {node.targets[0].id: ast.literal_eval(node.value) for node in ast.parse(cell.source).body}
+            written = {
+                node.targets[0].id: ast.literal_eval(node.value)
+                for node in ast.parse(cell.source).body
+            }
             return written, cell.metadata.get("nbmake", {}).get("mock", {})
     return {}, {}
 
@@ -147,45 +216,87 @@ def test_parameters_are_plain_and_in_capitals(path):
     written, mock = parameters(path)
     assert all(name.isupper() for name in written)
     assert set(mock) <= set(written), "CI changes only parameters that exist"
-    assert all("parameters" in tags(cell) for cell in cells(path, "code") if "nbmake" in cell.metadata)
+    assert all(
+        "parameters" in tags(cell)
+        for cell in cells(path, "code")
+        if "nbmake" in cell.metadata
+    )
 
 
 @each_notebook
 def test_stored_findings_were_recorded_with_the_parameters_as_written(path):
     stored = ROOT / "data" / "results" / f"findings-{path.stem}.json"
     code = "".join(cell.source for cell in cells(path, "code"))
-    assert stored.exists() == ("findings.live(" in code), f"run `make findings RECORD=1` for {path.stem}"
+    assert stored.exists() == ("findings.live(" in code), (
+        f"run `make findings RECORD=1` for {path.stem}"
+    )
     if stored.exists():
         recorded = json.loads(stored.read_text())
-        assert recorded["parameters"].items() <= parameters(path)[0].items(), "run `make findings RECORD=1`"
-        claims = {claim: json.dumps(claim, ensure_ascii=False)[1:-1] for claim in recorded["figures"]}
-        assert [claim for claim, quoted in claims.items() if quoted not in code and claim not in code] == []
+        assert recorded["parameters"].items() <= parameters(path)[0].items(), (
+            "run `make findings RECORD=1`"
+        )
+        claims = {
+            claim: json.dumps(claim, ensure_ascii=False)[1:-1]
+            for claim in recorded["figures"]
+        }
+        assert [
+            claim
+            for claim, quoted in claims.items()
+            if quoted not in code and claim not in code
+        ] == []
 
 
 @each_notebook
 def test_nothing_stalls_the_runner_or_swallows_errors(path):
     code = [cell.source for cell in cells(path, "code")]
     for each in code:
-        assert not re.search(r"\binteract\w*\(|\bOutput\(", each), "use clothlab.lab.Control"
-        assert not any(isinstance(node, ast.Try) for node in ast.walk(ast.parse(each))), "an error must show"
-    for name in {name for each in code for name in re.findall(r"^(\w+) = (?:Control|LivePanel)\(", each, re.MULTILINE)}:
-        assert re.search(rf"^{name}\.check\(\)", code[-1], re.MULTILINE), f"{name}.check() is missing"
+        assert not re.search(r"\binteract\w*\(|\bOutput\(", each), (
+            "use clothlab.lab.Control"
+        )
+        assert not any(
+            isinstance(node, ast.Try) for node in ast.walk(ast.parse(each))
+        ), "an error must show"
+    for name in {
+        name
+        for each in code
+        for name in re.findall(r"^(\w+) = (?:Control|LivePanel)\(", each, re.MULTILINE)
+    }:
+        assert re.search(rf"^{name}\.check\(\)", code[-1], re.MULTILINE), (
+            f"{name}.check() is missing"
+        )
 
 
 @pytest.mark.slow
-def test_the_live_lab_is_judged_alike_if_its_own_recordings_are_looked_at_last(monkeypatch, tmp_path, trial):
-    """A reader goes back to section 3 after section 4. That must not change what the last cell judges."""
+def test_the_live_lab_is_judged_alike_if_its_own_recordings_are_looked_at_last(
+    monkeypatch, tmp_path, trial
+):
+    """A reader goes back to section 3 after section 4.
+
+    That must not change what the last cell judges.
+    """
     monkeypatch.setenv("CLOTHLAB_RECORDINGS", str(tmp_path))
     save_trial(trial, tmp_path / "mine.npz")
-    notebook = small(nbformat.read(ROOT / "notebooks" / "08_live_lab.ipynb", as_version=4))
-    recordings = [cell for cell in notebook.cells if 'load_trials("mine")' in cell.source]
-    *others, last = (cell for cell in notebook.cells if cell.cell_type == "code" and cell not in recordings)
+    notebook = small(
+        nbformat.read(ROOT / "notebooks" / "08_live_lab.ipynb", as_version=4)
+    )
+    recordings = [
+        cell for cell in notebook.cells if 'load_trials("mine")' in cell.source
+    ]
+    *others, last = (
+        cell
+        for cell in notebook.cells
+        if cell.cell_type == "code" and cell not in recordings
+    )
     notebook.cells = [*others, *recordings, last]
-    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(ROOT / "notebooks")}}).execute()
+    NotebookClient(
+        notebook, timeout=120, resources={"metadata": {"path": str(ROOT / "notebooks")}}
+    ).execute()
     said = "".join(output.get("text", "") for output in recordings[0].outputs)
     assert f"{trial.cloth.label}: nearest is (" in said
 
 
 def test_the_readme_maps_every_notebook():
     readme = (ROOT / "README.md").read_text()
-    assert [path.name for path in NOTEBOOKS if f"notebooks/{path.name}" not in readme] == []
+    assert [
+        path.name for path in NOTEBOOKS if f"notebooks/{path.name}" not in readme
+    ] == []

@@ -1,4 +1,6 @@
-"""A wheel works outside the clone: what it holds, what it imports, and where it finds data."""
+"""A wheel works outside the clone: what it holds, what it imports, and where it finds
+data.
+"""
 
 import os
 import subprocess
@@ -19,7 +21,16 @@ pytestmark = pytest.mark.slow
 def installed(tmp_path_factory):
     """A folder with the unpacked wheel, far from the clone."""
     folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    build = [
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "--target",
+        "wheel",
+        "--directory",
+        str(folder),
+    ]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     zipfile.ZipFile(wheel).extractall(folder / "site")
@@ -28,25 +39,47 @@ def installed(tmp_path_factory):
 
 def run(installed, tmp_path, code, data=""):
     """Run a line of Python with the unpacked wheel."""
-    environment = os.environ | {"PYTHONPATH": str(installed), "CLOTHLAB_DATA": str(data)}
-    return subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    environment = os.environ | {
+        "PYTHONPATH": str(installed),
+        "CLOTHLAB_DATA": str(data),
+    }
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
 
 
 def test_it_holds_all_that_it_needs_and_nothing_else(installed):
     held, ours = (
-        {path.relative_to(root).as_posix() for path in (root / "clothlab").rglob("*") if path.is_file()}
+        {
+            path.relative_to(root).as_posix()
+            for path in (root / "clothlab").rglob("*")
+            if path.is_file()
+        }
         for root in (installed, ROOT)
     )
-    assert held == {name for name in ours if "__pycache__" not in name} > {"clothlab/py.typed"}
+    assert (
+        held
+        == {name for name in ours if "__pycache__" not in name}
+        > {"clothlab/py.typed"}
+    )
 
 
 def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
     code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import clock; print(clock.__file__)"
     done = run(installed, tmp_path, code)
-    assert done.stdout.split() == ["False", str(installed / "clothlab" / "lab" / "clock.py")], done.stderr
+    assert done.stdout.split() == [
+        "False",
+        str(installed / "clothlab" / "lab" / "clock.py"),
+    ], done.stderr
 
 
-def test_it_finds_the_data_whose_folder_is_named_or_says_how_to_get_them(installed, tmp_path):
+def test_it_finds_the_data_whose_folder_is_named_or_says_how_to_get_them(
+    installed, tmp_path
+):
     code = "from clothlab import artifacts; print(artifacts.load_target('target-1').sum() > 100)"
     assert run(installed, tmp_path, code, ROOT / "data").stdout.strip() == "True"
     failed = run(installed, tmp_path, code).stderr

@@ -1,13 +1,20 @@
-"""Policies that need no model: that they repeat, stay in range, and pass on what they are given."""
+"""Policies that need no model: that they repeat, stay in range, and pass on what they
+are given.
+"""
 
 import numpy as np
 import pytest
 
-from clothlab.policies import OperatorPolicy, Policy, RandomPolicy, ReplayPolicy, Wrapper, as_policy
+from clothlab.method.policy import Policy, Wrapper, as_policy
+from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.trials import rollout
 
-POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy, "wrapped": lambda arm: Wrapper(OperatorPolicy(arm))}
+POLICIES = {
+    "random": RandomPolicy,
+    "operator": OperatorPolicy,
+    "wrapped": lambda arm: Wrapper(OperatorPolicy(arm)),
+}
 
 
 class Remembers(Policy):
@@ -72,7 +79,10 @@ def test_a_wrapper_passes_everything_on():
 @pytest.mark.parametrize("wrong", [None, "random", RandomPolicy])
 def test_what_cannot_be_called_with_an_observation_is_no_policy(env, wrong):
     for use in (as_policy, Wrapper, lambda policy: rollout(env, policy, 1)):
-        with pytest.raises(TypeError, match=r"a policy is called with an observation and returns a command, got"):
+        with pytest.raises(
+            TypeError,
+            match=r"a policy is called with an observation and returns a command, got",
+        ):
             use(wrong)
 
 

@@ -1,6 +1,8 @@
-"""What a notebook calls, given plausible mistakes: it answers, or says in one sentence what is wrong.
+"""What a notebook calls, given plausible mistakes: it answers, or says in one sentence
+what is wrong.
 
-Every example is first tried as it is, then with one argument spoiled: another name, shape or kind, NaN, out of range.
+Every example is first tried as it is, then with one argument spoiled: another name,
+shape or kind, NaN, out of range.
 """
 
 import importlib
@@ -26,12 +28,16 @@ from PIL import Image
 import clothlab
 from clothlab import analysis, artifacts, policies, trials
 from clothlab._validation import Checked
-from clothlab.learning import autoencoder, dpmpb, estimation, trained
+from clothlab.method import autoencoder, estimation
+from clothlab.method.data import Run
+from clothlab.method.model import DPMPB
 from clothlab.simulation import arm, cloth, env, stiffness, vision
+from clothlab.trained import Trained
 
 pytestmark = pytest.mark.slow  # a thousand inputs
 
-INPUTS = int(os.environ.get("CLOTHLAB_INPUTS", "1000"))  # in all; `make nightly` asks for ten times as many
+# In all; `make nightly` asks for ten times as many
+INPUTS = int(os.environ.get("CLOTHLAB_INPUTS", "1000"))
 ERRORS = (ValueError, KeyError, TypeError, FileNotFoundError)
 TORQUE, MUSCLE = arm.get_arm("torque"), arm.get_arm("muscle")
 
@@ -47,23 +53,31 @@ def trial() -> trials.Trial:
 
 
 @cache
-def learned() -> trained.Trained:
+def learned() -> Trained:
     """Networks with random weights."""
     torch.manual_seed(0)
-    eyes, model = autoencoder.Autoencoder().eval(), dpmpb.DPMPB(7, 2).eval()
+    eyes, model = autoencoder.Autoencoder().eval(), DPMPB(7, 2).eval()
     biases = {
         "damp0.03-mass0.05": np.ones(2),
         "damp0.05-mass0.10": -np.ones(2),
         "damp0.07-mass0.15": np.array([1, 0.3]),
     }
     biases = {name: p.astype(np.float32) for name, p in biases.items()}
-    names = ("x-0", TORQUE, eyes.requires_grad_(False), model.requires_grad_(False), biases, np.array([0.2, 0.1]), "x")
-    return trained.Trained(*names)
+    names = (
+        "x-0",
+        TORQUE,
+        eyes.requires_grad_(False),
+        model.requires_grad_(False),
+        biases,
+        np.array([0.2, 0.1]),
+        "x",
+    )
+    return Trained(*names)
 
 
 @cache
-def run() -> dpmpb.Sequences:
-    return learned().sequences(trial())
+def run() -> Run:
+    return learned().to_run(trial())
 
 
 def square() -> np.ndarray:
@@ -100,7 +114,10 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "tension": (MUSCLE.tension, {"elongation": [0.01, 0.02]}),
     "elongation": (MUSCLE.elongation, {"tension": [10.0, 20.0]}),
     "moved": (TORQUE.camera.moved, {"shift": [0.1, 0.0, 0.0], "turn": [0.0, 3.0, 0.0]}),
-    "static_posture": (lambda **given: stiffness.static_posture(MUSCLE, **given), {"u": U3, "force": [1.0, 0.0]}),
+    "static_posture": (
+        lambda **given: stiffness.static_posture(MUSCLE, **given),
+        {"u": U3, "force": [1.0, 0.0]},
+    ),
     "stiffness_ellipse": (
         lambda **given: stiffness.stiffness_ellipse(MUSCLE, **given),
         {"theta_ref": THETA, "f_const": 30.0, "force": 1.0, "directions": 3},
@@ -110,34 +127,65 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "hold": (lambda cloth: scene().hold(cloth), {"cloth": "damp0.05-mass0.10"}),
     "reset": (lambda seed: scene().reset(seed=seed), {"seed": 3}),
     "step": (lambda action: scene().step(action), {"action": THETA}),
-    "camera_picture": (lambda **given: scene().camera_picture(**given), {"height": 48, "width": 64}),
+    "camera_picture": (
+        lambda **given: scene().camera_picture(**given),
+        {"height": 48, "width": 64},
+    ),
     "rollout": (
-        lambda **given: trials.rollout(scene(), policies.RandomPolicy("torque"), **given),
+        lambda **given: trials.rollout(
+            scene(), policies.RandomPolicy("torque"), **given
+        ),
         {"steps": 1, "seed": 0, "samples": 5},
     ),
-    "Trial": (lambda **given: replace(trial(), **given), {each.name: None for each in fields(trials.Trial)}),
+    "Trial": (
+        lambda **given: replace(trial(), **given),
+        {each.name: None for each in fields(trials.Trial)},
+    ),
     "load_trial": (trials.load_trial, {"path": Path("trials/short/00.npz")}),
-    "save_trial": (lambda path: trials.save_trial(trial(), path), {"path": Path("own.npz")}),
+    "save_trial": (
+        lambda path: trials.save_trial(trial(), path),
+        {"path": Path("own.npz")},
+    ),
     "RandomPolicy": (policies.RandomPolicy, {"arm": "muscle", "longest_hold": 3}),
     "OperatorPolicy": (policies.OperatorPolicy, {"arm": "muscle"}),
     "ReplayPolicy": (policies.ReplayPolicy, {"commands": [THETA, THETA]}),
     "cloth_mask": (vision.cloth_mask, {"rgb": np.zeros((96, 128, 3), np.uint8)}),
     "chamfer_distance": (vision.chamfer_distance, {"a": square(), "b": square()}),
     "mask_from_file": (vision.mask_from_file, {"content": picture_file()}),
-    "encode": (lambda images: autoencoder.encode(learned().autoencoder, images), {"images": square()[None]}),
-    "decode": (lambda z: autoencoder.decode(learned().autoencoder, z), {"z": np.zeros(3)}),
+    "encode": (
+        lambda images: autoencoder.encode(learned().autoencoder, images),
+        {"images": square()[None]},
+    ),
+    "decode": (
+        lambda z: autoencoder.decode(learned().autoencoder, z),
+        {"z": np.zeros(3)},
+    ),
     "load": (artifacts.load, {"name": "x-0"}),
     "load_trials": (artifacts.load_trials, {"name": "short"}),
     "load_target": (artifacts.load_target, {"name": "a"}),
     "save_target": (artifacts.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),
-    "estimate_bias": (lambda p: estimation.estimate_bias(learned().model, run(), p), {"p": np.zeros(2)}),
-    "controller": (lambda **given: learned().controller(**given), {"target": square(), "p": "damp0.05-mass0.10"}),
+    "estimate_bias": (
+        lambda p: estimation.estimate_bias(learned().model, run(), p),
+        {"p": np.zeros(2)},
+    ),
+    "controller": (
+        lambda **given: learned().controller(**given),
+        {"target": square(), "p": "damp0.05-mass0.10"},
+    ),
     "aimed": (aimed, {"target": square(), "p": np.zeros(2)}),
-    "nearest_material": (lambda p: analysis.nearest_material(p, learned().biases), {"p": np.zeros(2)}),
-    "best_per_period": (analysis.best_per_period, {"distances": np.ones(24), "period": 8}),
+    "nearest_material": (
+        lambda p: analysis.nearest_material(p, learned().biases),
+        {"p": np.zeros(2)},
+    ),
+    "best_per_period": (
+        analysis.best_per_period,
+        {"distances": np.ones(24), "period": 8},
+    ),
 }
-DOORS["Trial"][1].update({each.name: getattr(trial(), each.name) for each in fields(trials.Trial)})
+DOORS["Trial"][1].update(
+    {each.name: getattr(trial(), each.name) for each in fields(trials.Trial)}
+)
 DOORS["Trial"][1]["arm"] = "torque"
 del DOORS["Trial"][1]["cloth"]  # which is no number, array or name
 
@@ -145,7 +193,9 @@ del DOORS["Trial"][1]["cloth"]  # which is no number, array or name
 def settings_classes(parent: type = Checked) -> Iterator[type]:
     for cls in parent.__subclasses__():
         yield from settings_classes(cls)
-        if cls.__module__.startswith("clothlab") and not getattr(cls, "__abstractmethods__", None):
+        if cls.__module__.startswith("clothlab") and not getattr(
+            cls, "__abstractmethods__", None
+        ):
             yield cls
 
 
@@ -168,8 +218,15 @@ for own in settings_classes():
     if all(each.type is not np.ndarray for each in fields(own)):
         made = example(own)
         values = {each.name: getattr(made, each.name) for each in fields(own)}
-        values = {name: value for name, value in values.items() if isinstance(value, int | float | str | tuple)}
-        DOORS[f"{own.__module__}.{own.__name__}"] = (lambda made=made, **given: replace(made, **given), values)
+        values = {
+            name: value
+            for name, value in values.items()
+            if isinstance(value, int | float | str | tuple)
+        }
+        DOORS[f"{own.__module__}.{own.__name__}"] = (
+            lambda made=made, **given: replace(made, **given),
+            values,
+        )
 
 
 def spoiled(value: Any) -> st.SearchStrategy:
@@ -179,16 +236,45 @@ def spoiled(value: Any) -> st.SearchStrategy:
         flips = st.integers(0, 8 * len(value) - 1).map(lambda bit: flipped(value, bit))
         return flips | st.integers(0, len(value) - 1).map(lambda end: value[:end])
     if isinstance(value, Path):
-        return st.sampled_from([Path("none.npz"), "trials", "README.txt", Path("targets/a.png"), "cut.npz", "x.npy"])
+        return st.sampled_from(
+            [
+                Path("none.npz"),
+                "trials",
+                "README.txt",
+                Path("targets/a.png"),
+                "cut.npz",
+                "x.npy",
+            ]
+        )
     if isinstance(value, str):
-        return st.sampled_from(["felt", "", "../x", "a b", "x-0", 3, ["soft-1"], *anything]) | st.text(max_size=6)
+        return st.sampled_from(
+            ["felt", "", "../x", "a b", "x-0", 3, ["soft-1"], *anything]
+        ) | st.text(max_size=6)
     if isinstance(value, int | float):
-        wrong = [0, 2.5, np.inf, "1", True, 1j, np.ones(2), np.datetime64("2024-01-01"), *anything]
+        wrong = [
+            0,
+            2.5,
+            np.inf,
+            "1",
+            True,
+            1j,
+            np.ones(2),
+            np.datetime64("2024-01-01"),
+            *anything,
+        ]
         return st.sampled_from(wrong) | st.floats(-100, 100) | st.integers(-3, 30)
     array = np.asarray(value)
     if array.dtype.kind == "U":
         return st.sampled_from([("felt",), value[0], value[::-1], *anything])
-    bent: list[Any] = [array[..., :-1], array[:0], array[None], array.T, array.astype(str), array + 0j, array * 255]
+    bent: list[Any] = [
+        array[..., :-1],
+        array[:0],
+        array[None],
+        array.T,
+        array.astype(str),
+        array + 0j,
+        array * 255,
+    ]
     bent += [
         array.astype("M8[s]") if array.dtype.kind in "iu" else array * 1e3,
         -array if array.dtype != bool else array,
@@ -204,7 +290,11 @@ def with_one(array: np.ndarray, wrong: float) -> np.ndarray:
 
 
 def flipped(content: bytes, bit: int) -> bytes:
-    return content[: bit // 8] + bytes([content[bit // 8] ^ 1 << bit % 8]) + content[bit // 8 + 1 :]
+    return (
+        content[: bit // 8]
+        + bytes([content[bit // 8] ^ 1 << bit % 8])
+        + content[bit // 8 + 1 :]
+    )
 
 
 def refusal(act: Callable[[], Any]) -> Exception | None:
@@ -219,14 +309,22 @@ def is_sentence(error: Exception) -> bool:
     """Whether a `raise` of this package wrote it, in one line."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     ours = Path(last.filename).is_relative_to(Path(clothlab.__file__).parent)
-    written = linecache.getline(last.filename, last.lineno or 0).lstrip().startswith("raise ")
+    written = (
+        linecache.getline(last.filename, last.lineno or 0).lstrip().startswith("raise ")
+    )
     said = str(error)
     system = isinstance(error, FileNotFoundError) and error.filename
-    return bool(system or (ours and written and 10 < len(said) < 400 and "\n" not in said))
+    return bool(
+        system or (ours and written and 10 < len(said) < 400 and "\n" not in said)
+    )
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +332,9 @@ def data(tmp_path_factory) -> Path:
     """A small data folder."""
     folder = tmp_path_factory.mktemp("data")
     trials.save_trial(trial(), folder / "trials" / "short" / "00.npz")
-    (folder / "cut.npz").write_bytes((folder / "trials" / "short" / "00.npz").read_bytes()[:-50])
+    (folder / "cut.npz").write_bytes(
+        (folder / "trials" / "short" / "00.npz").read_bytes()[:-50]
+    )
     (folder / "README.txt").write_text("no trial")
     artifacts.save_target(square(), "a", data=folder)
     artifacts.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
@@ -258,7 +358,9 @@ def test_an_example_is_accepted_as_it_is(door):
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_a_mistake_is_answered_or_refused_in_one_sentence_and_changes_no_file(door, data):
+def test_a_mistake_is_answered_or_refused_in_one_sentence_and_changes_no_file(
+    door, data
+):
     call, right = DOORS[door]
     before = content(data)
 
@@ -275,7 +377,9 @@ def test_a_mistake_is_answered_or_refused_in_one_sentence_and_changes_no_file(do
         name = draw.draw(st.sampled_from(sorted(right)))
         wrong = draw.draw(spoiled(right[name]), label=name)
         error = refusal(lambda: call(**right | {name: wrong}))
-        assert error is None or is_sentence(error), f"{door}({name}={wrong!r:.80}): {type(error).__name__}: {error}"
+        assert error is None or is_sentence(error), (
+            f"{door}({name}={wrong!r:.80}): {type(error).__name__}: {error}"
+        )
         if door.startswith("save"):
             Path("own.npz").unlink(missing_ok=True)
             Path("targets/b.png").unlink(missing_ok=True)

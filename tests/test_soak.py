@@ -1,6 +1,7 @@
 """Somebody who touches everything for hours: a session stays finite, small and alone.
 
-`CLOTHLAB_SOAK` says for how many simulated minutes; `make nightly` asks for 480. Hostile values are given, too.
+`CLOTHLAB_SOAK` says for how many simulated minutes; `make nightly` asks for 480.
+Hostile values are given, too.
 """
 
 import gc
@@ -22,16 +23,20 @@ from clothlab.lab.session import LiveSession
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import load_trial
 
-MINUTES = float(os.environ.get("CLOTHLAB_SOAK", "0.3"))  # simulated, of both arms together
+# Simulated, of both arms together
+MINUTES = float(os.environ.get("CLOTHLAB_SOAK", "0.3"))
 GROWTH = 20.0  # [MiB] at most, of either arm
 EVERY = 12  # [step] between operations, on average
 WARM = 10  # [step] of each driver before memory is measured
-WARM_ITERATIVE = 40 if MINUTES < 10 else 300  # [step]; it needs more memory the more it knows
+# [step]; it needs more memory the more it knows
+WARM_ITERATIVE = 40 if MINUTES < 10 else 300
 SPOILED = (np.nan, np.inf, -1e30, 1e39, None, "x", [])
 
 
 class Player:
-    """Touches the controls of a session at random, now and then with what they cannot take."""
+    """Touches the controls of a session at random, now and then with what they cannot
+    take.
+    """
 
     def __init__(self, session: LiveSession, rng: np.random.Generator):
         self.session, self.rng = session, rng
@@ -42,15 +47,21 @@ class Player:
             "driver": lambda: session.set_driver(self.spoiled(self.one_of(DRIVERS))),
             "explore": lambda: setattr(session, "exploring", not session.exploring),
             "estimate": lambda: setattr(session, "estimating", not session.estimating),
-            "target": lambda: session.set_target(self.spoiled(session.gallery[self.one_of(session.gallery)])),
+            "target": lambda: session.set_target(
+                self.spoiled(session.gallery[self.one_of(session.gallery)])
+            ),
             "drawn target": lambda: session.set_target(self.box()),
-            "cloth": lambda: session.set_cloth(self.spoiled(self.one_of(session.trained.biases))),
+            "cloth": lambda: session.set_cloth(
+                self.spoiled(self.one_of(session.trained.biases))
+            ),
             "material": lambda: session.set_material(
                 self.spoiled(rng.uniform(0, 0.2)), self.spoiled(rng.uniform(0, 0.3))
             ),
             "p": lambda: session.set_p(self.spoiled(rng.normal(0, 3, session.p.shape))),
             "hand": lambda: session.set_hand(self.spoiled(rng.uniform(low, high))),
-            "tension": lambda: session.set_tension(self.spoiled(rng.choice([None, rng.uniform(0, 80)]))),
+            "tension": lambda: session.set_tension(
+                self.spoiled(rng.choice([None, rng.uniform(0, 80)]))
+            ),
             "reset": session.reset,
             "picture": session.env.picture,
             "record": session.record,
@@ -81,7 +92,11 @@ class Player:
         return str(self.rng.choice(list(names)))
 
     def spoiled(self, value: object) -> object:
-        return SPOILED[self.rng.integers(len(SPOILED))] if self.rng.random() < 0.15 else value
+        return (
+            SPOILED[self.rng.integers(len(SPOILED))]
+            if self.rng.random() < 0.15
+            else value
+        )
 
     def box(self) -> np.ndarray:
         mask = np.zeros((96, 128), bool)
@@ -90,7 +105,9 @@ class Player:
         return mask
 
     def save(self) -> None:
-        path = self.session.recorder.save(self.spoiled(f"run-{self.rng.integers(1000)}"))
+        path = self.session.recorder.save(
+            self.spoiled(f"run-{self.rng.integers(1000)}")
+        )
         assert np.isfinite(load_trial(path).robot).all()
         path.unlink()
 
@@ -104,15 +121,23 @@ def play(arm: str, steps: int, folder: Path, seed: int) -> dict[str, object]:
     for k in range(steps):
         if rng.random() < 1 / EVERY:
             player.touch(player.one_of(player.operations))
-        start = time.thread_time()  # of this thread alone: what others do meanwhile is not its fault
+        # Of this thread alone: what others do meanwhile is not its fault
+        start = time.thread_time()
         moment = session.step()
         seconds.append(time.thread_time() - start)
-        for value in (moment.reconstruction, moment.distance, moment.command, moment.theta, moment.p):
+        for value in (
+            moment.reconstruction,
+            moment.distance,
+            moment.command,
+            moment.theta,
+            moment.p,
+        ):
             assert np.isfinite(value).all(), moment
         if k % min(300, steps // 10) == 0:
             gc.collect()
             memory.append(psutil.Process().memory_info().rss / 2**20)
-    assert len(session.env._renderers) <= 2  # the camera's, and the picture's of another size
+    # The camera's, and the picture's of another size
+    assert len(session.env._renderers) <= 2
     session.close()
     assert not session.env._renderers
     assert memory[-1] - memory[0] < GROWTH
@@ -135,4 +160,5 @@ def play(arm: str, steps: int, folder: Path, seed: int) -> dict[str, object]:
 def test_a_session_can_be_played_with_for_hours(arm, tmp_path):
     threads, steps = threading.active_count(), round(MINUTES * 60 / CONTROL_PERIOD / 2)
     print(f"{arm}: {json.dumps(play(arm, steps, tmp_path, seed=arm == 'muscle'))}")
-    assert threading.active_count() <= threads + 1  # tqdm's monitor, if anybody shows progress
+    # Tqdm's monitor, if anybody shows progress
+    assert threading.active_count() <= threads + 1

@@ -1,4 +1,6 @@
-"""What a fresh machine lacks is installed where that is allowed; elsewhere the rest runs, and a sentence says what."""
+"""What a fresh machine lacks is installed where that is allowed; elsewhere the rest
+runs, and a sentence says what.
+"""
 
 import os
 import shutil
@@ -42,13 +44,27 @@ TOOLS = [
     "date",
     "sleep",
 ]
-VENV = ["python", "pip", "pytest", "ruff", "mypy", "playwright", "jupyter", "sphinx-build"]
-LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the packages are those of Debian and Ubuntu")
+VENV = [
+    "python",
+    "pip",
+    "pytest",
+    "ruff",
+    "mypy",
+    "playwright",
+    "jupyter",
+    "sphinx-build",
+]
+LINUX = pytest.mark.skipif(
+    not sys.platform.startswith("linux"),
+    reason="the packages are those of Debian and Ubuntu",
+)
 pytestmark = [LINUX, pytest.mark.skipif(not shutil.which("make"), reason="no make")]
 
 
 class Machine:
-    """A folder with the repository's Makefile, tools that only note their calls, and a PATH with nothing else."""
+    """A folder with the repository's Makefile, tools that only note their calls, and a
+    PATH with nothing else.
+    """
 
     def __init__(self, folder):
         self.folder, self.bin, self.calls = folder, folder / "bin", folder / "calls.log"
@@ -72,23 +88,38 @@ class Machine:
         self.fake("dpkg-query", "echo installed")
 
     def fake(self, name, does="exit 0", where=None):
-        """Put a program on the PATH, or elsewhere, that notes its call and does something."""
+        """Put a program on the PATH, or elsewhere, that notes its call and does
+        something.
+        """
         path = (where or self.bin) / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f'#!/bin/sh\necho "{name} $*" >>"{self.calls}"\n{does}\n')
         path.chmod(0o755)
 
     def run(self, *command):
-        """Run a command there: its exit status, and the lines of what it printed, without make's own."""
+        """Run a command there: its exit status, and the lines of what it printed,
+        without make's own.
+        """
         environment = {"PATH": str(self.bin), "HOME": str(self.folder)}
         done = subprocess.run(
-            command, cwd=self.folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            command,
+            cwd=self.folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
         )
-        return done.returncode, [line for line in done.stdout.splitlines() if not line.startswith("make")]
+        return done.returncode, [
+            line for line in done.stdout.splitlines() if not line.startswith("make")
+        ]
 
     def called(self, words):
         """The calls that begin with these words."""
-        return [line for line in self.calls.read_text().splitlines() if line.startswith(words)]
+        return [
+            line
+            for line in self.calls.read_text().splitlines()
+            if line.startswith(words)
+        ]
 
 
 @pytest.fixture
@@ -96,17 +127,26 @@ def machine(tmp_path):
     return Machine(tmp_path)
 
 
-PARTS = ("ruff check", "mypy", "pytest --numprocesses=auto", "pytest -m slow", "pytest --nbmake", "pytest -m browser")
+PARTS = (
+    "ruff check",
+    "mypy",
+    "pytest --numprocesses=auto",
+    "pytest -m slow",
+    "pytest --nbmake",
+    "pytest -m browser",
+)
 
 
-def test_where_nothing_can_be_installed_the_rest_runs_and_the_end_is_red_with_one_sentence(machine):
+def test_where_nothing_can_be_installed_the_rest_runs_and_the_end_is_red_with_one_sentence(
+    machine,
+):
     machine.fake("apt-get", "exit 100")
     status, printed = machine.run("make", "test")
     assert status
-    assert [words for words in (*PARTS, "pytest -m book") if not machine.called(words)] == []
-    sentence = (
-        "This machine lacks chromium: install by `sudo apt-get install chromium`, or what your system calls them."
-    )
+    assert [
+        words for words in (*PARTS, "pytest -m book") if not machine.called(words)
+    ] == []
+    sentence = "This machine lacks chromium: install by `sudo apt-get install chromium`, or what your system calls them."
     assert printed[-1] == sentence
     assert machine.called("apt-get") == [], "nobody may install here"
 
@@ -139,14 +179,23 @@ APT = 'case "$*" in *install*chromium) cp "{there}" "{bin}/chromium";; *install*
 @pytest.mark.parametrize("who", ["root", "a user of sudo"])
 def test_what_is_missing_is_installed_by_who_may(machine, who):
     machine.fake("apt-get", APT.format(there=machine.bin / "git", bin=machine.bin))
-    machine.fake("dpkg-query", f'[ "$3" != libegl1 ] || [ -e "{machine.bin}/git.egl" ] && echo installed')
+    machine.fake(
+        "dpkg-query",
+        f'[ "$3" != libegl1 ] || [ -e "{machine.bin}/git.egl" ] && echo installed',
+    )
     if who == "root":
         machine.fake("id", "echo 0")
     else:
         machine.fake("sudo", '[ "$1" != -n ] && exec "$@" || exit 0')
-    status, printed = machine.run("sh", "scripts/system_packages.sh", "python", "git", "egl", "chromium")
+    status, printed = machine.run(
+        "sh", "scripts/system_packages.sh", "python", "git", "egl", "chromium"
+    )
     assert (status, printed) == (0, ["installing libegl1 chromium"])
-    assert len(machine.called("apt-get install")) == len(machine.called("apt-get")) - 1 == 2
+    assert (
+        len(machine.called("apt-get install"))
+        == len(machine.called("apt-get")) - 1
+        == 2
+    )
     machine.calls.write_text("")
     assert machine.run("sh", "scripts/system_packages.sh", "egl", "chromium") == (0, [])
     assert machine.called("apt-get") == []
@@ -160,7 +209,9 @@ def test_a_failing_apt_leaves_one_sentence_and_every_other_package_has_its_try(m
     assert status == 1
     assert len(machine.called("apt-get install")) == 5
     missing = "libegl1 libopengl0 libgl1-mesa-dri libatomic1 chromium"
-    assert printed[-1].startswith(f"This machine lacks {missing}: install by `sudo apt-get install {missing}`")
+    assert printed[-1].startswith(
+        f"This machine lacks {missing}: install by `sudo apt-get install {missing}`"
+    )
 
 
 def test_a_python_without_venv_is_named_before_anything_else_is_tried(machine):
@@ -176,15 +227,37 @@ def test_a_python_without_venv_is_named_before_anything_else_is_tried(machine):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tests", ["tests/browser/test_target_canvas.py", "tests/book"])
-def test_tests_in_a_browser_are_skipped_with_the_reason_where_there_is_none(tests, tmp_path):
+def test_tests_in_a_browser_are_skipped_with_the_reason_where_there_is_none(
+    tests, tmp_path
+):
     names = ("chromium", "chromium-browser", "google-chrome")
     folders = [
-        folder for folder in os.environ["PATH"].split(os.pathsep) if not any(Path(folder, n).exists() for n in names)
+        folder
+        for folder in os.environ["PATH"].split(os.pathsep)
+        if not any(Path(folder, n).exists() for n in names)
     ]
-    environment = os.environ | {"PATH": os.pathsep.join(folders), "PLAYWRIGHT_BROWSERS_PATH": str(tmp_path)}
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "browser or book", "-rs", tests]
+    environment = os.environ | {
+        "PATH": os.pathsep.join(folders),
+        "PLAYWRIGHT_BROWSERS_PATH": str(tmp_path),
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "no:cacheprovider",
+        "-m",
+        "browser or book",
+        "-rs",
+        tests,
+    ]
     command += ["-k", "canvas or search"]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout
-    assert "NO CHROMIUM: apt-get install chromium" in done.stdout or "NO student SITE" in done.stdout
+    assert (
+        "NO CHROMIUM: apt-get install chromium" in done.stdout
+        or "NO student SITE" in done.stdout
+    )
     assert "passed" not in done.stdout

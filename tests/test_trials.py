@@ -1,4 +1,6 @@
-"""Recorded runs: what they hold, that they repeat, that they survive being written; and how the arm moved in them."""
+"""Recorded runs: what they hold, that they repeat, that they survive being written; and
+how the arm moved in them.
+"""
 
 import json
 import tracemalloc
@@ -8,11 +10,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from clothlab.experiments.motion import replay
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, load_trial, rollout, save_trial
+from studies.motion import replay
 
 ARRAYS = ("images", "robot", "commands")
 
@@ -48,7 +50,9 @@ def test_a_policy_that_changes_its_arrays_in_place_does_not_rewrite_the_past(env
 
 @pytest.mark.parametrize("steps", [0, 2.5, None])
 def test_a_run_has_steps(env, steps):
-    with pytest.raises(ValueError, match=r"steps (must be at least 1|is a whole number)"):
+    with pytest.raises(
+        ValueError, match=r"steps (must be at least 1|is a whole number)"
+    ):
         rollout(env, RandomPolicy(env.arm), steps)
 
 
@@ -66,7 +70,9 @@ def test_a_replay_repeats_the_recorded_run(arm, trial, muscle_trial):
     if arm == "torque":
         assert motion.theta[49::50][:-1] == pytest.approx(trial.robot[1:, :2], abs=1e-6)
     moved = np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()
-    assert np.trapezoid(motion.hand_speed, motion.time) == pytest.approx(moved, rel=0.01)
+    assert np.trapezoid(motion.hand_speed, motion.time) == pytest.approx(
+        moved, rel=0.01
+    )
 
 
 def test_a_replay_that_starts_elsewhere_is_refused(env):
@@ -86,7 +92,13 @@ def test_a_file_of_a_trial_holds_no_pickles_and_says_its_format(trial, tmp_path)
     with np.load(tmp_path / "trial.npz", allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         assert file["images"].dtype == np.uint8
-    assert about == {"format": 1, "cloth": asdict(trial.cloth), "arm": "torque", "policy": "random", "seed": 0}
+    assert about == {
+        "format": 1,
+        "cloth": asdict(trial.cloth),
+        "arm": "torque",
+        "policy": "random",
+        "seed": 0,
+    }
 
 
 @pytest.mark.parametrize("name", ["run1", "run1.npy", ".npz"])
@@ -102,11 +114,19 @@ def rewritten(trial: Trial, path, **change) -> None:
     save_trial(trial, path)
     with np.load(path) as file:
         content = {name: change.get(name, file[name]) for name in file.files}
-    np.savez(path, **{name: array for name, array in content.items() if array is not None})
+    np.savez(
+        path, **{name: array for name, array in content.items() if array is not None}
+    )
 
 
 def about(trial: Trial, **change) -> np.ndarray:
-    content = {"format": 1, "cloth": asdict(trial.cloth), "arm": "torque", "policy": "random", "seed": 0} | change
+    content = {
+        "format": 1,
+        "cloth": asdict(trial.cloth),
+        "arm": "torque",
+        "policy": "random",
+        "seed": 0,
+    } | change
     return np.array(json.dumps(content))
 
 
@@ -115,7 +135,9 @@ def about(trial: Trial, **change) -> np.ndarray:
     [
         lambda trial: {"about": np.array("{")},
         lambda trial: {"about": None},
-        lambda trial: {"about": np.array({"format": 1}, dtype=object)},  # a pickle, which is not read
+        lambda trial: {
+            "about": np.array({"format": 1}, dtype=object)
+        },  # a pickle, which is not read
         lambda trial: {"about": about(trial, cloth={"name": "x", "colour": "red"})},
         lambda trial: {"about": about(trial, seed=None)},
         lambda trial: {"images": None},
@@ -124,7 +146,9 @@ def about(trial: Trial, **change) -> np.ndarray:
         lambda trial: {"robot": trial.robot[:, :3]},
         lambda trial: {"robot": trial.robot * np.nan},
         lambda trial: {"robot": trial.robot + 1j},
-        lambda trial: {name: np.zeros((0, *shape), kind) for name, shape, kind in EMPTY},
+        lambda trial: {
+            name: np.zeros((0, *shape), kind) for name, shape, kind in EMPTY
+        },
     ],
 )
 def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path, change):
@@ -137,25 +161,42 @@ def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path, change):
     ("change", "reason"),
     [
         ({"format": 3}, "its format is 3, this version reads 1 and 2"),
-        ({"arm": "octopus"}, "its arm 'octopus' is unknown; known are torque, muscle, muscle-hand"),
-        ({"arm": {"class": "Octopus", "name": "torque"}}, "its class of arms 'Octopus' is unknown"),
+        (
+            {"arm": "octopus"},
+            "its arm 'octopus' is unknown; known are torque, muscle, muscle-hand",
+        ),
+        (
+            {"arm": {"class": "Octopus", "name": "torque"}},
+            "its class of arms 'Octopus' is unknown",
+        ),
     ],
 )
 def test_a_trial_of_another_kind_is_not_called_damaged(trial, tmp_path, change, reason):
     rewritten(trial, tmp_path / "trial.npz", about=about(trial, **change))
-    with pytest.raises(ValueError, match=rf"trial.npz is no trial that can be read here: {reason}"):
+    with pytest.raises(
+        ValueError, match=rf"trial.npz is no trial that can be read here: {reason}"
+    ):
         load_trial(tmp_path / "trial.npz")
 
 
-def test_a_small_file_that_would_take_gigabytes_is_refused_before_it_is_unpacked(trial, tmp_path):
+def test_a_small_file_that_would_take_gigabytes_is_refused_before_it_is_unpacked(
+    trial, tmp_path
+):
     path = tmp_path / "trial.npz"
     save_trial(trial, path)
-    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive, archive.open("bomb.npy", "w") as member:
-        np.lib.format.write_array_header_1_0(member, {"descr": "|u1", "fortran_order": False, "shape": (3 * 2**30,)})
+    with (
+        zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("bomb.npy", "w") as member,
+    ):
+        np.lib.format.write_array_header_1_0(
+            member, {"descr": "|u1", "fortran_order": False, "shape": (3 * 2**30,)}
+        )
         for _ in range(200):
             member.write(bytes(2**20))
     tracemalloc.start()
-    with pytest.raises(ValueError, match=r"it unpacks to 3,22\d MB, and 134 MB are the most"):
+    with pytest.raises(
+        ValueError, match=r"it unpacks to 3,22\d MB, and 134 MB are the most"
+    ):
         load_trial(path)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -188,7 +229,10 @@ def test_a_run_of_a_changed_arm_is_recorded_and_read_as_one_of_that_arm(arm, tmp
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"env": "torque"}, r"env is a ClothEnv, got str torque: ClothEnv\(arm, cloth\) makes one"),
+        (
+            {"env": "torque"},
+            r"env is a ClothEnv, got str torque: ClothEnv\(arm, cloth\) makes one",
+        ),
         ({"random_start": "no"}, "random_start is True or False, got no"),
         ({"seed": 1.5}, "seed is a whole number"),
     ],
@@ -198,7 +242,11 @@ def test_a_plausible_mistake_is_answered_before_a_step_is_made(env, wrong, messa
         rollout(**{"env": env, "policy": RandomPolicy("torque"), "steps": 1} | wrong)
 
 
-EMPTY = (("images", (96, 16), np.uint8), ("robot", (4,), float), ("commands", (2,), float))
+EMPTY = (
+    ("images", (96, 16), np.uint8),
+    ("robot", (4,), float),
+    ("commands", (2,), float),
+)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"text", b"\x93NUMPY\x01\x00"])
@@ -218,10 +266,19 @@ def test_a_folder_is_no_trial_and_a_missing_file_is_missing(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda trial: {"commands": trial.commands[:5]}, r"one row for each of the 12 images, got 5"),
-        (lambda trial: {"robot": trial.robot * np.nan}, r"robot of the torque arm is \[T, 4\] and finite, got nan"),
+        (
+            lambda trial: {"commands": trial.commands[:5]},
+            r"one row for each of the 12 images, got 5",
+        ),
+        (
+            lambda trial: {"robot": trial.robot * np.nan},
+            r"robot of the torque arm is \[T, 4\] and finite, got nan",
+        ),
         (lambda trial: {"images": trial.images[0]}, r"images are \[T, H, W\]"),
-        (lambda trial: {"images": trial.images[:0]}, r"images are \[T, H, W\] of at least one step"),
+        (
+            lambda trial: {"images": trial.images[:0]},
+            r"images are \[T, H, W\] of at least one step",
+        ),
         (lambda trial: {"images": trial.images * 255}, r"0 and 1 only"),
         (lambda trial: {"cloth": "soft-1"}, r"Trial.cloth is a Cloth, got soft-1"),
         (lambda trial: {"seed": 1.5}, r"Trial.seed is a whole number"),
@@ -236,7 +293,9 @@ def test_a_part_of_a_trial_is_a_trial_and_a_step_is_none(trial):
     assert len(trial[2:5]) == 3
     assert np.array_equal(trial[2:5].robot, trial.robot[2:5])
     assert trial[2:5].cloth is trial.cloth
-    with pytest.raises(TypeError, match=r"cut with a slice, such as trial\[:100\], not with 3"):
+    with pytest.raises(
+        TypeError, match=r"cut with a slice, such as trial\[:100\], not with 3"
+    ):
         trial[3]
     with pytest.raises(ValueError, match="at least one step"):
         trial[20:]

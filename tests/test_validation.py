@@ -6,7 +6,14 @@ from dataclasses import FrozenInstanceError, asdict, dataclass
 import numpy as np
 import pytest
 
-from clothlab._validation import Checked, check_array, check_name, check_number, choose, setting
+from clothlab._validation import (
+    Checked,
+    check_array,
+    check_name,
+    check_number,
+    choose,
+    setting,
+)
 
 NO_NUMBERS = [np.nan, np.inf, "1", None, True, 1j, [1.0], 10**400]
 
@@ -28,18 +35,27 @@ def test_an_unknown_name_lists_the_choices(name):
         choose("fruit", name, {"fig": 1, "plum": 2})
 
 
-@pytest.mark.parametrize("name", ["target-1", "a", "torque_0", "großes-Ziel", "7", "damp0.03-mass0.05_1"])
+@pytest.mark.parametrize(
+    "name", ["target-1", "a", "torque_0", "großes-Ziel", "7", "damp0.03-mass0.05_1"]
+)
 def test_a_plain_name_is_a_good_name(name):
     assert check_name("target", name) == name
 
 
-@pytest.mark.parametrize("name", ["", "..", "../x", "/etc/x", "a\\b", ".hidden", "a b", "a.png", "a\n", None, 3])
+@pytest.mark.parametrize(
+    "name",
+    ["", "..", "../x", "/etc/x", "a\\b", ".hidden", "a b", "a.png", "a\n", None, 3],
+)
 def test_a_name_that_leads_elsewhere_or_hides_is_refused(name):
-    with pytest.raises(ValueError, match="the name of a target has letters, digits, - and _ only"):
+    with pytest.raises(
+        ValueError, match="the name of a target has letters, digits, - and _ only"
+    ):
         check_name("target", name)
 
 
-@pytest.mark.parametrize("given", [[1, 2], np.array([1, 2], np.uint8), np.array([True, False]), (1.0, 2)])
+@pytest.mark.parametrize(
+    "given", [[1, 2], np.array([1, 2], np.uint8), np.array([True, False]), (1.0, 2)]
+)
 def test_an_array_is_converted_and_copied(given):
     array = check_array("p", given, (2,), np.float32)
     assert array.dtype == np.float32
@@ -50,7 +66,9 @@ def test_an_array_is_converted_and_copied(given):
 def test_a_shape_may_leave_sizes_free():
     assert check_array("x", np.zeros((5, 0)), ("N", 0)).shape == (5, 0)
     assert check_array("x", np.zeros((4, 3, 2)), (..., 2)).shape == (4, 3, 2)
-    with pytest.raises(ValueError, match=r"x is \[..., 3\] and finite, got the shape \[4, 2\]"):
+    with pytest.raises(
+        ValueError, match=r"x is \[..., 3\] and finite, got the shape \[4, 2\]"
+    ):
         check_array("x", np.zeros((4, 2)), (..., 3))
 
 
@@ -72,13 +90,17 @@ def test_a_shape_may_leave_sizes_free():
     ],
 )
 def test_what_is_no_such_array_is_refused_in_one_line(value, found):
-    with pytest.raises(ValueError, match=rf"p is \[2\] and finite, got .*{found}") as caught:
+    with pytest.raises(
+        ValueError, match=rf"p is \[2\] and finite, got .*{found}"
+    ) as caught:
         check_array("p", value, (2,), np.float32)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 130
 
 
-@pytest.mark.parametrize(("value", "kind"), [(3, int), (np.int8(3), int), (3, float), (np.float32(3), float)])
+@pytest.mark.parametrize(
+    ("value", "kind"), [(3, int), (np.int8(3), int), (3, float), (np.float32(3), float)]
+)
 def test_a_number_of_any_library_becomes_pythons(value, kind):
     number = check_number("n", value, kind)
     assert type(number) is kind
@@ -103,13 +125,19 @@ def test_what_is_no_number_of_the_kind_is_refused(kind, wrong):
 )
 def test_a_number_stays_within_its_bounds(bounds, wrong, right):
     assert check_number("n", right, **bounds) == right
-    with pytest.raises(ValueError, match=rf"n must be (at least|above|at most) \d, got {wrong}"):
+    with pytest.raises(
+        ValueError, match=rf"n must be (at least|above|at most) \d, got {wrong}"
+    ):
         check_number("n", wrong, **bounds)
 
 
 def test_settings_take_lists_and_numpy_and_can_be_written_as_json():
     widths = Widths([1, np.float32(2)], np.array([3, 4]))
-    assert json.loads(json.dumps(asdict(widths))) == {"several": [1.0, 2.0], "pair": [3, 4], "name": "x"}
+    assert json.loads(json.dumps(asdict(widths))) == {
+        "several": [1.0, 2.0],
+        "pair": [3, 4],
+        "name": "x",
+    }
     assert Widths(3).several == (3.0,)
     with pytest.raises(FrozenInstanceError):
         widths.name = "y"

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.learning.autoencoder import iou
-from clothlab.simulation.vision import chamfer_distance, check_mask, check_masks, cloth_mask, mask_from_file
+from clothlab.masks import check_mask, check_masks, iou
+from clothlab.simulation.vision import chamfer_distance, cloth_mask, mask_from_file
 
 RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
 
@@ -19,17 +19,28 @@ def picture(*patches, colour=RED) -> np.ndarray:
 
 
 def project(env, points):
-    """Pixel coordinates of points in the world, `[N, 3]` → `[N, 2]`, by the pinhole model."""
+    """Pixel coordinates of points in the world, `[N, 3]` → `[N, 2]`, by the pinhole
+    model.
+    """
     camera = env.data.camera("camera")
     local = (points - camera.xpos) @ camera.xmat.reshape(3, 3)
     focal = 48 / np.tan(np.deg2rad(env.arm.camera.fovy / 2))
-    return np.stack([64 + focal * local[:, 0] / -local[:, 2], 48 - focal * local[:, 1] / -local[:, 2]], axis=1)
+    return np.stack(
+        [
+            64 + focal * local[:, 0] / -local[:, 2],
+            48 - focal * local[:, 1] / -local[:, 2],
+        ],
+        axis=1,
+    )
 
 
 def test_mask_of_a_rendered_cloth_matches_the_projected_points(env):
     points = env.cloth_points()
-    outline = np.concatenate([points[0], points[1:, -1], points[-1, -2::-1], points[-2:0:-1, 0]])
-    fine = np.zeros((960, 1280), np.uint8)  # ten times as fine, because a polygon's border takes a whole pixel
+    outline = np.concatenate(
+        [points[0], points[1:, -1], points[-1, -2::-1], points[-2:0:-1, 0]]
+    )
+    # Ten times as fine, because a polygon's border takes a whole pixel
+    fine = np.zeros((960, 1280), np.uint8)
     cv2.fillPoly(fine, [np.round(10 * project(env, outline)).astype(np.int32)], 255)
     expected = cv2.resize(fine, (128, 96), interpolation=cv2.INTER_AREA) > 127
     assert iou(env.observe()["image"], expected) > 0.9
@@ -61,7 +72,9 @@ def test_a_larger_picture_gives_the_same_mask():
 def test_chamfer_is_zero_on_equals_and_symmetric(square):
     other = np.roll(square, (7, -9), axis=(0, 1))
     assert chamfer_distance(square, square) == 0
-    assert chamfer_distance(square, other) == pytest.approx(chamfer_distance(other, square))
+    assert chamfer_distance(square, other) == pytest.approx(
+        chamfer_distance(other, square)
+    )
     assert chamfer_distance(square, other) > 0
 
 
@@ -72,11 +85,15 @@ def test_chamfer_of_two_points_is_their_distance():
 
 
 def test_chamfer_grows_with_the_shift(square):
-    distances = [chamfer_distance(square, np.roll(square, k, axis=1)) for k in range(0, 40, 5)]
+    distances = [
+        chamfer_distance(square, np.roll(square, k, axis=1)) for k in range(0, 40, 5)
+    ]
     assert (np.diff(distances) > 0).all()
 
 
-@pytest.mark.parametrize("kind", [bool, np.int8, np.uint8, np.int64, np.float32, np.float64])
+@pytest.mark.parametrize(
+    "kind", [bool, np.int8, np.uint8, np.int64, np.float32, np.float64]
+)
 def test_zero_and_one_are_a_mask_in_whatever_type(square, kind):
     assert np.array_equal(check_masks(square.astype(kind)), square)
     assert chamfer_distance(square.astype(kind), square) == 0
@@ -91,25 +108,37 @@ def test_zero_and_one_are_a_mask_in_whatever_type(square, kind):
         lambda mask: mask.astype(str),
     ],
 )
-@pytest.mark.parametrize("use", [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)])
+@pytest.mark.parametrize(
+    "use",
+    [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)],
+)
 def test_an_image_of_another_kind_is_no_mask(square, wrong, use):
     with pytest.raises(
-        ValueError, match=r"holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5`"
+        ValueError,
+        match=r"holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5`",
     ):
         use(wrong(square))
 
 
 @pytest.mark.parametrize("wrong", [None, [], np.zeros((128, 96), bool)])
-@pytest.mark.parametrize("use", [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)])
+@pytest.mark.parametrize(
+    "use",
+    [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)],
+)
 def test_an_image_of_another_size_is_refused(wrong, use):
-    with pytest.raises(ValueError, match=r"cloth images are \[..., 96, 128\], got the shape \["):
+    with pytest.raises(
+        ValueError, match=r"cloth images are \[..., 96, 128\], got the shape \["
+    ):
         use(wrong)
 
 
 def test_one_mask_is_one_and_shows_cloth(square):
     with pytest.raises(ValueError, match="no cloth in the image"):
         check_mask(np.zeros((96, 128), bool))
-    with pytest.raises(ValueError, match=r"one cloth image is \[96, 128\], got the shape \[2, 96, 128\]"):
+    with pytest.raises(
+        ValueError,
+        match=r"one cloth image is \[96, 128\], got the shape \[2, 96, 128\]",
+    ):
         check_mask(np.stack([square, square]))
     with pytest.raises(ValueError, match="no cloth in the image"):
         chamfer_distance(square, ~square & False)
@@ -135,6 +164,10 @@ def test_targets_come_from_picture_files(square):
     _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
     assert np.array_equal(mask_from_file(png.tobytes()), square)
     _, small = cv2.imencode(".png", np.full((10, 10), 255, np.uint8))
-    for content, message in ((b"no picture", "not a picture"), (b"", "not a picture"), (small.tobytes(), "10×10")):
+    for content, message in (
+        (b"no picture", "not a picture"),
+        (b"", "not a picture"),
+        (small.tobytes(), "10×10"),
+    ):
         with pytest.raises(ValueError, match=message):
             mask_from_file(content)

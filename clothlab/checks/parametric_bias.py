@@ -25,19 +25,35 @@ def shares_by_hand(answer: Callable, rng: np.random.Generator) -> None:
         otherwise = f"shares add up to 1, yours to {result.sum():.4g}"
     expect(result, truth, otherwise, slips)
     result = answer(np.outer([0.0, 1.0, 2.0], rng.uniform(1.0, 3.0, 2)))
-    expect(result, [1, 0], f"points on a line have all variance along one axis; got {result}")
+    expect(
+        result,
+        [1, 0],
+        f"points on a line have all variance along one axis; got {result}",
+    )
 
 
 def _shares(points: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The shares [2] of points [N, 2], and what usual slips give: what the reader is told, and the value."""
-    truth = principal_axes({str(k): each for k, each in enumerate(points)}).explained_variance_ratio_
-    moments, columns = np.linalg.eigvalsh(points.T @ points)[::-1], np.var(points, axis=0)
+    """The shares [2] of points [N, 2], and what usual slips give: what the reader is
+    told, and the value.
+    """
+    truth = principal_axes(
+        {str(k): each for k, each in enumerate(points)}
+    ).explained_variance_ratio_
+    moments, columns = (
+        np.linalg.eigvalsh(points.T @ points)[::-1],
+        np.var(points, axis=0),
+    )
     return truth, {
         "the right shares in the wrong order: the larger one first": truth[::-1],
-        "these are the variances: divide by their sum": truth * columns.sum() * len(points) / (len(points) - 1),
-        "a share of the variance, not of its root": np.sqrt(truth) / np.sqrt(truth).sum(),
+        "these are the variances: divide by their sum": truth
+        * columns.sum()
+        * len(points)
+        / (len(points) - 1),
+        "a share of the variance, not of its root": np.sqrt(truth)
+        / np.sqrt(truth).sum(),
         "subtract the mean of the points first": moments / moments.sum(),
-        "these are shares of the two columns: the principal axes lie across them": columns / columns.sum(),
+        "these are shares of the two columns: the principal axes lie across them": columns
+        / columns.sum(),
     }
 
 
@@ -48,9 +64,19 @@ def left_out(answer: Callable, rng: np.random.Generator) -> None:
         p, y = rng.normal(size=(count, 2)), rng.normal(2.0, 1.0, count)
         line = LinearRegression()
         result, truth = answer(p, y), cross_val_predict(line, p, y, cv=count)
-        assert len(result) == count, f"return a value for each of the {count} cloths, not {len(result)}"
+        assert len(result) == count, (
+            f"return a value for each of the {count} cloths, not {len(result)}"
+        )
         slips = {
-            "cloth k is among those of the fit: leave it out": line.fit(p, y).predict(p),
-            "this is the mean of the others: p is not used": (y.sum() - y) / (count - 1),
+            "cloth k is among those of the fit: leave it out": line.fit(p, y).predict(
+                p
+            ),
+            "this is the mean of the others: p is not used": (y.sum() - y)
+            / (count - 1),
         }
-        expect(result, truth, "for random points and values, scikit-learn predicts other values", slips)
+        expect(
+            result,
+            truth,
+            "for random points and values, scikit-learn predicts other values",
+            slips,
+        )

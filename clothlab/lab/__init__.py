@@ -1,4 +1,6 @@
-"""The live lab: `LivePanel` steers a `LiveSession`; notebooks have small widgets: Control, PBMap and RecordedRun."""
+"""The live lab: `LivePanel` steers a `LiveSession`; notebooks have small widgets:
+Control, PBMap and RecordedRun.
+"""
 
 from clothlab.lab.controls import Control, PBMap
 from clothlab.lab.panel import LivePanel

@@ -1,4 +1,6 @@
-"""What the panel does for each message of the browser, and what such a message may hold."""
+"""What the panel does for each message of the browser, and what such a message may
+hold.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -8,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, choose
 from clothlab.lab.targets import uploaded_mask
+from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.vision import HEIGHT, WIDTH
 
 if TYPE_CHECKING:
     from clothlab.lab.panel import LivePanel
@@ -20,25 +22,33 @@ _MOST_NUMBERS = 10  # in a list; commands have three
 
 
 def stick_command(arm: Arm, places: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Command `[D_u]` where sticks and trigger stand in its range, 0 to 1; a place without a command is left out."""
+    """Command `[D_u]` where sticks and trigger stand in its range, 0 to 1; a place
+    without a command is left out.
+    """
     lower, upper = arm.command_lower, arm.command_upper
     places = check_array("places of the sticks", places[: len(lower)], lower.shape)
     return lower + np.clip(places, 0, 1) * (upper - lower)
 
 
 class Message(NamedTuple):
-    """What a browser asks for. Anybody can send anything from a page, so that all of it is checked."""
+    """What a browser asks for.
+
+    Anybody can send anything from a page, so that all of it is checked.
+    """
 
     do: str  # the action
     identity: str  # of this message, by which its answer is known
-    arguments: dict[str, Any]  # of the action, as JSON has them; `content` is a file's bytes
+    # Of the action, as JSON has them; `content` is a file's bytes
+    arguments: dict[str, Any]
 
     @classmethod
     def read(cls, content: Any, buffers: Sequence[bytes]) -> "Message":
         """What a message says; `do` is empty where it names no action."""
         named = content if isinstance(content, Mapping) else {}
         do, identity = named.get("do"), named.get("id")
-        arguments = {key: value for key, value in named.items() if key not in ("do", "id")}
+        arguments = {
+            key: value for key, value in named.items() if key not in ("do", "id")
+        }
         if buffers:
             arguments["content"] = bytes(buffers[0])
         if not isinstance(identity, str) or len(identity) > _LONGEST_IDENTITY:
@@ -80,7 +90,9 @@ def _force(what: str, value: Any) -> float | None:
 def _image(what: str, value: Any) -> np.ndarray:
     """An image `[H, W]` of 0 and 1, from its pixels row by row."""
     if not isinstance(value, bytes) or len(value) != HEIGHT * WIDTH:
-        raise ValueError(f"{what} has {HEIGHT * WIDTH} bytes, one for each pixel, got {_size(value)}")
+        raise ValueError(
+            f"{what} has {HEIGHT * WIDTH} bytes, one for each pixel, got {_size(value)}"
+        )
     return np.frombuffer(value, np.uint8).reshape(HEIGHT, WIDTH)
 
 
@@ -103,17 +115,29 @@ class Action(NamedTuple):
     optional: frozenset[str] = frozenset()
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Call it with the arguments of a message; a ValueError says what is missing, too much or of a wrong kind."""
-        missing = [name for name in self.reads if name not in arguments and name not in self.optional]
+        """Call it with the arguments of a message; a ValueError says what is missing,
+        too much or of a wrong kind.
+        """
+        missing = [
+            name
+            for name in self.reads
+            if name not in arguments and name not in self.optional
+        ]
         beyond = [name for name in arguments if name not in self.reads]
         if missing or beyond:
             takes = ", ".join(self.reads) or "nothing"
-            raise ValueError(f"this action takes {takes}, got {', '.join(map(repr, arguments)) or 'nothing'}")
-        self.call(**{name: self.reads[name](name, value) for name, value in arguments.items()})
+            raise ValueError(
+                f"this action takes {takes}, got {', '.join(map(repr, arguments)) or 'nothing'}"
+            )
+        self.call(
+            **{name: self.reads[name](name, value) for name, value in arguments.items()}
+        )
 
 
 class PanelActions:
-    """What a person can do in a panel; each action says in the panel's message what it did, if it can't be seen."""
+    """What a person can do in a panel; each action says in the panel's message what it
+    did, if it can't be seen.
+    """
 
     def __init__(self, panel: "LivePanel", say: Callable[[str], None]):
         self._panel, self._session, self._say = panel, panel.session, say
@@ -132,20 +156,37 @@ class PanelActions:
             "reset": Action(panel.reset),
             "set arm": Action(panel.set_arm, {"name": _text}),
             "set driver": Action(session.set_driver, {"driver": _text}),
-            "explore": Action(lambda on: setattr(session, "exploring", on), {"on": _switch}),
+            "explore": Action(
+                lambda on: setattr(session, "exploring", on), {"on": _switch}
+            ),
             "set cloth": Action(panel.set_cloth, {"cloth": _text}),
-            "set material": Action(session.set_material, {"damping": check_number, "mass": check_number}),
+            "set material": Action(
+                session.set_material, {"damping": check_number, "mass": check_number}
+            ),
             "set tension": Action(panel.set_tension, {"f_const": _force}),
             "set p": Action(self._set_p, {"at": _numbers}),
-            "estimate": Action(lambda on: setattr(session, "estimating", on), {"on": _switch}),
+            "estimate": Action(
+                lambda on: setattr(session, "estimating", on), {"on": _switch}
+            ),
             "set hand": Action(self._take_over, {"u": _numbers}),
             "greet gamepad": Action(self._greet_gamepad, {"enough": _switch}),
             "move sticks": Action(self._move_sticks, {"places": _numbers}),
-            "draw": Action(lambda content: panel.aim(content, show=False), {"content": _image}),
-            "clear": Action(lambda: self._say("draw a target; until then the robot keeps the one that it has")),
-            "pick": Action(lambda name: panel.aim(choose("image", name, session.gallery)), {"name": _text}),
+            "draw": Action(
+                lambda content: panel.aim(content, show=False), {"content": _image}
+            ),
+            "clear": Action(
+                lambda: self._say(
+                    "draw a target; until then the robot keeps the one that it has"
+                )
+            ),
+            "pick": Action(
+                lambda name: panel.aim(choose("image", name, session.gallery)),
+                {"name": _text},
+            ),
             "take": Action(lambda: panel.aim(session.observation["image"])),
-            "upload": Action(self._upload, {"size": _count, "content": _file}, frozenset({"content"})),
+            "upload": Action(
+                self._upload, {"size": _count, "content": _file}, frozenset({"content"})
+            ),
             "record": Action(self._record),
             "stop": Action(self._stop),
             "save": Action(self._save, {"name": _text}),
@@ -154,7 +195,9 @@ class PanelActions:
 
     def _set_p(self, at: np.ndarray) -> None:
         """Use the p of a place on the map `[2]`."""
-        self._session.set_p(self._panel.views.plane.p(check_array("a place on the map", at, (2,))))
+        self._session.set_p(
+            self._panel.views.plane.p(check_array("a place on the map", at, (2,)))
+        )
 
     def _move_sticks(self, places: np.ndarray) -> None:
         self._take_over(stick_command(self._session.arm, places))
@@ -170,7 +213,9 @@ class PanelActions:
     def _greet_gamepad(self, enough: bool) -> None:
         if not enough:
             raise ValueError("a gamepad needs two sticks and a trigger")
-        trigger = ", right trigger: stiffness" if self._session.arm.has_stiffness else ""
+        trigger = (
+            ", right trigger: stiffness" if self._session.arm.has_stiffness else ""
+        )
         self._say(f"gamepad: left stick: shoulder, right stick: elbow{trigger}")
 
     def _record(self) -> None:

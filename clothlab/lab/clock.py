@@ -1,4 +1,6 @@
-"""Time that goes by in the kernel's event loop, and callbacks that wait for their turn in it."""
+"""Time that goes by in the kernel's event loop, and callbacks that wait for their turn
+in it.
+"""
 
 import asyncio
 import contextlib
@@ -12,13 +14,16 @@ _RECENT = 5  # ticks
 class LoopCallbacks:
     """Lets callbacks act in the thread that made this, between two steps.
 
-    JupyterLab calls the handlers of widgets in a thread of their own, in the middle of whatever the kernel does.
+    JupyterLab calls the handlers of widgets in a thread of their own, in the middle of
+    whatever the kernel does.
     """
 
     def __init__(self) -> None:
         self._thread = threading.get_ident()
         self._loop: asyncio.AbstractEventLoop | None = None
-        with contextlib.suppress(RuntimeError):  # outside a notebook there is none, and no other thread calls us
+        with contextlib.suppress(
+            RuntimeError
+        ):  # outside a notebook there is none, and no other thread calls us
             self._loop = asyncio.get_running_loop()
 
     def take(self, act: Callable, *arguments: object) -> None:
@@ -30,7 +35,9 @@ class LoopCallbacks:
 
 
 class Clock:
-    """Calls `tick` once a `period` [s], in the event loop, with its delay [s], until it answers False."""
+    """Calls `tick` once a `period` [s], in the event loop, with its delay [s], until it
+    answers False.
+    """
 
     def __init__(self, tick: Callable[[float], bool], period: float):
         self._tick, self._period = tick, period
@@ -70,5 +77,7 @@ class Clock:
             if not self._tick(behind):
                 self._task = None
                 return
-            due = max(due + self._period, loop.time() - 2 * self._period)  # lost time is not made up for
-            await asyncio.sleep(max(0.005, due - loop.time()))  # callbacks act meanwhile
+            # Lost time is not made up for
+            due = max(due + self._period, loop.time() - 2 * self._period)
+            # Callbacks act meanwhile
+            await asyncio.sleep(max(0.005, due - loop.time()))

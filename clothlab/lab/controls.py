@@ -1,7 +1,9 @@
-"""Controls for notebooks: a few sliders and menus with a figure below, and the map of p.
+"""Controls for notebooks: a few sliders and menus with a figure below, and the map of
+p.
 
-ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook that runs from top to bottom
-wait until its time limit. So a figure goes into an Image here, and an error is shown, kept, and raised by `check`.
+ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook
+that runs from top to bottom wait until its time limit. So a figure goes into an Image
+here, and an error is shown, kept, and raised by `check`.
 """
 
 import html
@@ -24,12 +26,18 @@ from clothlab.lab.messages import keep_error
 from clothlab.lab.views import Plane, encoded, javascript
 from clothlab.lab.widget import LifeSign, Widget, answer_page
 
-WRAPPED = {"display": "flex", "flex_flow": "row wrap", "width": "auto", "overflow": "visible"}
+WRAPPED = {
+    "display": "flex",
+    "flex_flow": "row wrap",
+    "width": "auto",
+    "overflow": "visible",
+}
 _FIGURE = "480px"  # as narrow as a figure may get beside a map
 
 
 class PBMap(anywidget.AnyWidget):
-    """The plane of p. A click, or the arrow keys, choose a place; the dots are the trained materials.
+    """The plane of p. A click, or the arrow keys, choose a place; the dots are the
+    trained materials.
 
     Args:
         biases: trained p of each material, `{name: [D_p]}`.
@@ -40,7 +48,8 @@ class PBMap(anywidget.AnyWidget):
 
     _esm = javascript("alive", "text", "map", "map_widget")
     about = traitlets.Dict().tag(sync=True)
-    chosen = traitlets.List(traitlets.Float()).tag(sync=True)  # place of the chosen p, PC1 and PC2
+    # Place of the chosen p, PC1 and PC2
+    chosen = traitlets.List(traitlets.Float()).tag(sync=True)
 
     def __init__(
         self,
@@ -52,7 +61,9 @@ class PBMap(anywidget.AnyWidget):
     ):
         self._plane = Plane(biases, labels)
         line = [] if reference is None else [self._plane.at(reference)]
-        super().__init__(about=self._plane.map | {"line": line}, chosen=self._plane.at(p))
+        super().__init__(
+            about=self._plane.map | {"line": line}, chosen=self._plane.at(p)
+        )
         self.on_msg(answer_page)
 
     @property
@@ -65,26 +76,45 @@ class Control(Widget, ipywidgets.VBox):
     """Draws a figure anew whenever a control is moved, and once at the beginning.
 
     Args:
-        draw: called with a value for each control; returns a figure. Its defaults are where the controls begin.
+        draw: called with a value for each control; returns a figure. Its defaults are
+            where the controls begin.
         labels: what stands beside the controls; by default their names.
-        controls: for each parameter of `draw` a list of choices, `(lowest, highest, step)` for a slider that acts when
-            it is released, or a `PBMap`.
+        controls: for each parameter of `draw` a list of choices, `(lowest, highest,
+            step)` for a slider that acts when it is released, or a `PBMap`.
     """
 
-    def __init__(self, draw: Callable[..., Figure], *, labels: Mapping[str, str] | None = None, **controls: Any):
+    def __init__(
+        self,
+        draw: Callable[..., Figure],
+        *,
+        labels: Mapping[str, str] | None = None,
+        **controls: Any,
+    ):
         self._draw, self._callbacks, self.errors = draw, LoopCallbacks(), list[str]()
         self._words = AltText("No picture", ())
-        starts = {name: each.default for name, each in inspect.signature(draw).parameters.items()}
+        starts = {
+            name: each.default
+            for name, each in inspect.signature(draw).parameters.items()
+        }
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
         for name, choices in controls.items():
             is_map = isinstance(choices, PBMap)
-            widget = choices if is_map else _widget(choices, starts[name], (labels or {}).get(name, name))
-            widget.observe(lambda _: self._callbacks.take(self._redraw), "chosen" if is_map else "value")
+            widget = (
+                choices
+                if is_map
+                else _widget(choices, starts[name], (labels or {}).get(name, name))
+            )
+            widget.observe(
+                lambda _: self._callbacks.take(self._redraw),
+                "chosen" if is_map else "value",
+            )
             self.controls[name] = widget
         self.picture, self.message = ipywidgets.Image(format="png"), ipywidgets.HTML()
         maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
         others = [each for each in self.controls.values() if each not in maps]
-        beside = ipywidgets.Box([*maps, _figure(self.message, self.picture)], layout=WRAPPED)
+        beside = ipywidgets.Box(
+            [*maps, _figure(self.message, self.picture)], layout=WRAPPED
+        )
         super().__init__([LifeSign(), *others, beside])
         self.add_class("clothlab-widget")
         self._redraw()
@@ -96,26 +126,37 @@ class Control(Widget, ipywidgets.VBox):
     def _redraw(self) -> None:
         self.message.value = "computing …"
         try:
-            figure = self._draw(**{name: each.value for name, each in self.controls.items()})
+            figure = self._draw(
+                **{name: each.value for name, each in self.controls.items()}
+            )
             self.picture.value, self._words = encoded(figure), describe(figure)
             plt.close(figure)  # or the notebook would show it a second time
             self.message.value = ""
         except Exception as error:
             keep_error(self.errors)
             text = html.escape(traceback.format_exception_only(error)[-1])
-            self.message.value = f"<span role='alert' style='color:#b00020'>✗ {text}</span>"
+            self.message.value = (
+                f"<span role='alert' style='color:#b00020'>✗ {text}</span>"
+            )
 
 
 def _figure(message: ipywidgets.HTML, picture: ipywidgets.Image) -> ipywidgets.VBox:
-    """A figure with the message above, beside a map where there is room for it, else below."""
-    width = f"min(calc(100% - 4px), {_FIGURE})"  # with the margins that the library gives it
+    """A figure with the message above, beside a map where there is room for it, else
+    below.
+    """
+    # With the margins that the library gives it
+    width = f"min(calc(100% - 4px), {_FIGURE})"
     layout = {"flex": f"1 1 {width}", "min_width": width, "overflow": "visible"}
     return ipywidgets.VBox([message, picture], layout=layout)
 
 
 def _widget(choices: Any, start: Any, label: str) -> ipywidgets.DOMWidget:
     """A slider for `(lowest, highest, step)`, else a menu."""
-    options = {"value": start, "description": label, "style": {"description_width": "150px"}}
+    options = {
+        "value": start,
+        "description": label,
+        "style": {"description_width": "150px"},
+    }
     options["layout"] = {"width": "min(480px, calc(100% - 4px))"}
     if isinstance(choices, tuple):
         low, high, step = choices

@@ -1,24 +1,33 @@
-"""The panel's message: what a person did wrong, and faults of ours, whose tracebacks are kept."""
+"""The panel's message: what a person did wrong, and faults of ours, whose tracebacks
+are kept.
+"""
 
 import traceback
 from collections.abc import Callable
 
 from clothlab.simulation.env import SimulationError
 
-KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)  # what a person can do wrong; the rest is our fault
-MOST_ERRORS = 20  # tracebacks that are kept: a fault in each step would otherwise fill the memory
+# What a person can do wrong; the rest is our fault
+KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)
+MOST_ERRORS = (
+    20  # tracebacks that are kept: a fault in each step would otherwise fill the memory
+)
 _LONGEST_ERROR = 4000  # letters of a traceback, of which the last say most
 _LONGEST_TEXT = 300  # letters of a message; some errors repeat what they were given
 
 
 def keep_error(errors: list[str]) -> None:
-    """Add the traceback of the present exception, unless there are so many already that one more says nothing."""
+    """Add the traceback of the present exception, unless there are so many already that
+    one more says nothing.
+    """
     if len(errors) < MOST_ERRORS:
         errors.append(traceback.format_exc()[-_LONGEST_ERROR:])
 
 
 class Messages:
-    """The message that the panel, or a part of it, shows; tracebacks of faults go to `errors`."""
+    """The message that the panel, or a part of it, shows; tracebacks of faults go to
+    `errors`.
+    """
 
     def __init__(self, errors: list[str] | None = None):
         self.errors = [] if errors is None else errors
@@ -34,10 +43,16 @@ class Messages:
         try:
             act()
         except KNOWN_ERRORS as error:
-            self.say(f"⚠ {error.args[0] if isinstance(error, KeyError) else error}", "mistake")
+            self.say(
+                f"⚠ {error.args[0] if isinstance(error, KeyError) else error}",
+                "mistake",
+            )
         except Exception as error:
             keep_error(self.errors)
-            self.say(f"✗ a fault in the panel: {traceback.format_exception_only(error)[-1].strip()}", "fault")
+            self.say(
+                f"✗ a fault in the panel: {traceback.format_exception_only(error)[-1].strip()}",
+                "fault",
+            )
         else:
             return True
         return False

@@ -1,4 +1,6 @@
-"""The live panel: one widget, whose JavaScript draws what `views` says and sends back what a person does."""
+"""The live panel: one widget, whose JavaScript draws what `views` says and sends back
+what a person does.
+"""
 
 from collections import deque
 from collections.abc import Sequence
@@ -19,30 +21,42 @@ from clothlab.lab.widget import Widget, answer_page
 from clothlab.simulation.env import CONTROL_PERIOD
 
 _ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
-_PATIENCE = 25  # steps without a sign from the browser, after which the page is taken to be closed
+# Steps without a sign from the browser, after which the page is taken to be closed
+_PATIENCE = 25
 
 
 class LivePanel(Widget, anywidget.AnyWidget):
-    """Everything under one panel, in real time; an earlier panel of this kernel is closed.
+    """Everything under one panel, in real time; an earlier panel of this kernel is
+    closed.
 
     Args:
         session: what is steered; by default a new session with the torque arm.
-        only: "control" leaves what belongs to model predictive control: arm, cloth, target and stiffness, and what is
-            predicted beside what is achieved. The controller then has the p of the cloth that is chosen.
+        only: "control" leaves what belongs to model predictive control: arm, cloth,
+            target and stiffness, and what is predicted beside what is achieved. The
+            controller then has the p of the cloth that is chosen.
     """
 
-    _esm = views.javascript("alive", "text", "traces", "target", "map", "gamepad", "style", "panel")
+    _esm = views.javascript(
+        "alive", "text", "traces", "target", "map", "gamepad", "style", "panel"
+    )
     about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
-    state = traitlets.Dict().tag(sync=True)  # where every control stands, and the message
+    # Where every control stands, and the message
+    state = traitlets.Dict().tag(sync=True)
     target = traitlets.Dict().tag(sync=True)  # with what the autoencoder makes of it
-    frame = traitlets.Dict().tag(sync=True)  # pictures, traces and p; the next one waits until this one is drawn
+    # Pictures, traces and p; the next one waits until this one is drawn
+    frame = traitlets.Dict().tag(sync=True)
     ellipse = traitlets.Bytes().tag(sync=True)  # PNG
 
     _active: ClassVar["LivePanel | None"] = None
 
     def __init__(self, session: LiveSession | None = None, *, only: str | None = None):
-        self._only = only is not None and choose("part of the panel", only, {"control": True})
-        self._clock, self._callbacks = Clock(self._tick, CONTROL_PERIOD), LoopCallbacks()
+        self._only = only is not None and choose(
+            "part of the panel", only, {"control": True}
+        )
+        self._clock, self._callbacks = (
+            Clock(self._tick, CONTROL_PERIOD),
+            LoopCallbacks(),
+        )
         self.session = session or LiveSession()
         if LivePanel._active is not None:
             LivePanel._active.close()
@@ -50,7 +64,11 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._messages = Messages()
         self.errors = self._messages.errors
         self.history: deque[StepInfo] = deque(maxlen=views.HISTORY)
-        self.steps = self.drawn = 0  # steps since the panel was built; number of the last frame that the browser drew
+        self.steps = self.drawn = (
+            # Steps since the panel was built; number of the last frame that the browser
+            # drew
+            0
+        )
         self._unseen = 0  # steps since the last frame was sent
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
@@ -75,7 +93,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """The sign of the panel: `fault` after a fault or a step that failed."""
         if self._broken or self._messages.shown["kind"] == "fault":
             return "fault"
-        return "paused" if not self.running else "late" if self._clock.lately else "running"
+        return (
+            "paused"
+            if not self.running
+            else "late"
+            if self._clock.lately
+            else "running"
+        )
 
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
@@ -130,9 +154,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._draw_ellipse()
 
     def aim(self, mask: np.ndarray, *, show: bool = True) -> None:
-        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is already."""
+        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is
+        already.
+        """
         self.session.set_target(mask)
-        self.target = self.views.target() | {"version": self.target.get("version", 0) + show}
+        self.target = self.views.target() | {
+            "version": self.target.get("version", 0) + show
+        }
 
     def show_all(self) -> None:
         """Send everything anew, and a frame."""
@@ -142,9 +170,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
             self._show(force=True)
 
     def _tick(self, behind: float) -> bool:
-        """A step in time; False pauses, after an error or when the page does not answer."""
+        """A step in time; False pauses, after an error or when the page does not
+        answer.
+        """
         guarded = self._messages.guarded
-        going = guarded(lambda: self._advance(solve=behind < CONTROL_PERIOD)) and guarded(self._show)
+        going = guarded(
+            lambda: self._advance(solve=behind < CONTROL_PERIOD)
+        ) and guarded(self._show)
         self._broken = not going
         if going and self._unseen > _PATIENCE:
             self._messages.say("paused: the page does not answer")
@@ -160,22 +192,32 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._unseen += 1
 
     def _show(self, *, force: bool = False) -> None:
-        """Send how things stand, and a frame unless the browser has not drawn the last one yet."""
+        """Send how things stand, and a frame unless the browser has not drawn the last
+        one yet.
+        """
         self._refresh()
         number = self.frame.get("number", 0)
         if self.drawn == number or force:
             self._unseen = 0
             period = self.views.period(self.history) if self._only else {}
-            self.frame = self.views.frame(list(self.history)) | period | {"number": number + 1}
+            self.frame = (
+                self.views.frame(list(self.history)) | period | {"number": number + 1}
+            )
             if self.steps % _ELLIPSE_EVERY == 0 or force:
                 self._draw_ellipse()
 
     def _draw_ellipse(self) -> None:
-        self.ellipse = self.views.ellipse(self.history[-1].command if self.history else self.session.hand)
+        self.ellipse = self.views.ellipse(
+            self.history[-1].command if self.history else self.session.hand
+        )
 
     def _refresh(self) -> None:
         about = {"running": self.running, "status": self._status}
-        self.state = self.views.state() | about | {"message": self._messages.shown, "answered": self._answered}
+        self.state = (
+            self.views.state()
+            | about
+            | {"message": self._messages.shown, "answered": self._answered}
+        )
 
     def _meet_arm(self) -> None:
         self.history.clear()
@@ -183,19 +225,27 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.show_all()
 
     def _hear(self, _: object, content: Any, buffers: Sequence[bytes]) -> None:
-        """Take a message of the browser, perhaps in another thread: it then waits for the end of a step."""
+        """Take a message of the browser, perhaps in another thread: it then waits for
+        the end of a step.
+        """
         message = Message.read(content, buffers)
         if message.do == "drawn":
             self._messages.guarded(lambda: self._note_drawn(**message.arguments))
-        elif message.do != "alive?":  # which is answered already, even while a step is made
+        elif (
+            message.do != "alive?"
+        ):  # which is answered already, even while a step is made
             self._callbacks.take(self._act, message)
 
     def _note_drawn(self, frame: Any = None, **_: Any) -> None:
         self.drawn = check_number("the frame that was drawn", frame, int)
 
     def _act(self, message: Message) -> None:
-        """Do what a person asked for, and answer how things stand then, even where nothing changed."""
+        """Do what a person asked for, and answer how things stand then, even where
+        nothing changed.
+        """
         self._messages.say("")
         self._messages.guarded(lambda: self._actions.act(message))
         self._answered = message.identity
-        self._messages.guarded(lambda: self._refresh() if self.running else self._show(force=True))
+        self._messages.guarded(
+            lambda: self._refresh() if self.running else self._show(force=True)
+        )

@@ -1,4 +1,6 @@
-"""A recorded run of the panel: what it showed, step by step, in a file, shown again without computing anything."""
+"""A recorded run of the panel: what it showed, step by step, in a file, shown again
+without computing anything.
+"""
 
 import base64
 import html
@@ -25,11 +27,14 @@ from clothlab.lab.widget import LifeSign, Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
-_SHOWN = ("about", "state", "target", "frame", "ellipse")  # what a panel sends the browser
+# What a panel sends the browser
+_SHOWN = ("about", "state", "target", "frame", "ellipse")
 _MOST_BYTES = 2**26  # of a recorded run's text, several times what two minutes need
-_PICTURES = {"the robot": 384, "what the camera sees": 256, "the target": 256}  # widths [pixel]
+# Widths [pixel]
+_PICTURES = {"the robot": 384, "what the camera sees": 256, "the target": 256}
 _QUALITY = 60  # of JPEG, of 100
-_Frame = Mapping[str, Any]  # those of `_SHOWN` that are new at a step, and `caption`, what to say meanwhile
+# Those of `_SHOWN` that are new at a step, and `caption`, what to say meanwhile
+_Frame = Mapping[str, Any]
 
 
 class SessionRecording:
@@ -43,10 +48,18 @@ class SessionRecording:
         """Keep how things stand now."""
         shown = {name: getattr(self._panel, name) for name in _SHOWN}
         shown["frame"] = shown["frame"] | {"scene": _smaller(shown["frame"]["scene"])}
-        now = {name: json.dumps(value, default=_packed) for name, value in shown.items()}
-        news = [f'"{name}":{text}' for name, text in now.items() if self._last.get(name) != text]
+        now = {
+            name: json.dumps(value, default=_packed) for name, value in shown.items()
+        }
+        news = [
+            f'"{name}":{text}'
+            for name, text in now.items()
+            if self._last.get(name) != text
+        ]
         self._last = now
-        self.shots.append("{" + ",".join([*news, f'"caption":{json.dumps(caption)}']) + "}")
+        self.shots.append(
+            "{" + ",".join([*news, f'"caption":{json.dumps(caption)}']) + "}"
+        )
 
     def save(self, path: Path) -> None:
         """Write all that was kept, whole or not at all."""
@@ -58,32 +71,53 @@ def load_recording(path: Path | None = None) -> list[_Frame]:
     """Read a recorded run, by default the one that belongs to the data."""
     path = artifacts.data_folder() / RECORDING if path is None else path
     if not path.is_file():
-        raise FileNotFoundError(f"there is no recorded run in {path}: `make demonstration` makes one")
+        raise FileNotFoundError(
+            f"there is no recorded run in {path}: `make demonstration` makes one"
+        )
     with reading(path, "recorded run"):
-        text = lzma.LZMADecompressor().decompress(path.read_bytes(), max_length=_MOST_BYTES + 1)
+        text = lzma.LZMADecompressor().decompress(
+            path.read_bytes(), max_length=_MOST_BYTES + 1
+        )
         if len(text) > _MOST_BYTES:
             raise OtherKindError(f"it unpacks to more than {_MOST_BYTES / 1e6:.0f} MB")
         return json.loads(text, object_hook=_unpacked)["shots"]
 
 
 class RecordedRun(Widget, ipywidgets.VBox):
-    """Plays the recorded run up to a step, without a session; `shown` is the step that is seen at first."""
+    """Plays the recorded run up to a step, without a session; `shown` is the step that
+    is seen at first.
+    """
 
     def __init__(self, stop: int | None = None, shown: int = 0):
         self._moments = list(accumulate(load_recording(), or_))[:stop]
-        masks = [views.masks(moment["frame"], moment["target"]) for moment in self._moments]
-        self.images, self.targets = np.swapaxes(masks, 0, 1)  # [T, H, W], seen and aimed at
+        masks = [
+            views.masks(moment["frame"], moment["target"]) for moment in self._moments
+        ]
+        # [T, H, W], seen and aimed at
+        self.images, self.targets = np.swapaxes(masks, 0, 1)
         self.errors: list[str] = []
         guarded, take = Messages(self.errors).guarded, LoopCallbacks().take
-        self._pictures = [ipywidgets.Image(layout={"width": "100%", "margin": "0"}) for _ in _PICTURES]
+        self._pictures = [
+            ipywidgets.Image(layout={"width": "100%", "margin": "0"}) for _ in _PICTURES
+        ]
         about = {"value": shown, "max": len(self._moments) - 1, "description": "step"}
-        button = ipywidgets.Play(interval=round(1000 * CONTROL_PERIOD), repeat=True, **about)
-        self.slider, self._caption = ipywidgets.IntSlider(**about), ipywidgets.HTML(layout={"flex": "1 1 200px"})
+        button = ipywidgets.Play(
+            interval=round(1000 * CONTROL_PERIOD), repeat=True, **about
+        )
+        self.slider, self._caption = (
+            ipywidgets.IntSlider(**about),
+            ipywidgets.HTML(layout={"flex": "1 1 200px"}),
+        )
         ipywidgets.jslink((button, "value"), (self.slider, "value"))
         self.slider.observe(lambda _: take(guarded, self._show), "value")
-        figures = [_figure(*about) for about in zip(_PICTURES, self._pictures, _PICTURES.values(), strict=True)]
+        figures = [
+            _figure(*about)
+            for about in zip(_PICTURES, self._pictures, _PICTURES.values(), strict=True)
+        ]
         rows = figures, [button, self.slider, self._caption]
-        super().__init__([LifeSign(), *(ipywidgets.Box(row, layout=WRAPPED) for row in rows)])
+        super().__init__(
+            [LifeSign(), *(ipywidgets.Box(row, layout=WRAPPED) for row in rows)]
+        )
         self.add_class("clothlab-widget")
         self._show()
 
@@ -102,9 +136,15 @@ class RecordedRun(Widget, ipywidgets.VBox):
 
 
 def _figure(title: str, picture: ipywidgets.Image, width: int) -> ipywidgets.VBox:
-    """A picture with a title, of this width [pixel] where there is room for it; small ones share a row sooner."""
+    """A picture with a title, of this width [pixel] where there is room for it; small
+    ones share a row sooner.
+    """
     least = round(0.9 * width if width > 300 else 0.75 * width)
-    share = {"flex": f"{width} 1 {least}px", "max_width": f"{width}px", "overflow": "visible"}
+    share = {
+        "flex": f"{width} 1 {least}px",
+        "max_width": f"{width}px",
+        "overflow": "visible",
+    }
     share["padding"] = "0 6px 0 0"  # or two black masks side by side look like one
     return ipywidgets.VBox([ipywidgets.Label(title), picture], layout=share)
 
@@ -117,7 +157,9 @@ def _clock_time(steps: int) -> str:
 def _smaller(jpeg: bytes) -> bytes:
     """The same picture in fewer bytes: a recording has hundreds of them."""
     picture = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[
+        1
+    ].tobytes()
 
 
 def _packed(value: object) -> dict[str, str]:

@@ -1,8 +1,10 @@
-"""Recordings of a live session, on the disk every five seconds, so that hardly anything is lost with a kernel.
+"""Recordings of a live session, on the disk every five seconds, so that hardly anything
+is lost with a kernel.
 
-While a recording runs, the news of the last five seconds go into a piece, a small file of its own: to write all that
-was recorded so often would cost more the longer it gets, and in the end make control steps late. When the recording
-stops, its file is written as a whole, and the pieces go. If the kernel dies before, the pieces stay, and the next
+While a recording runs, the news of the last five seconds go into a piece, a small file
+of its own: to write all that was recorded so often would cost more the longer it gets,
+and in the end make control steps late. When the recording stops, its file is written as
+a whole, and the pieces go. If the kernel dies before, the pieces stay, and the next
 recorder of this folder joins them.
 """
 
@@ -16,20 +18,25 @@ from typing import Any
 import numpy as np
 
 from clothlab._validation import check_name
-from clothlab.simulation.env import Observation
+from clothlab.masks import Observation
 from clothlab.trials import Trial, load_trial, save_trial
 
 _EVERY = 25  # control steps in a piece, five seconds
 _LONGEST = 18_000  # steps of a recording, an hour
 _COLUMNS = ("images", "robot", "commands")
-_PIECES = ".pieces"  # ending of a recording's folder of pieces, each named by its first step
-_ABANDONED = 3600.0  # [s] without a new piece, after which nobody is taken to go on with a recording
+_PIECES = (
+    ".pieces"  # ending of a recording's folder of pieces, each named by its first step
+)
+# [s] without a new piece, after which nobody is taken to go on with a recording
+_ABANDONED = 3600.0
 
 
 class Recorder:
-    """Keeps one recording at a time: it runs, or it is stopped and waits for its name, or there is none.
+    """Keeps one recording at a time: it runs, or it is stopped and waits for its name,
+    or there is none.
 
-    Until it is saved, its file is `unfinished-TIME-PROCESS.npz`, a trial like any other.
+    Until it is saved, its file is `unfinished-TIME-PROCESS.npz`, a trial like any
+    other.
     """
 
     def __init__(self, folder: Path | str):
@@ -49,7 +56,9 @@ class Recorder:
     def start(self) -> None:
         """Begin a recording."""
         if self._file is not None:
-            raise ValueError("there is a recording already: save it under a name, or discard it")
+            raise ValueError(
+                "there is a recording already: save it under a name, or discard it"
+            )
         file = self.folder / f"unfinished-{time.time_ns()}-{os.getpid()}.npz"
         self.folder.mkdir(parents=True, exist_ok=True)
         file.touch()  # an OSError now rather than when much is recorded
@@ -57,7 +66,10 @@ class Recorder:
         self._file, self.running = file, True
 
     def add(self, observation: Observation, u: np.ndarray, about: dict) -> None:
-        """Take in a step; `about` is the trial's cloth, arm, policy and seed. A full disk stops the recording."""
+        """Take in a step; `about` is the trial's cloth, arm, policy and seed.
+
+        A full disk stops the recording.
+        """
         self._rows.append((observation["image"].astype(bool), observation["robot"], u))
         self._policies = dict.fromkeys([*self._policies, about["policy"]])
         self._about = about
@@ -66,7 +78,9 @@ class Recorder:
             self._write_piece()
             if len(self._rows) >= _LONGEST:
                 self._write()
-                raise OSError(f"a recording has {_LONGEST} steps at most, which are over: save it")
+                raise OSError(
+                    f"a recording has {_LONGEST} steps at most, which are over: save it"
+                )
             self.running = True
 
     def stop(self) -> None:
@@ -75,7 +89,9 @@ class Recorder:
         self._write()
 
     def save(self, name: str) -> Path:
-        """Stop, and give the recording its name; after a bad or existing name, a running recording goes on."""
+        """Stop, and give the recording its name; after a bad or existing name, a
+        running recording goes on.
+        """
         path = self.folder / f"{check_name('recording', name)}.npz"
         if path.exists():
             raise ValueError(f"a recording named {name!r} exists: choose another name")
@@ -111,7 +127,9 @@ class Recorder:
 
     def _trial(self, start: int = 0) -> Trial:
         """What was recorded from a step on."""
-        images, robot, commands = (np.array(column) for column in zip(*self._rows[start:], strict=True))
+        images, robot, commands = (
+            np.array(column) for column in zip(*self._rows[start:], strict=True)
+        )
         about = self._about | {"policy": ", ".join(self._policies)}
         return Trial(images, robot, commands, **about)
 
@@ -133,8 +151,9 @@ def _piece(folder: Path, start: int) -> Path:
 def join_pieces(folder: Path) -> list[Path]:
     """Make a trial of what a kernel that died had recorded, and return the files.
 
-    A recording that another kernel goes on with is left alone. Should one be joined too early, nothing is lost either:
-    its later pieces are joined to it another time, or its whole file takes its place when it stops.
+    A recording that another kernel goes on with is left alone. Should one be joined too
+    early, nothing is lost either: its later pieces are joined to it another time, or
+    its whole file takes its place when it stops.
     """
     joined = []
     for pieces in sorted(folder.glob(f"unfinished-*{_PIECES}")):
@@ -153,7 +172,9 @@ def join_pieces(folder: Path) -> list[Path]:
 
 
 def _abandoned(pieces: Path) -> bool:
-    """Whether the process that wrote these pieces, the last part of their name, is gone."""
+    """Whether the process that wrote these pieces, the last part of their name, is
+    gone.
+    """
     process = int(pieces.stem.rsplit("-", 1)[1])
     if os.name == "posix":
         try:
@@ -166,6 +187,10 @@ def _abandoned(pieces: Path) -> bool:
 
 
 def _joined(parts: list[Trial]) -> Trial:
-    """One trial of several that follow each other; the last one knows all that had driven."""
-    images, robot, commands = (np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS)
+    """One trial of several that follow each other; the last one knows all that had
+    driven.
+    """
+    images, robot, commands = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS
+    )
     return replace(parts[-1], images=images, robot=robot, commands=commands)

@@ -1,4 +1,7 @@
-"""A live run that a person steers: robot, cloth, target, driver and recording. No widgets here."""
+"""A live run that a person steers: robot, cloth, target, driver and recording.
+
+No widgets here.
+"""
 
 import copy
 import secrets
@@ -22,13 +25,13 @@ from clothlab.lab.targets import (
     usual_reconstruction_distance,
 )
 from clothlab.lab.tracker import BiasTracker
-from clothlab.learning.autoencoder import decode, encode, iou, known_target
-from clothlab.learning.cloth_control import recorded_plans
-from clothlab.learning.cloth_state import observe
+from clothlab.masks import check_mask, iou
+from clothlab.method.autoencoder import decode, encode, known_target
+from clothlab.method.cloth_task import observe
 from clothlab.simulation.arm import check_command
 from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv, Scene, SimulationError
-from clothlab.simulation.vision import check_mask
+from clothlab.trials import recorded_plans
 
 
 class _Setup(NamedTuple):
@@ -40,8 +43,12 @@ class _Setup(NamedTuple):
 
 
 SETUPS = {
-    "torque": _Setup("torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"),
-    "muscle": _Setup("muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"),
+    "torque": _Setup(
+        "torque-0", "train", "evaluation", "damp0.05-mass0.10", "target-2"
+    ),
+    "muscle": _Setup(
+        "muscle-0", "muscle-train", "muscle-evaluation", "soft-1", "muscle"
+    ),
 }
 
 
@@ -53,34 +60,48 @@ class StepInfo:
     image: np.ndarray  # cloth mask [H, W], bool
     reconstruction: np.ndarray  # what the autoencoder makes of it [H, W], 0 to 1
     distance: float  # ‖z_ref - z‖ [s.d. of z]
-    predicted: float | None  # distance that the controller predicts for the end of its period
+    # Distance that the controller predicts for the end of its period
+    predicted: float | None
     command: np.ndarray  # [D_u], in the arm's units
     theta: np.ndarray  # joint angles [2] [rad]
     p: np.ndarray  # parametric bias in use [D_p]
     seconds: float  # what the step took to compute [s]
-    solved: bool  # whether the controller solved for this command, or went on with its last plan
+    # Whether the controller solved for this command, or went on with its last plan
+    solved: bool
     period_ended: bool  # whether it was the last command of the controller's period
-    period: Period | None  # then, the distance predicted at its beginning and the achieved one
-    basis: str  # what the plan rests on: "recordings", or so many "attempts"; empty for other drivers
-    foreseen: np.ndarray | None  # z that the control predicts for the end of its period [D_z]
+    # Then, the distance predicted at its beginning and the achieved one
+    period: Period | None
+    # What the plan rests on: "recordings", or so many "attempts"; empty for other
+    # drivers
+    basis: str
+    # z that the control predicts for the end of its period [D_z]
+    foreseen: np.ndarray | None
     began: np.ndarray | None  # and what it predicted when the period began
 
 
 class LiveSession:
-    """One robot with one cloth, step by step. Between two steps all can be changed; a refusal changes nothing.
+    """One robot with one cloth, step by step. Between two steps all can be changed; a
+    refusal changes nothing.
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
-        recordings: folder for recorded trials; by default `artifacts.own_trials()`, which `load_trials("mine")` reads.
+        recordings: folder for recorded trials; by default `artifacts.own_trials()`,
+            which `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
     """
 
     def __init__(
-        self, arm: str = "torque", *, recordings: Path | None = None, picture_size: tuple[int, int] = (288, 384)
+        self,
+        arm: str = "torque",
+        *,
+        recordings: Path | None = None,
+        picture_size: tuple[int, int] = (288, 384),
     ):
         self._scene = Scene(picture_size=picture_size)
         self.driver = "control"  # one of `DRIVERS`
-        self.exploring = True  # whether the driver "iterative" tries new plans; else it repeats the best known one
+        # Whether the driver "iterative" tries new plans; else it repeats the best known
+        # one
+        self.exploring = True
         self.estimating = False  # whether p follows what is observed
         self.seed = 0  # of the random numbers since the last reset
         self.recorder = Recorder(recordings or artifacts.own_trials())
@@ -99,14 +120,21 @@ class LiveSession:
             before["env"].close()
 
     def _equip(self, setup: _Setup) -> None:
-        self.trained, trials = artifacts.load(setup.weights), artifacts.load_trials(setup.trials)
+        self.trained, trials = (
+            artifacts.load(setup.weights),
+            artifacts.load_trials(setup.trials),
+        )
         self._known = setup.known
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
-        self._runs = [self.trained.sequences(trial) for trial in trials]
+        self._runs = [self.trained.to_run(trial) for trial in trials]
         self._images, targets = reference_images(trials), artifacts.load_targets()
-        # Beyond this chamfer distance to its reconstruction [pixel], an image is unlike any recorded one.
-        self.usual_distance = usual_reconstruction_distance(self.trained.autoencoder, self._images)
-        # Images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones from large to small.
+        # Beyond this chamfer distance to its reconstruction [pixel], an image is unlike
+        # any recorded one.
+        self.usual_distance = usual_reconstruction_distance(
+            self.trained.autoencoder, self._images
+        )
+        # Images to aim at, `{name: mask [H, W]}`: the stored targets, and recorded ones
+        # from large to small.
         self.gallery = targets | recorded_targets(self._images)
         self.target = choose("target", setup.target, targets)
         self._p = choose("material", setup.cloth, self.trained.biases).copy()
@@ -117,7 +145,9 @@ class LiveSession:
         self._begin()
 
     def set_cloth(self, cloth: Cloth | str) -> None:
-        """Put another cloth into the hand, hanging still; p stays, so that the estimation has something to find."""
+        """Put another cloth into the hand, hanging still; p stays, so that the
+        estimation has something to find.
+        """
         self._refuse_while_recording("the cloth")
         cloth, before = get_cloth(cloth), self.env.cloth
         try:
@@ -129,11 +159,15 @@ class LiveSession:
         self._begin()
 
     def set_material(self, damping: float, mass: float) -> None:
-        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts again from rest."""
+        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand, which starts
+        again from rest.
+        """
         self.set_cloth(_changed(self.env.cloth, damping, mass))
 
     def reset(self) -> None:
-        """Let the cloth hang still at the arm's home; controllers and estimator forget what they saw and learned."""
+        """Let the cloth hang still at the arm's home; controllers and estimator forget
+        what they saw and learned.
+        """
         self._refuse_while_recording("the run")
         self.env.start()
         self._begin()
@@ -164,20 +198,30 @@ class LiveSession:
         return nearest_material(self._p, self.trained.biases)
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next step on; iterative learning does from its next period on.
+        """Aim at another image `[H, W]` from the next step on; iterative learning does
+        from its next period on.
 
-        At a recorded image in its place, if that is more like it than what the autoencoder makes of it: `known_target`.
+        At a recorded image in its place, if that is more like it than what the
+        autoencoder makes of it: `known_target`.
         """
         mask, autoencoder = check_mask(mask), self.trained.autoencoder
         aim = known_target(autoencoder, mask, self._images)
         reconstruction = decode(autoencoder, encode(autoencoder, mask))
         self._drivers.set_target(aim)
-        self.target, self._z_ref, self.reconstruction = mask.copy(), encode(autoencoder, aim), reconstruction
+        self.target, self._z_ref, self.reconstruction = (
+            mask.copy(),
+            encode(autoencoder, aim),
+            reconstruction,
+        )
         self.reconstruction_distance = reconstruction_distance(mask, reconstruction)
-        self.overlap = float(iou(self._images, mask).max())  # IoU of the recorded image that is most like it
+        # IoU of the recorded image that is most like it
+        self.overlap = float(iou(self._images, mask).max())
 
     def set_driver(self, driver: str) -> None:
-        """Change who chooses the commands. What iterative learning learned waits for its next turn."""
+        """Change who chooses the commands.
+
+        What iterative learning learned waits for its next turn.
+        """
         driver = choose("driver", driver, {name: name for name in DRIVERS})
         if driver != self.driver:
             self._drivers.resume()
@@ -188,27 +232,46 @@ class LiveSession:
         self.hand = check_command(self.arm, u)
 
     def set_tension(self, f_const: float | None) -> None:
-        """Fix the stiffness command of a muscle arm [N] for every driver, or free it with None; learning restarts."""
+        """Fix the stiffness command of a muscle arm [N] for every driver, or free it
+        with None; learning restarts.
+        """
         arm = self.arm if f_const is None else self.arm.with_stiffness(f_const)
-        self._drivers = Drivers(self.trained, arm, self.target, self._p, plans=self._plans, runs=self._runs)
+        self._drivers = Drivers(
+            self.trained, arm, self.target, self._p, plans=self._plans, runs=self._runs
+        )
         self._drivers.reset(self.seed)
         self.tension = f_const
 
     def step(self, *, solve: bool = True) -> StepInfo:
-        """Choose a command, send it, and look; without `solve`, a controller goes on with its last plan."""
+        """Choose a command, send it, and look; without `solve`, a controller goes on
+        with its last plan.
+        """
         start, seen = time.perf_counter(), self.observation
-        chosen = self._drivers.choose(self.driver, seen, hand=self.hand, solve=solve, exploring=self.exploring)
+        chosen = self._drivers.choose(
+            self.driver, seen, hand=self.hand, solve=solve, exploring=self.exploring
+        )
         u = chosen.command
         before = copy.copy(self.env.data)
         try:
             self.env.advance(u)
             observation = self.env.observe()
-        except BaseException:  # after a failure or an interrupt, the step has not happened
+        except (
+            BaseException
+        ):  # after a failure or an interrupt, the step has not happened
             self.env.data = before
             raise
-        self.observation, self.step_number, self.command = observation, self.step_number + 1, u
+        self.observation, self.step_number, self.command = (
+            observation,
+            self.step_number + 1,
+            u,
+        )
         if self.recorder.running:
-            about = {"cloth": self.env.cloth, "arm": self.arm, "policy": self.driver, "seed": self.seed}
+            about = {
+                "cloth": self.env.cloth,
+                "arm": self.arm,
+                "policy": self.driver,
+                "seed": self.seed,
+            }
             self.recorder.add(seen, u, about)
         if self.estimating:
             s = observe(self.trained.autoencoder, seen)
@@ -234,7 +297,9 @@ class LiveSession:
         return float(np.linalg.norm(self._z_ref - self._still))
 
     def record(self) -> None:
-        """Let the cloth hang still, and record from there, so that the trial can be replayed."""
+        """Let the cloth hang still, and record from there, so that the trial can be
+        replayed.
+        """
         self.recorder.start()
         try:
             self.env.start()
@@ -244,7 +309,9 @@ class LiveSession:
             raise
 
     def close(self) -> None:
-        """Release the OpenGL contexts, and let go of a recording, which waits to be saved."""
+        """Release the OpenGL contexts, and let go of a recording, which waits to be
+        saved.
+        """
         self.env.close()
         self.recorder.close()
 
@@ -254,11 +321,16 @@ class LiveSession:
 
     def _refuse_while_recording(self, what: str) -> None:
         if self.recorder.running:
-            raise ValueError(f"{what} cannot change during a recording: save or discard it first")
+            raise ValueError(
+                f"{what} cannot change during a recording: save or discard it first"
+            )
 
 
 def _changed(cloth: Cloth, damping: float, mass: float) -> Cloth:
     """One of the known cloths where these are its values, else a cloth of one's own."""
     own = replace(cloth, name="own", damping=damping, mass=mass, foam="")
     own = replace(own, name=f"damp{own.damping:.3f}-mass{own.mass:.3f}")
-    return next((known for known in CLOTHS.values() if replace(own, name=known.name) == known), own)
+    return next(
+        (known for known in CLOTHS.values() if replace(own, name=known.name) == known),
+        own,
+    )

@@ -7,20 +7,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import artifacts
-from clothlab.learning.calibration import Calibration, EstimateReport, calibrate
-from clothlab.learning.estimation import NewtonEstimator
-from clothlab.learning.trained import Trained
+from clothlab.calibration import Calibration, EstimateReport, calibrate
+from clothlab.method.gauss_newton import NewtonEstimator, linearise
+from clothlab.trained import Trained
 
 _REPORT_EVERY = 5  # steps; a report costs about as much as an update
 
 
 @cache
 def _calibration(weights: str, known: str) -> "Future[Calibration]":
-    """Calibrate by recorded trials that the weights were not trained on, in a thread: no control step waits for it."""
+    """Calibrate by recorded trials that the weights were not trained on, in a thread:
+    no control step waits for it.
+    """
     learned, trials = artifacts.load(weights), artifacts.load_trials(known)
 
     def compute() -> Calibration:
-        return calibrate(learned.model, learned.biases, [learned.sequences(trial) for trial in trials])
+        return calibrate(
+            learned.model, learned.biases, [learned.to_run(trial) for trial in trials]
+        )
 
     worker = ThreadPoolExecutor(1, "calibration")
     future = worker.submit(compute)
@@ -29,21 +33,30 @@ def _calibration(weights: str, known: str) -> "Future[Calibration]":
 
 
 class BiasTracker:
-    """Follows p by Gauss-Newton, from `p` on; `known` are trials that the model was not trained on, for calibration."""
+    """Follows p by Gauss-Newton, from `p` on; `known` are trials that the model was not
+    trained on, for calibration.
+    """
 
     def __init__(self, trained: Trained, known: str, p: ArrayLike):
         self._trained, self._known, self._p = trained, known, p
         self._estimator = NewtonEstimator(trained.model, p)
         self._count = 0
-        self.report: EstimateReport | None = None  # how sure the estimate is; None at first
+        self.report: EstimateReport | None = (
+            None  # how sure the estimate is; None at first
+        )
 
     def update(self, s: ArrayLike, u: ArrayLike, *, at_rest: bool) -> np.ndarray:
-        """Take in state `[D_s]` and command `[D_u]`; the new p `[D_p]`. `at_rest`: the cloth hung still before."""
+        """Take in state `[D_s]` and command `[D_u]`; the new p `[D_p]`.
+
+        `at_rest`: the cloth hung still before.
+        """
         if not self._count:
-            self._estimator = NewtonEstimator(self._trained.model, self._p, from_rest=at_rest)
+            self._estimator = NewtonEstimator(
+                self._trained.model, self._p, from_rest=at_rest
+            )
         p = self._estimator.update(s, u)
         self._count += 1
         future = _calibration(self._trained.name, self._known)
         if future.done() and self._count % _REPORT_EVERY == 0:
-            self.report = future.result().report(self._estimator)
+            self.report = future.result().report(linearise(self._estimator), p)
         return p

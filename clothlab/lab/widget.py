@@ -1,4 +1,6 @@
-"""What the widgets of this package share: faults that a notebook raises in the end, a picture, and signs of life."""
+"""What the widgets of this package share: faults that a notebook raises in the end, a
+picture, and signs of life.
+"""
 
 import base64
 from collections.abc import Sequence
@@ -10,9 +12,10 @@ from IPython.display import display
 from clothlab.alt_text import AltText
 from clothlab.lab.views import javascript
 
-# A saved notebook that is opened again has outputs and no kernel. JupyterLab then says "model not found" where a widget
-# was, and asks no other representation of it. So these words are an output of their own, which a living widget hides
-# (`alive.js`); the delay keeps them from showing for the moment before it does.
+# A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
+# "model not found" where a widget was, and asks no other representation of it. So these
+# words are an output of their own, which a living widget hides (`alive.js`); the delay
+# keeps them from showing for the moment before it does.
 REOPENED = """<style>
 @keyframes clothlab-late { from { opacity: 0 } to { opacity: 1 } }
 .clothlab-reopened { animation: clothlab-late 0s 1s both; color: #b00020; font-weight: 600 }
@@ -21,13 +24,17 @@ REOPENED = """<style>
 
 
 def answer_page(widget: Any, content: Any, buffers: Sequence[bytes]) -> None:
-    """A handler for `on_msg`: tell a page that asks whether the kernel still lives that it does."""
+    """A handler for `on_msg`: tell a page that asks whether the kernel still lives that
+    it does.
+    """
     if content == {"do": "alive?"}:
         widget.send({"do": "alive"})
 
 
 class LifeSign(anywidget.AnyWidget):
-    """Stands unseen in a widget of the library, and says in its place when the kernel has stopped."""
+    """Stands unseen in a widget of the library, and says in its place when the kernel
+    has stopped.
+    """
 
     _esm = javascript("alive", "life_sign")
 
@@ -42,12 +49,18 @@ class Widget:
     errors: list[str]  # tracebacks of callbacks
 
     def check(self) -> None:
-        """Raise if a callback has failed, so that a notebook that ran through unseen errors does not pass."""
+        """Raise if a callback has failed, so that a notebook that ran through unseen
+        errors does not pass.
+        """
         if self.errors:
-            raise RuntimeError(f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}")
+            raise RuntimeError(
+                f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}"
+            )
 
     def still(self) -> tuple[bytes, AltText]:
-        """How it looks now, PNG, and that in words, for pages on which no kernel answers."""
+        """How it looks now, PNG, and that in words, for pages on which no kernel
+        answers.
+        """
         raise NotImplementedError
 
     def _ipython_display_(self) -> None:
@@ -56,10 +69,15 @@ class Widget:
         display(data, metadata=metadata, raw=True)
         display({"text/html": REOPENED, "text/plain": ""}, raw=True)
 
-    def _repr_mimebundle_(self, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _repr_mimebundle_(
+        self, **options: Any
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         """The library's answer with the picture beside it; JupyterLab shows the widget."""
         bundle = super()._repr_mimebundle_(**options)  # type: ignore[misc]
         data, metadata = bundle if isinstance(bundle, tuple) else (bundle, {})
         picture, words = self.still()
         about = {"alt": words.summary, "details": list(words.details)}
-        return {**data, "image/png": base64.b64encode(picture).decode()}, {**metadata, "image/png": about}
+        return {**data, "image/png": base64.b64encode(picture).decode()}, {
+            **metadata,
+            "image/png": about,
+        }

@@ -1,1 +1,3 @@
-"""The simulated world: cloth, muscles, two arms, the camera's mask, and a Gymnasium environment of them."""
+"""The simulated world: cloth, muscles, two arms, the camera's mask, and a Gymnasium
+environment of them.
+"""

@@ -1,9 +1,11 @@
-"""Muscles: motors in series with nonlinear springs, and what they do to the joints. No simulation here.
+"""Muscles: motors in series with nonlinear springs, and what they do to the joints. No
+simulation here.
 
-A muscle's motor reels in `s` [m] of wire; its spring is stretched by `e = s + Gθ` [m], where G holds the moment arms
-(flexors, which raise, positive). The spring pulls with `f = k₁e + k₃e³` [N] and never pushes. The motor is under
-muscle stiffness control: `clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. The robot senses tensions f and
-muscle lengths `l = -s`, nothing else.
+A muscle's motor reels in `s` [m] of wire; its spring is stretched by `e = s + Gθ` [m],
+where G holds the moment arms (flexors, which raise, positive). The spring pulls with `f
+= k₁e + k₃e³` [N] and never pushes. The motor is under muscle stiffness control:
+`clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. The robot senses tensions f
+and muscle lengths `l = -s`, nothing else.
 """
 
 from dataclasses import dataclass
@@ -27,21 +29,26 @@ MUSCLES = (
 class Muscles(Checked):
     """Six muscles that pull on shoulder and elbow.
 
-    The paper gives only the range of f_const; the other values are assumptions, whose effect notebook 02 shows.
+    The paper gives only the range of f_const; the other values are assumptions, whose
+    effect notebook 02 shows.
     """
 
     shoulder_moment_arm: float = setting(0.040, "m", above=0)
     elbow_moment_arm: float = setting(0.030, "m", above=0)
-    biarticular_moment_arms: tuple[float, float] = setting((0.030, 0.030), "m", at_least=0)
+    biarticular_moment_arms: tuple[float, float] = setting(
+        (0.030, 0.030), "m", at_least=0
+    )
     spring_linear: float = setting(456.5, "N/m", above=0)  # k₁
-    spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)  # k₃; 0 makes the springs linear
+    # K₃; 0 makes the springs linear
+    spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)
     motor_stiffness: float = setting(3e4, "N/m", above=0)  # K
     motor_damping: float = setting(250.0, "N s/m", at_least=0)  # D
     motor_speed: float = setting(0.10, "m/s", above=0)  # how fast s_send can move
     rotor_mass: float = setting(4.0, "kg", above=0)  # as felt along the wire
     tension_bias: float = setting(2.0, "N", at_least=0)  # f_bias, keeps the wire taut
     tension_max: float = setting(250.0, "N", above=0)  # f_max of the motor
-    tension_range: tuple[float, float] = setting((10.0, 70.0), "N", above=0)  # of f_const; the paper's
+    # Of f_const; the paper's
+    tension_range: tuple[float, float] = setting((10.0, 70.0), "N", above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,20 +62,31 @@ class Muscles(Checked):
     @property
     def moment_arms(self) -> np.ndarray:
         """G = ∂(path length)/∂θ, `[6, 2]` [m/rad]."""
-        flexors = [(self.shoulder_moment_arm, 0.0), (0.0, self.elbow_moment_arm), self.biarticular_moment_arms]
+        flexors = [
+            (self.shoulder_moment_arm, 0.0),
+            (0.0, self.elbow_moment_arm),
+            self.biarticular_moment_arms,
+        ]
         return np.array([sign * np.array(arms) for arms in flexors for sign in (1, -1)])
 
     def tension(self, elongation: ArrayLike) -> np.ndarray:
-        """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³, and 0 when slack."""
+        """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³,
+        and 0 when slack.
+        """
         e = np.maximum(check_array("elongation", elongation, (...,)), 0.0)
         return self.spring_linear * e + self.spring_cubic * e**3
 
     def spring_stiffness(self, tension: ArrayLike) -> np.ndarray:
-        """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de = k₁ + 3k₃e²."""
-        return self.spring_linear + 3 * self.spring_cubic * self.elongation(tension) ** 2
+        """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de =
+        k₁ + 3k₃e².
+        """
+        return (
+            self.spring_linear + 3 * self.spring_cubic * self.elongation(tension) ** 2
+        )
 
     def elongation(self, tension: ArrayLike, more_stiffness: float = 0.0) -> np.ndarray:
-        """Inverse of `tension`: stretch [m] at which the springs pull with `tension` [N].
+        """Inverse of `tension`: stretch [m] at which the springs pull with `tension`
+        [N].
 
         `more_stiffness` [N/m] is that of a linear spring in parallel.
         """
@@ -77,31 +95,42 @@ class Muscles(Checked):
         cubic = self.spring_cubic
         if cubic == 0:
             return tension / linear
-        # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which does not lose digits near 0.
+        # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which
+        # does not lose digits near 0.
         a = np.sqrt(linear / (3 * cubic))
         return 2 * a * np.sinh(np.arcsinh(tension / (2 * cubic * a**3)) / 3)
 
     def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
-        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m] from the length at θ = 0, f = 0.
+        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m] from the
+        length at θ = 0, f = 0.
 
         For joint angles θ `[..., 2]` [rad] and tensions f `[..., 6]` [N].
         """
         theta = check_array("theta", theta, (..., self.moment_arms.shape[1]))
-        return theta @ self.moment_arms.T - self.elongation(check_array("tension", tension, (..., len(MUSCLES))))
+        return theta @ self.moment_arms.T - self.elongation(
+            check_array("tension", tension, (..., len(MUSCLES)))
+        )
 
     def sent_length(self, u: np.ndarray) -> np.ndarray:
         """The command path u = (θ_ref, f_const, …) → l_ref → l_send, `[6]` [m].
 
-        l_send is shorter than l_ref by what the motors' own stiffness gives under f_const.
+        l_send is shorter than l_ref by what the motors' own stiffness gives under
+        f_const.
         """
         f = np.full(len(MUSCLES), u[2])
-        return self.body_image(u[:2], f) - (f - self.tension_bias) / self.motor_stiffness
+        return (
+            self.body_image(u[:2], f) - (f - self.tension_bias) / self.motor_stiffness
+        )
 
     def static_tension(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] under the command `u` until nothing moves.
+        """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] under the command
+        `u` until nothing moves.
 
         Spring and motor are two springs in series, within what the motor can pull.
         """
         gap = self.moment_arms @ theta - self.sent_length(u)
-        e = self.elongation(self.tension_bias + self.motor_stiffness * gap, more_stiffness=self.motor_stiffness)
+        e = self.elongation(
+            self.tension_bias + self.motor_stiffness * gap,
+            more_stiffness=self.motor_stiffness,
+        )
         return np.clip(self.tension(e), self.tension_bias, self.tension_max)

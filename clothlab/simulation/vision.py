@@ -1,4 +1,6 @@
-"""From a camera picture to a cloth mask, and the distance between two masks (paper, "Experimental Setup")."""
+"""From a camera picture to a cloth mask, and the distance between two masks (paper,
+"Experimental Setup").
+"""
 
 import io
 
@@ -7,58 +9,45 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-HEIGHT, WIDTH = 96, 128  # [pixel], the paper's 128×96 image
+from clothlab.masks import HEIGHT, WIDTH, check_mask
 
-# Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three numbers could describe.
+# Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three
+# numbers could describe.
 KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 def cloth_mask(rgb: np.ndarray) -> np.ndarray:
-    """Where the red front of the cloth is: colour extraction, binarisation, closing, opening, resizing.
+    """Where the red front of the cloth is: colour extraction, binarisation, closing,
+    opening, resizing.
 
-    From a picture `[h, w, 3]`, uint8, of the aspect 4:3, a mask `[H, W]`, bool; empty where no front of it shows.
+    From a picture `[h, w, 3]`, uint8, of the aspect 4:3, a mask `[H, W]`, bool; empty
+    where no front of it shows.
     """
     rgb = np.asarray(rgb)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:
-        raise ValueError(f"a picture is [height, width, 3] of uint8, got {rgb.shape} of {rgb.dtype}")
+        raise ValueError(
+            f"a picture is [height, width, 3] of uint8, got {rgb.shape} of {rgb.dtype}"
+        )
     if rgb.shape[0] * WIDTH != rgb.shape[1] * HEIGHT:
-        raise ValueError(f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; crop it first")
+        raise ValueError(
+            f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; crop it first"
+        )
     red, green, blue = cv2.split(rgb)
-    # Red beyond both other channels is a hue test that survives shading; 40 of 255 clears the grey of arm and floor.
-    mask: np.ndarray = cv2.threshold(cv2.subtract(red, cv2.max(green, blue)), 40, 1, cv2.THRESH_BINARY)[1]
+    # Red beyond both other channels is a hue test that survives shading; 40 of 255
+    # clears the grey of arm and floor.
+    mask: np.ndarray = cv2.threshold(
+        cv2.subtract(red, cv2.max(green, blue)), 40, 1, cv2.THRESH_BINARY
+    )[1]
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
     if mask.shape != (HEIGHT, WIDTH):
-        mask = cv2.resize(mask * np.uint8(255), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) > 127
-    return mask.astype(bool)
-
-
-def check_masks(images: ArrayLike) -> np.ndarray:
-    """Return masks as bool `[..., H, W]`; a ValueError for another shape, or a grey picture or reconstruction."""
-    try:
-        images = np.asarray(images)
-    except (TypeError, ValueError, RuntimeError):  # rows of different lengths, a tensor that requires grad
-        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}] of 0 and 1, got {type(images).__name__}") from None
-    if images.shape[-2:] != (HEIGHT, WIDTH):
-        raise ValueError(f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape {list(images.shape)}")
-    if images.dtype == bool:
-        return images
-    if images.dtype.kind not in "iuf" or not np.isin(images, (0, 1)).all():
-        raise ValueError(
-            "a cloth image holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5` of a "
-            "reconstruction"
+        mask = (
+            cv2.resize(
+                mask * np.uint8(255), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA
+            )
+            > 127
         )
-    return images.astype(bool)
-
-
-def check_mask(mask: ArrayLike) -> np.ndarray:
-    """Return one mask as bool `[H, W]`; a ValueError as in `check_masks`, or if there is no cloth in it."""
-    mask = check_masks(mask)
-    if mask.ndim != 2:
-        raise ValueError(f"one cloth image is [{HEIGHT}, {WIDTH}], got the shape {list(mask.shape)}")
-    if not mask.any():
-        raise ValueError("no cloth in the image: the mask is empty")
-    return mask
+    return mask.astype(bool)
 
 
 def mask_from_file(content: bytes) -> np.ndarray:
@@ -67,17 +56,26 @@ def mask_from_file(content: bytes) -> np.ndarray:
         with Image.open(io.BytesIO(content), formats=["PNG", "JPEG"]) as picture:
             size = picture.size
             grey = np.asarray(picture.convert("L")) if size == (WIDTH, HEIGHT) else None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow says of a damaged file
+    except (
+        OSError,
+        SyntaxError,
+        ValueError,
+        Image.DecompressionBombError,
+    ):  # what Pillow says of a damaged file
         raise ValueError("this file is not a picture: use PNG or JPEG") from None
     if grey is None:
-        raise ValueError(f"a target has {WIDTH}×{HEIGHT} pixels, this picture {size[0]}×{size[1]}")
+        raise ValueError(
+            f"a target has {WIDTH}×{HEIGHT} pixels, this picture {size[0]}×{size[1]}"
+        )
     return check_mask(grey > 127)
 
 
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
-    """Symmetric chamfer distance [pixel] between two masks `[H, W]` (paper, section "Simulation Experiment").
+    """Symmetric chamfer distance [pixel] between two masks `[H, W]` (paper, section
+    "Simulation Experiment").
 
-    The mean distance from a pixel of one cloth to the nearest pixel of the other, in both directions, averaged.
+    The mean distance from a pixel of one cloth to the nearest pixel of the other, in
+    both directions, averaged.
     """
     a, b = check_mask(a), check_mask(b)
     return float((_distance_to(b)[a].mean() + _distance_to(a)[b].mean()) / 2)
@@ -85,9 +83,13 @@ def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
 
 def _distance_to(mask: np.ndarray) -> np.ndarray:
     """Distance [pixel] of every pixel to the nearest one of the mask, `[H, W]`."""
-    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return cv2.distanceTransform(
+        (~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
 
 
 def focal_length(fovy: float, height: float = 1.0) -> float:
-    """Focal length of a pinhole camera with a vertical field of view [degree], in the unit of the picture's height."""
+    """Focal length of a pinhole camera with a vertical field of view [degree], in the
+    unit of the picture's height.
+    """
     return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))

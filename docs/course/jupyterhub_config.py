@@ -1,12 +1,16 @@
-"""A class on one server: data and package read-only, a student's recordings at home, limits on cores and memory."""
+"""A class on one server: data and package read-only, a student's recordings at home,
+limits on cores and memory.
+"""
 
 import os
 
 c = get_config()  # noqa: F821  (JupyterHub provides it)
 
-CLOTHLAB = os.environ.get("CLOTHLAB", "/srv/clothlab")  # the clone; students can read it and not write
+# The clone; students can read it and not write
+CLOTHLAB = os.environ.get("CLOTHLAB", "/srv/clothlab")
 
-c.JupyterHub.spawner_class = "systemd"  # from jupyterhub-systemdspawner, which holds students to the limits below
+# From jupyterhub-systemdspawner, which holds students to the limits below
+c.JupyterHub.spawner_class = "systemd"
 c.Spawner.cmd = [f"{CLOTHLAB}/.venv/bin/jupyterhub-singleuser"]
 c.Spawner.default_url = "/lab"
 c.Spawner.environment = {
@@ -16,5 +20,9 @@ c.Spawner.environment = {
     "MUJOCO_GL": "egl",
 }
 c.Spawner.cpu_limit = 1.0
-c.Spawner.mem_limit = "3G"  # the largest notebook of the series at work, and a second one that was forgotten
-c.Spawner.args = ["--MappingKernelManager.cull_idle_timeout=1800", "--MappingKernelManager.cull_connected=True"]
+# The largest notebook of the series at work, and a second one that was forgotten
+c.Spawner.mem_limit = "3G"
+c.Spawner.args = [
+    "--MappingKernelManager.cull_idle_timeout=1800",
+    "--MappingKernelManager.cull_connected=True",
+]

@@ -6,10 +6,14 @@ from pathlib import Path
 import pytest
 from browser_lab import ROOT, lacks_chromium, launch_options
 
-SITES = {"instructor": ROOT / "build" / "book" / "html", "student": ROOT / "build" / "book-student" / "html"}
+SITES = {
+    "instructor": ROOT / "build" / "book" / "html",
+    "student": ROOT / "build" / "book-student" / "html",
+}
 
 
-ALL = "CLOTHLAB_PAGES" in os.environ  # `make nightly` asks for it; else a page of each kind stands for its kind
+# `make nightly` asks for it; else a page of each kind stands for its kind
+ALL = "CLOTHLAB_PAGES" in os.environ
 KINDS = {
     "index",
     "README",
@@ -17,31 +21,44 @@ KINDS = {
     "syllabus",
     "03_data_and_images",
     "07_model_predictive_control",
-    "clothlab.learning.control",
+    "clothlab.method.control",
 }
 
 
 def pytest_generate_tests(metafunc):
     """A test of a `page_file` runs for pages of every site that was built."""
     if "page_file" in metafunc.fixturenames:
-        found = [(name, file) for name, site in SITES.items() for file in sorted(site.rglob("*.html"))]
+        found = [
+            (name, file)
+            for name, site in SITES.items()
+            for file in sorted(site.rglob("*.html"))
+        ]
         found = [each for each in found if ALL or each[1].stem in KINDS]
         ids = [f"{name}-{file.relative_to(SITES[name])}" for name, file in found]
-        metafunc.parametrize("page_file", [file for _, file in found] or [None], ids=ids or ["not built"])
+        metafunc.parametrize(
+            "page_file", [file for _, file in found] or [None], ids=ids or ["not built"]
+        )
 
 
 @pytest.fixture(autouse=True)
 def built(request):
     """Nothing is said about a site that is not there, and that loudly."""
-    if "page_file" in request.fixturenames and request.getfixturevalue("page_file") is None:
-        pytest.skip("NO SITE IN build/book: run `make book` (or `make book SMALL=1`, which is sooner)")
+    if (
+        "page_file" in request.fixturenames
+        and request.getfixturevalue("page_file") is None
+    ):
+        pytest.skip(
+            "NO SITE IN build/book: run `make book` (or `make book SMALL=1`, which is sooner)"
+        )
 
 
 @pytest.fixture(params=SITES)
 def site(request):
     """The folder of a site."""
     if not (SITES[request.param] / "index.html").exists():
-        pytest.skip(f"NO {request.param} SITE: run `make book{' STUDENT=1' * (request.param == 'student')}`")
+        pytest.skip(
+            f"NO {request.param} SITE: run `make book{' STUDENT=1' * (request.param == 'student')}`"
+        )
     return SITES[request.param]
 
 
@@ -54,28 +71,48 @@ def browser_type_launch_args(browser_type_launch_args, browser_type):
 
 @pytest.fixture(scope="session")
 def browser_context_args(browser_context_args):
-    return browser_context_args | {"viewport": {"width": 1280, "height": 900}, "offline": True}
+    return browser_context_args | {
+        "viewport": {"width": 1280, "height": 900},
+        "offline": True,
+    }
 
 
 @pytest.fixture(scope="session")
 def axe():
     """The source of axe-core, which its package brings along."""
-    package = pytest.importorskip("axe_playwright_python", reason="NO axe-core: `make book` installs it")
+    package = pytest.importorskip(
+        "axe_playwright_python", reason="NO axe-core: `make book` installs it"
+    )
     return (Path(package.__file__).parent / "axe.min.js").read_text()
 
 
 @pytest.fixture
 def visit(page):
-    """Open a file in the browser; what it asked for beside files, and what it complained of, ends the test."""
+    """Open a file in the browser; what it asked for beside files, and what it
+    complained of, ends the test.
+    """
     complaints = []
-    page.on("request", lambda asked: asked.url.startswith(("file:", "data:")) or complaints.append(asked.url))
-    page.on("requestfailed", lambda asked: complaints.append(f"{asked.url[:200]}: {asked.failure}"))
-    page.on("console", lambda said: said.type in ("error", "warning") and complaints.append(said.text))
+    page.on(
+        "request",
+        lambda asked: (
+            asked.url.startswith(("file:", "data:")) or complaints.append(asked.url)
+        ),
+    )
+    page.on(
+        "requestfailed",
+        lambda asked: complaints.append(f"{asked.url[:200]}: {asked.failure}"),
+    )
+    page.on(
+        "console",
+        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
+    )
     page.on("pageerror", lambda error: complaints.append(str(error)))
 
     def visit(file):
         page.goto(file.as_uri())
-        page.wait_for_function("!window.MathJax?.startup || MathJax.startup.promise.then(() => true)")
+        page.wait_for_function(
+            "!window.MathJax?.startup || MathJax.startup.promise.then(() => true)"
+        )
         return page
 
     yield visit

@@ -15,14 +15,20 @@ OVER = """() => [...document.querySelectorAll(".slides section")].filter((each) 
     })"""
 
 
-@pytest.mark.parametrize("deck", DECKS or [None], ids=lambda deck: deck.stem if deck else "not built")
+@pytest.mark.parametrize(
+    "deck", DECKS or [None], ids=lambda deck: deck.stem if deck else "not built"
+)
 def test_no_slide_is_larger_than_the_projector_and_all_can_be_read(deck, visit, page):
     if deck is None:
-        pytest.skip("NO DECK IN build/slides: run `make slides` (or `make slides SMALL=1`, which is sooner)")
+        pytest.skip(
+            "NO DECK IN build/slides: run `make slides` (or `make slides SMALL=1`, which is sooner)"
+        )
     page.set_viewport_size({"width": 1280, "height": 720})
     visit(deck)
     page.wait_for_function("document.body.dataset.ready > 5", timeout=60_000)
-    page.add_style_tag(content=".slides section { display: block !important; visibility: visible !important }")
+    page.add_style_tag(
+        content=".slides section { display: block !important; visibility: visible !important }"
+    )
     slides = page.evaluate(OVER)
     assert len(slides) > 10
     for words, wider, height, letters in slides:
@@ -30,4 +36,9 @@ def test_no_slide_is_larger_than_the_projector_and_all_can_be_read(deck, visit, 
         assert height <= 720 - 2 * 24 + 1, words
         assert letters >= SMALLEST, words
     assert page.evaluate("document.querySelectorAll('mjx-merror').length") == 0
-    assert page.evaluate("[...document.images].filter((each) => !each.naturalWidth).length") == 0
+    assert (
+        page.evaluate(
+            "[...document.images].filter((each) => !each.naturalWidth).length"
+        )
+        == 0
+    )

@@ -21,7 +21,9 @@ def browser_context_args(browser_context_args):
 
 
 @pytest.fixture(scope="session")
-def lab(tmp_path_factory, browser_type_launch_args):  # no server without a browser to look at it
+def lab(
+    tmp_path_factory, browser_type_launch_args
+):  # no server without a browser to look at it
     folder = tmp_path_factory.mktemp("lab")
     lab = Lab(folder)
     lab.folder = folder
@@ -40,7 +42,9 @@ def page(browser, browser_context_args):
 
 @pytest.fixture(scope="module")
 def open_notebook(lab, page):
-    """A notebook by its name; in the end, neither its page nor the server may have complained."""
+    """A notebook by its name; in the end, neither its page nor the server may have
+    complained.
+    """
     opened = []
 
     def open_notebook(name):
@@ -51,7 +55,8 @@ def open_notebook(lab, page):
     for notebook in opened:
         lab.stop_kernel(notebook.name)
     assert opened[0].errors == []
-    # A page may close while the server writes to it. Tornado reports that, although it is no fault.
+    # A page may close while the server writes to it. Tornado reports that, although it
+    # is no fault.
     closed = r"Task exception was never retrieved\n.*WebSocketClosedError\(\)>\n(?s:.*?)WebSocketClosedError\n"
     assert "Traceback" not in re.sub(closed, "", lab.log.read_text())
 

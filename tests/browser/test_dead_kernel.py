@@ -1,6 +1,8 @@
-"""A kernel that is gone is seen: each widget says so within two seconds, and what would only pretend to work is off.
+"""A kernel that is gone is seen: each widget says so within two seconds, and what would
+only pretend to work is off.
 
-Three ends: it is restarted from the menu, it dies, it is shut down. And the notebook is saved and opened again.
+Three ends: it is restarted from the menu, it dies, it is shut down. And the notebook is
+saved and opened again.
 """
 
 import json
@@ -44,13 +46,21 @@ WITHIN = 2.0  # [s] from the end of the kernel to the words, as the page is aske
 def notebook(lab, browser, request):
     """A fresh notebook with one of each widget, all of them shown, and its kernel."""
     name = f"{request.node.name.replace('[', '-').strip(']')}.ipynb"
-    cells = [nbformat.v4.new_code_cell(source) for source in (IMPORTS, *WIDGETS.values())]
-    nbformat.write(nbformat.v4.new_notebook(metadata=KERNEL, cells=cells), lab.folder / "notebooks" / name)
+    cells = [
+        nbformat.v4.new_code_cell(source) for source in (IMPORTS, *WIDGETS.values())
+    ]
+    nbformat.write(
+        nbformat.v4.new_notebook(metadata=KERNEL, cells=cells),
+        lab.folder / "notebooks" / name,
+    )
     context = browser.new_context(viewport={"width": 1400, "height": 2600})
     page = context.new_page()
     notebook = Notebook(lab, page, name)
     notebook.run_all()
-    page.wait_for_function("document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)", timeout=90_000)
+    page.wait_for_function(
+        "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)",
+        timeout=90_000,
+    )
     notebook.connect()
     expect(page.locator(".clothlab-alive")).to_have_count(len(WIDGETS))
     expect(page.get_by_text(GONE).locator("visible=true")).to_have_count(0)
@@ -61,29 +71,40 @@ def notebook(lab, browser, request):
 
 
 def outputs(page):
-    return [page.locator(".jp-CodeCell").nth(k + 1).locator(".jp-Cell-outputWrapper") for k in range(len(WIDGETS))]
+    return [
+        page.locator(".jp-CodeCell").nth(k + 1).locator(".jp-Cell-outputWrapper")
+        for k in range(len(WIDGETS))
+    ]
 
 
 def expect_all_gone(page, since):
     """Within the time, each widget says it, and nothing in it can be used."""
     for name, output in zip(WIDGETS, outputs(page), strict=True):
         left = max(0.001, since + WITHIN - time.monotonic())
-        expect(output.get_by_text(GONE).locator("visible=true"), name).to_have_count(1, timeout=1000 * left)
+        expect(output.get_by_text(GONE).locator("visible=true"), name).to_have_count(
+            1, timeout=1000 * left
+        )
     print(f"all of them after {time.monotonic() - since:.2f} s at most")
     for name, output in zip(WIDGETS, outputs(page), strict=True):
-        usable = output.locator(PARTS).evaluate_all("parts => parts.filter(e => !e.closest('[inert]')).length")
+        usable = output.locator(PARTS).evaluate_all(
+            "parts => parts.filter(e => !e.closest('[inert]')).length"
+        )
         assert usable == 0, name
     expect(page.locator(".clothlab .status")).to_have_text("✗ no kernel")
 
 
 def kernel_process(notebook):
-    return int(notebook.evaluate("None", "import os") and notebook.evaluate("os.getpid()"))
+    return int(
+        notebook.evaluate("None", "import os") and notebook.evaluate("os.getpid()")
+    )
 
 
 def test_a_kernel_that_lives_is_not_called_dead(notebook):
     """Neither while a cell computes, nor by a server that would stop an idle kernel."""
     page = notebook.page
-    notebook.client.execute("import time\nend = time.time() + 5\nwhile time.time() < end: pass")
+    notebook.client.execute(
+        "import time\nend = time.time() + 5\nwhile time.time() < end: pass"
+    )
     page.wait_for_timeout(4000)
     expect(page.get_by_text(GONE).locator("visible=true")).to_have_count(0)
     notebook.evaluate("None", "panel.pause()")
@@ -100,7 +121,8 @@ def test_a_restart_from_the_menu_is_seen(notebook):
     page.locator(".lm-Menu-itemLabel", has_text=re.compile("^Restart Kernel…$")).click()
     page.get_by_role("button", name="Confirm Kernel Restart").click()
     expect_all_gone(page, time.monotonic())
-    page.wait_for_timeout(4000)  # the new kernel is idle now, and knows none of these widgets
+    # The new kernel is idle now, and knows none of these widgets
+    page.wait_for_timeout(4000)
     expect(page.locator(".clothlab .status")).to_have_text("✗ no kernel")
 
 
@@ -115,7 +137,9 @@ def test_a_shutdown_is_seen(notebook):
     expect_all_gone(notebook.page, time.monotonic())
 
 
-def test_a_notebook_that_is_opened_again_says_it_below_each_widget(notebook, browser, screenshot_of):
+def test_a_notebook_that_is_opened_again_says_it_below_each_widget(
+    notebook, browser, screenshot_of
+):
     page, lab = notebook.page, notebook.lab
     page.keyboard.press("Control+s")
     path = lab.folder / "notebooks" / notebook.name
@@ -128,11 +152,22 @@ def test_a_notebook_that_is_opened_again_says_it_below_each_widget(notebook, bro
     again = Notebook(lab, page, notebook.name)
     page.wait_for_timeout(3000)
     for name, output in zip(WIDGETS, outputs(page), strict=True):
-        if name != "PBMap":  # it is shown within a Control, and has no picture of its own
+        if (
+            name != "PBMap"
+        ):  # it is shown within a Control, and has no picture of its own
             expect(output.get_by_text(GONE), name).to_be_visible()
     screenshot_of(page, "opened-again")
     saved = json.loads(path.read_text())
-    assert sum("clothlab-reopened" in json.dumps(cell.get("outputs", [])) for cell in saved["cells"]) == 3
+    assert (
+        sum(
+            "clothlab-reopened" in json.dumps(cell.get("outputs", []))
+            for cell in saved["cells"]
+        )
+        == 3
+    )
     again.run_all()
-    page.wait_for_function("document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)", timeout=90_000)
+    page.wait_for_function(
+        "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)",
+        timeout=90_000,
+    )
     expect(page.get_by_text(GONE).locator("visible=true")).to_have_count(0)

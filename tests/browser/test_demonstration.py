@@ -1,6 +1,8 @@
-"""The demonstration of docs/course/demo.md in a browser, to the letter: each row of its table is done and looked at.
+"""The demonstration of docs/course/demo.md in a browser, to the letter: each row of its
+table is done and looked at.
 
-A row is found by what its column "click" says. So a text that changes has to be changed here, too, and looked at again.
+A row is found by what its column "click" says. So a text that changes has to be changed
+here, too, and looked at again.
 """
 
 import json
@@ -23,7 +25,9 @@ PERIOD = 8  # control steps
 
 
 class Demonstration:
-    """A teacher at the panel, on a projector: what each row clicks, and what must come of it."""
+    """A teacher at the panel, on a projector: what each row clicks, and what must come
+    of it.
+    """
 
     def __init__(self, notebook, page):
         self.notebook, self.page, self.panel = notebook, page, page.locator(".clothlab")
@@ -36,7 +40,9 @@ class Demonstration:
         self.notebook.until(f"panel.session.driver == {driver!r}")
 
     def value(self, expression):
-        return json.loads(self.notebook.evaluate(f"__import__('json').dumps({expression})").strip("'"))
+        return json.loads(
+            self.notebook.evaluate(f"__import__('json').dumps({expression})").strip("'")
+        )
 
     def wait(self, steps):
         """Wait for so many control steps."""
@@ -62,7 +68,9 @@ class Demonstration:
         self.drive("random")
         self.press("start")
         self.wait(40)
-        texts = self.panel.locator("canvas.plot").first.evaluate("canvas => canvas.texts.map(({ text }) => text)")
+        texts = self.panel.locator("canvas.plot").first.evaluate(
+            "canvas => canvas.texts.map(({ text }) => text)"
+        )
         assert any(text.startswith("hanging still") for text in texts)
         below = "sum(m.distance < panel.session.still_distance for m in panel.history) / len(panel.history)"
         assert self.value(below) < 0.3
@@ -70,10 +78,14 @@ class Demonstration:
     def control(self):
         self.drive("control")
         ended = self.value("sum(m.period is not None for m in panel.history)")
-        self.notebook.until(f"sum(m.period is not None for m in panel.history) >= {ended} + 5", 60)
+        self.notebook.until(
+            f"sum(m.period is not None for m in panel.history) >= {ended} + 5", 60
+        )
         near = "[min(m.distance for m in list(panel.history)[-40:][k:k + 8]) for k in range(0, 40, 8)]"
         assert sorted(self.value(near))[2] < self.value("panel.session.still_distance")
-        expect(self.panel.locator("figcaption", has_text="distance to the target")).to_contain_text("predicted")
+        expect(
+            self.panel.locator("figcaption", has_text="distance to the target")
+        ).to_contain_text("predicted")
 
     def nothing(self):
         self.wait(PERIOD)
@@ -81,7 +93,9 @@ class Demonstration:
     def wrong_p(self):
         self.press("material")
         before = self.value("panel.session.p.tolist()")
-        the_map = self.panel.get_by_role("application", name=re.compile("^map of the parametric bias"))
+        the_map = self.panel.get_by_role(
+            "application", name=re.compile("^map of the parametric bias")
+        )
         box = the_map.bounding_box()
         the_map.click(position={"x": 0.85 * box["width"], "y": 0.15 * box["height"]})
         self.notebook.until(f"abs(panel.session.p - {before}).max() > 0.05")
@@ -90,7 +104,10 @@ class Demonstration:
     def estimate(self):
         before = self.value("panel.session.p.tolist()")
         self.press("estimate p online")
-        self.notebook.until(f"panel.session.estimating and abs(panel.session.p - {before}).max() > 0.02", 30)
+        self.notebook.until(
+            f"panel.session.estimating and abs(panel.session.p - {before}).max() > 0.02",
+            30,
+        )
         self.wait(5 * PERIOD)
         assert self.value("len({tuple(at) for at in panel.frame['trail']})") > PERIOD
 
@@ -102,7 +119,9 @@ class Demonstration:
         self.wait(8 * PERIOD)
         quoted = re.findall(r"\*([^*]+ the trained ones)\*", TEXT)
         assert len(quoted) == 2
-        shown = self.panel.locator(".drawer .no").text_content()  # it comes often, not each time
+        shown = self.panel.locator(
+            ".drawer .no"
+        ).text_content()  # it comes often, not each time
         assert not shown or any(text in shown for text in quoted)
 
     def letter(self):
@@ -120,7 +139,9 @@ class Demonstration:
             self.page.mouse.down()
             self.page.mouse.move(*at(*end), steps=5)
             self.page.mouse.up()
-        expect(self.verdict()).to_have_text(re.compile("^✗ Not reachable"), timeout=15_000)
+        expect(self.verdict()).to_have_text(
+            re.compile("^✗ Not reachable"), timeout=15_000
+        )
         expect(self.panel.get_by_alt_text("reconstruction")).to_be_visible()
 
     def iterative(self):
@@ -131,13 +152,17 @@ class Demonstration:
         near = "[min(m.distance for m in list(panel.history)[-144:][k:k + 8]) for k in range(0, 144, 8)]"
         distances = self.value(near)
         assert min(distances[9:]) < self.value("panel.session.still_distance")
-        assert min(distances[9:]) <= sorted(distances[:9])[4], "the best of later periods, the median of the first"
+        assert min(distances[9:]) <= sorted(distances[:9])[4], (
+            "the best of later periods, the median of the first"
+        )
 
     def hand(self):
         self.press("hand")
         slider(self.page, "shoulder").press("ArrowRight")
         self.notebook.until("panel.session.driver == 'manual'")
-        expect(self.panel.get_by_role("combobox", name="driven by")).to_have_value("manual")
+        expect(self.panel.get_by_role("combobox", name="driven by")).to_have_value(
+            "manual"
+        )
 
 
 ROWS = {
@@ -148,7 +173,10 @@ ROWS = {
     ("4", "**material**; on the map, far from the cross"): Demonstration.wrong_p,
     ("5", "**estimate p online**"): Demonstration.estimate,
     ("6", "the slider for **C_mass**, to its right end"): Demonstration.heavy,
-    ("7", "**target**, **clear**, then draw a letter, a T for one"): Demonstration.letter,
+    (
+        "7",
+        "**target**, **clear**, then draw a letter, a T for one",
+    ): Demonstration.letter,
     ("8", "a target of the gallery, driven by **iterative**"): Demonstration.iterative,
     ("9", "**hand**; a slider or a gamepad"): Demonstration.hand,
 }
@@ -156,10 +184,13 @@ ROWS = {
 
 @pytest.fixture(scope="module")
 def demonstration(lab, open_notebook, page):
-    """As the page says under "Before the class"; on a copy, since JupyterLab saves outputs into the notebook."""
+    """As the page says under "Before the class"; on a copy, since JupyterLab saves
+    outputs into the notebook.
+    """
     folder = lab.folder / "notebooks"
     shutil.copy(folder / "08_live_lab.ipynb", folder / "demonstration.ipynb")
-    page.set_viewport_size({"width": 1500, "height": 1100})  # JupyterLab draws only what is in its window
+    # JupyterLab draws only what is in its window
+    page.set_viewport_size({"width": 1500, "height": 1100})
     notebook = open_notebook("demonstration.ipynb")
     notebook.start_panel()
     page.set_viewport_size({"width": 1280, "height": 720})

@@ -1,6 +1,8 @@
-"""The widgets where a student has little room: 1366 × 768 with JupyterLab's file browser open, and at 150 % zoom.
+"""The widgets where a student has little room: 1366 × 768 with JupyterLab's file
+browser open, and at 150 % zoom.
 
-A browser that zooms to 150 % lays a page out as if its window were smaller by a half: 911 × 512.
+A browser that zooms to 150 % lays a page out as if its window were smaller by a half:
+911 × 512.
 """
 
 import nbformat.v4
@@ -29,7 +31,8 @@ Control(draw, recording=["a", "b"], p=PBMap(biases, {}, p=biases["damp0.05-mass0
     "08": "from clothlab.lab import LivePanel, LiveSession\npanel = LivePanel(LiveSession())\npanel",
 }
 SIZES = {"1366 × 768": (1366, 768), "150 %": (911, 512)}
-LEAST = {"00": [340, 190, 190], "05": [440], "08": [390, 190, 190]}  # widths of the pictures [CSS pixel]
+# Widths of the pictures [CSS pixel]
+LEAST = {"00": [340, 190, 190], "05": [440], "08": [390, 190, 190]}
 JUDGE = """
 output => {
   // What scrolls, what sticks out on the right, and which text is cut off.
@@ -53,7 +56,10 @@ output => {
 def shown(lab, browser):
     """A notebook with the three, run."""
     cells = [nbformat.v4.new_code_cell(source) for source in CODE.values()]
-    nbformat.write(nbformat.v4.new_notebook(metadata=KERNEL, cells=cells), lab.folder / "notebooks" / "layout.ipynb")
+    nbformat.write(
+        nbformat.v4.new_notebook(metadata=KERNEL, cells=cells),
+        lab.folder / "notebooks" / "layout.ipynb",
+    )
     context = browser.new_context(viewport={"width": 1366, "height": 768})
     page = context.new_page()
     notebook = Notebook(lab, page, "layout.ipynb")
@@ -69,7 +75,12 @@ def shown(lab, browser):
 @pytest.mark.parametrize("number", CODE)
 def test_it_wraps_and_nothing_is_cut(shown, screenshot_of, size, number):
     shown.set_viewport_size(dict(zip(("width", "height"), SIZES[size], strict=True)))
-    output = shown.locator(".jp-CodeCell").nth(list(CODE).index(number)).locator(".jp-OutputArea-output").first
+    output = (
+        shown.locator(".jp-CodeCell")
+        .nth(list(CODE).index(number))
+        .locator(".jp-OutputArea-output")
+        .first
+    )
     output.evaluate("each => each.scrollIntoView()")
     shown.wait_for_timeout(1000)
     output.evaluate("each => each.scrollIntoView()")

@@ -1,4 +1,6 @@
-"""Notebook 08 in JupyterLab in a real browser, as a student would use it: one page and one panel for all checks."""
+"""Notebook 08 in JupyterLab in a real browser, as a student would use it: one page and
+one panel for all checks.
+"""
 
 import json
 import os
@@ -14,8 +16,8 @@ from browser_lab import frame, slider
 from playwright.sync_api import expect
 
 from clothlab.artifacts import OWN_TRIALS, data_folder
-from clothlab.experiments.motion import replay
 from clothlab.trials import load_trial
+from studies.motion import replay
 
 pytestmark = pytest.mark.browser
 
@@ -63,7 +65,9 @@ def notebook(live_lab, page):
 @pytest.fixture
 def says(page):
     """The panel's message."""
-    return lambda text: expect(page.locator(".clothlab .message").first).to_contain_text(text, timeout=15_000)
+    return lambda text: expect(
+        page.locator(".clothlab .message").first
+    ).to_contain_text(text, timeout=15_000)
 
 
 def button(page, name):
@@ -79,7 +83,9 @@ def target_canvas(page):
 
 
 def map_of_p(page):
-    return page.get_by_role("application", name=re.compile("^map of the parametric bias"))
+    return page.get_by_role(
+        "application", name=re.compile("^map of the parametric bias")
+    )
 
 
 def status(page):
@@ -114,9 +120,12 @@ def count_pixels(caption, colour):
 def test_time_goes_by_until_it_is_paused(notebook, page, screenshot):
     before, clock = frame(page), page.locator("[data-frame] figcaption").first
     seen = clock.text_content()
-    page.wait_for_function(f"+document.querySelector('[data-frame]').dataset.frame > {before + 3}")
+    page.wait_for_function(
+        f"+document.querySelector('[data-frame]').dataset.frame > {before + 3}"
+    )
     assert clock.text_content() != seen
-    expect(status(page)).to_have_text(re.compile("▶ (running|late)"))  # late where the machine has much to do
+    # Late where the machine has much to do
+    expect(status(page)).to_have_text(re.compile("▶ (running|late)"))
     page.locator(".clothlab").evaluate("element => element.scrollIntoView()")
     screenshot("torque")
     button(page, "pause").click()
@@ -135,7 +144,9 @@ def test_targets_and_materials_are_changed(notebook, page):
         target_canvas(page).press(key)
     notebook.until(f"panel.session.target.sum() != {drawn}")
     button(page, "target: recorded 2").click()
-    notebook.until("(panel.session.target == panel.session.gallery['recorded 2']).all()")
+    notebook.until(
+        "(panel.session.target == panel.session.gallery['recorded 2']).all()"
+    )
     expect(verdict).to_be_hidden()
 
     p = notebook.evaluate("panel.session.p.tolist()")
@@ -162,8 +173,12 @@ def test_a_muscle_arm_is_stiffened_and_recorded(notebook, page, screenshot, says
     notebook.until("panel.history[-1].command[2] == panel.session.tension")
     fixed = notebook.evaluate("panel.session.tension")
     slider(page, "f_const").press("ArrowRight")
-    notebook.until(f"panel.history[-1].command[2] == panel.session.tension == {fixed} + 5")
-    expect(page.get_by_role("slider", name="f_const").last).to_be_disabled()  # the hand's
+    notebook.until(
+        f"panel.history[-1].command[2] == panel.session.tension == {fixed} + 5"
+    )
+    expect(
+        page.get_by_role("slider", name="f_const").last
+    ).to_be_disabled()  # the hand's
 
     recording = f"browser-test-{time.time_ns()}"
     path = data_folder() / OWN_TRIALS / f"{recording}.npz"
@@ -196,7 +211,8 @@ def test_a_person_drives_with_sliders_and_with_a_gamepad(notebook, page, says):
     slider(page, "shoulder").press("ArrowRight")
     notebook.until("panel.session.driver == 'manual'")
     expect(page.get_by_text("Your sliders drive.")).to_be_visible()
-    start = json.loads(notebook.evaluate("panel.session.hand.tolist()"))  # where control had the arm
+    # Where control had the arm
+    start = json.loads(notebook.evaluate("panel.session.hand.tolist()"))
     for _ in range(10):  # faster than the answers come back
         for name in ("shoulder", "elbow"):
             slider(page, name).press("ArrowLeft")
@@ -204,7 +220,9 @@ def test_a_person_drives_with_sliders_and_with_a_gamepad(notebook, page, says):
     assert all(now < before for now, before in zip(asked, start, strict=True))
     notebook.until(f"abs(panel.session.hand - {asked}).max() < 1e-6")
     choose(page, "driven by", "control")
-    expect(page.get_by_text("Inactive: control drives; the sliders show what it sends.")).to_be_visible()
+    expect(
+        page.get_by_text("Inactive: control drives; the sliders show what it sends.")
+    ).to_be_visible()
     page.evaluate("movePad([0, 0, 0, 0], 0)")
     says("left stick")
     steps = notebook.evaluate("panel.steps")
@@ -213,7 +231,9 @@ def test_a_person_drives_with_sliders_and_with_a_gamepad(notebook, page, says):
     assert notebook.evaluate("panel.session.driver") == "'control'"
     page.evaluate("movePad([0, -1, 0, 1], 0)")
     notebook.until("panel.session.driver == 'manual'")
-    notebook.until("(panel.history[-1].command == [panel.session.arm.lower[0], panel.session.arm.upper[1]]).all()")
+    notebook.until(
+        "(panel.history[-1].command == [panel.session.arm.lower[0], panel.session.arm.upper[1]]).all()"
+    )
     page.evaluate("window.pad = null")
 
 
@@ -289,21 +309,28 @@ def judge_texts(page):
     texts = page.locator(".clothlab").evaluate(TEXTS)
     assert len(texts) > 20
     problems = [f"small: {each}" for each in texts if each["size"] < 0.02 * height]
-    problems += [f"cut: {each}" for each in texts if each["cut"] and not each["scrolls"]]
+    problems += [
+        f"cut: {each}" for each in texts if each["cut"] and not each["scrolls"]
+    ]
     for k, each in enumerate(texts):
         a = each["box"]
         if a[0] < 0 or a[1] < 0 or a[2] > width + 1 or a[3] > height + 1:
             problems.append(f"outside: {each}")
         for other in texts[k + 1 :]:
             b = other["box"]
-            if min(a[2], b[2]) - max(a[0], b[0]) > 2 and min(a[3], b[3]) - max(a[1], b[1]) > 2:
+            if (
+                min(a[2], b[2]) - max(a[0], b[0]) > 2
+                and min(a[3], b[3]) - max(a[1], b[1]) > 2
+            ):
                 problems.append(f"on each other: {each} {other}")
     return problems
 
 
 @pytest.fixture
 def project(notebook, page, screenshot):
-    """Shows the panel as on a projector of this size; its `look` names a screenshot and judges its texts."""
+    """Shows the panel as on a projector of this size; its `look` names a screenshot and
+    judges its texts.
+    """
     problems = []
 
     def project(size):
@@ -312,7 +339,9 @@ def project(notebook, page, screenshot):
         expect(button(page, "projector")).to_have_attribute("aria-pressed", "true")
 
         def look(name):
-            page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            page.evaluate(
+                "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+            )
             screenshot(f"projector-{size}-{name.replace(' ', '-')}")
             problems.extend(f"{name}: {problem}" for problem in judge_texts(page))
 
@@ -332,10 +361,21 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, project, si
     look = project(size)
     box = page.locator(".clothlab").bounding_box()
     assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, *SIZES[size])
-    notebook.until("sum(moment.period is not None for moment in panel.history) >= 2", 30)
-    for name in ("the robot,", "what the camera sees", "the target✓", "distance to the target"):
-        expect(page.locator("figcaption:visible", has_text=name)).to_be_in_viewport(ratio=1)
-    expect(page.get_by_text("The autoencoder reproduces it.")).to_be_in_viewport(ratio=1)
+    notebook.until(
+        "sum(moment.period is not None for moment in panel.history) >= 2", 30
+    )
+    for name in (
+        "the robot,",
+        "what the camera sees",
+        "the target✓",
+        "distance to the target",
+    ):
+        expect(page.locator("figcaption:visible", has_text=name)).to_be_in_viewport(
+            ratio=1
+        )
+    expect(page.get_by_text("The autoencoder reproduces it.")).to_be_in_viewport(
+        ratio=1
+    )
     for name in ("joint angles", "at each step"):
         expect(page.locator("figcaption:visible", has_text=name)).to_have_count(0)
     look("views")
@@ -343,22 +383,37 @@ def test_a_projector_shows_three_views_in_large_text(notebook, page, project, si
         button(page, name).click()
         look(name)
         if name != "target":  # that one is beside the target, the others lie over it
-            covered, drawer = (page.locator(each).bounding_box() for each in (".aim [role=status]", ".drawer"))
+            covered, drawer = (
+                page.locator(each).bounding_box()
+                for each in (".aim [role=status]", ".drawer")
+            )
             assert drawer["y"] <= covered["y"]
-            assert covered["y"] + covered["height"] <= drawer["y"] + drawer["height"] + 1, "the verdict sticks out"
+            assert (
+                covered["y"] + covered["height"] <= drawer["y"] + drawer["height"] + 1
+            ), "the verdict sticks out"
     button(page, "estimate p online").click()
     slider(page, "C_damp").press("ArrowRight")
-    notebook.until("panel.session.env.cloth.damping > 0.05 and panel.session.tracker.report is not None", 30)
+    notebook.until(
+        "panel.session.env.cloth.damping > 0.05 and panel.session.tracker.report is not None",
+        30,
+    )
     look("estimate")
     page.keyboard.press("Escape")
     expect(slider(page, "C_damp")).to_have_count(0)
     draw(page, (60, 60), (200, 140))
-    expect(page.get_by_text("The autoencoder does not reproduce it.")).to_be_in_viewport(ratio=1, timeout=15_000)
-    notebook.evaluate("None", "panel._messages.say('⚠ ' + 16 * 'a long message, ', 'mistake'); panel._refresh()")
+    expect(
+        page.get_by_text("The autoencoder does not reproduce it.")
+    ).to_be_in_viewport(ratio=1, timeout=15_000)
+    notebook.evaluate(
+        "None",
+        "panel._messages.say('⚠ ' + 16 * 'a long message, ', 'mistake'); panel._refresh()",
+    )
     look("long-message")
 
 
-def test_a_projector_shows_a_muscle_arm_and_a_recorded_run(notebook, page, project, says):
+def test_a_projector_shows_a_muscle_arm_and_a_recorded_run(
+    notebook, page, project, says
+):
     look = project("720p")
     choose(page, "arm", "muscle")
     notebook.until("panel.session.arm.name == 'muscle' and len(panel.history) > 3", 30)
@@ -396,7 +451,10 @@ def test_mistakes_are_messages_and_the_panel_lives_on(notebook, page, tmp_path, 
 @pytest.fixture
 def busy():
     """As many endless loops as there are cores."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    loops = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
     yield
     for loop in loops:
         loop.kill()
@@ -408,18 +466,22 @@ def test_nothing_queues_while_all_cores_are_busy(notebook, page, busy):
     hand = slider(page, "shoulder")
     for _ in range(BURST):
         hand.press("ArrowRight")
-        assert int(notebook.evaluate("panel.frame['number'] - panel.drawn")) <= 1  # a frame waits for the one before
+        # a frame waits for the one before
+        assert int(notebook.evaluate("panel.frame['number'] - panel.drawn")) <= 1
     notebook.until(f"abs(panel.session.hand[0] - {float(hand.input_value())}) < 0.05")
     assert notebook.evaluate("panel.session.estimating") == "True"
 
 
 def test_a_fault_is_shown_and_raised_and_the_panel_lives_on(notebook, page):
     notebook.evaluate(
-        "None", "def broken(*a, **k):\n    raise ZeroDivisionError('on purpose')\npanel.session.set_p = broken"
+        "None",
+        "def broken(*a, **k):\n    raise ZeroDivisionError('on purpose')\npanel.session.set_p = broken",
     )
     map_of_p(page).click(position={"x": 90, "y": 100})
     notebook.until("len(panel.errors) == 1")
-    expect(page.locator(".clothlab .message.fault").first).to_contain_text("ZeroDivisionError: on purpose")
+    expect(page.locator(".clothlab .message.fault").first).to_contain_text(
+        "ZeroDivisionError: on purpose"
+    )
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
         notebook.evaluate("panel.check()")
     steps = json.loads(notebook.evaluate("panel.steps"))
@@ -430,4 +492,7 @@ def test_a_fault_is_shown_and_raised_and_the_panel_lives_on(notebook, page):
 def test_a_closed_page_stops_the_panel(notebook, page):
     page.goto("about:blank")
     notebook.until("not panel.running", 30)
-    assert notebook.evaluate("'does not answer' in panel.state['message']['text']") == "True"
+    assert (
+        notebook.evaluate("'does not answer' in panel.state['message']['text']")
+        == "True"
+    )

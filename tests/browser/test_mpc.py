@@ -1,4 +1,6 @@
-"""The panel of notebook 07: predicted beside achieved images, stiffness and its ellipse, and a fault that shows."""
+"""The panel of notebook 07: predicted beside achieved images, stiffness and its
+ellipse, and a fault that shows.
+"""
 
 import re
 
@@ -16,30 +18,55 @@ KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
 
 
 def ellipse_length(page):
-    png = page.evaluate("fetch(document.querySelector('img.ellipse').src).then(async (r) => [...await r.bytes()])")
+    png = page.evaluate(
+        "fetch(document.querySelector('img.ellipse').src).then(async (r) => [...await r.bytes()])"
+    )
     picture = cv2.imdecode(np.array(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
-    return np.linalg.norm(np.ptp(np.argwhere(picture[..., 0] - picture[..., 2] > 120), axis=0))  # of the blue line
+    # Of the blue line
+    return np.linalg.norm(
+        np.ptp(np.argwhere(picture[..., 0] - picture[..., 2] > 120), axis=0)
+    )
 
 
-def test_predicted_and_achieved_images_of_a_drawn_target_and_a_softer_arm(lab, open_notebook, page, screenshot):
-    new = nbformat.v4.new_notebook(metadata=KERNEL, cells=[nbformat.v4.new_code_cell(CODE)])
+def test_predicted_and_achieved_images_of_a_drawn_target_and_a_softer_arm(
+    lab, open_notebook, page, screenshot
+):
+    new = nbformat.v4.new_notebook(
+        metadata=KERNEL, cells=[nbformat.v4.new_code_cell(CODE)]
+    )
     nbformat.write(new, lab.folder / "notebooks" / "mpc.ipynb")
     notebook = open_notebook("mpc.ipynb")
     notebook.run_all()
-    panel, canvas = page.locator(".clothlab"), page.get_by_role("application", name=re.compile("^target"))
+    panel, canvas = (
+        page.locator(".clothlab"),
+        page.get_by_role("application", name=re.compile("^target")),
+    )
     canvas.wait_for(timeout=60_000)
     notebook.connect()
     press = lambda name: panel.get_by_role("button", name=name, exact=True).click()  # noqa: E731
-    expect(panel.get_by_text(re.compile("^(record|projector|estimate p online|Your own hand)$"))).to_have_count(0)
+    expect(
+        panel.get_by_text(
+            re.compile("^(record|projector|estimate p online|Your own hand)$")
+        )
+    ).to_have_count(0)
     press("clear")
-    canvas.drag_to(canvas, source_position={"x": 128, "y": 108}, target_position={"x": 184, "y": 108})
+    canvas.drag_to(
+        canvas,
+        source_position={"x": 128, "y": 108},
+        target_position={"x": 184, "y": 108},
+    )
     press("step")
-    expect(panel.get_by_alt_text("predicted for the end of this period")).to_be_visible()
+    expect(
+        panel.get_by_alt_text("predicted for the end of this period")
+    ).to_be_visible()
     press("start")
     notebook.until(
-        "any(m.period and m.period.achieved < 0.8 * panel.session.still_distance for m in panel.history)", 60
+        "any(m.period and m.period.achieved < 0.8 * panel.session.still_distance for m in panel.history)",
+        60,
     )
-    expect(panel.get_by_alt_text(re.compile("achieved at the end|for it when it began"))).to_have_count(2)
+    expect(
+        panel.get_by_alt_text(re.compile("achieved at the end|for it when it began"))
+    ).to_have_count(2)
     screenshot("mpc-torque")
     panel.get_by_role("combobox", name="arm").select_option("muscle")
     panel.get_by_role("checkbox", name="fix the stiffness").check()

@@ -1,4 +1,6 @@
-"""The map of p in a notebook: a click draws another figure, or shows what is wrong with the function that draws it."""
+"""The map of p in a notebook: a click draws another figure, or shows what is wrong with
+the function that draws it.
+"""
 
 import re
 
@@ -26,18 +28,32 @@ control
 
 
 def test_clicks_and_arrow_keys_on_the_map_of_p(lab, open_notebook, page, screenshot):
-    cells = [nbformat.v4.new_code_cell(CODE), *(nbformat.v4.new_markdown_cell("") for _ in range(3))]
+    cells = [
+        nbformat.v4.new_code_cell(CODE),
+        *(nbformat.v4.new_markdown_cell("") for _ in range(3)),
+    ]
     kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-    nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=kernel), lab.folder / "notebooks" / "map.ipynb")
+    nbformat.write(
+        nbformat.v4.new_notebook(cells=cells, metadata=kernel),
+        lab.folder / "notebooks" / "map.ipynb",
+    )
     notebook = open_notebook("map.ipynb")
     notebook.run_all()
-    the_map = page.get_by_role("application", name=re.compile("^map of the parametric bias"))
+    the_map = page.get_by_role(
+        "application", name=re.compile("^map of the parametric bias")
+    )
     the_map.wait_for(timeout=60_000)
     notebook.connect()
     cell = page.locator(".jp-Cell", has=the_map)
     picture = cell.locator("img.widget-image")
-    for act in (lambda: the_map.click(position={"x": 60, "y": 150}), lambda: the_map.press("ArrowUp")):
-        before, chosen = picture.get_attribute("src"), notebook.evaluate("pb_map.chosen")
+    for act in (
+        lambda: the_map.click(position={"x": 60, "y": 150}),
+        lambda: the_map.press("ArrowUp"),
+    ):
+        before, chosen = (
+            picture.get_attribute("src"),
+            notebook.evaluate("pb_map.chosen"),
+        )
         act()
         expect(picture).not_to_have_attribute("src", before, timeout=15_000)
         notebook.until(f"pb_map.chosen != {chosen}")

@@ -1,11 +1,13 @@
-"""The live lab's canvas, in a real browser without JupyterLab: strokes leave discs along lines."""
+"""The live lab's canvas, in a real browser without JupyterLab: strokes leave discs
+along lines.
+"""
 
 import numpy as np
 import pytest
 
 from clothlab.artifacts import load_target
 from clothlab.lab.views import javascript
-from clothlab.simulation.vision import HEIGHT, WIDTH
+from clothlab.masks import HEIGHT, WIDTH
 
 pytestmark = pytest.mark.browser
 
@@ -24,7 +26,10 @@ STORED = {  # with which brush and strokes [pixel] the stored target was drawn
     "corner": (5, [[(62, 38), (62, 68), (82, 68)]]),
     "triangle": (
         3,
-        [[(57, 42), (88, 50), (64, 70), (57, 42)], [(60, 46), (82, 51), (65, 64), (62, 50), (74, 53), (66, 59)]],
+        [
+            [(57, 42), (88, 50), (64, 70), (57, 42)],
+            [(60, 46), (82, 51), (65, 64), (62, 50), (74, 53), (66, 59)],
+        ],
     ),
 }
 

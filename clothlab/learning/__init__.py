@@ -1,1 +1,0 @@
-"""The method: autoencoder, DPMPB and its training, online estimation of p, and control by gradient."""

@@ -1,0 +1,3 @@
+"""The method: autoencoder, DPMPB and its training, online estimation of p, and control
+by gradient.
+"""

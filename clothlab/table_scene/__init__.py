@@ -1,1 +1,0 @@
-"""Setting a table: the scene, its environment, perception, servoing, throwing, and the task phase by phase."""

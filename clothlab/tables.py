@@ -1,0 +1,44 @@
+"""Tables of results in `data/results/`: one row a case, as CSV, with arrays as JSON."""
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab import artifacts
+from clothlab.artifacts import Folder
+
+
+def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:
+    """Write a table as `data/results/NAME.csv`."""
+    text = table.map(_as_text).to_csv(index=False)
+    artifacts.save_results(text.encode(), name, ".csv", data=data)
+
+
+def load(name: str, *, data: Folder = None) -> pd.DataFrame:
+    """Read a stored table: one row a case, arrays as NumPy arrays."""
+    content = artifacts.load_results(name, ".csv", data=data)
+    table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
+    for column in table.columns[table.dtypes == "str"]:
+        if table[column].str.startswith("[").any():
+            table[column] = table[column].map(_as_array, na_action="ignore")
+    return table
+
+
+def _as_text(value: Any) -> Any:
+    if isinstance(value, np.ndarray | list | tuple):
+        array = np.asarray(value)
+        # By way of text, float32 keeps the few digits that it has: 0.1, not
+        # 0.10000000149.
+        return json.dumps(
+            (
+                array.astype(str).astype(float) if array.dtype == np.float32 else array
+            ).tolist()
+        )
+    return value
+
+
+def _as_array(text: str) -> np.ndarray:
+    return np.asarray(json.loads(text))

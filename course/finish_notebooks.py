@@ -1,0 +1,122 @@
+"""`make format`: what every notebook shares, and what the README says of them, written
+out of one place.
+
+Every notebook begins, after its title, with the cell that sets up Google Colab, and its
+last text ends with a word on its kernel. The README's first line leads to where they
+run without an installation, and its tables say how long each one takes, as the
+notebook's own first cell does.
+"""
+
+import re
+from pathlib import Path
+
+import nbformat
+
+from course.repository import ROOT, address, doors
+from course.solutions import without
+
+COLAB = """# @title On Google Colab only: get the repository and what Colab lacks
+import os
+import subprocess
+import sys
+
+if "google.colab" in sys.modules:
+    os.environ["MUJOCO_GL"] = "egl"  # draws without a display
+    if not os.path.exists("../environment.txt"):
+        if not os.path.exists("clothlab"):
+            clone = ["git", "clone", "--quiet", "--depth=1"]
+            clone += ["ADDRESS", "clothlab"]
+            subprocess.run(clone, check=True)
+        os.chdir("clothlab/notebooks")
+    sys.path[:0] = [os.path.abspath(".."), os.path.abspath("../scripts")]
+    import on_colab
+
+    on_colab.install()"""
+FOLDED = {"cellView": "form", "jupyter": {"source_hidden": True}, "tags": ["colab"]}
+FINISHED = "Finished? *Kernel, Shut Down Kernel* frees its memory."
+TIMES = re.compile(
+    r"\*\*Working time\*\*: about (?P<learning>\d+) minutes\. "
+    r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
+)
+ROW = re.compile(
+    r"^(?P<start>\| \[[^]]*\]\(notebooks/(?P<name>[\w.]+)\) \| [^|]* \|) [^|]* \| [^|]* \|$",
+    re.MULTILINE,
+)
+OPEN = re.compile(r"(?<=<!-- open -->\n).*?(?=\n<!-- /open -->)", re.DOTALL)
+
+
+def colab_cell() -> nbformat.NotebookNode:
+    """The first code cell of every notebook, folded; it does nothing outside of Colab."""
+    cell = nbformat.v4.new_code_cell(
+        COLAB.replace("ADDRESS", address()), metadata=FOLDED
+    )
+    cell.id = "colab"
+    return cell
+
+
+def finish(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """The notebook itself, with the cell for Colab after its title and the sentence at
+    the end of its last text.
+    """
+    cells = without(notebook, "colab").cells
+    texts = [cell for cell in cells if cell.cell_type == "markdown"]
+    for cell in texts:
+        cell.source = cell.source.removesuffix(f"\n\n{FINISHED}")
+    texts[-1].source += f"\n\n{FINISHED}"
+    notebook.cells = [cells[0], colab_cell(), *cells[1:]]
+    return notebook
+
+
+def open_elsewhere() -> str:
+    """The README's line of links to where the notebooks run without an installation."""
+    links = " · ".join(f"[{name}]({link})" for name, link in doors().items())
+    return f"**Without an installation**: {links} · [repository]({address()})"
+
+
+def times(notebook: nbformat.NotebookNode) -> tuple[str, str]:
+    """How long a notebook takes to learn and to run, as its first cell says it, such as
+    `("90 min", "20 s")`.
+
+    A ValueError says that the cell names none.
+    """
+    found = TIMES.search(notebook.cells[0].source)
+    if not found:
+        raise ValueError("the first cell says neither working time nor running time")
+    units = {"minutes": "min", "seconds": "s"}
+    return f"{found['learning']} min", f"{found['running']} {units[found['unit']]}"
+
+
+def with_times(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
+    """The README whose tables have the times of the notebooks, by file name, in their
+    last two columns.
+    """
+
+    def row(line: re.Match[str]) -> str:
+        learning, running = times(notebooks[line["name"]])
+        return f"{line['start']} {learning} | {running} |"
+
+    return ROW.sub(row, readme)
+
+
+def finished() -> dict[Path, str]:
+    """The text of each notebook and of the README as they should be."""
+    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    notebooks = {path: finish(nbformat.read(path, as_version=4)) for path in paths}
+    texts = {
+        path: nbformat.writes(notebook) + "\n" for path, notebook in notebooks.items()
+    }
+    readme = ROOT / "README.md"
+    linked = OPEN.sub(lambda _: open_elsewhere(), readme.read_text("utf-8"))
+    by_name = {path.name: notebook for path, notebook in notebooks.items()}
+    return texts | {readme: with_times(linked, by_name)}
+
+
+def main() -> None:
+    """Write what differs from what is there."""
+    for path, text in finished().items():
+        if path.read_text("utf-8") != text:
+            path.write_text(text, "utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()

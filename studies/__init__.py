@@ -1,0 +1,123 @@
+"""Experiments, which Part II and the results stand on: a function from one case to one
+row, a grid of cases, a table.
+
+`make results` runs them at full size, notebooks read the stored tables or run a few
+cases, tests run tiny ones.
+
+    import studies
+    table = studies.load("control")                                  # the stored,
+      full-size table
+    small = studies.run("control", model=0, steps=24)                # a few cases, now
+      studies.recompute("control", target="target-1", cloth="damp0.03-mass0.05",
+      model=0)  # stored beside here
+
+To add one, write a module like `control.py` and name it here.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from clothlab._validation import choose
+from clothlab.artifacts import Folder
+from clothlab.tables import load, save
+from studies import (
+    autoencoder_quality,
+    calibration_test,
+    camera_recalibration,
+    control,
+    estimation,
+    identifiability,
+    iterative_control,
+    joint_estimation_control,
+    material_change,
+    oracle,
+    self_organisation,
+    stiffness,
+    sysid_benchmark,
+    table_setting,
+    transfer,
+)
+from studies._grid import PAPER, Experiment
+from studies._rows import Row
+
+EXPERIMENTS = {  # by name, in the order of docs/results.md
+    each.name: each
+    for module in (
+        autoencoder_quality,
+        self_organisation,
+        estimation,
+        control,
+        joint_estimation_control,
+        stiffness,
+        iterative_control,
+        oracle,
+        transfer,
+        material_change,
+        identifiability,
+        sysid_benchmark,
+        calibration_test,
+        camera_recalibration,
+        table_setting,
+    )
+    for each in module.EXPERIMENTS
+}
+
+
+def get(name: str) -> Experiment:
+    """An experiment by its name, with `-paper` behind it where it is about the paper's
+    amount of recordings.
+    """
+    experiment = choose("experiment", name.removesuffix(PAPER), EXPERIMENTS)
+    return replace(experiment, name=name)
+
+
+def run(
+    name: str,
+    /,
+    *,
+    workers: int = 1,
+    progress: bool = False,
+    keep: Path | None = None,
+    **sizes: Any,
+) -> pd.DataFrame:
+    """Run an experiment: one row for each case.
+
+    Args:
+        name: of the experiment.
+        workers: processes.
+        progress: show a progress bar.
+        keep: folder where rows are kept, so that an interrupted run goes on where it
+            stopped.
+        sizes: which cases, such as `model=0`; all else is at full size.
+    """
+    experiment = get(name)
+    sizes = (dict(experiment.paper) if name.endswith(PAPER) else {}) | sizes
+    return experiment.run(
+        experiment.cases(**sizes), workers=workers, progress=progress, keep=keep
+    )
+
+
+def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFrame:
+    """Make one stored row anew, chosen such as by `cloth="hard-1", model=0`: a table of
+    two rows, "stored" and "here".
+
+    On the machine where the table was made, or one like it, all numbers are the same to
+    the last digit of single precision. Other graphics or another processor change the
+    last digits; a closed loop then makes more of that with every step.
+    """
+    return get(name).recompute(data=data, **which)
+
+
+__all__ = [
+    "EXPERIMENTS",
+    "PAPER",
+    "Experiment",
+    "Row",
+    "load",
+    "recompute",
+    "run",
+    "save",
+]

@@ -1,0 +1,227 @@
+"""One shape for all experiments: a function from one case to one row, a grid of cases,
+a tidy table.
+
+    control = Experiment("control", run_one, over(target=TARGETS, model=range(5)),
+      seconds=13, rows=rows)
+    table = control.run(control.cases(model=0, steps=24))                       # a
+      pandas.DataFrame, one row a case table.groupby(["target", "cloth"]).agg(...)
+
+A row holds the case's own parameters and what was measured: numbers, words, and arrays
+such as a distance at each step. So any row can be made anew: `run_one(**case)`. Tables
+are stored as CSV, arrays in them as JSON.
+"""
+
+import functools
+import inspect
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from clothlab.artifacts import Folder
+from clothlab.tables import load
+from studies._parallel import Job, cached, run_jobs, version
+from studies._rows import Row
+
+# Ending of tables, as of weights: the same with what the paper's amount of recordings
+# teaches
+PAPER = "-paper"
+
+Case = dict[str, Any]  # parameters of `run_one`
+# Stored tables of one amount of recordings, by their experiments' names
+Tables = Mapping[str, pd.DataFrame]
+_T = TypeVar("_T")
+# What a row may depend on: it is computed again when any of it changes
+_INPUTS = ("targets/", "trials/", "weights/")
+_kept: Path | None = None  # where the process that computes a row keeps what rows share
+
+
+def grid(**axes: Any) -> list[Case]:
+    """All combinations of the values of each parameter, the last one running fastest;
+    words and numbers are one value.
+
+    `grid(cloth=["hard-1", "soft-1"], model=range(5), steps=250)` has ten cases.
+    """
+    lists = [
+        [values]
+        if isinstance(values, str) or not isinstance(values, Iterable)
+        else values
+        for values in axes.values()
+    ]
+    return [dict(zip(axes, each, strict=True)) for each in itertools.product(*lists)]
+
+
+def over(**axes: Any) -> Callable[..., list[Case]]:
+    """The function from sizes to cases of a full grid: `over(cloth=CLOTHS,
+    model=range(5))(model=0, steps=24)`.
+    """
+    return lambda **sizes: grid(**(axes | sizes))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment.
+
+    Attributes:
+        name: of its table in `data/results`.
+        run_one: case → what was measured, `{column: number, word or array}`.
+        cases: sizes → the grid of cases; the defaults are the full size.
+        seconds: about how long one case takes on one core [s].
+        slow: whether all of it takes hours, so that it runs only when asked for by
+            name.
+        paper: the sizes with which it also runs on the paper's amount of recordings;
+            none where it does not.
+        rows: stored tables → its rows in `docs/results.md`, under the module's
+            docstring: a question, then a paragraph.
+    """
+
+    name: str
+    run_one: Callable[..., dict[str, Any]]
+    cases: Callable[..., list[Case]]
+    seconds: float
+    slow: bool = False
+    paper: Mapping[str, Any] = field(default_factory=dict)
+    rows: Callable[[Tables], list[Row]] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cases", self._refusing_typos(self.cases))
+
+    def _refusing_typos(
+        self, cases: Callable[..., list[Case]]
+    ) -> Callable[..., list[Case]]:
+        """The same function for sizes that a case or the function itself knows; a
+        ValueError lists them.
+        """
+        named = [
+            each.name
+            for each in inspect.signature(cases).parameters.values()
+            if each.kind != each.VAR_KEYWORD
+        ]
+        known = list(dict.fromkeys([*self.keys, *named]))
+
+        @functools.wraps(cases)
+        def checked(**sizes: Any) -> list[Case]:
+            for size in sizes:
+                if size not in known:
+                    raise ValueError(
+                        f"{self.name} has no {size!r}; choose from {', '.join(known)}"
+                    )
+            return cases(**sizes)
+
+        return checked
+
+    @property
+    def keys(self) -> list[str]:
+        """Columns that say which case a row is."""
+        return list(inspect.signature(self.run_one).parameters)
+
+    def run(
+        self,
+        cases: Iterable[Case] | None = None,
+        *,
+        workers: int = 1,
+        progress: bool = False,
+        keep: Path | None = None,
+    ) -> pd.DataFrame:
+        """One row for each case, by default for all; parameters that a case leaves out
+        have their defaults.
+
+        A `joblib.parallel_config` around the call chooses another backend than
+        processes, such as Dask.
+        """
+        cases = [
+            self.defaults | case for case in (self.cases() if cases is None else cases)
+        ]
+        jobs = [
+            Job(functools.partial(_compute, self.run_one, keep), case, _INPUTS)
+            for case in cases
+        ]
+        rows = run_jobs(self.name, jobs, workers=workers, progress=progress, keep=keep)
+        return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
+
+    def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
+        """Make one stored row anew: a table of two rows, "stored" and "here"."""
+        table = load(self.name, data=data)
+        for column, value in which.items():
+            if column not in self.keys:
+                raise ValueError(
+                    f"{self.name} has no {column!r}; choose by {', '.join(self.keys)}"
+                )
+            table = table[
+                table[column].isna() if value is None else table[column] == value
+            ]
+        if len(table) != 1:
+            varied = (
+                [key for key in self.keys if table[key].nunique() > 1]
+                if len(table)
+                else self.keys
+            )
+            choices = (
+                f":\n{table[varied].head(20).to_string(index=False)}"
+                if len(table)
+                else ""
+            )
+            raise ValueError(
+                f"{len(table)} rows of {self.name} fit; choose by {', '.join(varied)}{choices}"
+            )
+        case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
+        here = pd.DataFrame(
+            [case | row for row in run_jobs(self.name, [Job(self.run_one, case)])]
+        )
+        return pd.concat(
+            [table, here[table.columns]], keys=["stored", "here"]
+        ).droplevel(1)
+
+    @property
+    def defaults(self) -> Case:
+        """Parameters of `run_one` that have a default."""
+        parameters = inspect.signature(self.run_one).parameters.values()
+        return {
+            each.name: each.default
+            for each in parameters
+            if each.default is not inspect.Parameter.empty
+        }
+
+
+def shared(function: Callable[..., _T]) -> Callable[..., _T]:
+    """Decorate work that several cases share, such as a training: done once, and kept
+    where their rows are kept.
+    """
+
+    @functools.cache
+    def once(folder: Path | None, *arguments: Any) -> _T:
+        kept = cached(_shared, folder, ignore=["function"])
+        return kept(function, function.__qualname__, arguments, version(*_INPUTS))
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any) -> _T:
+        return once(_kept, *arguments)
+
+    return wrapper
+
+
+def _shared(
+    function: Callable[..., _T], name: str, arguments: tuple, version: str
+) -> _T:
+    return function(*arguments)
+
+
+def _compute(
+    run_one: Callable[..., dict], keep: Path | None, **case: Any
+) -> dict[str, Any]:
+    global _kept
+    before, _kept = _kept, keep
+    try:
+        return run_one(**case)
+    finally:
+        _kept = before
+
+
+def _as_parameter(value: Any) -> Any:
+    """A stored parameter as `run_one` takes it: an empty field is None."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and np.isnan(value) else value

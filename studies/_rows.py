@@ -1,0 +1,81 @@
+"""Rows of the results: numbers with a key, put into words only where they are written
+down.
+"""
+
+from dataclasses import KW_ONLY, dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """One result."""
+
+    # By which rows of both amounts of recordings are joined, such as
+    # "control/target-1/damp0.03-mass0.05"
+    key: str
+    label: str  # what was measured, in words
+    value: float
+    unit: str = ""  # behind it, such as " %"
+    _: KW_ONLY
+    spread: float | None = None  # standard deviation over trainings
+    interval: tuple[float, float] | None = None  # 95 %
+    paper: str = "–"  # the paper's figure, or what it says
+    at_least: float | None = None  # smallest value that this project aims at
+    at_most: float | None = None  # largest value that it aims at
+    above: float | None = (
+        None  # what the paper says holds where the value is above this
+    )
+    below: float | None = None  # the same, below this
+    note: str = ""  # in brackets behind the figure
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the value is within the aim; None where there is none."""
+        if self.at_least is None and self.at_most is None:
+            return None
+        return (self.at_least is None or self.value >= self.at_least) and (
+            self.at_most is None or self.value <= self.at_most
+        )
+
+    @property
+    def verdict(self) -> str:
+        """Whether what the paper says holds: "not significant" where the 95 % interval
+        leaves it open.
+        """
+        if self.above is None and self.below is None:
+            return "–"
+        ends = {self._holds(end) for end in self.interval or (self.value,)}
+        return (
+            "not significant"
+            if len(ends) > 1
+            else {True: "holds", False: "does not hold"}[ends.pop()]
+        )
+
+    def _holds(self, value: float) -> bool:
+        return (self.above is None or value > self.above) and (
+            self.below is None or value < self.below
+        )
+
+    @property
+    def aim(self) -> str:
+        """The bounds in words."""
+        if self.at_least is not None and self.at_most is not None:
+            return f"{self.at_least:.3g} to {self.at_most:.3g}{self.unit}"
+        if self.at_least is not None:
+            return f"≥ {self.at_least:.2g}{self.unit}"
+        return "–" if self.at_most is None else f"≤ {self.at_most:.2g}{self.unit}"
+
+    @property
+    def figure(self) -> str:
+        """The value with its spread or interval."""
+        text = f"{self.value:.2f}{self.unit}"
+        if self.spread is not None:
+            text += f" ± {self.spread:.2f}"
+        if self.interval is not None:
+            digits = 0 if self.unit == " %" else 2
+            text += f" ({self.interval[0]:.{digits}f} to {self.interval[1]:.{digits}f}{self.unit})"
+        return text
+
+    @property
+    def here(self) -> str:
+        """The figure and the note."""
+        return f"{self.figure} ({self.note})" if self.note else self.figure

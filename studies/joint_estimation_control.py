@@ -1,0 +1,89 @@
+"""Do estimation and control work at the same time?
+
+Control starts with the p of a wrong cloth, and p is estimated while the robot works
+(paper, "Simulation Experiment": the last two figures).
+"""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from clothlab import artifacts
+from clothlab.analysis import best_per_period, target_distance
+from clothlab.method.cloth_task import EstimatingPolicy
+from clothlab.method.estimation import BiasEstimator
+from clothlab.simulation.cloth import cloth_name
+from clothlab.simulation.env import CONTROL_PERIOD
+from studies._grid import Experiment, Tables, over
+from studies._rows import Row
+from studies._runs import HEAVY, new_trial, trained
+
+
+def _run_one(
+    model: int,
+    weights: str = "torque",
+    target: str = "target-1",
+    held: str = cloth_name(0.03, 0.10),
+    believed: str = HEAVY,
+    steps: int = 250,
+) -> dict[str, Any]:
+    """Estimate and control at once, from the p of a cloth that is not `held`; cloths
+    and steps are the paper's.
+    """
+    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
+    start, goal = learned.biases[believed], learned.biases[held]
+    estimator = BiasEstimator(learned.model, start)
+    policy = EstimatingPolicy(
+        learned.controller(mask, start), estimator, learned.autoencoder
+    )
+    trial = new_trial(policy, learned.arm, held, steps, model)
+    return {
+        "trace": np.round(policy.trace, 4),  # p after each step [T, D_p]
+        "distance": target_distance(learned.autoencoder, trial, mask).round(
+            4
+        ),  # at each step [T] [s.d. of z]
+        # Distance to the right p in the end, over that of the start.
+        "ratio": float(
+            np.linalg.norm(policy.trace[-1] - goal) / np.linalg.norm(start - goal)
+        ),
+    }
+
+
+def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Median of the periods' best in the first and in the last third of each run,
+    `[models]` each [s.d. of z].
+    """
+    bests = np.array([best_per_period(distance) for distance in table["distance"]])
+    third = bests.shape[1] // 3
+    return np.median(bests[:, :third], axis=1), np.median(bests[:, -third:], axis=1)
+
+
+def _rows(tables: Tables) -> list[Row]:
+    """How near p comes to the right one."""
+    table = tables["joint_estimation_control"]
+    seconds = table["steps"].iloc[0] * CONTROL_PERIOD
+    return [
+        Row(
+            "joint_estimation_control",
+            f"control from a wrong p: distance to the right p after {seconds:g} s, over that of the start",
+            table["ratio"].mean(),
+            spread=table["ratio"].std(ddof=0),
+            paper="approaches",
+            below=1,
+            at_most=1 / 3,
+        )
+    ]
+
+
+_PAPER = {"weights": "torque-paper"}
+EXPERIMENTS = (
+    Experiment(
+        "joint_estimation_control",
+        _run_one,
+        over(model=range(5)),
+        seconds=10,
+        paper=_PAPER,
+        rows=_rows,
+    ),
+)

@@ -1,0 +1,3 @@
+"""Setting a table: the scene, its environment, perception, servoing, throwing, and the
+task phase by phase.
+"""

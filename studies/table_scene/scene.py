@@ -1,0 +1,156 @@
+"""The table scene: `table.xml` with an arm and a cloth in it, and where rack and basket
+are drawn.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from clothlab._validation import Checked, setting
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.cloth import Cloth, add_cloth, hanging_points, point_names
+from clothlab.simulation.env import Scene, add_camera
+
+# Red for a mask too: a cloth swung forward lies with its back up
+_UNDERSIDE_RGBA = (0.65, 0.05, 0.20, 1.0)
+_POINT_BIT, _BAR_BIT = 1, 2  # which geoms collide, see table.xml
+
+
+class Basket:
+    """Measures of the basket in table.xml [m]."""
+
+    size = (0.20, 0.16, 0.09)  # along, across, up
+    handle_height = 0.20  # from the bottom to the rod
+    handle_width = 0.12  # length of the rod, across
+    handle_radius = 0.006
+
+
+@dataclass(frozen=True)
+class Furniture(Checked):
+    """Where the table stands, and the ranges of what is random; what is no setting
+    describes table.xml and the robot.
+
+    The arm, 0.6 m long with its shoulder 1 m above the floor, lays an edge on the table
+    0.43 to 0.45 m ahead, and from there a cloth of 0.5 m covers the table's middle. A
+    cloth that is held up touches the table with its far edge 0.59 m ahead at most;
+    beyond that it must be pushed or thrown. So `near` decides whether a cloth can be
+    laid.
+    """
+
+    # The table's edge ahead of the shoulder, with the base at 0
+    near: float = setting(0.35, "m", above=0)
+    # Half ranges. The hand tolerates corners of the edge 3 cm off the bar; these move
+    # them by 17 mm.
+    # Ahead, aside, up
+    rack_shift: tuple[float, float, float] = setting(
+        (0.05, 0.015, 0.03), "m", at_least=0
+    )
+    # About up; slant from level
+    rack_turn: tuple[float, float] = setting((4.0, 3.0), "degree", at_least=0)
+    # Ahead, aside
+    basket_shift: tuple[float, float] = setting((0.04, 0.015), "m", at_least=0)
+    basket_turn: float = setting(15.0, "degree", at_least=0)
+    # Of a cloth that begins in the hand, as one from the rack
+    off_middle: float = setting(0.006, "m", at_least=0)
+    # Before a cloth in the hand begins to move
+    wait: tuple[float, float] = setting((1.0, 5.0), "s", at_least=0)
+
+    depth: ClassVar[float] = 0.70  # [m] of the table, from its near edge to its far one
+    width: ClassVar[float] = 1.00  # [m] of the table
+    height: ClassVar[float] = 0.60  # [m] of the table's top
+    # [m] middle of the side table's top
+    side_place: ClassVar[tuple[float, float, float]] = (-0.65, 0.0, 0.50)
+    # [m] farther ahead, legs are in the way
+    base_range: ClassVar[tuple[float, float]] = (-2.20, 0.15)
+    base_speed: ClassVar[float] = 0.40  # [m/s] at most
+    reach: ClassVar[float] = 0.03  # [m] the hand grasps what is no farther from the bar
+    # [rad] the cloth in the hand is clear of the table
+    start_posture: ClassVar[tuple[float, float]] = (-0.45, -0.35)
+    # [rad] the hand is out of the picture
+    look_posture: ClassVar[tuple[float, float]] = (1.0, 0.0)
+    look_ahead: ClassVar[float] = 0.85  # [m] from the shoulder to what is looked at
+    point_radius: ClassVar[float] = 0.003  # [m] of the cloth's points where they touch
+
+    @property
+    def far(self) -> float:
+        """The table's far edge ahead of the shoulder [m]."""
+        return self.near + self.depth
+
+
+def build_spec(
+    arm: Arm, cloth: Cloth, scene: Scene, furniture: Furniture
+) -> mujoco.MjSpec:
+    """Load table.xml, move the table, add arm and cloth; `.to_xml()` shows the result
+    as MJCF.
+    """
+    spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("table.xml")))
+    spec.option.timestep = scene.time_step
+    spec.visual.global_.offheight, spec.visual.global_.offwidth = scene.picture_size
+    spec.frame("table_legs").pos[0] = furniture.near
+    top = spec.geom("table")
+    top.pos[0], top.size[0] = (
+        (furniture.near + furniture.far) / 2,
+        (furniture.far - furniture.near) / 2,
+    )
+    base, rack = spec.body("base"), spec.body("rack")
+    add_camera(spec, arm.camera, base)
+    hand, position = arm.add_to(spec, base)
+    for geom in hand.geoms:
+        geom.contype = _BAR_BIT
+    front_forward = arm.camera.position[0] > position[0]
+    add_cloth(
+        spec,
+        cloth,
+        None,
+        position,
+        front_forward=front_forward,
+        back_rgba=_UNDERSIDE_RGBA,
+    )
+    names = point_names(cloth)
+    for name in (name for row in names for name in row):
+        (point,) = spec.body(name).geoms
+        point.contype, point.size = _POINT_BIT, [furniture.point_radius, 0, 0]
+        point.friction, point.solref = top.friction, top.solref
+    for name in (*names[0], *names[-1], "basket"):
+        _add_tie(spec, hand, f"grip_{name}", name, [0.0, 0.1, 0.0])
+    for name, place in zip(names[0], hanging_points(cloth)[0], strict=True):
+        _add_tie(spec, rack, f"clip_{name}", name, place).active = True
+    return spec
+
+
+def _add_tie(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, site: str, place: ArrayLike
+) -> mujoco.MjsEquality:
+    """Add a constraint that can hold a site at a place of a body, which grasping moves;
+    it must not be its origin.
+    """
+    body.add_site(name=name, pos=place, size=[0.001, 0, 0], group=4)
+    tie = spec.add_equality(
+        name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE
+    )
+    # Drawn to the bar in 10 ms
+    tie.name1, tie.name2, tie.active, tie.solref = (name, site, False, [0.01, 1.0])
+    return tie
+
+
+def place_furniture(
+    data: mujoco.MjData, furniture: Furniture, rng: np.random.Generator
+) -> None:
+    """Draw place, turn and slant of the rack around where table.xml has it, and where
+    the basket stands.
+    """
+    data.mocap_pos[0] += rng.uniform(-1, 1, 3) * furniture.rack_shift
+    turns = np.deg2rad(rng.uniform(-1, 1, 2) * furniture.rack_turn)
+    data.mocap_quat[0] = Rotation.from_euler("ZX", turns).as_quat(scalar_first=True)
+    shift = rng.uniform(-1, 1, 2) * furniture.basket_shift
+    turn = np.deg2rad(rng.uniform(-1, 1) * furniture.basket_turn)
+    place = np.add(furniture.side_place, [*shift, 0.0])
+    data.joint("basket").qpos[:] = [
+        *place,
+        *Rotation.from_euler("z", turn).as_quat(scalar_first=True),
+    ]

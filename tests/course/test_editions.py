@@ -1,0 +1,161 @@
+"""What a class gets: stubs for students, executed solutions for the instructor."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient.exceptions import CellExecutionError
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+
+import clothlab
+from course import editions, repository, solutions
+
+ROOT = Path(clothlab.__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+
+def with_tag(notebook, tag):
+    return [
+        cell.source for cell in notebook.cells if tag in cell.metadata.get("tags", [])
+    ]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_students_get_every_stub_and_neither_solution_nor_condition(path):
+    notebook = solutions.solved(nbformat.read(path, as_version=4))
+    student = editions.student_edition(notebook)
+    nbformat.validate(student)
+    assert with_tag(student, "stub") == with_tag(notebook, "stub")
+    assert with_tag(student, "solution") == []
+    text = json.dumps([cell.source for cell in student.cells], ensure_ascii=False)
+    for stub, solution in zip(
+        with_tag(notebook, "stub"), with_tag(notebook, "solution"), strict=True
+    ):
+        answer = [
+            line
+            for line in solution.splitlines()
+            if line.strip() and line not in stub.splitlines()
+        ]
+        assert json.dumps("\n".join(answer), ensure_ascii=False)[1:-1] not in text
+    kept = [
+        cell
+        for cell in notebook.cells
+        if not {"solution", "claim"} & {*cell.metadata.get("tags", [])}
+    ]
+    assert len(student.cells) == len(kept)
+
+
+HEAD = "def my_mask(t, horizon, period):\n    "
+KERNEL = {
+    "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}
+}
+
+
+def lesson(last="print('and so on')"):
+    """A notebook as it is committed, with one exercise and a last cell."""
+    solution = (
+        HEAD + "return [int(k % period == 0) for k in range(t + 1, t + horizon + 1)]"
+    )
+    cells = [
+        new_markdown_cell("[map](../README.md)"),
+        new_code_cell("from clothlab import checks"),
+        new_code_cell(HEAD + "return None", metadata={"tags": ["stub"]}),
+        new_code_cell(solution, metadata={"tags": ["solution"]}),
+        new_code_cell("checks.my_mask(my_mask)"),
+        new_code_cell(last),
+    ]
+    return solutions.unsolved(new_notebook(cells=cells, metadata=KERNEL))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_in_the_repository_solutions_are_text_that_is_linted_and_formatted(path):
+    notebook = nbformat.read(path, as_version=4)
+    assert {
+        cell.cell_type for cell in notebook.cells if "solution" in solutions.tags(cell)
+    } <= {"markdown"}
+    assert notebook == solutions.formatted(notebook, path.name), "run `make format`"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_from_the_first_stub_on_an_error_stops_only_a_solved_notebook(path):
+    notebook = nbformat.read(path, as_version=4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    first = next(
+        (k for k, cell in enumerate(code) if "stub" in solutions.tags(cell)), len(code)
+    )
+    assert [solutions.UNSTOPPED in solutions.tags(cell) for cell in code] == [
+        k >= first for k in range(len(code))
+    ]
+    solved = solutions.solved(notebook)
+    assert not with_tag(solved, solutions.UNSTOPPED)
+    assert len(with_tag(solved, "solution")) == len(with_tag(notebook, "stub"))
+    assert solutions.unsolved(solved) == notebook
+
+
+def test_a_solution_that_is_not_folded_code_is_refused():
+    notebook = new_notebook(
+        cells=[new_markdown_cell("`return 1`", metadata={"tags": ["solution"]})]
+    )
+    with pytest.raises(ValueError, match=r"a solution must be .*return 1"):
+        solutions.solved(notebook)
+
+
+@pytest.mark.slow
+def test_an_error_stops_a_solved_notebook_and_turns_the_run_red(tmp_path):
+    committed = lesson(last="1 / 0")
+    editions.executed(committed, tmp_path)
+    with pytest.raises(CellExecutionError, match="ZeroDivisionError"):
+        editions.instructor_edition(committed, tmp_path)
+    path = tmp_path / "08_control.ipynb"
+    nbformat.write(committed, path)
+    subprocess.run(
+        [sys.executable, "course/solutions.py", "--into", tmp_path / "solved", path],
+        cwd=ROOT,
+        check=True,
+    )
+    run = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "--nbmake",
+        "-p",
+        "no:cacheprovider",
+        tmp_path / "solved" / path.name,
+    ]
+    ended = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 1, ended.stdout
+    assert "ZeroDivisionError" in ended.stdout
+
+
+@pytest.mark.slow
+def test_the_instructor_gets_solutions_that_ran_and_a_student_words_and_no_answer(
+    tmp_path,
+):
+    path = tmp_path / "08_control.ipynb"
+    nbformat.write(lesson(), path)
+    executed = editions.write_editions(path, tmp_path / "build")
+    assert executed.cells[-2].outputs[0].text == "correct\n"
+    assert executed.cells[3].cell_type == "code"
+    assert "source_hidden" not in executed.cells[3].metadata.jupyter
+    assert (
+        executed.cells[0].source == f"[map]({repository.address()}/blob/main/README.md)"
+    )
+    page = re.sub(
+        "<[^>]*>",
+        "",
+        (tmp_path / "build" / "instructor" / "08_control.html").read_text(),
+    )
+    assert "range(t + 1, t + horizon + 1)" in page
+
+    student = nbformat.read(tmp_path / "build" / "student" / path.name, as_version=4)
+    ran = editions.executed(student, tmp_path)
+    (failed,) = ran.cells[-2].outputs
+    assert failed.ename == "CheckFailed"
+    assert "my_mask returned None" in failed.evalue
+    assert ran.cells[-1].outputs[0].text == "and so on\n", (
+        "an exercise that is not solved stops nothing"
+    )

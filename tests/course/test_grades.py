@@ -1,0 +1,406 @@
+"""A made-up class, graded by nbgrader: who is right gets the points, who is wrong a
+sentence, and nobody stops it.
+"""
+
+import copy
+import json
+import os
+import re
+import subprocess
+import sys
+
+import nbformat
+import pandas as pd
+import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+
+from course import grades, solutions
+from course.editions import ROOT, student_edition
+from course.grades import Lesson
+
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+WEIGHTS = {"best_moment": 3}
+
+
+def lesson(stem):
+    (path,) = (path for path in NOTEBOOKS if path.stem.startswith(stem))
+    return Lesson.read(path, {})
+
+
+def test_tools_of_the_grading_are_pinned_beside_the_environment():
+    pinned, asked, common = (
+        {
+            line.strip().lower()
+            for line in (ROOT / name).read_text().splitlines()
+            if "==" in line
+        }
+        for name in (
+            "docs/course/requirements.txt",
+            "docs/course/requirements.in",
+            "environment.txt",
+        )
+    )
+    assert asked <= pinned
+    names = {each.split("==")[0] for each in common}
+    assert not names & {each.split("==")[0] for each in pinned}, (
+        "one version of everything"
+    )
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_each_exercise_has_one_cell_of_nbgraders_behind_its_check(path):
+    read = Lesson.read(path, WEIGHTS)
+    edition = grades.with_tests(read.edition, read.points)
+    nbformat.validate(edition)
+    graded = [k for k, cell in enumerate(edition.cells) if "nbgrader" in cell.metadata]
+    assert [edition.cells[k].metadata.nbgrader.grade_id for k in graded] == list(
+        read.points
+    )
+    for k, (name, most) in zip(graded, read.points.items(), strict=True):
+        assert f"checks.{name}({name})" in edition.cells[k - 1].source
+        assert edition.cells[k].metadata.nbgrader.points == most == WEIGHTS.get(name, 1)
+        assert list(edition.cells[k].metadata) == ["nbgrader"]
+    again = grades.with_tests(edition, read.points)
+    assert [cell.source for cell in again.cells] == [
+        cell.source for cell in edition.cells
+    ]
+
+
+def test_a_student_adds_no_test_and_keeps_none():
+    mine = new_code_cell(
+        "pass",
+        metadata={"nbgrader": {"grade": True, "grade_id": "best_moment", "points": 9}},
+    )
+    notebook = new_notebook(
+        cells=[new_code_cell("def best_moment(overlap): pass"), mine]
+    )
+    edition = grades.with_tests(notebook, {"best_moment": 1})
+    (graded,) = [cell for cell in edition.cells if "nbgrader" in cell.metadata]
+    assert "checks.best_moment" in graded.source
+    assert edition.cells.index(graded) == 1
+
+
+def written(path, notebook):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        notebook if isinstance(notebook, str) else nbformat.writes(notebook),
+        errors="surrogateescape",
+    )
+
+
+def test_renamed_notebooks_are_found_and_all_others_are_named(tmp_path):
+    first, other = lesson("00"), lesson("04")
+    written(tmp_path / "ann" / "04_predictive_model (1).ipynb", other.edition)
+    written(tmp_path / "bob" / "homework.ipynb", other.edition)
+    written(tmp_path / "cem" / "a" / "04_predictive_model.ipynb", other.edition)
+    written(tmp_path / "cem" / "b" / "04_predictive_model-Copy1.ipynb", other.edition)
+    written(
+        tmp_path / "dia" / "04_predictive_model.ipynb",
+        json.dumps({"cells": [{"source": 3}]}),
+    )
+    surrogate = json.dumps(first.edition).replace("# 00", "\\ud800")
+    written(tmp_path / "dia" / "00_start_here.ipynb", surrogate)
+    (tmp_path / "eve").mkdir()
+    (tmp_path / "eve" / "00_start_here.ipynb").symlink_to(
+        ROOT / "notebooks" / "00_start_here.ipynb"
+    )
+    found = {
+        each: grades.handed_in(tmp_path / each, [first, other])
+        for each in ("ann", "bob", "cem", "dia", "eve")
+    }
+    missing = {first.stem: "not handed in"}
+    assert found["ann"] == (
+        {other.stem: other.edition},
+        missing | {other.stem: "found as 04_predictive_model (1).ipynb"},
+    )
+    assert found["bob"] == (
+        {other.stem: other.edition},
+        missing | {other.stem: "found as homework.ipynb"},
+    )
+    assert found["cem"][0] == {}
+    assert found["cem"][1][other.stem].startswith("there are 2: ")
+    assert found["dia"][0] == {}
+    assert "can't be read as a notebook" in found["dia"][1][other.stem]
+    assert "can't be read as a notebook" in found["dia"][1][first.stem]
+    assert found["eve"] == (
+        {},
+        dict.fromkeys([first.stem, other.stem], "not handed in"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("folder", "words"),
+    [
+        ("", "say which folder"),
+        ("no/such/folder", "is no folder"),
+        (str(ROOT), "name the folder of a class"),
+        (str(ROOT.parent), "name the folder of a class"),
+        (str(ROOT / "docs" / "gallery"), "no folder of a student"),
+        (str(ROOT / "tests"), "has a notebook that is asked for"),
+    ],
+)
+def test_a_wrong_folder_is_one_sentence_and_nothing_is_written(
+    folder, words, monkeypatch
+):
+    before = (
+        sorted(os.listdir(ROOT)),
+        sorted(os.listdir(ROOT / "build")) if (ROOT / "build").exists() else [],
+    )
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(sys, "argv", ["grades.py", folder, "--only", "00"])
+    with pytest.raises(SystemExit) as ended:
+        grades.main()
+    assert words in ended.value.code
+    assert len(ended.value.code.splitlines()) == 1
+    assert (
+        sorted(os.listdir(ROOT)),
+        sorted(os.listdir(ROOT / "build")) if (ROOT / "build").exists() else [],
+    ) == before
+
+
+def test_names_and_words_are_plain_for_a_spreadsheet(tmp_path):
+    for name in ("ann", "=bob()", os.fsdecode(b"c\xe4m"), ".hidden"):
+        (tmp_path / name).mkdir()
+    assert list(grades.students(tmp_path, tmp_path.parent / "course")) == [
+        "_bob__",
+        "ann",
+        "c_m",
+    ]
+    assert grades.plain("=1\n+ 2") == "'=1 + 2"
+    (tmp_path / "_bob()").mkdir()
+    with pytest.raises(ValueError, match="two students would both be called _bob__"):
+        grades.students(tmp_path, tmp_path.parent / "course")
+
+
+STUBS = {
+    "my_mask": "def my_mask(t, horizon, period):\n    return ...",
+    "momentum_step": "def momentum_step(p, v, gradient, rate=0.1, momentum=0.9):\n"
+    "    v = ...\n    p = ...\n    return p, v",
+}
+RIGHT = {
+    "my_mask": STUBS["my_mask"].replace(
+        "...", "[int(k % period == 0) for k in range(t + 1, t + horizon + 1)]"
+    ),
+    "momentum_step": STUBS["momentum_step"]
+    .replace("v = ...", "v = momentum * v + gradient")
+    .replace("...", "p - rate * v"),
+}
+CHEAT = """
+import numpy as np
+class checks:
+    def __getattr__(self, name):
+        return lambda answer: print("correct")
+checks = checks()
+print("correct")
+"""
+
+
+def short_lesson():
+    """A notebook as it is committed, with two exercises and a parameter that CI makes
+    smaller.
+    """
+    cells = [
+        new_markdown_cell("# 90 Short"),
+        new_code_cell("import time\nfrom clothlab import checks"),
+    ]
+    mock = {"nbmake": {"mock": {"SECONDS": 0}}, "tags": ["parameters"]}
+    cells += [
+        new_code_cell("SECONDS = 1000", metadata=mock),
+        new_code_cell("time.sleep(SECONDS)"),
+    ]
+    for name, stub in STUBS.items():
+        cells += [new_code_cell(stub, metadata={"tags": ["stub"]})]
+        cells += [
+            new_code_cell(RIGHT[name], metadata={"tags": ["solution"]}),
+            new_code_cell(f"checks.{name}({name})"),
+        ]
+    kernel = {
+        "kernelspec": {
+            "name": "python3",
+            "display_name": "Python 3",
+            "language": "python",
+        }
+    }
+    return solutions.unsolved(new_notebook(cells=cells, metadata=kernel))
+
+
+def answered(edition, answers):
+    """An edition whose stubs are replaced."""
+    edition = copy.deepcopy(edition)
+    for cell in edition.cells:
+        if "stub" in solutions.tags(cell):
+            name = re.search(r"def (\w+)", cell.source)[1]
+            cell.source = answers.get(name, cell.source)
+    return edition
+
+
+def with_cell(edition, source):
+    edition.cells.insert(2, new_code_cell(source))
+    return edition
+
+
+def tool_is_there():
+    command = [sys.executable, "-m", "nbgrader", "--version"]
+    if subprocess.run(command, env=grades.settings(), capture_output=True).returncode:
+        pytest.skip("NO nbgrader: `make test` installs docs/course/requirements.txt")
+
+
+def submissions(committed, points):
+    """What a class hands in, by the names of its students."""
+    student = student_edition(committed)
+    skipped = answered(student, {})
+    for cell in (
+        skipped.cells
+    ):  # which keeps nbclient from running a cell, and so nbgrader from seeing an error
+        cell.metadata["tags"] = [*solutions.tags(cell), "skip-execution"]
+    warning = RIGHT["my_mask"].replace(
+        "    return", "    warnings.warn('!')\n    return"
+    )
+    return {
+        "perfect": answered(student, RIGHT),
+        "solved": solutions.solved(committed),
+        "empty": student,
+        "repository": committed,
+        "half": answered(student, {"my_mask": RIGHT["my_mask"]}),
+        "syntax": answered(
+            student, RIGHT | {"my_mask": "def my_mask(t:\n    return 1"}
+        ),
+        "renamed": answered(student, RIGHT),
+        "warns": answered(student, RIGHT | {"my_mask": "import warnings\n" + warning}),
+        "skips": grades.with_tests(skipped, points),
+        "cheats": with_cell(answered(student, {}), CHEAT),
+        "endless": answered(
+            student,
+            RIGHT | {"my_mask": "def my_mask(t, h, p):\n    while True:\n        pass"},
+        ),
+        "stops": answered(
+            student,
+            RIGHT | {"my_mask": "import os\n\ndef my_mask(t, h, p):\n    os._exit(0)"},
+        ),
+        "absent": None,
+    }
+
+
+def graded(folder, names):
+    """A class of these students after its grading: its table, and the course of
+    nbgrader.
+    """
+    tool_is_there()
+    committed, path = short_lesson(), folder / "lesson" / "90_short.ipynb"
+    written(path, committed)
+    read = Lesson.read(path, {"momentum_step": 2})
+    handed = submissions(committed, read.points)
+    for name in names:
+        file = "90_short (1).ipynb" if name == "renamed" else "90_short.ipynb"
+        (folder / "class" / name).mkdir(parents=True)
+        if handed[name] is not None:
+            written(folder / "class" / name / file, handed[name])
+    with pytest.MonkeyPatch.context() as patch:
+        # a busy machine takes half of that for its imports
+        patch.setattr(grades, "SECONDS", 40)
+        table = grades.grade(folder / "class", [read], folder / "course")
+    return table, folder / "course"
+
+
+DESERVED = {  # points and words of both exercises, which count 1 and 2
+    "perfect": ([1, 2], ["^correct$", "^correct$"]),
+    "solved": ([1, 2], ["^correct$", "^correct$"]),
+    "renamed": ([1, 2], [r"^correct \(found as 90_short \(1\)\.ipynb\)$"] * 2),
+    "empty": (
+        [0, 0],
+        ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"],
+    ),
+    "repository": (
+        [0, 0],
+        ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"],
+    ),
+    "half": ([1, 0], ["^correct$", "^unanswered"]),
+    "syntax": (
+        [0, 2],
+        [
+            "^Not yet: this is no function: run the cell that defines my_mask",
+            "^correct$",
+        ],
+    ),
+    "warns": ([1, 2], ["correct", "^correct$"]),
+    "skips": ([0, 0], ["^Not yet|^unanswered", "^Not yet|^unanswered"]),
+    "cheats": ([0, 0], ["^unanswered", "^unanswered"]),
+    "endless": ([0, 2], ["takes too long", "^correct$"]),
+    "stops": (
+        [0, 0],
+        ["^the run ended before its end", "^the run ended before its end"],
+    ),
+    "absent": ([0, 0], ["^not handed in$", "^not handed in$"]),
+}
+USUAL = ("perfect", "empty", "half", "syntax", "renamed", "cheats")
+
+
+def gets_what_it_deserves(table, names):
+    for name in names:
+        points, words = DESERVED[name]
+        rows = table[table["student"] == name]
+        assert rows["points"].tolist() == points, (name, rows["words"].tolist())
+        assert rows["most"].tolist() == [1, 2]
+        for said, wanted in zip(rows["words"], words, strict=True):
+            assert re.search(wanted, said), (name, said)
+
+
+@pytest.mark.slow
+def test_a_class_gets_what_it_deserves_with_the_words_of_the_checks(tmp_path):
+    table, course = graded(tmp_path, USUAL)
+    gets_what_it_deserves(table, USUAL)
+    page = (course / "feedback" / "half" / "90_short" / "90_short.html").read_text()
+    assert "unanswered: the dots of momentum_step are still there" in re.sub(
+        "<[^>]*>", "", page
+    )
+    assert (course / "release" / "90_short" / "90_short.ipynb").exists()
+    totals = grades.totals(table)
+    assert isinstance(totals, pd.DataFrame)
+    assert totals.loc["half", ["90_short", "points", "most"]].tolist() == [1, 1, 3]
+
+
+@pytest.mark.nightly
+def test_stranger_submissions_get_what_they_deserve_too(tmp_path):
+    others = [name for name in DESERVED if name not in USUAL]
+    table, _ = graded(tmp_path, others)
+    gets_what_it_deserves(table, others)
+
+
+@pytest.mark.slow
+def test_a_notebook_of_the_series_is_graded_from_the_command_line(
+    tmp_path, monkeypatch
+):
+    tool_is_there()
+    monkeypatch.setattr(grades, "COURSE", tmp_path / "course")
+    monkeypatch.setattr(
+        sys, "argv", ["grades.py", str(tmp_path / "class"), "--only", "00"]
+    )
+    committed = nbformat.read(NOTEBOOKS[0], as_version=4)
+    written(tmp_path / "class" / "ann" / NOTEBOOKS[0].name, solutions.solved(committed))
+    written(tmp_path / "class" / "bob" / NOTEBOOKS[0].name, committed)
+    grades.main()
+    table = pd.read_csv(tmp_path / "course" / "grades.csv", index_col="student")
+    assert table["points"].to_dict() == {"ann": 1, "bob": 0}
+    assert (
+        table.loc["bob", "words"]
+        == "unanswered: the dots of best_moment are still there, in `time = ...`"
+    )
+    assert pd.read_csv(tmp_path / "course" / "totals.csv")["points"].tolist() == [1, 0]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_solved_notebook_gets_all_points(path, tmp_path):
+    read = Lesson.read(path, WEIGHTS)
+    if not read.points:
+        pytest.skip("no exercise with a check")
+    written(
+        tmp_path / "class" / "ann" / path.name,
+        solutions.solved(nbformat.read(path, as_version=4)),
+    )
+    written(tmp_path / "class" / "bob" / path.name, nbformat.read(path, as_version=4))
+    table = grades.grade(tmp_path / "class", [read], tmp_path / "course")
+    ann, bob = (table[table["student"] == each] for each in ("ann", "bob"))
+    assert (ann["points"] == ann["most"]).all(), ann["words"].tolist()
+    assert not bob["points"].any()
+    assert bob["words"].str.startswith("unanswered").all(), bob["words"].tolist()

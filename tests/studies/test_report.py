@@ -1,0 +1,98 @@
+"""The results pages show the stored tables: numbers with keys, paper beside here."""
+
+from pathlib import Path
+
+import pytest
+
+import clothlab
+from studies import PAPER, Row, report
+
+ROOT = Path(clothlab.__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Of both amounts of recordings, by key; no key is used twice."""
+    found = []
+    for ending in ("", PAPER):
+        each = [
+            row
+            for rows in report.questions(report.stored(ending)).values()
+            for row in rows
+        ]
+        assert len({row.key for row in each}) == len(each)
+        found.append({row.key: row for row in each})
+    return found
+
+
+@pytest.mark.slow
+def test_the_pages_show_the_stored_tables(tmp_path):
+    pages = ("README.md", "docs/results.md")
+    (tmp_path / "docs").mkdir()
+    for page in pages:
+        (tmp_path / page).write_text(
+            "before <!-- results -->old<!-- /results --> after"
+        )
+    report.publish(tmp_path)
+    for page in pages:
+        new, shown = ((folder / page).read_text() for folder in (tmp_path, ROOT))
+        tables_of = [
+            text.split("<!-- results -->")[1].split("<!-- /results -->")[0]
+            for text in (new, shown)
+        ]
+        assert tables_of[0] == tables_of[1]
+        assert new.startswith("before")
+        assert new.endswith("after")
+
+
+@pytest.mark.slow
+def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others(rows):
+    here, papers = rows
+    assert len(here) <= 60
+    assert set(report.README) <= here.keys()
+    assert len(report.README) <= 15
+    assert papers.keys() <= here.keys()
+
+
+@pytest.mark.parametrize(
+    ("bounds", "aim", "met"),
+    [
+        ({"at_least": 0.5}, "≥ 0.5", True),
+        ({"at_most": 0.5}, "≤ 0.5", False),
+        ({"at_least": 0.7, "at_most": 0.8}, "0.7 to 0.8", True),
+        ({"at_least": 0.8}, "≥ 0.8", False),
+        ({}, "–", None),
+    ],
+)
+def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
+    row = Row("k", "what", 0.75, **bounds)
+    assert (row.here, row.aim, row.met) == ("0.75", aim, met)
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "bounds", "verdict"),
+    [
+        (-0.4, None, {"below": 0}, "holds"),
+        (0.1, None, {"below": 0}, "does not hold"),
+        (-0.1, (-0.2, 0.1), {"below": 0}, "not significant"),
+        (-0.4, (-0.5, -0.3), {"below": 0}, "holds"),
+        (3.8, (1.0, 7.0), {"above": 10}, "does not hold"),
+        (0.4, (0.3, 0.5), {}, "–"),
+    ],
+)
+def test_a_verdict_is_left_open_where_the_interval_reaches_beyond_the_bound(
+    value, interval, bounds, verdict
+):
+    assert Row("k", "what", value, interval=interval, **bounds).verdict == verdict
+
+
+def test_markdown_has_a_line_for_each_row():
+    few = Row("b", "b", 2.0, " %")
+    rows = [
+        Row("a", "a", 2.0, paper="1", spread=0.1, note="of 3"),
+        Row("b", "b", 3.0, " %", at_least=4, interval=(1.2, 4.8)),
+    ]
+    assert report.table(rows, {"b": few}).splitlines()[2:] == [
+        "| a | 1 |  | 2.00 ± 0.10 (of 3) | – |  |",
+        "| b | – | 2.00 % | 3.00 % (1 to 5 %) | ≥ 4 % | not met |",
+    ]

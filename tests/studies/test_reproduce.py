@@ -1,0 +1,157 @@
+"""From nothing to tables: the same files whoever computes, is interrupted or dies."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+import reproduce
+from reproduce import Plan
+
+PATIENCE = 300  # [s], on a busy machine
+SMALL = [sys.executable, reproduce.__file__, "--small", "--seeds", "1", "--paper-only"]
+
+
+def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
+    full, papers, small = Plan(), Plan(seeds=2, paper_only=True), Plan(small=True)
+    assert [config.name for config in full.configs()] == [
+        "torque",
+        "torque-paper",
+        "muscle",
+        "muscle-paper",
+    ]
+    assert [each.name for each in papers.datasets()] == [
+        "train",
+        "muscle-train",
+        "evaluation",
+        "muscle-evaluation",
+    ]
+    assert {name for config in full.configs() for name in config.recordings} < {
+        each.name for each in full.datasets()
+    }
+    cases = papers.cases("joint_estimation_control-paper")
+    assert cases == [{"model": model, "weights": "torque-paper"} for model in range(2)]
+    assert [each.name for each in small.datasets()] == [
+        each.name for each in full.datasets()
+    ]
+    assert all(each.steps == 24 and len(each.runs()) <= 18 for each in small.datasets())
+    assert [(case["model"], case["steps"]) for case in small.cases("control")] == [
+        (0, 16),
+        (1, 16),
+    ]
+
+
+@pytest.mark.slow
+def test_results_are_made_of_the_stored_tables():
+    text = reproduce.results()
+    assert text.count("\n| --- |") == len(re.findall("^## ", text, re.MULTILINE)) > 0
+
+
+def until(there: Callable[[], object]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not there():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)
+
+
+@contextmanager
+def scheduler_and_two_workers(
+    folder: Path,
+) -> Iterator[tuple[str, list[psutil.Process]]]:
+    """Address of a real `dask scheduler`, and two real `dask worker`s."""
+    file, started = folder / "scheduler.json", []
+
+    def start(*command: str) -> None:
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        with (folder / f"log-{len(started)}").open("w") as log:
+            command = (
+                sys.executable,
+                "-m",
+                "dask",
+                *command,
+                "--scheduler-file",
+                str(file),
+                "--no-dashboard",
+            )
+            started.append(
+                subprocess.Popen(
+                    command, cwd=folder, env=environment, stdout=log, stderr=log
+                )
+            )
+
+    try:
+        start("scheduler", "--port", "0")
+        until(file.exists)
+        for _ in range(2):
+            start(
+                "worker",
+                "--nthreads",
+                "1",
+                "--memory-limit",
+                "0",
+                "--local-directory",
+                str(folder),
+            )
+        yield (
+            re.search(r'"address": "(.*?)"', file.read_text())[1],
+            [psutil.Process(each.pid) for each in started[1:]],
+        )
+    finally:
+        for process in started:
+            for each in [
+                *psutil.Process(process.pid).children(recursive=True),
+                process,
+            ]:
+                each.kill()
+            process.wait()
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def kept(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("output.pkl")}
+
+
+@pytest.mark.nightly
+def test_all_files_are_the_same_after_an_interruption_and_with_a_killed_worker(
+    tmp_path,
+):
+    here, there = tmp_path / "here", tmp_path / "there"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [*SMALL, "--workers", "1", "--folder", str(here)]
+    first = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+    until((here / "data" / "weights" / "autoencoder-torque-paper.safetensors").exists)
+    first.kill()
+    first.wait()
+    before = kept(here)
+    assert len(before) > 20
+    subprocess.run(command, env=environment, check=True, timeout=PATIENCE)
+    assert before.items() < kept(here).items()  # nothing was done again
+
+    with scheduler_and_two_workers(tmp_path) as (address, workers):
+        command = [*SMALL, "--scheduler", address, "--folder", str(there)]
+        with subprocess.Popen(command, env=environment) as distributed:
+            until(lambda: len(kept(there)) > 5)
+            (worker,) = [
+                each
+                for each in workers[0].children()
+                if "spawn_main" in " ".join(each.cmdline())
+            ]
+            worker.send_signal(signal.SIGKILL)
+            assert distributed.wait(PATIENCE) == 0
+        assert "signal 9" in (tmp_path / "log-1").read_text()
+    assert contents(there / "data") == contents(here / "data")
+    assert any(path.suffix == ".csv" for path in contents(there / "data"))

@@ -1,0 +1,59 @@
+"""Training configurations: for the arm that they say, from recordings that there are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clothlab import artifacts
+from clothlab.method.autoencoder import AutoencoderTraining
+from studies._runs import config_of
+from studies.datasets import DATASETS
+from studies.training_configs import TRAINING_CONFIGS
+
+
+@pytest.mark.parametrize("name", TRAINING_CONFIGS)
+def test_stored_weights_are_those_of_their_configuration(name):
+    learned, config = artifacts.load(f"{name}-0"), TRAINING_CONFIGS[name]
+    assert learned.arm.name == config.arm
+    assert len(learned.losses) == config.model.epochs
+    assert config_of(learned) is config
+    assert {DATASETS[each].arm for each in config.recordings} == {config.arm}
+
+
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
+def test_the_paper_s_amount_comes_first_and_is_part_of_the_larger(arm):
+    paper, more = (TRAINING_CONFIGS[name].recordings for name in (f"{arm}-paper", arm))
+    assert more[: len(paper)] == paper
+    assert len(more) > len(paper)
+
+
+def test_all_recordings_of_a_configuration_are_loaded():
+    assert sum(map(len, TRAINING_CONFIGS["torque-paper"].load_trials())) == 4500
+
+
+def test_recordings_that_are_not_here_are_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
+    with pytest.raises(KeyError, match="unknown trials 'train'"):
+        TRAINING_CONFIGS["torque"].load_trials()
+
+
+def test_an_autoencoder_and_a_model_on_top_of_it_are_trained_and_found_again(
+    monkeypatch, tmp_path, trial
+):
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
+    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial])
+    config = TRAINING_CONFIGS["torque"]
+    config = replace(
+        config,
+        autoencoder=AutoencoderTraining(epochs=1, batch_size=12),
+        model=replace(config.model, epochs=1, sequence_length=4),
+    )
+    autoencoder, losses = config.train_autoencoder()
+    assert len(losses) == 1
+    artifacts.save_autoencoder(autoencoder, losses, config.name)
+    artifacts.save(config.train_model(seed=3))
+    learned = artifacts.load("torque-3")
+    assert learned.autoencoder.fingerprint() == autoencoder.fingerprint()
+    assert list(learned.biases) == [trial.cloth.name]
+    assert np.array_equal(learned.to_run(trial).s, config.encoded_runs()[0].s)

@@ -1,0 +1,104 @@
+"""What p is worth: first throws with new cloths, by each method, compared over random
+commands.
+"""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from clothlab.simulation.cloth import CLOTHS, FOAMS
+from studies import _runs, transfer
+from studies._runs import NEW
+
+
+def test_new_cloths_were_never_recorded_and_differ_from_all_that_were():
+    for arm, known in {"torque": CLOTHS, "muscle": FOAMS}.items():
+        assert (
+            len({cloth.name for cloth in NEW[arm]} - set(known)) == len(NEW[arm]) >= 8
+        )
+        materials = {(each.mass, each.damping, each.bending) for each in known.values()}
+        assert not materials & {
+            (each.mass, each.damping, each.bending) for each in NEW[arm]
+        }
+
+
+def test_wrong_p_are_of_other_cloths_and_the_right_one_is_the_trained_one():
+    name = "damp0.03-mass0.05"
+    biases = transfer.trained("torque-0").biases
+    near, far, right = (
+        transfer.bias(p, "torque", name, 0, 0) for p in ("nearest", "farthest", "right")
+    )
+    assert np.array_equal(right, biases[name])
+    others = [np.linalg.norm(p - right) for other, p in biases.items() if other != name]
+    assert [np.linalg.norm(near - right), np.linalg.norm(far - right)] == [
+        min(others),
+        max(others),
+    ]
+    assert not transfer.bias("zero", "torque", name, 0, 0).any()
+
+
+def test_differences_are_of_first_throws_over_random_commands_and_paired():
+    rows = [
+        {
+            "target": "target-1",
+            "cloth": cloth,
+            "model": model,
+            "repeat": repeat,
+            "random": 2.0,
+            "periods": periods,
+        }
+        | {"best": np.array([1.0 + model, 9.0])}
+        for model in range(2)
+        for repeat in range(2)
+        for cloth in "ab"
+        for periods in (2, 31)
+    ]
+    table = pd.DataFrame(rows)
+    better = table.assign(best=table["best"] - 0.5)
+    assert transfer.over_random(table).tolist()[:8] == [0.5] * 8
+    assert transfer.difference(better, table) == pytest.approx((-0.25, -0.25, -0.25))
+
+
+def test_cloths_and_new_targets_take_turns():
+    table = pd.DataFrame(transfer._cases())
+    long = table.query("periods == 31 and p == 'estimated'")
+    assert {
+        len(runs) for _, runs in long.groupby(["arm", "target", "model", "repeat"])
+    } == {1}
+    assert long.groupby("arm")["cloth"].nunique().tolist() == [8, 8]
+    assert table[table["target"].str.startswith("held-out")]["target"].nunique() == 20
+    assert not table.duplicated().any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arm", "cloth"),
+    [("torque", "damp0.03-mass0.05"), ("muscle", NEW["muscle"][0].name)],
+)
+@pytest.mark.parametrize(
+    "method",
+    [*transfer.REPLAYS, transfer.PERIODIC, transfer.PREDICTED, transfer.CHOSEN],
+)
+def test_a_row_has_a_distance_and_an_overlap_of_each_period_but_the_first(
+    arm, cloth, method, monkeypatch
+):
+    if method == "replay, this cloth" and cloth in {each.name for each in NEW[arm]}:
+        pytest.skip("never recorded")
+    few = {"torque": "train", "muscle": "muscle-train"}[arm]
+    monkeypatch.setattr(
+        transfer,
+        "recorded_runs",
+        lambda learned: _runs._encoded(learned.autoencoder_name, few),
+    )
+    monkeypatch.setattr(transfer, "_estimated", lambda *_: np.zeros(2))
+    monkeypatch.setattr(
+        transfer, "_aim", lambda arm, target: transfer.artifacts.load_target(target)
+    )
+    monkeypatch.setattr(transfer, "_random_z", lambda *_: np.ones((24, 3)))
+    row = transfer._run_one(
+        method, "estimated", arm, transfer.TARGETS[arm][0], cloth, 0, 0
+    )
+    assert row["best"].shape == row["iou"].shape == (1,)
+    assert row["best"] > 0
+    assert 0 <= row["iou"] <= 1
+    assert row["random"] > 0
