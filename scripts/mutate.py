@@ -35,7 +35,7 @@ import pytest
 from mutants import Mutant, mutants_of
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("clothlab/learning", "clothlab/simulation")
+FOLDERS = ("clothlab/method", "clothlab/simulation")
 ACCEPTED = ROOT / "tests" / "mutants.toml"
 ENOUGH = 85  # [%]
 GROUPS = "not browser and not book and not nightly and not container"
@@ -192,7 +192,9 @@ def report(outcomes: list[tuple[Mutant, str]]) -> bool:
         print(f"- {mutant.before}\n+ {mutant.after}")
     score = 100 * (1 - len(alive) / len(outcomes))
     late = sum(how == "timeout" for _, how in outcomes)
-    print(f"\n{len(outcomes)} mutants, {late} of them killed by time: {score:.1f} % killed")
+    print(
+        f"\n{len(outcomes)} mutants, {late} of them killed by time: {score:.1f} % killed"
+    )
     print(f"at least {ENOUGH} % are to be: {score:.1f} ≥ {ENOUGH} is {score >= ENOUGH}")
     return score >= ENOUGH
 

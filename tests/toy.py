@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from clothlab.learning.autoencoder import Autoencoder
-from clothlab.learning.dpmpb import DPMPB, Memory
-from clothlab.learning.trained import Trained
+from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.model import DPMPB, Memory
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, get_cloth
+from clothlab.trained import Trained
 from clothlab.trials import Trial
 
 PIXELS = 32 * 128  # of a third of the image

@@ -10,7 +10,12 @@ import toy
 
 from clothlab import artifacts
 from clothlab.analysis import best_per_period, target_distance
-from clothlab.experiments import (
+from clothlab.method.autoencoder import encode
+from clothlab.policies import ReplayPolicy
+from clothlab.simulation.arm import MuscleArm, get_arm
+from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
+from clothlab.simulation.env import ClothEnv
+from studies import (
     _runs,
     autoencoder_quality,
     calibration_test,
@@ -28,11 +33,6 @@ from clothlab.experiments import (
     table_setting,
     transfer,
 )
-from clothlab.learning.autoencoder import encode
-from clothlab.policies import ReplayPolicy
-from clothlab.simulation.arm import MuscleArm, get_arm
-from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
-from clothlab.simulation.env import ClothEnv
 
 STUDIES = (_runs, autoencoder_quality, calibration_test, camera_recalibration, control)
 STUDIES += (estimation, joint_estimation_control, self_organisation, stiffness)
@@ -69,7 +69,9 @@ def world(monkeypatch):
 
 def test_a_reconstruction_is_as_good_as_the_share_of_pixels_that_it_draws(world):
     world.learned = toy.learned(lost=256)
-    world.trials = [toy.trial_of([[0, 0, 0], [-2, -2, -2], [-4, -4, -4]])]  # the last: no cloth
+    world.trials = [
+        toy.trial_of([[0, 0, 0], [-2, -2, -2], [-4, -4, -4]])
+    ]  # the last: no cloth
     row = autoencoder_quality._reconstruct()
     shares = np.array([1 - 256 / 2048, 1 - 256 / 1024, 1.0])
     assert row["iou"] == pytest.approx(shares.mean())
@@ -227,7 +229,9 @@ def nearest_to(aim, p, arm):
     return np.sqrt(((z - aim[:2]) ** 2).sum(-1) + aim[2] ** 2).min()
 
 
-@pytest.mark.parametrize("aim", [(0.3, -0.9, 0.0), (1.5, -0.4, 0.5)], ids=["reached", "beyond"])
+@pytest.mark.parametrize(
+    "aim", [(0.3, -0.9, 0.0), (1.5, -0.4, 0.5)], ids=["reached", "beyond"]
+)
 @pytest.mark.parametrize("run", [control._run_one, control._run_periodic])
 def test_control_comes_as_near_as_any_command_can(world, aim, run):
     world.aim = np.array(aim)
@@ -245,7 +249,8 @@ def test_a_periodic_warm_start_is_asked_for(world, monkeypatch):
     asked = []
     controller = type(world.learned).controller
     spy = lambda learned, mask, p, settings, *rest: (  # noqa: E731
-        asked.append(settings.warm_start) or controller(learned, mask, p, settings, *rest)
+        asked.append(settings.warm_start)
+        or controller(learned, mask, p, settings, *rest)
     )
     monkeypatch.setattr(type(world.learned), "controller", spy)
     for run in (control._run_one, control._run_periodic):
@@ -283,13 +288,14 @@ def test_a_throw_is_made_with_the_p_that_its_row_names(world, monkeypatch, cloth
     aim = np.array([0.5, -1.0, 0.0])
     world.aim = aim
     told = Told(np.tile(get_arm("torque").home_command, (16, 1)))
-    far, near, exact = aim + [1.0, 0, 0], aim + [0.25, 0, 0], aim
+    far = np.add(aim, (1.0, 0, 0))
+    near = np.add(aim, (0.25, 0, 0))
     shown = np.array([far] * 8 + [far] * 4 + [near] + [far] * 3)
     monkeypatch.setitem(transfer._CONTROLLERS, "told", told)
     monkeypatch.setattr(transfer, "new_trial", lambda policy, *_: toy.trial_of(shown))
     estimate = np.array([0.111, 0.222], np.float32)
     monkeypatch.setattr(transfer, "_estimated", lambda *_: estimate)
-    chance = np.array([far] * 8 + [far + [1.0, 0, 0]] * 8 + [exact] * 8)
+    chance = np.array([far] * 8 + [np.add(far, (1.0, 0, 0))] * 8 + [aim] * 8)
     monkeypatch.setattr(transfer, "_random_z", lambda *_: chance)
 
     for p in ("right", "estimated", "nearest", "farthest", "zero"):
@@ -311,10 +317,12 @@ def test_a_throw_is_made_with_the_p_that_its_row_names(world, monkeypatch, cloth
 
 
 def test_every_controller_of_a_throw_has_the_p_that_it_is_given(world, monkeypatch):
-    runs = [world.learned.sequences(toy.random_trial("torque", LIGHT, 40, 0))]
+    runs = [world.learned.to_run(toy.random_trial("torque", LIGHT, 40, 0))]
     monkeypatch.setattr(transfer, "recorded_runs", lambda learned: runs)
     for make in transfer._CONTROLLERS.values():
-        policy = make(world.learned, toy.image_of([0.3, -0.9, 0.0]), np.array([0.3, -0.2]))
+        policy = make(
+            world.learned, toy.image_of([0.3, -0.9, 0.0]), np.array([0.3, -0.2])
+        )
         assert policy.p == pytest.approx([0.3, -0.2])
 
 
@@ -322,7 +330,9 @@ def test_every_controller_of_a_throw_has_the_p_that_it_is_given(world, monkeypat
 
 
 @pytest.mark.parametrize(("spring", "f_const"), [("nonlinear", 70.0), ("linear", 30.0)])
-def test_an_ellipse_is_the_compliance_of_springs_and_motors(monkeypatch, spring, f_const):
+def test_an_ellipse_is_the_compliance_of_springs_and_motors(
+    monkeypatch, spring, f_const
+):
     """C = J (Gᵀ k G)⁻¹ Jᵀ, where spring and motor of each muscle are in series."""
     whole = stiffness.stiffness_ellipse
     few = lambda *given: whole(*given, directions=4)  # noqa: E731
@@ -363,7 +373,9 @@ def test_peak_speeds_are_those_of_the_fastest_plan(monkeypatch):
     row = oracle._run_speed(0, steps=3, search=only_these)
     assert row["f_const"][:-1].tolist() == [10, 30, 70]
     assert np.isnan(row["f_const"][-1])
-    assert row["peak"][-1] == row["peak"][:-1].max()  # it begins with what the others found
+    assert (
+        row["peak"][-1] == row["peak"][:-1].max()
+    )  # it begins with what the others found
     env = ClothEnv("muscle", "hard-1")
     for tension, peak in zip(row["f_const"][:-1], row["peak"][:-1], strict=True):
         found = []
@@ -412,7 +424,8 @@ def test_an_oracle_sends_the_best_of_all_plans(world, monkeypatch):
 
 def test_a_plan_that_was_found_for_one_cloth_is_sent_with_another(world, monkeypatch):
     world.aim = aim = np.array([0.5, -1.0, 0.0])
-    far, near = aim + [1.0, 0, 0], aim + [0.25, 0, 0]
+    far = np.add(aim, (1.0, 0, 0))
+    near = np.add(aim, (0.25, 0, 0))
     commands = np.random.default_rng(0).uniform((-0.8, -1.6), (1, 0), (16, 2))
     found = toy.trial_of([far] * 12 + [near] + [far] * 3, commands)
     asked, sent = [], []
@@ -457,8 +470,10 @@ def in_the_toy(world, monkeypatch):
         "recorded_runs": lambda learned: world.runs,
     }.items():
         monkeypatch.setattr(iterative_control, name, instead)
-    recorded = [toy.random_trial("torque", name, 60, k) for k, name in enumerate(CLOTHS)]
-    world.runs = [world.learned.sequences(trial) for trial in recorded]
+    recorded = [
+        toy.random_trial("torque", name, 60, k) for k, name in enumerate(CLOTHS)
+    ]
+    world.runs = [world.learned.to_run(trial) for trial in recorded]
     world.starts = starts
     return world
 
