@@ -138,7 +138,9 @@ def _changed_calls(node: ast.Call) -> Iterator[tuple[ast.AST, ast.AST]]:
     if isinstance(function, ast.Attribute):
         if name in RENAMED:
             yield node, _with(node, func=_with(function, attr=RENAMED[name]))
-        if (name in LEFT_OUT and not isinstance(function.value, ast.Name)) or (name in LEFT_OUT and function.value.id not in ("np", "torch", "math")):
+        if (name in LEFT_OUT and not isinstance(function.value, ast.Name)) or (
+            name in LEFT_OUT and function.value.id not in ("np", "torch", "math")
+        ):
             yield node, function.value
     elif name in ("min", "max", "any", "all"):
         yield node, _with(node, func=ast.Name(RENAMED[name]))

@@ -54,11 +54,14 @@ class Recorder:
         self.measured = measured
         self.durations: dict[str, float] = {}  # of tests that pass [s]
         self.users: dict[str, list[str]] = {}  # tests, by what they run as, or share
+        self.slow: list[str] = []
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         for name in [item.nodeid, *getattr(item, "fixturenames", [])]:
             self.users.setdefault(name, []).append(item.nodeid)
+        if item.get_closest_marker("slow"):
+            self.slow.append(item.nodeid)
         self.measured.switch_context(item.nodeid)
         return (yield)
 
@@ -93,20 +96,31 @@ def record(folder: Path, only: list[str]) -> int:
         for line, contexts in data.contexts_by_lineno(path).items():
             tests = {t for name in contexts for t in recorder.users.get(name, [])}
             lines[line] = [numbers[test] for test in tests if test in numbers]
-    found = {"durations": recorder.durations, "reached": reached}
+    found = {"durations": recorder.durations, "slow": recorder.slow, "reached": reached}
     (folder / "reached.json").write_text(json.dumps(found))
     return 0
 
 
 def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
-    """Tests that pass through a mutant, quickest first, and how long each takes [s]."""
+    """Tests that concern a mutant, and how long each takes [s].
+
+    Those of its own file come first, then the quickest. Slow ones come last, and only
+    from files that name the module.
+    """
     lines = recorded["reached"].get(mutant.path, {})
     here = lines.values()  # of what runs at the import: any test of the file may tell
     if mutant.inside:
         here = [lines.get(str(line), []) for line in mutant.lines]
     durations = list(recorded["durations"].items())
-    tests = [durations[k] for k in set().union(*here)]
-    return dict(sorted(tests, key=lambda test: test[1]))
+    found = {}
+    module = Path(mutant.path).with_suffix("")
+    for test, duration in [durations[k] for k in set().union(*here)]:
+        file = ROOT / test.split("::")[0]
+        slow = test in recorded["slow"]
+        if not slow or ".".join(module.parts) in file.read_text():
+            own = file.stem == f"test_{module.stem}"
+            found[test] = (slow, not own, duration)
+    return {test: found[test][2] for test in sorted(found, key=found.get)}
 
 
 def copy_repository(into: Path) -> Path:

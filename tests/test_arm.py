@@ -16,7 +16,7 @@ from clothlab.simulation.arm import (
     check_command,
     get_arm,
 )
-from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
 MUSCLE = MuscleArm()
@@ -272,3 +272,19 @@ def test_a_camera_is_moved_along_and_about_its_own_axes():
     assert camera.moved(turn=(0, 0, 5)).axes[1] @ right < 0  # its top leans left
     assert camera.moved(turn=(0, 0, 5)).roll == pytest.approx(5)
     assert camera.fovy == camera.moved((1, 0, 0)).fovy
+
+
+def test_motors_reel_in_no_faster_than_their_speed_and_the_hand_feels_it():
+    """Full swings: half the motors' speed, about half the hand's."""
+    fastest = {}
+    for speed in (MUSCLE.motor_speed, MUSCLE.motor_speed / 2):
+        env = ClothEnv(replace(MUSCLE, motor_speed=speed), "hard-1")
+        before = env.data.act.copy()
+        hand = []
+        site = env.data.site("hand")
+        env.advance([-0.8, -1.6, 70.0], lambda: hand.append(site.xpos.copy()), 50)
+        reeled = np.abs(env.data.act - before) / CONTROL_PERIOD
+        assert reeled == pytest.approx(np.full(6, speed), rel=1e-6)
+        steps = np.linalg.norm(np.diff(hand, axis=0), axis=1)
+        fastest[speed] = steps.max() / (CONTROL_PERIOD / 50)
+    assert fastest[0.1] == pytest.approx(2 * fastest[0.05], rel=0.3)
