@@ -133,18 +133,27 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
 
 
 def test_memory_follows_commands_of_others():
-    model = DPMPB(2, 1)
-    watching, acting = (
-        Controller(model, squares, [0.1, 0.2], [-1], [1]) for _ in range(2)
+    """Two controllers that can send but one command foresee what their memory says."""
+    model, foreseen = DPMPB(2, 1), []
+
+    def noted(states, t):
+        foreseen.append(states[0].detach())
+        return squares(states, t)
+
+    watching, acting, fresh = (
+        Controller(model, noted, [0.1, 0.2], [0.5], [0.5]) for _ in range(3)
     )
     for s in np.eye(2):
         watching.follow(s, acting.act(s))
-    acting.follow(s, [0.5])
-    watching.follow(s, [0.5])
-    assert all(
-        torch.equal(*both)
-        for both in zip(watching._memory, acting._memory, strict=True)
-    )
+    acting.follow([0.2, 0.3], [-0.5])
+    watching.follow([0.2, 0.3], [-0.5])
+
+    def foresight(controller):
+        controller.act([0.0, 1.0])
+        return foreseen[-1]
+
+    assert torch.allclose(foresight(watching), foresight(acting), atol=1e-6)
+    assert not torch.allclose(foresight(fresh), foresight(acting), atol=1e-4)
 
 
 def squares(states, t):

@@ -194,6 +194,21 @@ def test_a_foam_weighs_its_volume_and_drags_as_a_plate(kind):
     assert cloth.rows * cloth.columns * cloth.damping * 2.0 == pytest.approx(force)
 
 
+@pytest.mark.parametrize("name", FOAMS)
+def test_half_the_time_step_moves_a_foam_by_millimetres(name):
+    """So light a cloth is the first to tremble where a time step is too large."""
+    moved = []
+    for time_step in (0.002, 0.001):
+        env = ClothEnv("muscle", name, scene=Scene(time_step=time_step))
+        policy = RandomPolicy(env.arm)
+        policy.reset(1)
+        for _ in range(8):
+            env.advance(policy({}))
+            moved.append(env.cloth_points())
+    assert mean_shift(np.array(moved[:8]), np.array(moved[8:])) < 0.002
+    assert mean_shift(np.array(moved[:7]), np.array(moved[1:8])) > 0.02
+
+
 def test_a_cloth_is_found_by_its_name_and_returned_as_it_is():
     cloth = get_cloth(cloth_name(0.03, 0.1))
     assert (cloth.damping, cloth.mass) == (0.03, 0.10)

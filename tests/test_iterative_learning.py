@@ -52,7 +52,7 @@ def constant(command):
 
 
 AIM = np.array([-0.3, -1.2, 0.0])
-BEST, SECOND = AIM[:2], AIM[:2] + (0.1, 0.0)  # by prediction
+BEST, SECOND = AIM[:2], np.add(AIM[:2], (0.1, 0.0))  # by prediction
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_looking_ahead_a_plan_must_be_good_from_where_it_ends_too():
     Both have their best step in the mean of two periods as root mean square.
     """
     settings = replace(SETTINGS, iterations=0, prior_error=1e-6, lookahead=2)
-    runs = [constant(BEST + (0.5, 0.0)), constant(SECOND)]
+    runs = [constant(np.add(BEST, (0.5, 0.0))), constant(SECOND)]
     policy = LEARNED.iterative_controller(toy.image_of(AIM), P, runs, settings)
     commands, _ = outcomes(policy, np.zeros(3), periods=1)
     assert commands[0, 0] == pytest.approx(SECOND, abs=1e-5)

@@ -326,6 +326,45 @@ def test_every_controller_of_a_throw_has_the_p_that_it_is_given(world, monkeypat
         assert policy.p == pytest.approx([0.3, -0.2])
 
 
+@pytest.mark.parametrize("arm", ["torque", "muscle"])
+def test_of_every_method_the_first_throw_in_a_known_world_is_known(
+    world, monkeypatch, arm
+):
+    names = CLOTHS if arm == "torque" else ("hard-1", "soft-1")
+    world.learned = toy.learned(arm, names)
+    world.aim = aim = np.array([0.3, -0.9, 0.0])
+    cloth = next(iter(names))
+    recorded = [toy.random_trial(arm, name, 60, k) for k, name in enumerate(names)]
+    runs = [world.learned.to_run(trial) for trial in recorded]
+    replaced = {
+        "recorded_runs": lambda learned: runs,
+        "_aim": lambda arm, target: toy.image_of(aim),
+        "_random_z": lambda *_: np.ones((24, 3)),
+    }
+    for name, instead in replaced.items():
+        monkeypatch.setattr(transfer, name, instead)
+
+    def first_throw(method):
+        row = transfer._run_one(method, "right", arm, "a target", cloth, 0, 0)
+        assert row["random"] == pytest.approx(np.linalg.norm(1 - aim), abs=PIXEL)
+        return float(row["best"][0])
+
+    least = nearest_to(aim, toy.bias_of(cloth), world.learned.arm)
+    for method in transfer._CONTROLLERS:
+        if method != transfer.PREDICTED:  # of the model's choice among recordings
+            assert first_throw(method) == pytest.approx(least, abs=0.06), method
+    seen = {run.material: np.linalg.norm(run.s[8:, :3] - aim, axis=1) for run in runs}
+    assert first_throw("replay, this cloth") <= seen[cloth].min() + PIXEL
+    nearest = transfer.bias("nearest", arm, cloth, 0, 0)
+    (neighbour,) = [n for n in names if np.array_equal(toy.bias_of(n), nearest)]
+    found = first_throw("replay, nearest p")
+    run = next(run for run in runs if run.material == neighbour)
+    best = 8 + int(seen[neighbour].argmin())
+    sent = run.u[best - 8 : best, :2].astype(np.float64)
+    z = np.pad((1 + toy.bias_of(cloth)) * sent, ((0, 0), (0, 1)))
+    assert found == pytest.approx(np.linalg.norm(z - aim, axis=1).min(), abs=PIXEL)
+
+
 # What the arm can do
 
 
