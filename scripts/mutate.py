@@ -38,6 +38,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("clothlab/method", "clothlab/simulation")
 ACCEPTED = ROOT / "tests" / "mutants.toml"
 ENOUGH = 85  # [%]
+LONGEST = 60.0  # of the tests of a mutant [s]
 GROUPS = "not browser and not book and not nightly and not container"
 # What takes seconds to import, and has nothing of this repository in it.
 HEAVY = ("torch", "scipy.optimize", "pandas", "sklearn.pipeline", "gymnasium")
@@ -104,23 +105,30 @@ def record(folder: Path, only: list[str]) -> int:
 def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
     """Tests that concern a mutant, and how long each takes [s].
 
-    Those of its own file come first, then the quickest. Slow ones come last, and only
-    from files that name the module.
+    Those of its own file come first, then the quickest; slow ones of other files come
+    last, and only where the file names the module. What takes longer than `LONGEST`
+    in all is left out.
     """
     lines = recorded["reached"].get(mutant.path, {})
     here = lines.values()  # of what runs at the import: any test of the file may tell
     if mutant.inside:
         here = [lines.get(str(line), []) for line in mutant.lines]
+
     durations = list(recorded["durations"].items())
-    found = {}
     module = Path(mutant.path).with_suffix("")
+    order = {}
     for test, duration in [durations[k] for k in set().union(*here)]:
         file = ROOT / test.split("::")[0]
         slow = test in recorded["slow"]
         if not slow or ".".join(module.parts) in file.read_text():
-            own = file.stem == f"test_{module.stem}"
-            found[test] = (slow, not own, duration)
-    return {test: found[test][2] for test in sorted(found, key=found.get)}
+            order[test] = (file.stem != f"test_{module.stem}", slow, duration)
+
+    found: dict[str, float] = {}
+    for test in sorted(order, key=order.get):
+        duration = order[test][-1]
+        if sum(found.values()) + duration <= LONGEST:
+            found[test] = duration
+    return found
 
 
 def copy_repository(into: Path) -> Path:

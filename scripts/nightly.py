@@ -4,8 +4,8 @@
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
 every notebook at full size, a wheel of every pin for every platform, the student
-edition's site, and speed. `python scripts/nightly.py --only soak` does one and writes
-nothing.
+edition's site, speed, and 200 mutants of the method and the simulation. `python
+scripts/nightly.py --only soak` does one and writes nothing.
 """
 
 import argparse
@@ -29,7 +29,7 @@ PARTS = {  # what it is: command, and settings in the environment
         (*PYTEST, "tests/test_lab_fuzz.py"),
         {"CLOTHLAB_OPERATIONS": "3000"},
     ),
-    "reproduction": ((*PYTEST, "tests/test_reproduce.py", "-m", "nightly"), {}),
+    "reproduction": ((*PYTEST, "tests/studies/test_reproduce.py", "-m", "nightly"), {}),
     "checks": (
         (*PYTEST, "tests/test_checks.py", "-k", "whatever_is_drawn"),
         {"CLOTHLAB_INPUTS": "200"},
@@ -43,9 +43,12 @@ PARTS = {  # what it is: command, and settings in the environment
         {"CLOTHLAB_PAGES": "1"},
     ),
     "bench": ((sys.executable, "scripts/bench.py"), {}),
+    "mutants": ((sys.executable, "scripts/mutate.py"), {"OMP_NUM_THREADS": "1"}),
 }
 # Lines of the summary
-SHOWN = re.compile(r"^(?!.*%\|).*(\d+ (passed|failed)|claims|minutes|[≤≥]|:.*\d)")
+SHOWN = re.compile(
+    r"^(?!.*%\|).*(\d+ (passed|failed)|claims|minutes|[≤≥]|:.*\d)|^[-+] "
+)
 
 
 def run(name: str) -> tuple[bool, str]:
