@@ -87,8 +87,10 @@ def record(folder: Path, only: list[str]) -> int:
     measured = coverage.Coverage(data_file=None, config_file=False, source=sources)
     recorder = Recorder(measured)
     measured.start()
-    pytest.main([*OPTIONS, "-m", GROUPS, *only], plugins=[recorder])
+    status = pytest.main([*OPTIONS, "-m", GROUPS, *only], plugins=[recorder])
     measured.stop()
+    if status not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        return int(status)
     data = measured.get_data()
     numbers = {name: k for k, name in enumerate(recorder.durations)}
     reached: dict[str, dict[int, list[int]]] = {}
