@@ -28,6 +28,7 @@ import time
 import tomllib
 import traceback
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import coverage
@@ -83,6 +84,7 @@ class Recorder:
 
 def record(folder: Path, only: list[str]) -> int:
     """Run the tests of a copy once; `reached.json` in it says what was recorded."""
+    # Run them all, while every line is noted with the test that it runs for
     sources = [str(folder / each) for each in FOLDERS]
     measured = coverage.Coverage(data_file=None, config_file=False, source=sources)
     recorder = Recorder(measured)
@@ -91,6 +93,8 @@ def record(folder: Path, only: list[str]) -> int:
     measured.stop()
     if status not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
         return int(status)
+
+    # Of each line keep the numbers of the tests that pass
     data = measured.get_data()
     numbers = {name: k for k, name in enumerate(recorder.durations)}
     reached: dict[str, dict[int, list[int]]] = {}
@@ -99,6 +103,7 @@ def record(folder: Path, only: list[str]) -> int:
         for line, contexts in data.contexts_by_lineno(path).items():
             tests = {t for name in contexts for t in recorder.users.get(name, [])}
             lines[line] = [numbers[test] for test in tests if test in numbers]
+
     found = {"durations": recorder.durations, "slow": recorder.slow, "reached": reached}
     (folder / "reached.json").write_text(json.dumps(found))
     return 0
@@ -111,11 +116,13 @@ def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
     last, and only where the file names the module. What takes longer than `LONGEST`
     in all is left out.
     """
+    # All that pass through its lines
     lines = recorded["reached"].get(mutant.path, {})
     here = lines.values()  # of what runs at the import: any test of the file may tell
     if mutant.inside:
         here = [lines.get(str(line), []) for line in mutant.lines]
 
+    # In order of what they may tell
     durations = list(recorded["durations"].items())
     module = Path(mutant.path).with_suffix("")
     order = {}
@@ -125,6 +132,7 @@ def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
         if not slow or ".".join(module.parts) in file.read_text():
             order[test] = (file.stem != f"test_{module.stem}", slow, duration)
 
+    # As many as there is time for
     found: dict[str, float] = {}
     for test in sorted(order, key=order.get):
         duration = order[test][-1]
@@ -214,13 +222,34 @@ def report(outcomes: list[tuple[Mutant, str]]) -> bool:
         key = (mutant.path, mutant.before, mutant.after)
         print(f"\n{mutant.path}:{mutant.line}: {how}; {accepted.get(key, 'no reason')}")
         print(f"- {mutant.before}\n+ {mutant.after}")
+
     score = 100 * (1 - len(alive) / len(outcomes))
     late = sum(how == "timeout" for _, how in outcomes)
-    print(
-        f"\n{len(outcomes)} mutants, {late} of them killed by time: {score:.1f} % killed"
-    )
-    print(f"at least {ENOUGH} % are to be: {score:.1f} ≥ {ENOUGH} is {score >= ENOUGH}")
+    print(f"\n{len(outcomes)} mutants: {len(alive)} survive, {late} run out of time")
+    print(f"score: {score:.1f} % are killed, at least {ENOUGH} % are to be")
     return score >= ENOUGH
+
+
+def judge_all(mutants: list[Mutant], folders: list[Path]) -> list[tuple[Mutant, str]]:
+    """The outcome of each mutant, by as many processes as there are folders."""
+    recorded = json.loads((folders[0] / "reached.json").read_text())
+    tasks = [(mutant, tests_of(mutant, recorded)) for mutant in mutants]
+    context = multiprocessing.get_context("fork")
+    free = context.SimpleQueue()
+    for folder in folders:
+        free.put(folder)
+
+    found = []
+    with context.Pool(len(folders), lambda: os.chdir(free.get())) as pool:
+        # Without a change all tests pass, or no score would mean anything
+        mutant, tests = max(tasks, key=lambda task: len(task[1]))
+        unchanged = replace(mutant, source=(ROOT / mutant.path).read_text())
+        if pool.apply(judge, [(unchanged, tests)]) != "survived":
+            sys.exit("tests that passed fail when they run again, without a change")
+        for mutant, how in zip(mutants, pool.imap(judge, tasks), strict=True):
+            found.append((mutant, how))
+            print(how, mutant.path, mutant.line, flush=True)
+    return found
 
 
 def main() -> int:
@@ -232,7 +261,9 @@ def main() -> int:
     parser.add_argument("--tests", nargs="+", default=[], help="only these files")
     options = parser.parse_args()
     mutants = random.Random(options.seed).sample(all_mutants(), options.count)
-    sys.dont_write_bytecode = True  # else a stale one of the same second would be read
+
+    # No compiled files: a stale one of the same second would be read
+    sys.dont_write_bytecode = True
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
     for name in HEAVY:
         importlib.import_module(name)
@@ -244,19 +275,7 @@ def main() -> int:
         process = start(folders[0], lambda: record(folders[0], options.tests))
         if os.waitpid(process, 0)[1]:
             sys.exit((folders[0] / "mutate.log").read_text())
-        recorded = json.loads((folders[0] / "reached.json").read_text())
-        tasks = [(mutant, tests_of(mutant, recorded)) for mutant in mutants]
-
-        context = multiprocessing.get_context("fork")
-        free = context.SimpleQueue()
-        for folder in folders:
-            free.put(folder)
-        outcomes = []
-        with context.Pool(len(folders), lambda: os.chdir(free.get())) as pool:
-            for (mutant, _), found in zip(tasks, pool.imap(judge, tasks), strict=True):
-                outcomes.append((mutant, found))
-                print(found, mutant.path, mutant.line, flush=True)
-    return not report(outcomes)
+        return not report(judge_all(mutants, folders))
 
 
 if __name__ == "__main__":

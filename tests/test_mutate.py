@@ -105,4 +105,4 @@ def test_the_score_counts_survivors_that_are_accepted(
     printed = capsys.readouterr().out
     assert "least.py:3: survived; it is only a limit" in printed
     assert f"- {mutant.before}\n+ {mutant.after}" in printed
-    assert f"{5 * killed}.0 % killed" in printed
+    assert f"score: {5 * killed}.0 % are killed" in printed
