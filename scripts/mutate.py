@@ -29,6 +29,7 @@ import tomllib
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import coverage
@@ -39,6 +40,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("clothlab/method", "clothlab/simulation")
 ACCEPTED = ROOT / "tests" / "mutants.toml"
 ENOUGH = 85  # [%]
+OF_SETTINGS = ("tests/test_settings.py",)  # which name no module, and import all
 LONGEST = 60.0  # of the tests of a mutant [s]
 GROUPS = "not browser and not book and not nightly and not container"
 # What takes seconds to import, and has nothing of this repository in it.
@@ -109,6 +111,13 @@ def record(folder: Path, only: list[str]) -> int:
     return 0
 
 
+@cache
+def texts() -> dict[str, str]:
+    """The text of each file of tests, by its path from the repository's root."""
+    paths = sorted((ROOT / "tests").rglob("test_*.py"))
+    return {str(path.relative_to(ROOT)): path.read_text() for path in paths}
+
+
 def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
     """Tests that concern a mutant, and how long each takes [s].
 
@@ -116,21 +125,28 @@ def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
     last, and only where the file names the module. What takes longer than `LONGEST`
     in all is left out.
     """
-    # All that pass through its lines
+    # All that pass through its lines. What runs when the module is imported concerns
+    # all that pass through the file or name it, and those that look at every setting.
     lines = recorded["reached"].get(mutant.path, {})
-    here = lines.values()  # of what runs at the import: any test of the file may tell
-    if mutant.inside:
-        here = [lines.get(str(line), []) for line in mutant.lines]
-
-    # In order of what they may tell
     durations = list(recorded["durations"].items())
     module = Path(mutant.path).with_suffix("")
+    naming = {path for path, text in texts().items() if ".".join(module.parts) in text}
+    if mutant.inside:
+        here = set().union(*[lines.get(str(line), []) for line in mutant.lines])
+    else:
+        here = set().union(*lines.values())
+        for k, (test, _) in enumerate(durations):
+            if test.split("::")[0] in {*naming, *OF_SETTINGS}:
+                here.add(k)
+
+    # In order of what they may tell
     order = {}
-    for test, duration in [durations[k] for k in set().union(*here)]:
-        file = ROOT / test.split("::")[0]
+    for test, duration in [durations[k] for k in here]:
+        file = test.split("::")[0]
         slow = test in recorded["slow"]
-        if not slow or ".".join(module.parts) in file.read_text():
-            order[test] = (file.stem != f"test_{module.stem}", slow, duration)
+        if not slow or file in naming:
+            own = Path(file).stem == f"test_{module.stem}"
+            order[test] = (not own, slow, duration)
 
     # As many as there is time for
     found: dict[str, float] = {}
