@@ -44,8 +44,22 @@ OF_SETTINGS = ("tests/test_settings.py",)  # which name no module, and import al
 LONGEST = 60.0  # of the tests of a mutant [s]
 GROUPS = "not browser and not book and not nightly and not container"
 # What takes seconds to import, and has nothing of this repository in it.
-HEAVY = ("torch", "scipy.optimize", "pandas", "sklearn.pipeline", "gymnasium")
+HEAVY = (
+    *("torch", "scipy.optimize", "scipy.spatial", "pandas", "gymnasium", "mujoco"),
+    *("sklearn.decomposition", "sklearn.gaussian_process", "sklearn.cluster"),
+    *(
+        "matplotlib.pyplot",
+        "cv2",
+        "mediapy",
+        "imageio_ffmpeg",
+        "anywidget",
+        "hypothesis",
+    ),
+)
+# Of the plugins only those that the tests here need: importing nbmake takes a second.
 OPTIONS = ["-q", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"]
+OPTIONS += ["-p", "no:nbmake", "-p", "no:playwright"]
+OPTIONS += ["-W", "ignore:Module already imported"]
 
 
 class Recorder:
