@@ -39,7 +39,7 @@ def test_p_is_estimated_from_what_the_camera_sees(monkeypatch):
     monkeypatch.setattr(
         camera_recalibration,
         "estimate_bias",
-        lambda model, run, settings: seen.append(run.s) or (np.zeros(2), None),
+        lambda model, run, method: seen.append(run.s) or (np.zeros(2), None),
     )
     for draw, recalibrated in ((None, False), (None, True), (0, False), (0, True)):
         assert _estimate(draw, recalibrated, 0, CLOTH, steps=12)["nearest"] in CLOTHS
