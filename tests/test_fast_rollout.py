@@ -128,7 +128,7 @@ def test_a_network_of_ones_own_is_planned_with_as_it_is(name):
 
     foreseen = []
 
-    def loss(states, t):
+    def loss(states, commands, t):
         foreseen.append(states[0].detach())
         return states[..., 0].square().sum(1)
 
