@@ -323,7 +323,7 @@ def test_every_controller_of_a_throw_has_the_p_that_it_is_given(world, monkeypat
         policy = make(
             world.learned, toy.image_of([0.3, -0.9, 0.0]), np.array([0.3, -0.2])
         )
-        assert policy.p == pytest.approx([0.3, -0.2])
+        assert policy.controller.p == pytest.approx([0.3, -0.2])
 
 
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
