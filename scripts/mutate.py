@@ -139,16 +139,17 @@ def tests_of(mutant: Mutant, recorded: dict) -> dict[str, float]:
     last, and only where the file names the module. What takes longer than `LONGEST`
     in all is left out.
     """
-    # All that pass through its lines. What runs when the module is imported concerns
-    # all that pass through the file or name it, and those that look at every setting.
+    # All that pass through its lines. What runs only when the module is imported may
+    # be told by all that pass through the file or name it, or look at every setting.
     lines = recorded["reached"].get(mutant.path, {})
     durations = list(recorded["durations"].items())
     module = Path(mutant.path).with_suffix("")
     naming = {path for path, text in texts().items() if ".".join(module.parts) in text}
+    here = set()
     if mutant.inside:
-        here = set().union(*[lines.get(str(line), []) for line in mutant.lines])
-    else:
-        here = set().union(*lines.values())
+        here.update(*[lines.get(str(line), []) for line in mutant.lines])
+    if not here:
+        here.update(*lines.values())
         for k, (test, _) in enumerate(durations):
             if test.split("::")[0] in {*naming, *OF_SETTINGS}:
                 here.add(k)
