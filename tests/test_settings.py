@@ -106,6 +106,17 @@ def test_below_zero_is_nothing_and_zero_only_where_it_means_something(where):
         is_refused(where, 0)
 
 
+@pytest.mark.parametrize("where", NUMBERS)
+def test_whatever_is_above_zero_is_taken_unless_a_larger_least_is_named(where):
+    name, field = where.split(".")
+    before = getattr(MADE[name], field)
+    if field in (*PLACES, "tension_range", "tension_max"):  # which have others around
+        return
+    first = before[0] if isinstance(before, tuple) else before
+    small = 1 if isinstance(first, int) else 1e-3
+    changed(where, AT_LEAST.get(where, small))
+
+
 @pytest.mark.parametrize("where", AT_MOST)
 def test_what_is_too_large_is_refused_and_the_largest_taken(where):
     most = AT_MOST[where]
