@@ -226,6 +226,14 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
         Renderers().get(env.model, 96, 128)
 
 
+def test_a_process_forked_after_drawing_says_so_rather_than_wait_for_ever(
+    env, monkeypatch
+):
+    monkeypatch.setattr("clothlab.simulation.rendering._drew_first", 1)
+    with pytest.raises(RuntimeError, match=r"was forked .*start it afresh"):
+        Renderers().get(env.model, 96, 128)
+
+
 def on_picture(env, view, points):
     """Where points of the world `[N, 3]` are in a picture: 0 to 1 from left and from
     top, `[N, 2]`.

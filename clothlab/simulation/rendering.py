@@ -74,7 +74,19 @@ def _release_opengl() -> None:
         EGL.eglReleaseThread()
 
 
+# The process that drew first. OpenGL does not survive a fork: a child would wait for
+# threads that only its parent has.
+_drew_first: int | None = None
+
+
 def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
+    global _drew_first
+    _drew_first = _drew_first or os.getpid()
+    if _drew_first != os.getpid():
+        raise RuntimeError(
+            "this process was forked from one that had drawn, and can't draw: start it "
+            'afresh, as with make_vec(..., vector_kwargs={"context": "spawn"})'
+        )
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
