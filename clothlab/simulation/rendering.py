@@ -21,6 +21,7 @@ class Renderers:
 
     def get(self, model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
         """The renderer of that size [pixel], made when it is first asked for."""
+        _check_process()
         height = check_number("height", height, int)
         width = check_number("width", width, int)
         room = model.vis.global_
@@ -62,6 +63,21 @@ def draw(
         _release_opengl()
 
 
+# The process that drew first. OpenGL does not survive a fork: a child would wait for
+# threads that only its parent has.
+_drew_first: int | None = None
+
+
+def _check_process() -> None:
+    global _drew_first
+    _drew_first = _drew_first or os.getpid()
+    if _drew_first != os.getpid():
+        raise RuntimeError(
+            "this process was forked from one that had drawn, and can't draw: start it "
+            'afresh, as with make_vec(..., vector_kwargs={"context": "spawn"})'
+        )
+
+
 def _release_opengl() -> None:
     """Let go of this thread's OpenGL context.
 
@@ -74,19 +90,7 @@ def _release_opengl() -> None:
         EGL.eglReleaseThread()
 
 
-# The process that drew first. OpenGL does not survive a fork: a child would wait for
-# threads that only its parent has.
-_drew_first: int | None = None
-
-
 def _make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
-    global _drew_first
-    _drew_first = _drew_first or os.getpid()
-    if _drew_first != os.getpid():
-        raise RuntimeError(
-            "this process was forked from one that had drawn, and can't draw: start it "
-            'afresh, as with make_vec(..., vector_kwargs={"context": "spawn"})'
-        )
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
