@@ -93,3 +93,25 @@ def test_looking_ahead_a_plan_must_be_good_from_where_it_ends_too():
     commands, _ = outcomes(policy, np.zeros(3), periods=1)
     assert commands[0, 0] == pytest.approx(SECOND, abs=1e-5)
     assert policy.predicted_distance == pytest.approx(0.1, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("known", "chosen"),
+    [("damp0.05-mass0.15", "known"), ("damp0.03-mass0.10", "unknown")],
+)
+def test_a_material_that_is_not_known_counts_as_one_spread_away(known, chosen):
+    """Of two recordings that are equally good: nearer than a spread, or farther."""
+    biases = np.array([*LEARNED.biases.values()])
+    gap = np.square(LEARNED.biases[known]).sum() / biases.var(axis=0).sum()
+    assert (gap < 1) == (chosen == "known")
+    assert gap < 2
+    commands = {"known": np.add(BEST, (0.1, 0.0)), "unknown": np.add(BEST, (-0.1, 0.0))}
+    runs = [
+        replace(constant(commands["known"]), material=known),
+        replace(constant(commands["unknown"]), material="never seen"),
+    ]
+    settings = IterativeLearningSettings(trust=1.0, difference=100.0, lookahead=1)
+    policy = LEARNED.iterative_controller(toy.image_of(AIM), P, runs, settings)
+    sent, _ = outcomes(policy, np.zeros(3), periods=2)
+    assert sent[0, 0] == pytest.approx(commands[chosen], abs=1e-5)
+    assert np.array_equal(sent[0], sent[1])  # twice, since the arm swings up at first
