@@ -14,13 +14,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from clothlab.artifacts import (
-    LEFT_TO_MAKE,
-    check_data,
-    cure,
-    data_folder,
-    write_checksums,
-)
+from clothlab._store import LEFT_TO_MAKE, check_data, cure, data_folder, write_checksums
 from clothlab.simulation.env import ClothEnv
 
 _ENVIRONMENT = Path(__file__).resolve().parents[1] / "environment.txt"

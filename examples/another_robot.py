@@ -32,7 +32,8 @@ from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run, collect_run, set_normalisation, windows
 from clothlab.method.estimation import estimate_bias, prediction_loss
@@ -520,8 +521,11 @@ def main() -> None:
         )
     ]
     save(pd.DataFrame(rows), "another_robot_control")
-    artifacts.save_model(trained["p", 0]["model"], trained["p", 0]["biases"], "reacher")
-    artifacts.write_checksums()
+    kept = trained["p", 0]
+    data.save_model(
+        Checkpoint(name="reacher", model=kept["model"], biases=kept["biases"])
+    )
+    data.write_checksums()
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import mmap, os, random, resource, signal, sys, time
 from pathlib import Path
 import numpy as np
 import torch
-from clothlab import artifacts
+from clothlab import data as stored
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial, load_trial, save_trial
@@ -33,7 +33,7 @@ about = {"cloth": get_cloth("damp0.05-mass0.10"), "arm": "torque", "policy": "x"
 def save_mask(n, data):
     mask = np.zeros((96, 128), bool)
     mask.ravel()[: n + 1] = True
-    artifacts.save_target(mask, "x", data=data)
+    stored.save_target(mask, "x", data=data)
 
 def read_trial(data):
     u = load_trial(data / "x.npz").commands * 1e6
@@ -45,13 +45,13 @@ def make_trial(n):
 
 WRITE = {
     "trial": lambda n, data: save_trial(make_trial(n), data / "x.npz"),
-    "weights": lambda n, data: artifacts.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
+    "weights": lambda n, data: stored.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
     "target": save_mask,
 }
 READ = {
     "trial": read_trial,
-    "weights": lambda data: int(artifacts.load_autoencoder("x", data=data)[1][0]),
-    "target": lambda data: int(artifacts.load_target("x", data=data).sum()) - 1,
+    "weights": lambda data: int(stored.load_autoencoder("x", data=data)[1][0]),
+    "target": lambda data: int(stored.load_target("x", data=data).sum()) - 1,
 }
 
 def killed(data, write, read):

@@ -80,7 +80,7 @@ def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
 def test_it_finds_the_data_whose_folder_is_named_or_says_how_to_get_them(
     installed, tmp_path
 ):
-    code = "from clothlab import artifacts; print(artifacts.load_target('target-1').sum() > 100)"
+    code = "from clothlab import data; print(data.load_target('target-1').sum() > 100)"
     assert run(installed, tmp_path, code, ROOT / "data").stdout.strip() == "True"
     failed = run(installed, tmp_path, code).stderr
     assert "FileNotFoundError: no data in" in failed

@@ -35,6 +35,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 LAYERS = [
     "_validation",
     "_files",
+    "_store",
     "alt_text",
     "masks",
     "method",
@@ -44,8 +45,8 @@ LAYERS = [
     "calibration",
 ]
 LAYERS += [
-    "trained",
-    "artifacts",
+    "cloth_checkpoint",
+    "data",
     "analysis",
     "tables",
     "claims",
