@@ -75,8 +75,8 @@ def address() -> str:
     named = os.environ.get("CLOTHLAB_DATA_URL")
     if not named:
         lines = metadata("clothlab").get_all("Project-URL") or []
-        repository = dict(line.split(", ", 1) for line in lines)["Repository"]
-        named = f"{repository}/raw/v{clothlab.__version__}/data"
+        urls = dict(line.split(", ", 1) for line in lines)
+        named = f"{urls['Repository']}/raw/v{clothlab.__version__}/data"
     return named.rstrip("/") + "/"
 
 

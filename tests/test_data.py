@@ -16,8 +16,7 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from clothlab import _store
-from clothlab import data as stored
+from clothlab import _store, data as stored
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import ControlPolicy

@@ -1,10 +1,15 @@
 """Importing the package: cheap, and able to draw in whatever order."""
 
+import ast
+import importlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+import clothlab
 
 
 def run(code: str, **environment: str) -> str:
@@ -55,3 +60,65 @@ def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     assert (
         run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
     )
+
+
+BLOCK = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in BLOCKED:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+BLOCKED = {blocked}
+sys.meta_path.insert(0, Blocker())
+"""
+
+
+def test_the_table_of_contents_holds_and_its_stub_says_the_same():
+    found = {name: getattr(clothlab, name) for name in clothlab.__all__}
+    assert set(clothlab.__all__) <= set(dir(clothlab))
+    assert 40 <= len(found) <= 60
+    stub = ast.parse(Path(clothlab.__file__).with_suffix(".pyi").read_text())
+    places = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                assert alias.asname == alias.name  # or it would not be exported
+                places[alias.name] = getattr(
+                    importlib.import_module(node.module), alias.name
+                )
+    assert places == found
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'clothlab' has no attribute 'DPMBP'"):
+        clothlab.DPMBP  # noqa: B018
+    assert not hasattr(clothlab, "trained")
+
+
+@pytest.mark.parametrize(
+    ("blocked", "code", "message"),
+    [
+        (
+            "mujoco",
+            "from clothlab import ClothEnv",
+            "clothlab.ClothEnv needs mujoco: pip install 'clothlab[cloth]'",
+        ),
+        (
+            "cv2",
+            "import clothlab; clothlab.load_target",
+            "clothlab.load_target needs cv2: pip install 'clothlab[cloth]'",
+        ),
+        (
+            "matplotlib",
+            "from clothlab import plots",
+            "clothlab.plots needs matplotlib: pip install 'clothlab[notebooks]'",
+        ),
+    ],
+)
+def test_a_missing_extra_is_one_sentence(blocked, code, message):
+    block = BLOCK.replace("{blocked}", repr({blocked}))
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run(block + code)
+    assert caught.value.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"

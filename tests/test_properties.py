@@ -21,13 +21,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from PIL import Image
 
 import clothlab
-from clothlab import analysis, policies, trials
-from clothlab import data as stored
+from clothlab import analysis, data as stored, policies, trials
 from clothlab._validation import Checked
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method import autoencoder, estimation

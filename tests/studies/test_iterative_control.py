@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 
 from clothlab import data
-from studies import _runs, ablations
-from studies import iterative_control as ic
+from studies import _runs, ablations, iterative_control as ic
 
 TASK = {
     "arm": "torque",
