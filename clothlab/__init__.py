@@ -28,8 +28,8 @@ from clothlab._extras import lacking
 
 __version__ = "0.4.0"
 
-# The table of contents: where each name is. Importing the package imports none of it, so
-# that the method runs without a simulation, and the simulation without Jupyter.
+# The table of contents: where each name is. Importing the package imports none of it,
+# so that the method runs without a simulation, and the simulation without Jupyter.
 # `__init__.pyi` says the same to editors and type checkers.
 _CONTENTS: dict[str, dict[str, list[str]]] = {
     # `pip install clothlab`: the method, for any robot, in the order of the paper

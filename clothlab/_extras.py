@@ -1,4 +1,4 @@
-"""What is said where a package is missing that `pip install clothlab` does not bring."""
+"""What is said where a package is missing that only an extra brings."""
 
 from importlib.util import find_spec
 

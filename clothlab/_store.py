@@ -14,6 +14,7 @@ from importlib.metadata import metadata
 from pathlib import Path, PurePosixPath
 
 import clothlab
+from clothlab._extras import require
 from clothlab._files import reading, sha256, write_bytes
 
 Folder = str | Path | None  # None: wherever `data_folder` finds it
@@ -57,6 +58,7 @@ def _own_folder() -> Path:
 
 def _cache() -> Path:
     """Where fetched files are kept; another version may have other files."""
+    require("clothlab without a clone's data", "pooch", "cloth")
     import pooch  # only who has no clone waits for it
 
     return Path(pooch.os_cache("clothlab")) / clothlab.__version__
@@ -99,11 +101,19 @@ def fetch(name: str, data: Path) -> None:
 
 
 def fetchable(part: str = "") -> list[str]:
-    """Names of all files that can be fetched, or of those below a part of `data/`."""
-    names = recorded(data_folder())
-    return [
-        name for name in names if f"{name}/".startswith(part) and not is_left_out(name)
+    """Names of the files that can be fetched, or of those in a part of `data/`.
+
+    A part is a folder or a file; a ValueError if there is nothing in it.
+    """
+    below = part.rstrip("/") + "/" if part else ""
+    names = [
+        name
+        for name in recorded(data_folder())
+        if f"{name}/".startswith(below) and not is_left_out(name)
     ]
+    if not names:
+        raise ValueError(f"nothing to fetch in {part!r}: name a part such as weights")
+    return names
 
 
 def check_own(path: Path, data: Path) -> None:

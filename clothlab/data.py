@@ -88,6 +88,8 @@ def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoi
     """
     if isinstance(name, Path) or str(name).endswith(SUFFIX):
         return ClothCheckpoint.load(name)
+
+    # What the model's file says of what belongs to it.
     path, about, tensors = _load_weights("dpmpb", name, data)
     with reading(path, "dpmpb weights"):
         arm = arm_from_data(about["arm"])
@@ -103,6 +105,7 @@ def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoi
             " or restore the files with `git checkout data/weights`"
         )
 
+    # What is left in the file are the layers.
     with reading(path, "dpmpb weights"):
         losses = tensors.pop("losses").double().numpy()
         p = tensors.pop("p")
@@ -125,8 +128,8 @@ def save(
     """Write what `load(NAME)` finds, as `data/weights/dpmpb-NAME.safetensors`.
 
     `trained.save(path)` writes one file. Here the autoencoder goes into a file of its
-    own, `autoencoder-NAME.safetensors`, unless it lies there already: it is ten times as
-    large as a model, and five trainings share one. A ValueError, before anything is
+    own, `autoencoder-NAME.safetensors`, unless it lies there already: it is ten times
+    as large as a model, and five trainings share one. A ValueError, before anything is
     written, if another model or autoencoder has one of the names: choose other names
     (`dataclasses.replace`), or set `overwrite`.
     """

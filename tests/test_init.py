@@ -11,6 +11,11 @@ import pytest
 
 import clothlab
 
+ALONE = Path(__file__).with_name("method_alone.py")
+# What the method must do without
+FOREIGN = {"mujoco", "gymnasium", "matplotlib", "cv2", "pandas", "scipy", "sklearn"}
+FOREIGN |= {"pooch", "PIL", "IPython", "anywidget", "ipywidgets", "joblib"}
+
 
 def run(code: str, **environment: str) -> str:
     """What Python prints, started afresh without a choice of OpenGL."""
@@ -122,3 +127,10 @@ def test_a_missing_extra_is_one_sentence(blocked, code, message):
     with pytest.raises(subprocess.CalledProcessError) as caught:
         run(block + code)
     assert caught.value.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"
+
+
+def test_the_method_runs_on_what_pip_install_clothlab_brings():
+    """No more than the four packages are imported; `slow` tests do so without others."""
+    code = f"import runpy; runpy.run_path({str(ALONE)!r}, run_name='__main__')"
+    block = BLOCK.replace("{blocked}", repr(FOREIGN))
+    assert run(block + code, PYTHONPATH=os.pathsep.join(sys.path)) == "\n"

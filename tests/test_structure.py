@@ -137,9 +137,9 @@ def lines(paths):
 
 
 def private(path):
-    """Whether a module is nobody's door: a part of its path begins with one underscore."""
+    """Whether a module is nobody's door: a part of its path begins with `_`."""
     parts = path.relative_to(PACKAGE).parts
-    return any(part.startswith("_") and not part.startswith("__") for part in parts)
+    return any(part.startswith("_") and part != "__init__.py" for part in parts)
 
 
 def public_names(path):

@@ -23,7 +23,10 @@ _M = TypeVar("_M", bound=nn.Module)
 
 
 def packed(kind: str, about: dict[str, Any], tensors: Mapping[str, Tensor]) -> bytes:
-    """The content of a file of this kind; a ValueError for numbers that are not finite."""
+    """The content of a file of this kind.
+
+    A ValueError for numbers that are not finite, and for words that are not JSON.
+    """
     _check_numbers(tensors)
     said = {"format": FORMAT, "kind": kind, **about}
     try:

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from clothlab._files import reading, write_bytes
 from clothlab._validation import check_array, check_kind, check_number
@@ -88,32 +88,36 @@ class Checkpoint:
 
     def _about(self) -> dict[str, Any]:
         """What the file says in words."""
-        sizes = [self.model.state_size, self.model.command_size, self.model.bias_size]
-        seen = self.autoencoder
-        return {
+        model = self.model
+        about = {
             "name": self.name,
-            "sizes": sizes,
+            "sizes": [model.state_size, model.command_size, model.bias_size],
             "materials": list(self.biases),
-            "settings": None if self.settings is None else asdict(self.settings),
+            "settings": None,
             "step": self.step,
             "state_names": list(self.state_names),
             "command_names": list(self.command_names),
-            "latent_size": None if seen is None else seen.latent_size,
+            "latent_size": None,
             "autoencoder_name": self.autoencoder_name,
             "arm": self._arm_to_data(),
         }
+        if self.settings is not None:
+            about["settings"] = asdict(self.settings)
+        if self.autoencoder is not None:
+            about["latent_size"] = self.autoencoder.latent_size
+        return about
 
     def _tensors(self) -> dict[str, Tensor]:
-        """What the file holds in numbers; a network's name stands before its layers'."""
+        """What the file holds in numbers."""
+        losses = np.asarray(self.losses, np.float64)
         p = np.array(list(self.biases.values()))
-        tensors = {
-            "losses": torch.as_tensor(np.asarray(self.losses, np.float64)),
-            "p": torch.as_tensor(p.reshape(len(self.biases), self.model.bias_size)),
-        }
-        for network in ("model", "autoencoder"):
-            module = getattr(self, network)
-            layers = {} if module is None else module.state_dict()
-            tensors |= {f"{network}.{name}": each for name, each in layers.items()}
+        p = p.reshape(len(self.biases), self.model.bias_size)
+        tensors = {"losses": torch.as_tensor(losses), "p": torch.as_tensor(p)}
+
+        # A network's name stands before those of its layers.
+        tensors |= _named("model.", self.model)
+        if self.autoencoder is not None:
+            tensors |= _named("autoencoder.", self.autoencoder)
         return tensors
 
     @classmethod
@@ -121,28 +125,32 @@ class Checkpoint:
         cls, about: Mapping[str, Any], tensors: dict[str, Tensor]
     ) -> dict[str, Any]:
         """The fields of which a file's words and numbers speak."""
-        autoencoder = None
-        if about["latent_size"] is not None:
-            empty = Autoencoder(about["latent_size"])
-            autoencoder = filled(empty, _below("autoencoder.", tensors))
-
-        settings = about["settings"]
-        return {
+        fields = {
             "name": about["name"],
-            "model": filled(DPMPB(*about["sizes"]), _below("model.", tensors)),
             "biases": named_biases(about["materials"], tensors["p"]),
             "losses": tensors["losses"].numpy(),
-            "settings": None if settings is None else ModelTraining(**settings),
             "step": about["step"],
             "state_names": tuple(about["state_names"]),
             "command_names": tuple(about["command_names"]),
-            "autoencoder": autoencoder,
             "autoencoder_name": about["autoencoder_name"],
             "arm": cls._arm_from_data(about["arm"]),
         }
 
+        # The networks are made in their sizes, and filled.
+        model = DPMPB(*about["sizes"])
+        fields["model"] = filled(model, _below("model.", tensors))
+        if about["latent_size"] is not None:
+            autoencoder = Autoencoder(about["latent_size"])
+            layers = _below("autoencoder.", tensors)
+            fields["autoencoder"] = filled(autoencoder, layers)
+
+        # An unknown or illegal setting is refused as at its first writing.
+        if about["settings"] is not None:
+            fields["settings"] = ModelTraining(**about["settings"])
+        return fields
+
     def _arm_to_data(self) -> Any:
-        """What the file says of the arm; a class that knows arms turns them into data."""
+        """What the file says of the arm; who knows arms turns them into data."""
         return self.arm
 
     @classmethod
@@ -156,8 +164,14 @@ def named_biases(materials: list[str], p: Tensor) -> dict[str, np.ndarray]:
     return dict(zip(materials, p.numpy(), strict=True))
 
 
+def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:
+    """The tensors of one network, their names after a prefix."""
+    layers = network.state_dict()
+    return {prefix + name: tensor for name, tensor in layers.items()}
+
+
 def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors of one network, by the names that it has for them."""
+    """The tensors after whose prefix a network's own names stand."""
     return {
         name.removeprefix(prefix): tensor
         for name, tensor in tensors.items()
