@@ -67,16 +67,17 @@ def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     )
 
 
+# As if these packages were not installed
 BLOCK = """
-import sys
-
-class Blocker:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in BLOCKED:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+from importlib.machinery import PathFinder
 
 BLOCKED = {blocked}
-sys.meta_path.insert(0, Blocker())
+find = PathFinder.find_spec
+
+def seem_missing(name, *where):
+    return None if name.split(".")[0] in BLOCKED else find(name, *where)
+
+PathFinder.find_spec = seem_missing
 """
 
 
@@ -119,6 +120,11 @@ def test_a_name_that_is_not_there_is_an_attribute_error():
             "matplotlib",
             "from clothlab import plots",
             "clothlab.plots needs matplotlib: pip install 'clothlab[notebooks]'",
+        ),
+        (
+            "mujoco",
+            "import clothlab.simulation.env",
+            "clothlab.simulation needs mujoco: pip install 'clothlab[cloth]'",
         ),
     ],
 )
