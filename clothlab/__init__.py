@@ -41,9 +41,16 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         "method.estimation": ["BiasEstimator", "estimate_bias"],
         "method.gauss_newton": ["NewtonEstimator"],
         "method.control": ["ControlSettings", "Controller"],
-        "method.autoencoder": ["Autoencoder", "decode", "encode", "train_autoencoder"],
+        "method.autoencoder": [
+            "Autoencoder",
+            "AutoencoderTraining",
+            "decode",
+            "encode",
+            "train_autoencoder",
+        ],
         "method.policy": ["Policy"],
         "method.cloth_task": [
+            "TENSION_WEIGHT",
             "ControlPolicy",
             "EstimatingPolicy",
             "observe",
@@ -56,13 +63,20 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
     # `pip install clothlab[cloth]`: the robot, the cloth, and what was recorded of them
     "cloth": {
         "simulation.arm": ["MuscleArm", "TorqueArm"],
-        "simulation.cloth": ["CLOTHS", "Cloth", "get_cloth"],
+        "simulation.cloth": ["CLOTHS", "Cloth", "cloth_name", "get_cloth"],
         "simulation.env": ["CONTROL_PERIOD", "ClothEnv", "Scene"],
         "simulation.vision": ["chamfer_distance"],
         "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
         "trials": ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial"],
         "cloth_checkpoint": ["ClothCheckpoint"],
-        "data": ["load", "load_target", "load_targets", "load_trials"],
+        "data": [
+            "load",
+            "load_autoencoder",
+            "load_model",
+            "load_target",
+            "load_targets",
+            "load_trials",
+        ],
     },
     # `pip install clothlab[notebooks]`: modules that the lessons use
     "notebooks": {

@@ -10,6 +10,8 @@ from clothlab import (
 from clothlab.cloth_checkpoint import ClothCheckpoint as ClothCheckpoint
 from clothlab.data import (
     load as load,
+    load_autoencoder as load_autoencoder,
+    load_model as load_model,
     load_target as load_target,
     load_targets as load_targets,
     load_trials as load_trials,
@@ -17,12 +19,14 @@ from clothlab.data import (
 from clothlab.masks import iou as iou
 from clothlab.method.autoencoder import (
     Autoencoder as Autoencoder,
+    AutoencoderTraining as AutoencoderTraining,
     decode as decode,
     encode as encode,
     train_autoencoder as train_autoencoder,
 )
 from clothlab.method.checkpoint import Checkpoint as Checkpoint
 from clothlab.method.cloth_task import (
+    TENSION_WEIGHT as TENSION_WEIGHT,
     ControlPolicy as ControlPolicy,
     EstimatingPolicy as EstimatingPolicy,
     observe as observe,
@@ -58,6 +62,7 @@ from clothlab.simulation.arm import MuscleArm as MuscleArm, TorqueArm as TorqueA
 from clothlab.simulation.cloth import (
     CLOTHS as CLOTHS,
     Cloth as Cloth,
+    cloth_name as cloth_name,
     get_cloth as get_cloth,
 )
 from clothlab.simulation.env import (
