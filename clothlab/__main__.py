@@ -14,8 +14,7 @@ from importlib.metadata import PackageNotFoundError, distributions, version
 from pathlib import Path
 
 from clothlab._store import (
-    LEFT_TO_FETCH,
-    LEFT_TO_MAKE,
+    Verdict,
     check_data,
     cure,
     data_folder,
@@ -115,7 +114,7 @@ def check_files() -> list[str]:
     verdicts = check_data()
 
     # One line for all of them.
-    counts = Counter(ok=0)  # named first
+    counts = Counter({Verdict.OK: 0})  # named first
     counts.update(verdicts.values())
     summary = ", ".join(f"{number} {word}" for word, number in counts.items())
     print(f"data      {folder}: {summary}")
@@ -124,10 +123,11 @@ def check_files() -> list[str]:
 
     # Each fault has its cure; what is still to come is none.
     advice = []
-    known = {"not recorded": "record its hash with `python -m clothlab checksums`"}
     for name, verdict in verdicts.items():
-        if verdict not in ("ok", LEFT_TO_MAKE, LEFT_TO_FETCH):
-            cured = known.get(verdict) or cure(name)
+        if verdict in (Verdict.MISSING, Verdict.ALTERED):
+            advice.append(f"data/{name} is {verdict}: {cure(name)}")
+        elif verdict is Verdict.NOT_RECORDED:
+            cured = "record its hash with `python -m clothlab checksums`"
             advice.append(f"data/{name} is {verdict}: {cured}")
     return advice
 

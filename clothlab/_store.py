@@ -10,6 +10,7 @@ wheel carries a copy of it, by which pooch judges what it downloads.
 
 import os
 from collections.abc import Mapping
+from enum import StrEnum
 from importlib.metadata import metadata
 from pathlib import Path, PurePosixPath
 
@@ -24,13 +25,21 @@ CHECKSUMS = "SHA256SUMS"
 OWN_TRIALS = Path("trials") / "mine"
 # Beyond the paper's amount: the repository has only their hashes
 LEFT_OUT = "trials/*-more/*"
-# Verdicts on files that are not there, which is no fault
-LEFT_TO_MAKE = "left to `make data`"
-LEFT_TO_FETCH = "left to fetch"
-
 SUFFIXES = {".npz", ".safetensors", ".png", ".json", ".csv"}  # whose hash is recorded
 _CLONE = Path(__file__).resolve().parents[1] / "data"
 _PACKAGED = Path(__file__).with_name(CHECKSUMS)  # in a wheel only
+
+
+class Verdict(StrEnum):
+    """What is to be said of a file of `data/`."""
+
+    OK = "ok"
+    MISSING = "missing"
+    ALTERED = "altered"
+    NOT_RECORDED = "not recorded"
+    # Not there, which is no fault
+    LEFT_TO_MAKE = "left to `make data`"
+    LEFT_TO_FETCH = "left to fetch"
 
 
 def data_folder(data: Folder = None) -> Path:
@@ -171,12 +180,8 @@ def _write_hashes(hashes: Mapping[str, str], data: Path) -> None:
     write_bytes(data / CHECKSUMS, "".join(lines).encode())
 
 
-def check_data(data: Folder = None) -> dict[str, str]:
-    """Compare each file in `data/` with its hash, `{file: verdict}`.
-
-    A verdict is "ok", "missing", "altered", "not recorded", or says who has still to
-    make or to fetch the file.
-    """
+def check_data(data: Folder = None) -> dict[str, Verdict]:
+    """Compare each file in `data/` with its hash, `{file: verdict}`."""
     data = data_folder(data)
     hashes = recorded(data)
     names = sorted({*hashes, *_present(data)})
@@ -207,9 +212,9 @@ def checked(path: Path, data: Path) -> Path:
         return path
 
     verdict = _verdict(path, hashes.get(name), data)
-    if verdict in ("missing", LEFT_TO_MAKE):
+    if verdict in (Verdict.MISSING, Verdict.LEFT_TO_MAKE):
         raise ValueError(f"data/{name} is missing: {cure(name)}")
-    if verdict == "altered":
+    if verdict is Verdict.ALTERED:
         raise ValueError(
             f"data/{name} is damaged or was altered: {cure(name)}, or record a change"
             " you made with `python -m clothlab checksums`"
@@ -217,14 +222,14 @@ def checked(path: Path, data: Path) -> Path:
     return path
 
 
-def _verdict(path: Path, digest: str | None, data: Path) -> str:
+def _verdict(path: Path, digest: str | None, data: Path) -> Verdict:
     if not path.is_file():
         if is_left_out(path.relative_to(data).as_posix()):
-            return LEFT_TO_MAKE
-        return LEFT_TO_FETCH if is_cache(data) else "missing"
+            return Verdict.LEFT_TO_MAKE
+        return Verdict.LEFT_TO_FETCH if is_cache(data) else Verdict.MISSING
     if digest is None:
-        return "not recorded"
-    return "ok" if sha256(path) == digest else "altered"
+        return Verdict.NOT_RECORDED
+    return Verdict.OK if sha256(path) == digest else Verdict.ALTERED
 
 
 def _present(data: Path) -> list[str]:

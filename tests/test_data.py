@@ -279,7 +279,7 @@ def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(
     (left_out / "01.npz").unlink()
     verdict = stored.check_data(data)
     assert {name: word for name, word in verdict.items() if word != "ok"} == {
-        "trials/train-more/01.npz": _store.LEFT_TO_MAKE
+        "trials/train-more/01.npz": _store.Verdict.LEFT_TO_MAKE
     }
     with pytest.raises(
         ValueError,
