@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 import clothlab
 from clothlab._extras import require
 from clothlab._files import reading, sha256, write_bytes
+from clothlab._validation import check_name, choose
 
 Folder = str | Path | None  # None: wherever `data_folder` finds it
 
@@ -270,3 +271,27 @@ def listed(pattern: str, data: Path) -> dict[str, Path]:
         if "/" not in inner:
             found[inner] = data / name
     return found
+
+
+def find(kind: str, pattern: str, name: str, data: Folder) -> Path:
+    """The file that fits a pattern with this name for its `*`."""
+    data = data_folder(data)
+    files = listed(pattern, data)
+    path = choose(kind, name, files, "(none yet: run `make data train`)")
+    return checked(path, data)
+
+
+def save_results(
+    content: bytes, name: str, suffix: str, *, data: Folder = None
+) -> None:
+    """Write `data/results/NAME SUFFIX`."""
+    if suffix not in SUFFIXES:
+        known = ", ".join(sorted(SUFFIXES))
+        raise ValueError(f"results end in {known}, got {suffix!r}")
+    data = data_folder(data)
+    write(data / "results" / f"{check_name('result', name)}{suffix}", content, data)
+
+
+def load_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
+    """The content of `data/results/NAME SUFFIX`."""
+    return find("results", f"results/*{suffix}", name, data).read_bytes()

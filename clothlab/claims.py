@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from clothlab._files import reading
-from clothlab.data import Folder, load_results, save_results
+from clothlab._store import Folder, load_results, save_results
 
 # Environment variable: live figures are stored, as `make findings` does
 RECORD = "CLOTHLAB_RECORD_FINDINGS"

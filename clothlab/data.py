@@ -22,12 +22,12 @@ from clothlab._files import reading
 from clothlab._store import (
     CHECKSUMS,
     OWN_TRIALS,
-    SUFFIXES,
     Folder,
     check_data,
     check_own,
     checked,
     data_folder,
+    find,
     listed,
     record_again,
     sets,
@@ -37,9 +37,16 @@ from clothlab._store import (
 from clothlab._validation import check_name, choose
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import check_mask
-from clothlab.method._weights import SUFFIX, check_free, filled, packed, unpacked
+from clothlab.method._weights import (
+    SUFFIX,
+    check_free,
+    filled,
+    named_biases,
+    packed,
+    unpacked,
+)
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.checkpoint import Checkpoint, named_biases
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.vision import mask_from_file
@@ -54,7 +61,6 @@ __all__ = [
     "load",
     "load_autoencoder",
     "load_model",
-    "load_results",
     "load_target",
     "load_targets",
     "load_trials",
@@ -62,7 +68,6 @@ __all__ = [
     "save",
     "save_autoencoder",
     "save_model",
-    "save_results",
     "save_target",
     "write_checksums",
 ]
@@ -290,36 +295,12 @@ def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
     write(folder / f"{check_name('target', own)}.png", content.tobytes(), data)
 
 
-def save_results(
-    content: bytes, name: str, suffix: str, *, data: Folder = None
-) -> None:
-    """Write `data/results/NAME SUFFIX`."""
-    if suffix not in SUFFIXES:
-        known = ", ".join(sorted(SUFFIXES))
-        raise ValueError(f"results end in {known}, got {suffix!r}")
-    data = data_folder(data)
-    write(data / "results" / f"{check_name('result', name)}{suffix}", content, data)
-
-
-def load_results(name: str, suffix: str, *, data: Folder = None) -> bytes:
-    """The content of `data/results/NAME SUFFIX`."""
-    return _find("results", f"results/*{suffix}", name, data).read_bytes()
-
-
-def _find(kind: str, pattern: str, name: str, data: Folder) -> Path:
-    """The file that fits a pattern with this name for its `*`."""
-    data = data_folder(data)
-    files = listed(pattern, data)
-    path = choose(kind, name, files, "(none yet: run `make data train`)")
-    return checked(path, data)
-
-
 def _load_weights(
     kind: str, name: str, data: Folder
 ) -> tuple[Path, dict[str, Any], dict[str, Tensor]]:
     """Path of a file of weights, what it says, and its tensors."""
     title = f"{kind} weights"
-    path = _find(title, f"weights/{kind}-*{SUFFIX}", name, data)
+    path = find(title, f"weights/{kind}-*{SUFFIX}", name, data)
     return path, *unpacked(path, kind, title)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab.data import Folder, load_results, save_results
+from clothlab._store import Folder, load_results, save_results
 
 
 def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:

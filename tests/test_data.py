@@ -34,7 +34,7 @@ FILES: dict[str, Callable[[Path], object]] = {
     "weights/dpmpb-torque-0.safetensors": lambda data: stored.load(
         "torque-0", data=data
     ),
-    "results/simulation.csv": lambda data: stored.load_results(
+    "results/simulation.csv": lambda data: _store.load_results(
         "simulation", ".csv", data=data
     ),
 }
@@ -75,7 +75,7 @@ def _data(tmp_path_factory, trial, trained) -> Path:
     stored.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
     stored.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
     stored.save(trained, data=data)
-    stored.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
+    _store.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
     stored.write_checksums(data)
     return data
 
@@ -125,7 +125,7 @@ def test_weights_survive_the_round_trip(data, trained, trial):
 def test_everything_else_survives_too(data, square, trial):
     assert np.array_equal(stored.load_target("target-1", data=data), square)
     assert list(stored.load_targets(data=data)) == ["target-1"]
-    assert stored.load_results("simulation", ".csv", data=data) == b"iou\n0.8"
+    assert _store.load_results("simulation", ".csv", data=data) == b"iou\n0.8"
     (read,) = stored.load_trials("train", data=data)
     assert np.array_equal(read.commands, trial.commands)
     _, losses = stored.load_autoencoder("torque", data=data)
@@ -161,7 +161,7 @@ def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
         (stored.load_target, "target-1"),
         (stored.load_targets, "drawn"),
         (stored.load_trials, "train, mine"),
-        (partial(stored.load_results, suffix=".csv"), "simulation"),
+        (partial(_store.load_results, suffix=".csv"), "simulation"),
     ],
 )
 def test_unknown_names_list_the_choices(data, load, choices):
@@ -199,7 +199,7 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(
         lambda: stored.save(replace(trained, name=name), data=data),
         lambda: stored.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
         lambda: stored.save_target(square, name, data=data),
-        lambda: stored.save_results(b"", name, ".csv", data=data),
+        lambda: _store.save_results(b"", name, ".csv", data=data),
     ):
         with pytest.raises(
             ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"
@@ -297,7 +297,7 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
             trained, data=data, overwrite=True
         ),
         "target-1.png": lambda: stored.save_target(~square, "target-1", data=data),
-        "simulation.csv": lambda: stored.save_results(
+        "simulation.csv": lambda: _store.save_results(
             b"iou\n0.9", "simulation", ".csv", data=data
         ),
         "SHA256SUMS": lambda: stored.write_checksums(data),

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import torch
 from safetensors import safe_open
 from safetensors.torch import save as to_bytes
@@ -86,6 +87,11 @@ def filled(network: _M, tensors: Mapping[str, Tensor]) -> _M:
             f"its layers are not those of {type(network).__name__}: {reason:.200}"
         ) from None
     return network.eval().requires_grad_(False)
+
+
+def named_biases(materials: list[str], p: Tensor) -> dict[str, np.ndarray]:
+    """p of each material by its name, from one row each `[K, D_p]`."""
+    return dict(zip(materials, p.numpy(), strict=True))
 
 
 def _check_numbers(tensors: Mapping[str, Tensor]) -> None:

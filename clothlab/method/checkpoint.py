@@ -16,7 +16,14 @@ from torch import Tensor, nn
 
 from clothlab._files import reading, write_bytes
 from clothlab._validation import check_array, check_kind, check_number
-from clothlab.method._weights import SUFFIX, check_free, filled, packed, unpacked
+from clothlab.method._weights import (
+    SUFFIX,
+    check_free,
+    filled,
+    named_biases,
+    packed,
+    unpacked,
+)
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
@@ -157,11 +164,6 @@ class Checkpoint:
     def _arm_from_data(cls, data: Any) -> Any:
         """The arm of which a file says this."""
         return data
-
-
-def named_biases(materials: list[str], p: Tensor) -> dict[str, np.ndarray]:
-    """p of each material by its name, from one row each `[K, D_p]`."""
-    return dict(zip(materials, p.numpy(), strict=True))
 
 
 def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:
