@@ -202,6 +202,25 @@ def test_a_model_that_diverged_is_not_written(swing, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_model_with_layers_of_its_own_is_not_written(swing, tmp_path):
+    swing.model.fc_in = torch.nn.Sequential(torch.nn.Linear(4, 30))
+    with pytest.raises(ValueError, match="layers of DPMPB are not those of DPMPB, as"):
+        swing.save(tmp_path / "swing.safetensors")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_double_precision_comes_back_and_no_random_number_is_drawn(swing, tmp_path):
+    swing.model.double()
+    torch.manual_seed(3)
+    expected = torch.rand(1)
+    torch.manual_seed(3)
+    swing.save(tmp_path / "swing.safetensors")
+    assert torch.equal(torch.rand(1), expected)
+    read = Checkpoint.load(tmp_path / "swing.safetensors")
+    assert read.model.s_mean.dtype == torch.float64
+    assert equal(read.model, swing.model)
+
+
 def test_a_file_has_the_ending_by_which_it_is_known(swing, tmp_path):
     with pytest.raises(
         ValueError, match=r"file ends in .safetensors, got '.*swing.pt'"

@@ -5,7 +5,7 @@ code that came with it.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -79,6 +79,11 @@ def unpacked(
 
 def filled(network: _M, tensors: Mapping[str, Tensor]) -> _M:
     """A network with weights from a file, to be used and not trained."""
+    # What was saved in double precision stays so.
+    for tensor in tensors.values():
+        if tensor.is_floating_point():
+            network.to(tensor.dtype)
+            break
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:
@@ -87,6 +92,22 @@ def filled(network: _M, tensors: Mapping[str, Tensor]) -> _M:
             f"its layers are not those of {type(network).__name__}: {reason:.200}"
         ) from None
     return network.eval().requires_grad_(False)
+
+
+def check_layers(network: nn.Module, plain: Callable[[], nn.Module]) -> None:
+    """A ValueError for a network that could not be read again as the plain one is."""
+    with torch.device("meta"):  # of which only names and shapes are made
+        expected = plain()
+    if _shapes(network) != _shapes(expected):
+        raise ValueError(
+            f"the layers of {type(network).__name__} are not those of"
+            f" {type(expected).__name__}, as which it would be read"
+        )
+
+
+def _shapes(network: nn.Module) -> dict[str, torch.Size]:
+    layers = network.state_dict()
+    return {name: tensor.shape for name, tensor in layers.items()}
 
 
 def named_biases(materials: list[str], p: Tensor) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ from clothlab._validation import check_array, check_kind, check_number
 from clothlab.method._weights import (
     SUFFIX,
     check_free,
+    check_layers,
     filled,
     named_biases,
     packed,
@@ -72,12 +73,15 @@ class Checkpoint:
         """Write one file, whole or not at all; its name ends in `.safetensors`.
 
         A ValueError, before anything is written, if another checkpoint lies there
-        (unless `overwrite` is set), or if a number of it is not finite.
+        (unless `overwrite` is set), if a number is not finite, or if the model has
+        layers of its own, which `load` could not make.
         """
         path = Path(path)
         if path.suffix != SUFFIX:
             raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
-        content = packed(_KIND, self._about(), self._tensors())
+        about = self._about()
+        check_layers(self.model, lambda: DPMPB(*about["sizes"]))
+        content = packed(_KIND, about, self._tensors())
         check_free(path, content, overwrite=overwrite)
         write_bytes(path, content)
 
