@@ -40,7 +40,7 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         "method.checkpoint": ["Checkpoint"],
         "method.estimation": ["BiasEstimator", "estimate_bias"],
         "method.gauss_newton": ["NewtonEstimator"],
-        "method.control": ["ControlSettings", "Controller"],
+        "method.control": ["ControlSettings", "Controller", "GradientSearch"],
         "method.autoencoder": [
             "Autoencoder",
             "AutoencoderTraining",
@@ -50,13 +50,12 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         ],
         "method.policy": ["Policy"],
         "method.cloth_task": [
-            "TENSION_WEIGHT",
             "ControlPolicy",
             "EstimatingPolicy",
             "observe",
             "period_mask",
         ],
-        "method.iterative": ["IterativeLearningPolicy", "IterativeLearningSettings"],
+        "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
         "method.fast_rollout": ["FastDPMPB"],
         "masks": ["iou"],
     },

@@ -26,7 +26,6 @@ from clothlab.method.autoencoder import (
 )
 from clothlab.method.checkpoint import Checkpoint as Checkpoint
 from clothlab.method.cloth_task import (
-    TENSION_WEIGHT as TENSION_WEIGHT,
     ControlPolicy as ControlPolicy,
     EstimatingPolicy as EstimatingPolicy,
     observe as observe,
@@ -35,6 +34,7 @@ from clothlab.method.cloth_task import (
 from clothlab.method.control import (
     Controller as Controller,
     ControlSettings as ControlSettings,
+    GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
 from clothlab.method.estimation import (
@@ -44,8 +44,8 @@ from clothlab.method.estimation import (
 from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
 from clothlab.method.gauss_newton import NewtonEstimator as NewtonEstimator
 from clothlab.method.iterative import (
-    IterativeLearningPolicy as IterativeLearningPolicy,
     IterativeLearningSettings as IterativeLearningSettings,
+    IterativeSearch as IterativeSearch,
 )
 from clothlab.method.model import DPMPB as DPMPB, predict as predict
 from clothlab.method.policy import Policy as Policy

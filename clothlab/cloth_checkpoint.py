@@ -11,9 +11,9 @@ from clothlab._validation import check_kind, choose
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.cloth_task import ControlPolicy
-from clothlab.method.control import ControlSettings
+from clothlab.method.control import ControlSettings, GradientSearch, Search
 from clothlab.method.data import Run
-from clothlab.method.iterative import IterativeLearningPolicy, IterativeLearningSettings
+from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
 from clothlab.simulation.arm import Arm, StateLayout, arm_data, arm_from_data, get_arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial, to_run
@@ -55,24 +55,17 @@ class ClothCheckpoint(Checkpoint):
         *,
         arm: Arm | None = None,
     ) -> ControlPolicy:
-        """A `ControlPolicy` with this model.
+        """The paper's controller with this model.
 
         Args:
             target: mask `[H, W]` to realise once a period.
             p: parametric bias `[D_p]`, or the name of a trained material.
-            settings: of the controller.
-            plans: recorded stretches of commands `[N, T, D_u]` to start from.
+            settings: the constants of the control.
+            plans: recorded ones from which a period may start, `[N, horizon, D_u]`.
             arm: one with other limits, such as `arm.with_stiffness(10)`.
         """
-        return ControlPolicy(
-            self.model,
-            self.autoencoder,
-            arm or self.arm,
-            target,
-            self._bias(p),
-            settings,
-            plans,
-        )
+        search = GradientSearch(plans)
+        return self._policy(target, p, settings, search, arm)
 
     def iterative_controller(
         self,
@@ -82,30 +75,38 @@ class ClothCheckpoint(Checkpoint):
         settings: IterativeLearningSettings | None = None,
         *,
         arm: Arm | None = None,
-    ) -> IterativeLearningPolicy:
-        """An `IterativeLearningPolicy` with this model.
+    ) -> ControlPolicy:
+        """Iterative learning control with this model.
 
         Args:
             target: mask `[H, W]` to realise once a period.
             p: parametric bias `[D_p]`, or the name of a trained material.
-            runs: recordings to start from, as `to_run` makes them of trials.
-            settings: of the controller.
+            runs: recordings to begin with, as `to_run` gives them.
+            settings: how much is tried, and how far an outcome teaches.
             arm: one with other limits, such as `arm.with_stiffness(10)`.
         """
-        return IterativeLearningPolicy(
+        search = IterativeSearch(runs, settings, biases=self.biases)
+        return self._policy(target, p, None, search, arm)
+
+    def _policy(
+        self,
+        target: ArrayLike,
+        p: ArrayLike | str,
+        settings: ControlSettings | None,
+        search: Search,
+        arm: Arm | None,
+    ) -> ControlPolicy:
+        """A controller with one search or another."""
+        bias = choose("material", p, self.biases) if isinstance(p, str) else p
+        return ControlPolicy(
             self.model,
             self.autoencoder,
             arm or self.arm,
             target,
-            self._bias(p),
-            runs,
+            bias,
             settings,
-            biases=self.biases,
+            search=search,
         )
-
-    def _bias(self, p: ArrayLike | str) -> ArrayLike:
-        """p itself, or that of a material."""
-        return choose("material", p, self.biases) if isinstance(p, str) else p
 
     def _arm_to_data(self) -> Any:
         return arm_data(self.arm)

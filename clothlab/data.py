@@ -47,6 +47,7 @@ from clothlab.method._weights import (
 )
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.vision import mask_from_file
@@ -115,7 +116,7 @@ def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoi
         losses = tensors.pop("losses").double().numpy()
         p = tensors.pop("p")
         state_size = arm.layout(autoencoder.latent_size).size
-        model = DPMPB(state_size, len(arm.command_names), p.shape[1])
+        model = quicken(DPMPB(state_size, len(arm.command_names), p.shape[1]))
         return ClothCheckpoint(
             name=name,
             arm=arm,
@@ -193,7 +194,7 @@ def load_model(name: str, *, data: Folder = None) -> Checkpoint:
     path, about, tensors = _load_weights("model", name, data)
     with reading(path, "model weights"):
         biases = named_biases(about["materials"], tensors.pop("p"))
-        model = filled(DPMPB(*about["sizes"]), tensors)
+        model = filled(quicken(DPMPB(*about["sizes"])), tensors)
         return Checkpoint(name=name, model=model, biases=biases)
 
 

@@ -68,7 +68,7 @@ def main() -> None:
     # And a command towards the right pushes to the right.
     controller = Controller(
         read.model,
-        lambda states, t: (states[..., 0] - 1).square().sum(-1),
+        lambda states, commands, t: (states[..., 0] - 1).square().sum(-1),
         p,
         lower=[-1],
         upper=[1],

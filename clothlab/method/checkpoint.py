@@ -26,6 +26,7 @@ from clothlab.method._weights import (
     unpacked,
 )
 from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
 
@@ -148,7 +149,7 @@ class Checkpoint:
         }
 
         # The networks are made in their sizes, and filled.
-        model = DPMPB(*about["sizes"])
+        model = quicken(DPMPB(*about["sizes"]))
         fields["model"] = filled(model, _below("model.", tensors))
         if about["latent_size"] is not None:
             autoencoder = Autoencoder(about["latent_size"])
