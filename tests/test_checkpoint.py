@@ -155,6 +155,10 @@ def test_stored_weights_are_loaded_by_name_and_saved_anywhere(tmp_path):
     assert equal(read.model, stored.model)
     assert read.autoencoder.fingerprint() == stored.autoencoder.fingerprint()
     assert read.arm == stored.arm
+    # To the last bit: a closed loop makes much of rounding.
+    s, u = torch.randn(1, 9, 7), torch.randn(1, 9, 2)
+    p = torch.as_tensor(stored.biases["damp0.05-mass0.10"])
+    assert torch.equal(read.model(s, u, p)[0], stored.model(s, u, p)[0])
     assert read.autoencoder_name == stored.autoencoder_name == "torque"
     for material, p in stored.biases.items():
         assert np.array_equal(read.biases[material], p)
