@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from clothlab import artifacts
 from clothlab._files import reading
-from clothlab.artifacts import Folder
+from clothlab._store import Folder, load_results, save_results
 
 # Environment variable: live figures are stored, as `make findings` does
 RECORD = "CLOTHLAB_RECORD_FINDINGS"
@@ -97,7 +96,7 @@ class Findings:
             _must_hold(claim, "here", figure, bounds, arrays)
 
     def _load(self) -> dict[str, Any]:
-        content = artifacts.load_results(self.name, ".json", data=self._data)
+        content = load_results(self.name, ".json", data=self._data)
         with reading(
             f"data/results/{self.name}.json",
             "findings; record them with `make findings RECORD=1`",
@@ -110,9 +109,7 @@ class Findings:
         text = json.dumps(stored, indent=1, allow_nan=False)
         # a row of numbers on one line
         text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)
-        artifacts.save_results(
-            text.encode() + b"\n", self.name, ".json", data=self._data
-        )
+        save_results(text.encode() + b"\n", self.name, ".json", data=self._data)
 
 
 def _sorted_out(

@@ -32,7 +32,8 @@ from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.estimation import estimate_bias, prediction_loss
@@ -528,8 +529,11 @@ def main() -> None:
         )
     ]
     save(pd.DataFrame(rows), "another_robot_control")
-    artifacts.save_model(trained["p", 0]["model"], trained["p", 0]["biases"], "reacher")
-    artifacts.write_checksums()
+    kept = trained["p", 0]
+    data.save_model(
+        Checkpoint(name="reacher", model=kept["model"], biases=kept["biases"])
+    )
+    data.write_checksums()
 
 
 if __name__ == "__main__":

@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel
-from clothlab.lab import panel as panel_module
+from clothlab.lab import LivePanel, panel as panel_module
 from clothlab.lab.actions import stick_command
 from clothlab.lab.targets import LARGEST_FILE
 from clothlab.simulation.arm import MuscleArm, TorqueArm

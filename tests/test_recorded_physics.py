@@ -5,14 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.method.autoencoder import iou
 from clothlab.simulation.arm import ARMS
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
 
 STEPS = 8
-recorded = cache(artifacts.load_trials)
+recorded = cache(data.load_trials)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import nn
 
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB, Memory
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, get_cloth
-from clothlab.trained import Trained
 from clothlab.trials import Trial
 
 PIXELS = 32 * 128  # of a third of the image
@@ -76,8 +76,14 @@ def learned(arm="torque", names=CLOTHS, lost=0):
     arm = get_arm(arm)
     biases = {name: bias_of(name) for name in names}
     model = Obedient(arm).eval().requires_grad_(False)
-    losses = np.zeros(1)
-    return Trained(f"{arm.name}-0", arm, camera(lost), model, biases, losses, arm.name)
+    return ClothCheckpoint(
+        name=f"{arm.name}-0",
+        model=model,
+        biases=biases,
+        arm=arm,
+        autoencoder=camera(lost),
+        autoencoder_name=arm.name,
+    )
 
 
 def trial_of(z, commands=None, arm="torque", cloth="damp0.05-mass0.10", seed=0):

@@ -16,7 +16,7 @@ import cv2
 import ipywidgets
 import numpy as np
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab.alt_text import AltText
 from clothlab.lab import views
@@ -69,7 +69,7 @@ class SessionRecording:
 
 def load_recording(path: Path | None = None) -> list[_Frame]:
     """Read a recorded run, by default the one that belongs to the data."""
-    path = artifacts.data_folder() / RECORDING if path is None else path
+    path = data.data_folder() / RECORDING if path is None else path
     if not path.is_file():
         raise FileNotFoundError(
             f"there is no recorded run in {path}: `make demonstration` makes one"

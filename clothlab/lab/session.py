@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._validation import check_array, choose
 from clothlab.analysis import nearest_material
 from clothlab.lab.drivers import DRIVERS, Drivers, Period
@@ -85,7 +85,7 @@ class LiveSession:
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
-        recordings: folder for recorded trials; by default `artifacts.own_trials()`,
+        recordings: folder for recorded trials; by default `data.own_trials()`,
             which `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
     """
@@ -104,7 +104,7 @@ class LiveSession:
         self.exploring = True
         self.estimating = False  # whether p follows what is observed
         self.seed = 0  # of the random numbers since the last reset
-        self.recorder = Recorder(recordings or artifacts.own_trials())
+        self.recorder = Recorder(recordings or data.own_trials())
         self.set_arm(arm)
 
     def set_arm(self, name: str) -> None:
@@ -121,13 +121,13 @@ class LiveSession:
 
     def _equip(self, setup: _Setup) -> None:
         self.trained, trials = (
-            artifacts.load(setup.weights),
-            artifacts.load_trials(setup.trials),
+            data.load(setup.weights),
+            data.load_trials(setup.trials),
         )
         self._known = setup.known
         self.arm, self._plans = self.trained.arm, recorded_plans(trials)
         self._runs = [self.trained.to_run(trial) for trial in trials]
-        self._images, targets = reference_images(trials), artifacts.load_targets()
+        self._images, targets = reference_images(trials), data.load_targets()
         # Beyond this chamfer distance to its reconstruction [pixel], an image is unlike
         # any recorded one.
         self.usual_distance = usual_reconstruction_distance(

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.calibration import Calibration, EstimateReport, calibrate
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
-from clothlab.trained import Trained
 
 _REPORT_EVERY = 5  # steps; a report costs about as much as an update
 
@@ -19,7 +19,7 @@ def _calibration(weights: str, known: str) -> "Future[Calibration]":
     """Calibrate by recorded trials that the weights were not trained on, in a thread:
     no control step waits for it.
     """
-    learned, trials = artifacts.load(weights), artifacts.load_trials(known)
+    learned, trials = data.load(weights), data.load_trials(known)
 
     def compute() -> Calibration:
         return calibrate(
@@ -37,7 +37,7 @@ class BiasTracker:
     trained on, for calibration.
     """
 
-    def __init__(self, trained: Trained, known: str, p: ArrayLike):
+    def __init__(self, trained: ClothCheckpoint, known: str, p: ArrayLike):
         self._trained, self._known, self._p = trained, known, p
         self._estimator = NewtonEstimator(trained.model, p)
         self._count = 0

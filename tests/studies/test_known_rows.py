@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import toy
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.autoencoder import encode
 from clothlab.policies import ReplayPolicy
@@ -60,7 +60,7 @@ def world(monkeypatch):
         "load_autoencoder": lambda name: (found.learned.autoencoder, None),
     }
     for name, instead in read.items():
-        monkeypatch.setattr(artifacts, name, instead)
+        monkeypatch.setattr(data, name, instead)
     return found
 
 
@@ -86,7 +86,7 @@ def test_the_nearest_images_in_place_of_the_decoder_lack_nothing(world, monkeypa
     tested = np.repeat(levels, 3)  # of which every third is looked at
     trials = {"train": np.repeat(levels, 16), "evaluation": tested}
     of = {name: [toy.trial_of(np.tile(z[:, None], 3))] for name, z in trials.items()}
-    monkeypatch.setattr(artifacts, "load_trials", of.get)
+    monkeypatch.setattr(data, "load_trials", of.get)
     row = autoencoder_quality._train(3)
     shares = [1 - 256 / 2048, 1 - 256 / 1536, 1 - 256 / 1024, 1.0]
     assert row["iou"] == row["iou_low"] == pytest.approx(np.mean(shares))
@@ -406,7 +406,7 @@ def test_peak_speeds_are_those_of_the_fastest_plan(monkeypatch):
     arm = MuscleArm()
     rng = np.random.default_rng(0)
     plans = rng.uniform(arm.command_lower, arm.command_upper, (2, 3, 3))
-    monkeypatch.setattr(artifacts, "load_trials", lambda name: [])
+    monkeypatch.setattr(data, "load_trials", lambda name: [])
     monkeypatch.setattr(oracle, "recorded_plans", lambda *_, **__: plans)
     only_these = oracle.SearchSettings(rounds=0, elite=2)
     row = oracle._run_speed(0, steps=3, search=only_these)
@@ -497,8 +497,8 @@ def in_the_toy(world, monkeypatch):
     watch = SimpleNamespace(hand_speed=speed)
     starts = []
 
-    def rollout(env, policy, steps, *, seed, random_start, watch, samples):
-        starts.append(random_start)
+    def rollout(env, policy, steps, *, seed, options, watch, samples):
+        starts.append(options["random_start"])
         return toy.new_trial(policy, env.arm, env.cloth, steps, seed)
 
     for name, instead in {
