@@ -1,11 +1,14 @@
 """The paper's controller where the model is right: what it foresees comes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import toy
 
-from clothlab.method.control import Controller, Solution
-from clothlab.method.iterative import nearest_plans
+from clothlab.method.control import Controller, ControlSettings, Solution
+from clothlab.method.data import Run
+from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
 
 LEARNED = toy.learned()
 
@@ -61,3 +64,64 @@ def test_plans_are_looked_for_only_where_a_recording_holds_one():
     run = LEARNED.to_run(toy.random_trial("torque", "damp0.05-mass0.10", 15, 0))
     with pytest.raises(ValueError, match="plans of 8 steps need recorded runs"):
         nearest_plans([run], np.zeros(3))
+
+
+class Counting:
+    """A search whose n-th plan begins with n tenths."""
+
+    name = "counting"
+
+    def begin(self, home, settings, learned=None):
+        return None
+
+    def __call__(self, problem, learned):
+        plan = problem.plan.clone()
+        plan[0] = problem.t / 10
+        return Solution(plan, np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("warm_start", "added"),
+    [("last", [0.9, 0.9, 0.9, 0.9, 0.9]), ("periodic", [0.9, 0.9, 0.9, 0.0, 0.1])],
+)
+def test_at_its_end_a_plan_goes_on_with_its_last_command_or_that_of_a_period_ago(
+    warm_start, added
+):
+    settings = ControlSettings(horizon=4, period=3, warm_start=warm_start)
+    controller = Controller(
+        LEARNED.model,
+        lambda states, commands, t: states[:, 0, 0],
+        np.zeros(2),
+        [0.0, 0.0],
+        [1.0, 1.0],
+        settings,
+        home=[0.9, 0.9],
+        search=Counting(),
+    )
+    ends = []
+    for _ in range(5):
+        problem = controller.problem(np.zeros(7))
+        assert problem.solve
+        ends.append(float(problem.plan[-1, 0]))
+        controller.act(np.zeros(7))
+    assert ends == pytest.approx(added)
+
+
+def test_recorded_plans_may_overlap_by_half_and_no_more():
+    s, u = np.full((40, 7), 9.0), np.arange(40.0)[:, None].repeat(2, 1)
+    for step, distance in ((20, 0.0), (16, 0.1), (17, 0.05), (24, 0.2), (23, 0.15)):
+        s[step, :3] = distance
+    found = nearest_plans([Run(s, u, "a")], np.zeros(3), horizon=8, count=3)
+    assert found.u[:, 0, 0].tolist() == [12, 8, 16]
+
+
+def test_recorded_plans_are_sent_within_the_limits():
+    arm = replace(LEARNED.arm, lower=(-0.2, -0.8))
+    recorded = [LEARNED.to_run(toy.random_trial("torque", "damp0.05-mass0.10", 80, 0))]
+    settings = IterativeLearningSettings(trust=0, iterations=0)
+    target = toy.image_of([-0.5, -1.4, 0.0])
+    policy = LEARNED.iterative_controller(
+        target, np.zeros(2), recorded, settings, arm=arm
+    )
+    command = policy({"image": toy.image_of(np.zeros(3)), "robot": np.zeros(4)})
+    assert (command >= np.float32(arm.lower)).all()

@@ -86,3 +86,9 @@ def test_a_stretched_arm_has_an_ellipse_too():
     ]
     assert np.allclose(moved[0], moved[-1], atol=1e-9)
     assert np.ptp(moved, axis=0).min() > 1e-4
+
+
+@pytest.mark.parametrize("change", [{"force": 0.0}, {"force": -1.0}, {"directions": 2}])
+def test_an_ellipse_takes_a_force_and_three_directions(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        stiffness_ellipse(ARM, BENT, 30.0, **change)
