@@ -127,3 +127,13 @@ def test_recorded_plans_are_sent_within_the_limits():
     sent = np.array([policy(observation) for _ in range(8)])
     assert (sent >= np.float32(arm.lower)).all()
     assert (sent == np.float32(arm.lower)).any()
+
+
+def test_a_command_that_is_fixed_has_no_part_in_the_descent():
+    controller = LEARNED.controller(
+        toy.image_of(np.zeros(3)),
+        np.zeros(2),
+        arm=replace(LEARNED.arm, lower=(-0.8, -0.4), upper=(1.0, -0.4)),
+    ).controller
+    unit = float(LEARNED.model.u_std[0])
+    assert controller.limits.scale.tolist() == [unit, 0.0]

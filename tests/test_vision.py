@@ -171,3 +171,10 @@ def test_targets_come_from_picture_files(square):
     ):
         with pytest.raises(ValueError, match=message):
             mask_from_file(content)
+
+
+def test_a_grey_target_is_cloth_where_it_is_brighter_than_half():
+    grey = np.full((96, 128), 127, np.uint8)
+    grey[10:20, 30:50] = 128
+    file = cv2.imencode(".png", grey)[1].tobytes()
+    assert np.array_equal(mask_from_file(file), grey == 128)
