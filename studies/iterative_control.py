@@ -21,13 +21,12 @@ from clothlab.analysis import (
     late_median,
     target_distance,
 )
-from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
 from clothlab.method.estimation import BiasEstimator
-from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
+from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
-from clothlab.policies import RandomPolicy, ReplayPolicy
+from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
 from clothlab.trained import Trained
 from clothlab.trials import Trial, recorded_plans, rollout
@@ -41,6 +40,7 @@ from studies._runs import (
     SAMPLES,
     TASKS,
     recorded_runs,
+    replay_nearest,
     trained,
 )
 from studies.motion import MotionWatch
@@ -69,10 +69,9 @@ def _random(
 def _replay(
     learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray
 ) -> Policy:
-    """The recorded plan that came nearest with this very cloth, again and again."""
+    """The recorded plan that came nearest with this very cloth."""
     runs = [run for run in recorded_runs(learned) if run.material == cloth]
-    plan = nearest_plans(runs, encode(learned.autoencoder, target), count=1).u[0]
-    return ReplayPolicy(np.tile(plan, (100, 1)))
+    return replay_nearest(runs, learned.autoencoder, target)
 
 
 def _papers(

@@ -146,15 +146,18 @@ def _control_one(
         commands = trial.commands.round(4)
         theta = replay(trial, samples=10).theta.round(4)
 
-    # The hand's speed is asked where the controller knows the right p
-    timed = condition in (CORRECT, FIXED, WARM)
+    # The hand's speed, where the controller knows the right p
+    speeds: list[float] = []
+    if condition in (CORRECT, FIXED, WARM):
+        speeds = _peak_speeds(trial[:speed_steps])
+
     distance = target_distance(learned.autoencoder, trial, mask)
     return {
         "empty": empty_distance(learned.autoencoder, mask),
         # [T] [s.d. of z]; the first is that of the foam hanging still
         "distance": distance.round(4),
         "rate": float((distance < _THRESHOLD).mean()),
-        "peak_hand_speed": _peak_speeds(trial[:speed_steps]) if timed else [],
+        "peak_hand_speed": speeds,
         "commands": commands,
         "theta": theta,
     }

@@ -22,9 +22,8 @@ from clothlab.analysis import (
 from clothlab.method.autoencoder import encode, known_target
 from clothlab.method.control import ControlSettings
 from clothlab.method.estimation import estimate_bias
-from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
+from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
-from clothlab.policies import ReplayPolicy
 from clothlab.trained import Trained
 from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
@@ -40,6 +39,7 @@ from studies._runs import (
     own_cloth,
     random_trial,
     recorded_runs,
+    replay_nearest,
     trained,
 )
 from studies.oracle import best_possible
@@ -129,11 +129,9 @@ def _aim(arm: str, target: str) -> np.ndarray:
 
 
 def _replay(learned: Trained, mask: np.ndarray, among: set[str]) -> Policy:
-    """The recorded plan that came nearest with these cloths, again and again."""
+    """The recorded plan that came nearest with these cloths."""
     runs = [run for run in recorded_runs(learned) if run.material in among]
-    z_ref = encode(learned.autoencoder, mask)
-    plan = nearest_plans(runs, z_ref, count=1).u[0]
-    return ReplayPolicy(np.tile(plan, (31, 1)))
+    return replay_nearest(runs, learned.autoencoder, mask)
 
 
 def _by_distance(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> list[str]:
