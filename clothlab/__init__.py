@@ -54,3 +54,5 @@ def _choose_opengl() -> None:
 
 
 _choose_opengl()
+if "gymnasium" in sys.modules:  # it is not imported for this alone: that takes long
+    importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`

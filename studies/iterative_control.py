@@ -175,7 +175,7 @@ def _watched(
             policy,
             steps,
             seed=seed,
-            random_start=random_start,
+            options={"random_start": random_start},
             watch=watch,
             samples=SAMPLES,
         )

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from clothlab._validation import choose
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
-from clothlab.method.training import minimise, training
+from clothlab.method.training import minimise, seeded
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
@@ -232,7 +232,7 @@ def train_regressor(
     u = [torch.as_tensor(run.u) for run in runs]
     length = min(window, min(map(len, runs)))
 
-    with training(seed):
+    with seeded(seed):
         model = Regressor(s[0].shape[1], u[0].shape[1], hidden_size)
         model.set_normalisation(s, u, labels)
 
