@@ -75,8 +75,8 @@ class Experiment:
             name.
         paper: the sizes with which it also runs on the paper's amount of recordings;
             none where it does not.
-        rows: stored tables → its rows in `docs/results.md`, under the module's
-            docstring: a question, then a paragraph.
+        rows: stored tables → its rows in `docs/results.md`.
+        about: what stands above these rows: a question, then a paragraph.
     """
 
     name: str
@@ -86,6 +86,7 @@ class Experiment:
     slow: bool = False
     paper: Mapping[str, Any] = field(default_factory=dict)
     rows: Callable[[Tables], list[Row]] | None = None
+    about: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cases", self._refusing_typos(self.cases))

@@ -2,7 +2,7 @@
 trials on fresh scenes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cache
@@ -16,11 +16,12 @@ from clothlab._validation import check_array, choose
 from clothlab.analysis import best_per_period, spread, target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
-from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
 from clothlab.method.estimation import estimate_bias
+from clothlab.method.iterative import nearest_plans
 from clothlab.method.policy import Policy
-from clothlab.policies import RandomPolicy
+from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
@@ -82,6 +83,7 @@ NEW = {
     ],
 }
 SAMPLES = 50  # of the hand's motion in each step
+_LONGEST = 100  # periods that a plan is replayed
 
 
 @cache
@@ -120,6 +122,14 @@ def own_cloth(target: str) -> str:
     """
     # It is called SET/ARM_CLOTH_NUMBER
     return MIDDLE if target.startswith("drawn/") else target.split("_")[1]
+
+
+def replay_nearest(
+    runs: Sequence[Run], autoencoder: Autoencoder, target: ArrayLike
+) -> Policy:
+    """The plan of some runs that came nearest to a target, again and again."""
+    plan = nearest_plans(runs, encode(autoencoder, target), count=1).u[0]
+    return ReplayPolicy(np.tile(plan, (_LONGEST, 1)))
 
 
 def new_trial(
