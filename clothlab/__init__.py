@@ -18,6 +18,7 @@ Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and state
 every public boundary in physical units; the networks normalise them inside.
 """
 
+import contextlib
 import ctypes.util
 import importlib
 import os
@@ -49,6 +50,7 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
             "train_autoencoder",
         ],
         "method.policy": ["Policy"],
+        "method.rollout": ["rollout"],
         "method.cloth_task": [
             "ControlPolicy",
             "EstimatingPolicy",
@@ -66,7 +68,7 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         "simulation.env": ["CONTROL_PERIOD", "ClothEnv", "Scene"],
         "simulation.vision": ["chamfer_distance"],
         "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
-        "trials": ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial"],
+        "trials": ["Trial", "load_trial", "recorded_plans", "save_trial"],
         "cloth_checkpoint": ["ClothCheckpoint"],
         "data": [
             "load",
@@ -148,3 +150,8 @@ def _choose_opengl() -> None:
 
 
 _choose_opengl()
+# Gymnasium is not imported for this alone, which takes long; and without the extra
+# `cloth` there is nothing to register.
+if "gymnasium" in sys.modules:
+    with contextlib.suppress(ModuleNotFoundError):
+        importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`

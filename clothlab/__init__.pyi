@@ -49,6 +49,7 @@ from clothlab.method.iterative import (
 )
 from clothlab.method.model import DPMPB as DPMPB, predict as predict
 from clothlab.method.policy import Policy as Policy
+from clothlab.method.rollout import rollout as rollout
 from clothlab.method.training import (
     ModelTraining as ModelTraining,
     train_dpmpb as train_dpmpb,
@@ -75,7 +76,6 @@ from clothlab.trials import (
     Trial as Trial,
     load_trial as load_trial,
     recorded_plans as recorded_plans,
-    rollout as rollout,
     save_trial as save_trial,
 )
 

@@ -128,7 +128,7 @@ def _run_one(
             policy,
             steps,
             seed=seed,
-            random_start=repeat > 0,
+            options={"random_start": repeat > 0},
             watch=watch,
             samples=SAMPLES,
         )

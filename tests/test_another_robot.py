@@ -16,9 +16,9 @@ import torch
 from clothlab import data
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings
-from clothlab.method.data import EpisodeEnded, collect_run
 from clothlab.method.estimation import estimate_bias
 from clothlab.method.model import DPMPB
+from clothlab.method.rollout import EpisodeEnded, rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
 
 PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
@@ -52,9 +52,13 @@ class Cart(gymnasium.Env):
 def pushed(mass, friction, steps=400, seed=0, **options):
     # Plain numbers are taken, too
     pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, steps), 3))
-    robot, name = Cart(mass, friction, **options), f"{mass}, {friction}"
-    return collect_run(
-        robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"]
+    robot = Cart(mass, friction, **options)
+    return rollout(
+        robot,
+        lambda s: next(pushes),
+        steps,
+        material=f"{mass}, {friction}",
+        observe=lambda seen: seen["place"],
     )
 
 
@@ -95,7 +99,7 @@ def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
     with pytest.raises(
         EpisodeEnded, match="the robot's task was over after 1 of 5 steps"
     ) as told:
-        collect_run(Falls(), lambda s: np.zeros(1), 5, "any")
+        rollout(Falls(), lambda s: np.zeros(1), 5, material="any")
     assert "max_episode_steps" not in str(told.value)
     assert len(told.value.run) == 1
 
@@ -123,11 +127,11 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
 
     p = biases["{}, {}".format(*properties)]
     controller = Controller(model, loss, p, [-4], [4], ControlSettings(horizon=10))
-    run = collect_run(
+    run = rollout(
         Cart(*properties),
         controller.act,
         40,
-        "here",
+        material="here",
         observe=lambda seen: seen["place"],
     )
     assert abs(run.s[-10:, 0] - 0.5).mean() < 0.1
