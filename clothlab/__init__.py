@@ -18,6 +18,7 @@ Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and state
 every public boundary in physical units; the networks normalise them inside.
 """
 
+import contextlib
 import ctypes.util
 import importlib
 import os
@@ -149,5 +150,8 @@ def _choose_opengl() -> None:
 
 
 _choose_opengl()
-if "gymnasium" in sys.modules:  # it is not imported for this alone: that takes long
-    importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`
+# Gymnasium is not imported for this alone, which takes long; and without the extra
+# `cloth` there is nothing to register.
+if "gymnasium" in sys.modules:
+    with contextlib.suppress(ModuleNotFoundError):
+        importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`

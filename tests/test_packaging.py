@@ -143,8 +143,8 @@ def test_the_method_is_trained_saved_loaded_and_steers_in_a_fresh_environment(ba
     ("code", "message"),
     [
         (
-            "from clothlab import rollout",
-            "clothlab.rollout needs mujoco: pip install 'clothlab[cloth]'",
+            "from clothlab import ClothEnv",
+            "clothlab.ClothEnv needs mujoco: pip install 'clothlab[cloth]'",
         ),
         (
             "from clothlab import load",

@@ -9,6 +9,6 @@ from clothlab._extras import require
 
 require("clothlab.simulation", "mujoco", "cloth")
 
-import gymnasium  # noqa: E402  (after the check that the extra is there)
+import gymnasium  # noqa: E402  # after the sentence on what is missing
 
 gymnasium.register("clothlab/Cloth-v0", entry_point="clothlab.simulation.env:ClothEnv")
