@@ -29,8 +29,10 @@ from clothlab.simulation.arm import Arm, arm_data, arm_from_data, check_command,
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 
-# Of trial files: with the name of an arm, and with an arm of one's own
-_FORMATS = (1, 2)
+# Of trial files: with the name of an arm, with an arm of one's own, and with an outcome
+_FORMATS = (1, 2, 3)
+# With that the policy's name ended in older files when the cloth lay spread afterwards
+_SPREAD = ", spread"
 # Of the arrays in a file. Masks are packed eight to a byte: that many hold 87,000
 # steps, nearly five hours.
 _MOST_BYTES = 2**27
@@ -50,6 +52,7 @@ class Trial(Checked):
     arm: Arm  # or the name of one of `ARMS`
     policy: str  # name of what chose the commands
     seed: int
+    outcome: str = ""  # what came of it, in a word, where that was judged
 
     def __post_init__(self) -> None:
         images = check_masks(self.images)
@@ -184,6 +187,8 @@ def save_trial(trial: Trial, path: str | Path) -> None:
         "policy": trial.policy,
         "seed": trial.seed,
     }
+    if trial.outcome:
+        about |= {"format": 3, "outcome": trial.outcome}
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -205,8 +210,12 @@ def load_trial(path: str | Path) -> Trial:
         file_format = about.pop("format")
         if file_format not in _FORMATS:
             raise OtherKindError(
-                f"its format is {file_format}, this version reads {' and '.join(map(str, _FORMATS))}"
+                f"its format is {file_format}, this version reads "
+                f"{_FORMATS[0]} to {_FORMATS[-1]}"
             )
+        if file_format < 3 and about["policy"].endswith(_SPREAD):
+            about["policy"] = about["policy"].removesuffix(_SPREAD)
+            about["outcome"] = "spread"
         about["cloth"] = Cloth(**about["cloth"])
         about["arm"] = arm_from_data(about["arm"])
         images = np.unpackbits(arrays["images"], axis=-1).view(bool)

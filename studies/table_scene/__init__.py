@@ -1,3 +1,4 @@
-"""Setting a table: the scene, its environment, perception, servoing, throwing, and the
-task phase by phase.
+"""Setting a table: a scene, what the robot sees in it, and the task phase by phase.
+
+scene, table_env, perception, servoing, throwing and task stand on one another.
 """
