@@ -99,16 +99,16 @@ nightly: $(DEV) $(GRADING) chromium  ## what takes hours: hostile inputs, faults
 	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
-	$(BIN)/python scripts/reproduce.py --record $(NAMES)
+	$(BIN)/python scripts/reproduce.py record $(NAMES)
 
 train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
-	$(BIN)/python scripts/reproduce.py --train $(NAMES)
+	$(BIN)/python scripts/reproduce.py train $(NAMES)
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
-	$(BIN)/python scripts/reproduce.py --results $(NAMES)
+	$(BIN)/python scripts/reproduce.py results $(NAMES)
 
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
-	$(BIN)/python scripts/reproduce.py $(OPTIONS)
+	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
 picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py

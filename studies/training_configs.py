@@ -1,4 +1,4 @@
-"""What each set of stored weights is trained on, and how; and the trainings themselves."""
+"""What each set of stored weights is trained on and how, and the trainings."""
 
 from dataclasses import dataclass, replace
 
@@ -33,12 +33,14 @@ class TrainingConfig:
         return tuple(f"trials/{name}/" for name in self.recordings)
 
     def load_trials(self) -> list[Trial]:
-        """All trials to learn from; those beyond the paper's amount have to be made
-        first, with `make data`.
+        """All trials to learn from.
+
+        Those beyond the paper's amount have to be made first, with `make data`.
         """
-        return [
-            trial for name in self.recordings for trial in artifacts.load_trials(name)
-        ]
+        trials: list[Trial] = []
+        for name in self.recordings:
+            trials += artifacts.load_trials(name)
+        return trials
 
     def train_autoencoder(self) -> tuple[Autoencoder, list[float]]:
         """The autoencoder of all images, and its loss of each epoch [nat per pixel]."""
@@ -56,8 +58,15 @@ class TrainingConfig:
         model, biases, trace = train_dpmpb(
             self.encoded_runs(), self.model, seed=seed, progress=False
         )
-        name, arm = f"{self.name}-{seed}", get_arm(self.arm)
-        return Trained(name, arm, autoencoder, model, biases, trace.losses, self.name)
+        return Trained(
+            f"{self.name}-{seed}",
+            get_arm(self.arm),
+            autoencoder,
+            model,
+            biases,
+            trace.losses,
+            self.name,
+        )
 
 
 # All sequences of the muscle arm fit into one batch, so that there is one step an

@@ -1,6 +1,7 @@
 """The table scene: `table.xml` with an arm, a cloth, and furniture in drawn places."""
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import ClassVar
 
@@ -114,15 +115,15 @@ def build_spec(
         front_forward=arm.camera.position[0] > position[0],
         back_rgba=_UNDERSIDE_RGBA,
     )
-    for name in np.ravel(point_names(cloth)):
+    names = point_names(cloth)
+    for name in chain(*names):
         _let_touch(spec.body(name), top, furniture.point_radius)
 
     # What the hand can hold, and what the rack holds at the start
-    first, *_, last = point_names(cloth)
-    for name in (*first, *last, "basket"):
+    for name in (*names[0], *names[-1], "basket"):
         _add_tie(spec, hand, f"grip_{name}", name, [0.0, 0.1, 0.0])
     rack = spec.body("rack")
-    for name, place in zip(first, hanging_points(cloth)[0], strict=True):
+    for name, place in zip(names[0], hanging_points(cloth)[0], strict=True):
         _add_tie(spec, rack, f"clip_{name}", name, place).active = True
     return spec
 
