@@ -77,7 +77,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && $(BIN)/python course/solutions.py --into build/small $(NOTEBOOKS)
+	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
@@ -150,11 +150,11 @@ container: $(DEV)  ## build the container and pass notebook 00 in it, where a co
 	$(BIN)/pytest -m container -rs tests/test_container.py
 
 lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether every platform has them; UPGRADE=1 takes the newest
-	$(BIN)/python scripts/make_locks.py $(if $(UPGRADE),--upgrade)
+	$(BIN)/python scripts/make_locks.py write $(if $(UPGRADE),--upgrade)
 
 format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
-	$(BIN)/python course/solutions.py --format $(NOTEBOOKS)
+	$(BIN)/python course/solutions.py format $(NOTEBOOKS)

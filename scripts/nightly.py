@@ -35,7 +35,7 @@ PARTS = {  # what it is: command, and settings in the environment
     ),
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
-    "locks": ((sys.executable, "scripts/make_locks.py", "--check"), {}),
+    "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
     "every page": (
         (sys.executable, "-m", "pytest", "-m", "book", "tests/book"),
