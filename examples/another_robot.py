@@ -32,12 +32,13 @@ from torch import Tensor, nn
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
-from clothlab.method.control import Controller, ControlSettings
+from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, collect_run, set_normalisation, windows
 from clothlab.method.estimation import estimate_bias, prediction_loss
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.model import DPMPB
-from clothlab.method.training import ModelTraining, minimise, train_dpmpb, training
+from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
 from studies import save
 
 STEPS = 3000  # recorded with each material
@@ -186,8 +187,8 @@ def train_with_context(
     # Each sequence has those steps before it
     length = CONTEXT + settings.sequence_length
     s, u, _ = windows(runs, length, settings.stride)
-    with training(seed):
-        model = DPMPB(s.shape[-1], u.shape[-1], settings.bias_size)
+    with seeded(seed):
+        model = quicken(DPMPB(s.shape[-1], u.shape[-1], settings.bias_size))
         set_normalisation(model, runs)
         encoder = ContextEncoder(model)
 
@@ -398,9 +399,14 @@ class Attempts:
         # Plans to start from, which are random commands, too
         drawn = random_commands(seed + 1)
         plans = np.array([[drawn(p) for _ in range(ATTEMPT)] for _ in range(200)])
-        settings = REPLANNING if replan else SETTINGS
         self.controller = Controller(
-            trained.model, self.loss, p, [-1, -1], [1, 1], settings, plans=plans
+            trained.model,
+            self.loss,
+            p,
+            [-1, -1],
+            [1, 1],
+            REPLANNING if replan else SETTINGS,
+            search=GradientSearch(plans),
         )
 
     @staticmethod
@@ -416,7 +422,7 @@ class Attempts:
             return max(others, key=lambda p: float(np.linalg.norm(p - right)))
         return right
 
-    def loss(self, states: Tensor, t: int) -> Tensor:
+    def loss(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
         """Distance of the tip to the goal at the attempt's end [m]."""
         attempt, step = divmod(t, ATTEMPT)
         goal = torch.as_tensor(self.goals[attempt % 10])

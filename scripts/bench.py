@@ -29,8 +29,8 @@ from playwright.sync_api import sync_playwright
 
 from clothlab import artifacts
 from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.method.cloth_task import TENSION_WEIGHT, control_loss, period_mask
-from clothlab.method.control import ControlSettings, optimise_commands
+from clothlab.method.cloth_task import control_loss, period_mask
+from clothlab.method.control import ControlSettings, Limits, optimise_commands
 from clothlab.method.data import Run
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.model import Memory, predict
@@ -135,18 +135,23 @@ def solves(name: str) -> dict[str, Callable[[], object]]:
     tensions = learned.layout.tensions
 
     def loss(states: torch.Tensor) -> torch.Tensor:
-        return control_loss(states, z_ref, mask, tensions, TENSION_WEIGHT)
+        weight = settings.tension_weight
+        return control_loss(states, z_ref, mask, tensions, weight)
 
     # The same descent over two rollouts
     p = torch.as_tensor(next(iter(learned.biases.values())))
     fast = FastDPMPB(model, p)
+    limits = Limits(lower, upper, model.u_std)
 
-    def solve(rollout: Callable[[torch.Tensor], torch.Tensor]) -> object:
-        return optimise_commands(rollout, loss, u, lower, upper, model.u_std, settings)
+    def plain(plans: torch.Tensor) -> torch.Tensor:
+        return loss(predict(model, s, plans, p, memory))
+
+    def ours(plans: torch.Tensor) -> torch.Tensor:
+        return loss(fast(s, plans, memory))
 
     return {
-        "plain": lambda: solve(lambda commands: predict(model, s, commands, p, memory)),
-        "ours": lambda: solve(lambda commands: fast(s, commands, memory)),
+        "plain": lambda: optimise_commands(plain, u, limits, settings),
+        "ours": lambda: optimise_commands(ours, u, limits, settings),
     }
 
 

@@ -3,7 +3,7 @@ them predict.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,10 +58,11 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Run],
     ):
-        self._iterative = trained.iterative_controller(target, p, runs, arm=arm)
+        iterative = trained.iterative_controller(target, p, runs, arm=arm)
+        self._learning: Any = iterative.controller.search
         self._controllers = {
             "control": trained.controller(target, p, plans=plans, arm=arm),
-            "iterative": self._iterative,
+            "iterative": iterative,
         }
         self._arm, others = (
             arm,
@@ -96,8 +97,8 @@ class Drivers:
         """Let the controllers begin a period: phase, memory and plan are of their last
         turn. What was learned stays.
         """
-        self._controllers["control"].reset()
-        self._iterative.resume()
+        for policy in self._controllers.values():
+            policy.controller.resume()
         self._period = []
 
     def choose(
@@ -117,15 +118,22 @@ class Drivers:
             if driver != "manual":
                 u = self._policies[driver](observation)
             return Choice(u, solved=False, predicted=None, period_ended=False)
-        controller, self._iterative.exploring = self._controllers[driver], exploring
-        before = controller.solves
-        u = (controller if solve else controller.step_without_solving)(observation)
-        basis, foreseen = (
-            getattr(controller, "basis", ""),
-            getattr(controller, "foreseen", None),
+        policy = self._controllers[driver]
+        controller = policy.controller
+        self._learning.exploring = exploring
+        solves = controller.solves
+        u = policy(observation, solve=solve)
+        basis = ""
+        if controller.learned is not None:
+            basis = self._learning.basis(controller.learned)
+        return Choice(
+            u,
+            solved=controller.solves > solves,
+            predicted=policy.predicted_distance,
+            period_ended=controller.period_ended,
+            basis=basis,
+            foreseen=policy.foreseen,
         )
-        solved, predicted = controller.solves > before, controller.predicted_distance
-        return Choice(u, solved, predicted, controller.period_ended, basis, foreseen)
 
     def close_period(
         self, driver: str, choice: Choice, distance: float
