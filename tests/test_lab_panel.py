@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from clothlab.lab import LivePanel
-from clothlab.lab import panel as panel_module
-from clothlab.lab.actions import stick_command
-from clothlab.lab.targets import LARGEST_FILE
+from clothlab.lab import _panel as panel_module
+from clothlab.lab._actions import stick_command
+from clothlab.lab._targets import LARGEST_FILE
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial

@@ -5,9 +5,9 @@ refuses.
 import numpy as np
 import pytest
 
-from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import LiveSession
-from clothlab.lab.views import MATERIAL
+from clothlab.lab._drivers import DRIVERS
+from clothlab.lab._session import LiveSession
+from clothlab.lab._views import MATERIAL
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import SimulationError

@@ -10,9 +10,9 @@ import pytest
 import studies
 from clothlab import artifacts
 from clothlab.calibration import EstimateReport, inside
-from clothlab.lab import views
-from clothlab.lab.drivers import Period
-from clothlab.lab.session import SETUPS, LiveSession
+from clothlab.lab import _views as views
+from clothlab.lab._drivers import Period
+from clothlab.lab._session import SETUPS, LiveSession
 from clothlab.simulation.arm import MuscleArm
 
 pytestmark = pytest.mark.slow  # both arms have a session
@@ -196,7 +196,7 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
     monkeypatch,
 ):
     # As outside of tests
-    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)
+    monkeypatch.setattr("clothlab.lab._targets.REFERENCE_EVERY", 20)
     searched = studies.load("oracle_transfer").query("overlap")
     with contextlib.closing(LiveSession()) as session:
         for target, best in zip(

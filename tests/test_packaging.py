@@ -69,7 +69,7 @@ def test_it_holds_all_that_it_needs_and_nothing_else(installed):
 
 
 def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
-    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import clock; print(clock.__file__)"
+    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import _clock; print(_clock.__file__)"
     done = run(installed, tmp_path, code)
     assert done.stdout.split() == [
         "False",

@@ -2,9 +2,9 @@
 Control, PBMap and RecordedRun.
 """
 
-from clothlab.lab.controls import Control, PBMap
-from clothlab.lab.panel import LivePanel
-from clothlab.lab.playback import RecordedRun
-from clothlab.lab.session import LiveSession
+from clothlab.lab._controls import Control, PBMap
+from clothlab.lab._panel import LivePanel
+from clothlab.lab._playback import RecordedRun
+from clothlab.lab._session import LiveSession
 
 __all__ = ["Control", "LivePanel", "LiveSession", "PBMap", "RecordedRun"]

@@ -10,7 +10,7 @@ import anywidget
 from IPython.display import display
 
 from clothlab.alt_text import AltText
-from clothlab.lab.views import javascript
+from clothlab.lab._views import javascript
 
 # A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
 # "model not found" where a widget was, and asks no other representation of it. So these

@@ -19,11 +19,11 @@ import numpy as np
 from clothlab import artifacts
 from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab.alt_text import AltText
-from clothlab.lab import views
-from clothlab.lab.clock import LoopCallbacks
-from clothlab.lab.controls import WRAPPED
-from clothlab.lab.messages import Messages
-from clothlab.lab.widget import LifeSign, Widget
+from clothlab.lab import _views as views
+from clothlab.lab._clock import LoopCallbacks
+from clothlab.lab._controls import WRAPPED
+from clothlab.lab._messages import Messages
+from clothlab.lab._widget import LifeSign, Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data

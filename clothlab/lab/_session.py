@@ -16,15 +16,15 @@ from numpy.typing import ArrayLike
 from clothlab import artifacts
 from clothlab._validation import check_array, choose
 from clothlab.analysis import nearest_material
-from clothlab.lab.drivers import DRIVERS, Drivers, Period
-from clothlab.lab.recorder import Recorder
-from clothlab.lab.targets import (
+from clothlab.lab._drivers import DRIVERS, Drivers, Period
+from clothlab.lab._recorder import Recorder
+from clothlab.lab._targets import (
     reconstruction_distance,
     recorded_targets,
     reference_images,
     usual_reconstruction_distance,
 )
-from clothlab.lab.tracker import BiasTracker
+from clothlab.lab._tracker import BiasTracker
 from clothlab.masks import check_mask, iou
 from clothlab.method.autoencoder import decode, encode, known_target
 from clothlab.method.cloth_task import observe

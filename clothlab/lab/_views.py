@@ -16,9 +16,9 @@ from clothlab import plots
 from clothlab.alt_text import AltText, describe
 from clothlab.analysis import principal_axes
 from clothlab.calibration import outline
-from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import SETUPS, LiveSession, StepInfo
-from clothlab.lab.targets import LARGEST_FILE
+from clothlab.lab._drivers import DRIVERS
+from clothlab.lab._session import SETUPS, LiveSession, StepInfo
+from clothlab.lab._targets import LARGEST_FILE
 from clothlab.masks import HEIGHT, WIDTH
 from clothlab.method.autoencoder import decode, encode
 from clothlab.simulation.arm import JOINTS, MuscleArm

@@ -12,12 +12,12 @@ import traitlets
 
 from clothlab._validation import check_number, choose
 from clothlab.alt_text import AltText
-from clothlab.lab import views
-from clothlab.lab.actions import Message, PanelActions
-from clothlab.lab.clock import Clock, LoopCallbacks
-from clothlab.lab.messages import Messages
-from clothlab.lab.session import LiveSession, StepInfo
-from clothlab.lab.widget import Widget, answer_page
+from clothlab.lab import _views as views
+from clothlab.lab._actions import Message, PanelActions
+from clothlab.lab._clock import Clock, LoopCallbacks
+from clothlab.lab._messages import Messages
+from clothlab.lab._session import LiveSession, StepInfo
+from clothlab.lab._widget import Widget, answer_page
 from clothlab.simulation.env import CONTROL_PERIOD
 
 _ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it

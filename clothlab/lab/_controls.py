@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from clothlab.alt_text import AltText, describe
-from clothlab.lab.clock import LoopCallbacks
-from clothlab.lab.messages import keep_error
-from clothlab.lab.views import Plane, encoded, javascript
-from clothlab.lab.widget import LifeSign, Widget, answer_page
+from clothlab.lab._clock import LoopCallbacks
+from clothlab.lab._messages import keep_error
+from clothlab.lab._views import Plane, encoded, javascript
+from clothlab.lab._widget import LifeSign, Widget, answer_page
 
 WRAPPED = {
     "display": "flex",

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, choose
-from clothlab.lab.targets import uploaded_mask
+from clothlab.lab._targets import uploaded_mask
 from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.arm import Arm
 
 if TYPE_CHECKING:
-    from clothlab.lab.panel import LivePanel
+    from clothlab.lab._panel import LivePanel
 
 
 _LONGEST_IDENTITY = 64  # letters
