@@ -1,11 +1,10 @@
-"""Checks of the exercises: `checks.NAME(NAME)` for the exercise that asks for a
-function called NAME.
+"""Checks of the exercises: `checks.NAME(NAME)` where a function NAME is asked for.
 
 A check takes the reader's function. It prints "correct", or raises CheckFailed with a
 sentence that says what is wrong (Unanswered, of a stub with its dots). What it compares
 with, it makes itself, of other inputs in each run: it needs neither the notebook's
 variables nor `data/`, and `seed=` repeats a run. Each notebook's checks stand in the
-file of its name.
+file of its name, after an underscore.
 """
 
 from clothlab.checks._check import CheckFailed, Unanswered
