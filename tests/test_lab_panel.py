@@ -363,7 +363,7 @@ def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_kno
     assert [len(each) for each in shown] == [2] * 7 + [4] * 2
     moment = panel.history[7]
     assert shown[8][2].endswith(f"{moment.distance:.2f}")
-    assert np.linalg.norm(moment.began - panel.session._z_ref) == pytest.approx(
+    assert np.linalg.norm(moment.began - panel.session.aim.z) == pytest.approx(
         moment.period.predicted, abs=1e-5
     )
     assert np.array_equal(moment.began, panel.history[0].foreseen)

@@ -156,6 +156,20 @@ def test_a_fixed_stiffness_is_sent_by_every_driver(session, muscle):
     assert muscle._drivers._iterative.attempts == []  # another arm
 
 
+def test_a_fixed_stiffness_leaves_the_aim_of_the_control_as_it_is(session, monkeypatch):
+    monkeypatch.setattr("secrets.randbits", lambda count: 7)
+    session.set_target(CHECKERS)
+    assert not np.array_equal(session.aim.known, CHECKERS)
+    predicted = []
+    for aim_again in (True, False):
+        session.reset()
+        session.set_tension(None)
+        if aim_again:
+            session.set_target(CHECKERS)
+        predicted.append(session.step().predicted)
+    assert predicted[0] == predicted[1]
+
+
 def test_another_cloth_starts_from_rest_and_keeps_p(session):
     session.set_p(np.array([0.1, 0.2]))
     session.step()

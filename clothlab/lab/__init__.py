@@ -1,5 +1,7 @@
-"""The live lab: `LivePanel` steers a `LiveSession`; notebooks have small widgets:
-Control, PBMap and RecordedRun.
+"""The live lab: `LivePanel` steers a `LiveSession`.
+
+Notebooks have small widgets beside it: Control, PBMap and RecordedRun. All else in this
+folder is the inside of these five.
 """
 
 from clothlab.lab._controls import Control, PBMap
