@@ -25,6 +25,7 @@ from clothlab._files import OtherKindError, reading, sha256, write_bytes
 from clothlab._validation import check_name, choose
 from clothlab.masks import check_mask
 from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.vision import mask_from_file
@@ -94,9 +95,8 @@ def load(name: str = "torque-0", *, data: Folder = None) -> Trained:
     with reading(path, "dpmpb weights"):
         losses, p = tensors.pop("losses").double().numpy(), tensors.pop("p").numpy()
         biases = dict(zip(about["materials"], p, strict=True))
-        model = DPMPB(
-            arm.layout(autoencoder.latent_size).size, len(arm.command_names), p.shape[1]
-        )
+        states = arm.layout(autoencoder.latent_size).size
+        model = quicken(DPMPB(states, len(arm.command_names), p.shape[1]))
         return Trained(
             name,
             arm,
@@ -185,7 +185,7 @@ def load_model(
     path, about, tensors = _load_tensors("model", name, data)
     with reading(path, "model weights"):
         biases = dict(zip(about["materials"], tensors.pop("p").numpy(), strict=True))
-        return _filled(DPMPB(*about["sizes"]), tensors), biases
+        return _filled(quicken(DPMPB(*about["sizes"])), tensors), biases
 
 
 def load_autoencoder(

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from clothlab._validation import choose
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import ControlPolicy
-from clothlab.method.control import ControlSettings
+from clothlab.method.control import ControlSettings, GradientSearch, Search
 from clothlab.method.data import Run
-from clothlab.method.iterative import IterativeLearningPolicy, IterativeLearningSettings
+from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import Arm, StateLayout
 from clothlab.trials import Trial, to_run
@@ -50,19 +50,17 @@ class Trained:
         *,
         arm: Arm | None = None,
     ) -> ControlPolicy:
-        """A `ControlPolicy` with this model; p may be the name of a trained material.
+        """The paper's controller with this model.
 
-        `arm` is one with other limits, such as `arm.with_stiffness(10)`.
+        Args:
+            target: mask `[H, W]`.
+            p: parametric bias `[D_p]`, or the name of a trained material.
+            settings: the constants of the control.
+            plans: recorded ones from which a period may start, `[N, horizon, D_u]`.
+            arm: one with other limits, such as `arm.with_stiffness(10)`.
         """
-        return ControlPolicy(
-            self.model,
-            self.autoencoder,
-            arm or self.arm,
-            target,
-            self._bias(p),
-            settings,
-            plans,
-        )
+        search = GradientSearch(plans)
+        return self._policy(target, p, settings, search, arm)
 
     def iterative_controller(
         self,
@@ -72,21 +70,34 @@ class Trained:
         settings: IterativeLearningSettings | None = None,
         *,
         arm: Arm | None = None,
-    ) -> IterativeLearningPolicy:
-        """An `IterativeLearningPolicy` with this model, likewise; `runs` are
-        recordings, as `sequences` gives them.
+    ) -> ControlPolicy:
+        """Iterative learning control with this model.
+
+        Args:
+            target: mask `[H, W]`.
+            p: parametric bias `[D_p]`, or the name of a trained material.
+            runs: recordings to begin with, as `to_run` gives them.
+            settings: how much is tried, and how far an outcome teaches.
+            arm: one with other limits, such as `arm.with_stiffness(10)`.
         """
-        arm, p = arm or self.arm, self._bias(p)
-        return IterativeLearningPolicy(
+        search = IterativeSearch(runs, settings, biases=self.biases)
+        return self._policy(target, p, None, search, arm)
+
+    def _policy(
+        self,
+        target: ArrayLike,
+        p: ArrayLike | str,
+        settings: ControlSettings | None,
+        search: Search,
+        arm: Arm | None,
+    ) -> ControlPolicy:
+        bias = choose("material", p, self.biases) if isinstance(p, str) else p
+        return ControlPolicy(
             self.model,
             self.autoencoder,
-            arm,
+            arm or self.arm,
             target,
-            p,
-            runs,
+            bias,
             settings,
-            biases=self.biases,
+            search=search,
         )
-
-    def _bias(self, p: ArrayLike | str) -> ArrayLike:
-        return choose("material", p, self.biases) if isinstance(p, str) else p

@@ -33,12 +33,13 @@ from torch import Tensor, nn
 from tqdm.auto import tqdm
 
 from clothlab import artifacts
-from clothlab.method.control import Controller, ControlSettings
+from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, collect_run, set_normalisation, windows
 from clothlab.method.estimation import estimate_bias, prediction_loss
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.model import DPMPB
-from clothlab.method.training import ModelTraining, minimise, train_dpmpb, training
+from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
 from studies import save
 
 STEPS = 3000  # recorded with each material
@@ -175,8 +176,8 @@ def train_with_context(
     before a sequence.
     """
     s, u, _ = windows(runs, CONTEXT + settings.sequence_length, settings.stride)
-    with training(seed):
-        model = DPMPB(s.shape[-1], u.shape[-1], settings.bias_size)
+    with seeded(seed):
+        model = quicken(DPMPB(s.shape[-1], u.shape[-1], settings.bias_size))
         set_normalisation(model, runs)
         encoder = ContextEncoder(model)
 
@@ -363,10 +364,16 @@ class Attempts:
         plans = np.array([[drawn(p) for _ in range(ATTEMPT)] for _ in range(200)])
         settings = REPLANNING if replan else SETTINGS
         self.controller = Controller(
-            self.model, self.loss, p, [-1, -1], [1, 1], settings, plans=plans
+            self.model,
+            self.loss,
+            p,
+            [-1, -1],
+            [1, 1],
+            settings,
+            search=GradientSearch(plans),
         )
 
-    def loss(self, states: Tensor, t: int) -> Tensor:
+    def loss(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
         """Distance of the tip to the goal at the attempt's end [m]."""
         attempt, step = divmod(t, ATTEMPT)
         return torch.linalg.vector_norm(

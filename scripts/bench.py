@@ -29,8 +29,8 @@ from playwright.sync_api import sync_playwright
 
 from clothlab import artifacts
 from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
-from clothlab.method.cloth_task import TENSION_WEIGHT, control_loss, period_mask
-from clothlab.method.control import ControlSettings, optimise_commands
+from clothlab.method.cloth_task import control_loss, period_mask
+from clothlab.method.control import ControlSettings, Limits, optimise_commands
 from clothlab.method.data import Run
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.model import Memory, predict
@@ -129,19 +129,20 @@ def solves(name: str) -> dict[str, Callable[[], object]]:
     z_ref, mask = torch.randn(3), torch.as_tensor(period_mask(3, settings))
     fast = FastDPMPB(model, p)
 
-    def loss(states: torch.Tensor) -> torch.Tensor:
-        return control_loss(
-            states, z_ref, mask, learned.layout.tensions, TENSION_WEIGHT
-        )
+    tensions, weight = learned.layout.tensions, settings.tension_weight
 
-    rollouts = {
-        "plain": lambda c: predict(model, s, c, p, memory),
-        "ours": lambda c: fast(s, c, memory),
-    }
-    fixed = (loss, u, lower, upper, model.u_std, settings)
+    def plain(plans: torch.Tensor) -> torch.Tensor:
+        states = predict(model, s, plans, p, memory)
+        return control_loss(states, z_ref, mask, tensions, weight)
+
+    def ours(plans: torch.Tensor) -> torch.Tensor:
+        states = fast(s, plans, memory)
+        return control_loss(states, z_ref, mask, tensions, weight)
+
+    limits = Limits(lower, upper, model.u_std)
     return {
-        each: partial(optimise_commands, rollout, *fixed)
-        for each, rollout in rollouts.items()
+        "plain": lambda: optimise_commands(plain, u, limits, settings),
+        "ours": lambda: optimise_commands(ours, u, limits, settings),
     }
 
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from clothlab._validation import choose
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
-from clothlab.method.training import minimise, training
+from clothlab.method.training import minimise, seeded
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
@@ -205,7 +205,7 @@ def train_regressor(
         [torch.as_tensor(getattr(run, name)) for run in runs] for name in ("s", "u")
     )
     length = min(window, min(map(len, runs)))
-    with training(seed):
+    with seeded(seed):
         model = Regressor(s[0].shape[1], u[0].shape[1], hidden_size)
         for name, values in (
             ("", torch.cat([torch.cat(s), torch.cat(u)], dim=1)),

@@ -140,9 +140,10 @@ def test_what_belongs_together_makes_runs_and_controllers(trained, trial, square
         trained.controller(square, [-1.0, 0.5]),
     )
     assert isinstance(by_name, ControlPolicy)
-    assert np.array_equal(by_name.p, by_hand.p)
+    assert np.array_equal(by_name.controller.p, by_hand.controller.p)
     lazy = replace(trained.arm, upper=(0.5, 0.0))
-    assert trained.controller(square, "a", arm=lazy).upper.tolist() == [0.5, 0.0]
+    limits = trained.controller(square, "a", arm=lazy).controller.limits
+    assert limits.upper.tolist() == [0.5, 0.0]
     with pytest.raises(KeyError, match=r"unknown material 'felt'; choose from a, b"):
         trained.controller(square, "felt")
 

@@ -18,7 +18,11 @@ from clothlab.method.cloth_task import (
     period_mask,
 )
 from clothlab.method.control import (
+    Controller,
     ControlSettings,
+    GradientSearch,
+    Limits,
+    Solution,
     best_step,
     downhill,
     optimise_commands,
@@ -27,7 +31,7 @@ from clothlab.method.data import Run, collect_run
 from clothlab.method.estimation import BiasEstimator, EstimationSettings
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.iterative import nearest_plans
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, predict
 from clothlab.simulation.arm import MuscleArm, get_arm
 from clothlab.trials import recorded_plans, rollout, to_run
 
@@ -37,13 +41,25 @@ LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])
 @pytest.fixture
 def controller(square):
     def make(
-        plans=None, p=(0.0, 0.0), target=square, arm="torque", sizes=(7, 2), **change
+        plans=None,
+        p=(0.0, 0.0),
+        target=square,
+        arm="torque",
+        sizes=(7, 2),
+        search=None,
+        **change,
     ):
         torch.manual_seed(0)
         model = DPMPB(*sizes).eval()
         settings = replace(ControlSettings(candidates=5, iterations=1), **change)
         return ControlPolicy(
-            model, Autoencoder().eval(), get_arm(arm), target, p, settings, plans
+            model,
+            Autoencoder().eval(),
+            get_arm(arm),
+            target,
+            p,
+            settings,
+            search=GradientSearch(plans) if search is None else search,
         )
 
     return make
@@ -93,9 +109,8 @@ def test_each_plan_goes_down_its_own_gradient_by_the_step_that_is_best_for_it():
     assert losses.tolist() == [0.25, 0.25]
     assert direction.tolist() == [[[-1, 0]], [[0, -1]]]
     steps = torch.tensor([0.0, 0.3, 0.6])[:, None, None, None] * direction
-    best, losses = best_step(
-        loss, plans, steps, torch.tensor([-1.0, -1.0]), torch.tensor([1.0, 0.2])
-    )
+    limits = Limits(torch.tensor([-1.0, -1.0]), torch.tensor([1.0, 0.2]), torch.ones(2))
+    best, losses = best_step(loss, plans, steps, limits)
     # The second ends at its limit
     assert best.flatten().tolist() == pytest.approx([0.6, 0, 0, 0.2])
     assert losses.tolist() == pytest.approx([0.01, 0.09])
@@ -112,15 +127,15 @@ def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
     # Mostly outside the range
     start = 2 * torch.randn(8, 2, generator=generator, dtype=torch.float64)
     given = start.clone()
-    u, trace = optimise_commands(
-        lambda u: fast(s, u, memory),
-        lambda states: control_loss(states, z_ref, torch.ones(8), slice(0, 0), 0.0),
-        start,
-        LOWER.double(),
-        UPPER.double(),
-        torch.tensor([0.5, 0.5], dtype=torch.float64),
-        ControlSettings(),
-    )
+    mask = torch.ones(8)
+
+    def loss(plans):
+        states = fast(s, plans, memory)
+        return control_loss(states, z_ref, mask, slice(0, 0), 0.0)
+
+    scale = torch.tensor([0.5, 0.5], dtype=torch.float64)
+    limits = Limits(LOWER.double(), UPPER.double(), scale)
+    u, trace = optimise_commands(loss, start, limits, ControlSettings())
     assert ((u >= LOWER) & (u <= UPPER)).all()
     assert len(trace) == 4
     assert (np.diff(trace) <= 1e-12).all()
@@ -134,7 +149,7 @@ def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller)
     assert np.array_equal(first.commands, second.commands)
     assert np.array_equal(first.images, second.images)
     assert np.ptp(first.commands, axis=0).max() > 0
-    assert len(policy.trace) == 10
+    assert len(policy.controller.trace) == 10
     assert policy.name == first.policy == "control"
 
 
@@ -142,12 +157,12 @@ def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller)
 def test_a_policy_uses_each_estimate_and_a_second_run_is_the_first_one(env, controller):
     inner = controller()
     estimator = BiasEstimator(
-        inner.model, [0.1, 0.2], EstimationSettings(window=5, warmup=1)
+        inner.controller.model, [0.1, 0.2], EstimationSettings(window=5, warmup=1)
     )
     policy = EstimatingPolicy(inner, estimator, inner.autoencoder)
     first, second = rollout(env, policy, 6), rollout(env, policy, 6)
     assert np.array_equal(first.commands, second.commands)
-    assert np.array_equal(inner.p, policy.trace[-1])
+    assert np.array_equal(inner.controller.p, policy.trace[-1])
     assert np.ptp(policy.trace, axis=0).min() > 0
 
 
@@ -156,64 +171,77 @@ def test_a_cloth_is_recorded_by_the_same_call_as_any_robot(env, controller):
     run = to_run(policy.autoencoder, rollout(env, policy, 4))
     policy.reset()
     same = collect_run(
-        env, policy.act, 4, "same", observe=partial(observe, policy.autoencoder)
+        env,
+        policy.controller.act,
+        4,
+        "same",
+        observe=partial(observe, policy.autoencoder),
     )
     assert same.s == pytest.approx(run.s, abs=1e-5)
 
 
 def test_the_memory_follows_the_observations(env, controller):
     policy = controller()
-    run = to_run(policy.autoencoder, rollout(env, policy, 4))
-    s, u = torch.as_tensor(run.s)[None, :-1], torch.as_tensor(run.u)[None, :-1]
-    _, memory = policy.model(s, u, torch.zeros(2))
-    assert torch.allclose(policy._memory.h, memory.h, atol=1e-5)
+    run = to_run(policy.autoencoder, rollout(env, policy, 5))
+    s = torch.as_tensor(run.s)[None]
+    u = torch.as_tensor(run.u)[None]
+    model = policy.controller.model
+    p = torch.zeros(2)
+    _, memory = model(s[:, :4], u[:, :4], p)
+    expected = predict(model, s[0, 4], u[:, 4:], p, memory)
+
+    policy.reset()
+    for state, command in zip(run.s[:4], run.u[:4], strict=True):
+        policy.controller.follow(state, command)
+    found = policy.controller.problem(run.s[4]).predict(u[:, 4:])
+    assert torch.allclose(found, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize(("warm_start", "steps_ago"), [("last", 1), ("periodic", 8)])
 def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(
-    env, controller
+    controller, warm_start, steps_ago
 ):
-    for warm_start, repeated in (
-        ("last", lambda policy, sent: policy._u[-2]),
-        ("periodic", lambda policy, sent: sent[-8]),
-    ):
-        policy, sent = controller(warm_start=warm_start, period=8), []
-        for _ in range(10):
-            sent.append(torch.as_tensor(policy(env.observe()), dtype=torch.float32))
-        policy._move_on()
-        assert torch.equal(policy._u[-1], repeated(policy, sent))
+    policy = controller(warm_start=warm_start, period=8)
+    states = np.random.default_rng(0).normal(size=(10, 7))
+    sent = [policy.controller.act(s) for s in states]
+    plan = policy.controller.problem(states[0]).plan
+    before = plan[-2].numpy() if steps_ago == 1 else sent[-steps_ago]
+    assert plan[-1].numpy() == pytest.approx(before, abs=1e-7)
+
+
+def test_a_warm_start_has_a_name_that_is_known(controller):
     with pytest.raises(KeyError, match="choose from last, periodic"):
         controller(warm_start="none")
 
 
-def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(env, controller):
+def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(controller):
     policy = controller()
-    # a first plan needs a solve
-    env.advance(policy.step_without_solving(env.observe()))
-    plan = policy._u.clone()
-    for k in (1, 2):
-        env.advance(policy.step_without_solving(env.observe()))
-        assert torch.equal(policy._u[0], plan[k])
-    assert torch.equal(policy._u[-1], plan[-1])
-    assert len(policy.trace) == 1
-    policy(env.observe())  # and a solve goes on from there
-    assert len(policy.trace) == 2
+    states = np.random.default_rng(0).normal(size=(4, 7))
+    act = policy.controller.act
+    act(states[0], solve=False)  # a first plan needs a solve
+    assert policy.controller.solves == 1
+    plan = policy.controller.problem(states[1]).plan.numpy()
+    assert act(states[1], solve=False) == pytest.approx(plan[0])
+    assert act(states[2], solve=False) == pytest.approx(plan[1])
+    assert policy.controller.solves == 1
+    act(states[3])  # and a solve goes on from there
+    assert policy.controller.solves == 2
 
 
 @pytest.mark.slow
 def test_the_predicted_distance_is_that_of_the_end_of_the_period(
     muscle_env, controller
 ):
-    policy = controller(arm=MuscleArm(), sizes=(15, 3))
-    policy.tension_weight = 0.0
+    policy = controller(arm=MuscleArm(), sizes=(15, 3), tension_weight=0.0)
     assert policy.predicted_distance is None
     for k in range(16):
-        assert not policy.period_ended or k == 8
+        assert not policy.controller.period_ended or k == 8
         muscle_env.advance(policy(muscle_env.observe()))
         # Where tensions cost nothing
         assert policy.predicted_distance == pytest.approx(
-            policy.trace[-1][-1], rel=1e-4
+            policy.controller.trace[-1][-1], rel=1e-4
         )
-    assert policy.period_ended
+    assert policy.controller.period_ended
     policy.reset()
     assert policy.predicted_distance is None
 
@@ -229,11 +257,11 @@ def test_beyond_the_horizon_no_distance_is_predicted(env, controller):
 def test_p_and_target_can_be_changed_while_controlling(env, controller, square):
     policy, given = controller(), np.array([0.5, -0.5], np.float32)
     policy(env.observe())
-    before = policy.z_ref.clone()
+    before = policy.loss.z_ref.clone()
     policy.set_bias(given)
     given[:] = 99
     policy.set_target(np.roll(square, 20, axis=1))
-    assert not torch.equal(policy.z_ref, before)
+    assert not torch.equal(policy.loss.z_ref, before)
     for wrong in (np.zeros(3), [np.nan, 0]):
         with pytest.raises(ValueError, match=r"p is \[2\]"):
             policy.set_bias(wrong)
@@ -241,7 +269,9 @@ def test_p_and_target_can_be_changed_while_controlling(env, controller, square):
         policy.set_target(np.zeros((96, 128)))
     policy(env.observe())
     policy.reset()
-    assert policy.p == pytest.approx([0.5, -0.5]), "a reset forgets the run, not p"
+    assert policy.controller.p == pytest.approx([0.5, -0.5]), (
+        "a reset forgets the run, not p"
+    )
 
 
 def test_a_period_starts_from_the_plan_with_the_lowest_loss(env, controller):
@@ -249,7 +279,7 @@ def test_a_period_starts_from_the_plan_with_the_lowest_loss(env, controller):
     for each in (None, plans, plans[::-1].copy()):
         policy = controller(each)
         policy(env.observe())
-        starts.append(policy.trace[0][0])
+        starts.append(policy.controller.trace[0][0])
     assert starts[1] < starts[0]
     assert starts[2] == pytest.approx(starts[1])
 
@@ -282,13 +312,23 @@ def test_nearest_plans_are_those_after_which_the_cloth_was_nearest_best_first_an
     assert set(plans.material[:2]) == {"a"}
 
 
+class Always(GradientSearch):
+    """Finds the same plan whatever is asked, after something else was done."""
+
+    def __init__(self, command=-0.5, first=lambda: None):
+        super().__init__()
+        self.command, self.first = command, first
+
+    def __call__(self, problem, learned=None):
+        self.first()
+        plan = torch.full((8, 2), self.command)
+        return Solution(plan, problem.loss(plan[None]).detach().numpy())
+
+
 def test_another_search_may_take_the_place_of_the_descent(env, controller):
-    policy, found = controller(), torch.full((8, 2), -0.5)
-    policy.search = lambda predict, loss, start: (
-        found,
-        loss(predict(found[None])).detach().numpy(),
-    )
+    policy = controller(search=Always())
     assert (rollout(env, policy, 3).commands == -0.5).all()
+    assert policy.controller.solves == 3
 
 
 def test_a_fixed_stiffness_stays_fixed(muscle_env, controller):
@@ -320,20 +360,20 @@ def test_what_does_not_belong_together_is_refused(controller, wrong, message):
 
 
 def test_p_that_another_thread_sets_waits_for_the_solve(env, controller):
-    policy, threads, during = controller(), [], []
+    threads, during = [], []
 
-    def search(predict, loss, start):
-        threads.append(threading.Thread(target=policy.set_bias, args=([0.5, -0.5],)))
-        threads[0].start()
-        threads[0].join(timeout=0.1)
-        during.append(policy.p)
-        return start, loss(predict(start[None])).detach().numpy()
+    def set_meanwhile():
+        change = threading.Thread(target=policy.set_bias, args=([0.5, -0.5],))
+        change.start()
+        change.join(timeout=0.1)
+        threads.append(change)
+        during.append(policy.controller.p)
 
-    policy.search = search
+    policy = controller(search=Always(first=set_meanwhile))
     policy(env.observe())
     threads[0].join()
     assert during[0].tolist() == [0, 0]
-    assert policy.p.tolist() == [0.5, -0.5]
+    assert policy.controller.p.tolist() == [0.5, -0.5]
 
 
 def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
@@ -342,22 +382,36 @@ def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
     traces = []
     for _ in range(5):
         policy(env.observe())
-        traces.append(policy.trace[-1])
-    assert policy.solves == 5
-    assert np.array_equal(policy.trace, traces[-3:])
+        traces.append(policy.controller.trace[-1])
+    assert policy.controller.solves == 5
+    assert np.array_equal(policy.controller.trace, traces[-3:])
 
 
 def test_an_error_in_the_loss_leaves_the_controller_as_it_was(env, controller):
     policy, reference = controller(), controller()
-    right = policy.loss
+    right = policy.controller.loss
 
-    def fails(states, t):
+    def fails(states, commands, t):
         raise ZeroDivisionError
 
     for k in range(4):
         if k == 2:
-            policy.loss = fails
+            policy.controller.loss = fails
             with pytest.raises(ZeroDivisionError):
                 policy(env.observe())
-            policy.loss = right
+            policy.controller.loss = right
         assert np.array_equal(policy(env.observe()), reference(env.observe()))
+
+
+def test_a_loss_may_count_commands(controller):
+    """The nearest thing to no motion: commands that cost what they differ from one."""
+    policy = controller(iterations=20, candidates=30)
+
+    def effort(states, commands, t):
+        return (commands - torch.tensor([0.4, -0.9])).square().sum((1, 2))
+
+    limits = policy.controller.limits
+    model = policy.controller.model
+    settings = policy.controller.settings
+    quiet = Controller(model, effort, (0, 0), limits.lower, limits.upper, settings)
+    assert quiet.act(np.zeros(7)) == pytest.approx([0.4, -0.9], abs=1e-2)

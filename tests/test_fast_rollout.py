@@ -126,23 +126,22 @@ def test_a_network_of_ones_own_is_planned_with_as_it_is(name):
         with pytest.raises(ValueError, match="has a forward or layers of its own"):
             FastDPMPB(own, torch.zeros(2))
 
-    last = {}
+    foreseen = []
 
-    def loss(states, t):
-        last["predicted"] = states
+    def loss(states, commands, t):
+        foreseen.append(states[0].detach())
         return states[..., 0].square().sum(1)
 
-    controller = Controller(own, loss, (0.3, -0.2), (-1, -1), (1, 1))
-    s = torch.linspace(-1, 1, 7)
-    u = torch.as_tensor(controller.act(s), dtype=torch.float32)
-    plans = torch.cat([u.expand(1, 1, -1), controller._u[None, 1:]], dim=1)
-    with torch.no_grad():
-        expected = predict(own, s, plans, torch.tensor([0.3, -0.2]))
-        found = controller._predict(s, plans, own.initial_memory())
-        _, memory = own(s[None, None], u[None, None], torch.tensor([0.3, -0.2]))
-    assert torch.equal(found, expected)
-    controller.follow(s, u)
-    assert torch.allclose(controller._memory.h, memory.h, atol=1e-6)
+    command, p = torch.tensor([0.4, -0.2]), torch.tensor([0.3, -0.2])
+    controller = Controller(own, loss, p.numpy(), command, command)  # only one plan
+    plan, memory = command.expand(1, 8, 2), None
+    for s in (torch.linspace(-1, 1, 7), torch.linspace(2, -1, 7)):
+        sent = torch.as_tensor(controller.act(s), dtype=torch.float32)
+        assert torch.equal(sent, command)
+        with torch.no_grad():
+            expected = predict(own, s, plan, p, memory)
+            _, memory = own(s[None, None], command[None, None], p, memory)
+        assert torch.allclose(foreseen[-1], expected[0], atol=1e-5)
 
 
 def test_the_papers_network_is_planned_with_fast():

@@ -12,11 +12,13 @@ import torch
 
 from clothlab.method import control
 from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.cloth_task import ControlPolicy, observe
 from clothlab.method.data import Run
 from clothlab.method.iterative import (
     Attempt,
-    IterativeLearningPolicy,
+    Experience,
     IterativeLearningSettings,
+    IterativeSearch,
     ResidualModel,
     nearest_plans,
 )
@@ -37,32 +39,33 @@ def iterative(square):
     def make(runs=(RUN,), biases=None, **change):
         torch.manual_seed(0)
         settings = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
-        model, autoencoder = DPMPB(7, 2).eval(), Autoencoder().eval()
-        return IterativeLearningPolicy(
-            model,
-            autoencoder,
-            get_arm("torque"),
-            square,
-            (0.0, 0.0),
-            runs,
-            settings,
-            biases=biases,
-        )
+        search = IterativeSearch(runs, settings, biases=biases)
+        model = DPMPB(7, 2).eval()
+        arm = get_arm("torque")
+        eyes = Autoencoder().eval()
+        return ControlPolicy(model, eyes, arm, square, (0.0, 0.0), search=search)
 
     return make
 
 
-def attempts(policy, residual, count=3):
+def known(policy):
+    """What a policy has learned in its run."""
+    return policy.controller.learned
+
+
+def attempts_of(problem, residual, count=3):
     """Periods from random states, whose outcomes are the predictions plus `residual`."""
-    generator, made = torch.Generator().manual_seed(1), []
+    generator = torch.Generator().manual_seed(1)
+    limits, model = problem.limits, problem.model
+    made = []
     for _ in range(count):
-        s, memory = torch.randn(7, generator=generator), policy.model.initial_memory()
-        u = policy.lower + (policy.upper - policy.lower) * torch.rand(
-            8, 2, generator=generator
-        )
+        s = torch.randn(7, generator=generator)
+        memory = model.initial_memory()
+        share = torch.rand(8, 2, generator=generator)
+        u = limits.lower + (limits.upper - limits.lower) * share
         with torch.no_grad():
-            z = policy._predict(s, u[None], memory)[0, :, :3]
-        made.append(Attempt(s, memory, u, policy.p, z + torch.as_tensor(residual)))
+            z = problem.rollout(s, u[None], memory)[0, :, :3]
+        made.append(Attempt(s, memory, u, problem.p, z + torch.as_tensor(residual)))
     return made
 
 
@@ -70,12 +73,14 @@ def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_predict
     iterative,
 ):
     policy = iterative(noise=1e-4)
-    policy.attempts = attempts(policy, [0.5, -0.3, 0.2])
-    first, residuals = policy.attempts[0], policy.residual_model()
-    mean, variance = residuals(policy._features(first.s[None], first.u[None]))
+    problem = policy.controller.problem(np.zeros(7))
+    attempts = attempts_of(problem, [0.5, -0.3, 0.2])
+    forecast = policy.controller.search.forecast(problem, attempts)
+    first, residuals = attempts[0], forecast.residuals
+    mean, variance = residuals(forecast.features(first.s[None], first.u[None]))
     assert torch.allclose(mean[0, -1], torch.tensor([0.5, -0.3, 0.2]), atol=0.01)
     assert variance < 0.01 * residuals.variance
-    mean, variance = residuals(policy._features(first.s[None] + 100, first.u[None]))
+    mean, variance = residuals(forecast.features(first.s[None] + 100, first.u[None]))
     assert mean.abs().max() < 1e-6
     assert variance == pytest.approx(float(residuals.variance))
 
@@ -101,13 +106,16 @@ def test_the_residual_model_says_what_a_textbook_says():
 
 def test_without_exploring_the_best_known_plan_is_repeated(iterative):
     policy = iterative(noise=1e-4, lookahead=1)
-    policy.attempts = attempts(policy, 3.0)
-    best = policy.attempts[1]
-    policy.attempts[1] = replace(best, z=policy.z_ref.expand(8, -1))
-    policy.exploring = False
-    u, distance = policy._plan(best.s)
-    assert torch.equal(u, best.u)
-    assert distance < 0.2
+    search = policy.controller.search
+    problem = policy.controller.problem(np.zeros(7))
+    attempts = attempts_of(problem, 3.0)
+    best = attempts[1]
+    attempts[1] = replace(best, z=policy.loss.z_ref.expand(8, -1))
+    search.exploring = False
+    here = replace(problem, s=best.s)
+    solution = search(here, Experience(attempts=tuple(attempts)))
+    assert torch.equal(solution.plan, best.u)
+    assert solution.learned.expected[-1] < 0.2
 
 
 @pytest.mark.slow
@@ -117,10 +125,11 @@ def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_
     policy = iterative(remembered=1)
     first, second = (rollout(env, policy, 25, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.commands, second.commands)
-    assert len(policy.predicted_distances) == 4
-    (last,) = policy.attempts  # as many as are remembered
+    assert len(known(policy).expected) == 4
+    (last,) = known(policy).attempts  # as many as are remembered
     np.testing.assert_allclose(first.commands[16:24], last.u, atol=1e-6)
-    assert ((last.u >= policy.lower) & (last.u <= policy.upper)).all()
+    lower, upper, _ = policy.controller.limits
+    assert ((last.u >= lower) & (last.u <= upper)).all()
 
 
 @pytest.mark.slow
@@ -129,28 +138,30 @@ def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_mor
 ):
     policy, commands = iterative(), []
     for k in range(25):
-        step = policy.step_without_solving if k in (0, 3, 8, 13, 14, 15) else policy
-        commands.append(step(env.observe()))
+        observation = env.observe()
+        if k == 8:
+            s = observe(policy.autoencoder, observation)
+            problem = policy.controller.problem(s)
+        solve = k not in (0, 3, 8, 13, 14, 15)
+        commands.append(policy(observation, solve=solve))
         env.advance(commands[-1])
         if k == 8:
-            expected = policy.expected_distance(
-                policy._begun[0], policy._begun[2][None], policy.residual_model()
-            )
-            assert (
-                policy.predicted_distance
-                == policy.predicted_distances[1]
-                == pytest.approx(float(expected))
-            )
+            attempts = known(policy).attempts
+            forecast = policy.controller.search.forecast(problem, attempts)
+            expected = float(forecast.distance(attempts[0].u[None]).detach())
+            assert policy.predicted_distance == pytest.approx(expected)
+            assert policy.predicted_distance == known(policy).expected[1]
+
     np.testing.assert_array_equal(commands[:8], commands[8:16])
-    assert [len(trace) for trace in policy.trace] == [
-        3
-    ] * 3  # the start and two iterations, in three of four periods
-    assert len(policy.predicted_distances) == 4
-    for k, attempt in enumerate(policy.attempts):
+    # The start and two iterations, in three of four periods.
+    assert [len(trace) for trace in policy.controller.trace] == [3, 3, 3]
+    learned = known(policy)
+    assert len(learned.expected) == 4
+    assert len(learned.attempts) == 3
+    for k, attempt in enumerate(learned.attempts):
         np.testing.assert_allclose(attempt.u, commands[8 * k : 8 * k + 8], atol=1e-6)
         assert attempt.z.shape == (8, 3)
-    assert torch.equal(policy.attempts[1].s[:3], policy.attempts[0].z[-1])
-    assert len(policy.attempts) == 3
+    assert torch.equal(learned.attempts[1].s[:3], learned.attempts[0].z[-1])
 
 
 @pytest.mark.slow
@@ -160,42 +171,63 @@ def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays
     policy = iterative()
     for _ in range(11):
         env.advance(policy(env.observe()))
-    learned = list(policy.attempts)
-    policy.resume()
+    learned = known(policy).attempts
+    policy.controller.resume()
     assert policy.predicted_distance is None
     for _ in range(9):
         env.advance(policy(env.observe()))
-    assert policy.attempts[0] is learned[0]
-    assert [len(each.z) for each in policy.attempts] == [8, 8]
+    assert known(policy).attempts[0] is learned[0]
+    assert [len(each.z) for each in known(policy).attempts] == [8, 8]
+
+
+def test_after_the_arm_was_moved_a_plan_that_is_repeated_is_gone_on_with(
+    iterative, env
+):
+    """With one attempt the plan is repeated, and no search says that there is one."""
+    policy = iterative((RUN, replace(RUN, material="b")), BIASES)
+    sent = [policy(env.observe()) for _ in range(9)][:8]
+    policy.controller.resume()
+    again = [policy(env.observe()) for _ in range(8)]
+    assert np.array_equal(again, sent)
+    assert np.ptp(sent, axis=0).max() > 0.1
 
 
 def test_a_new_target_has_other_starts_and_no_prediction_and_what_was_learned_stays(
     iterative, env, square
 ):
-    policy = iterative(recorded=2)
-    policy(env.observe())
-    assert policy.predicted_distance == policy.predicted_distances[-1] > 0
-    policy.attempts = attempts(policy, 0.3)
+    policy = iterative(recorded=2, iterations=0)
+    for _ in range(9):
+        env.advance(policy(env.observe()))
+    assert policy.predicted_distance == known(policy).expected[-1] > 0
+    learned = known(policy).attempts
     policy.set_target(np.roll(square, 30, axis=1))
     assert policy.predicted_distance is None
-    plans = torch.as_tensor(
-        nearest_plans([RUN], policy.z_ref, count=2).u, dtype=torch.float32
-    )
-    assert torch.equal(policy._plans, plans.clamp(policy.lower, policy.upper))
-    assert len(policy.attempts) == 3
+    assert known(policy).attempts is learned
+    nearest = nearest_plans([RUN], policy.loss.z_ref, count=2)
+    problem = policy.controller.problem(np.zeros(7))
+    assert np.array_equal(policy.controller.search.recorded(problem).u, nearest.u)
     policy.reset()
-    assert policy.residual_model() is None
+    assert known(policy).attempts == ()
 
 
 def test_caution_grows_when_outcomes_get_better(iterative):
-    policy = iterative(recent=1)
-    assert policy._caution() == policy.learning.least_caution
-    found = []
+    """Where nothing was tried, what is expected is the doubt alone, weighed so."""
+    policy = iterative(recent=1, lookahead=1, least_caution=0.05)
+    search = policy.controller.search
+    problem = policy.controller.problem(np.zeros(7))
+    plan = problem.plan[None]
+    weights = []
     for distance in (2.0, 0.2, 0.05):
-        z = policy.z_ref + torch.tensor([distance, 0.0, 0.0]).expand(8, 3)
-        policy.attempts = [replace(attempts(policy, 0.0, count=1)[0], z=z)]
-        found.append(policy._caution())
-    assert found == pytest.approx([0.05, 0.25, 1.0], rel=1e-3)
+        attempt = attempts_of(problem, 0.0, count=1)[0]
+        z = policy.loss.z_ref + torch.tensor([distance, 0.0, 0.0]).expand(8, 3)
+        far = replace(attempt, z=z, s=attempt.s + 1000)
+        forecast = search.forecast(problem, [far])
+        with torch.no_grad():
+            predicted = problem.predict(plan)[0, :, :3]
+            nearest = (predicted - policy.loss.z_ref).square().sum(-1).min()
+            doubt = forecast.distance(plan) ** 2 - nearest
+        weights.append(float(doubt) / (3 * float(forecast.residuals.variance)))
+    assert weights == pytest.approx([0.05, 0.25, 1.0], rel=1e-3)
 
 
 @pytest.mark.parametrize("runs", [(), (RUN[:8],)])
@@ -220,7 +252,7 @@ def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice
         sent = rollout(env, policy, 17).commands
         assert (sent[:8] == sent[8:16]).all()
         own = nearest_plans(
-            [run for run in runs if run.material == material], policy.z_ref
+            [run for run in runs if run.material == material], policy.loss.z_ref
         )
         assert np.isclose(own.u, sent[:8], atol=1e-5).all(axis=(1, 2)).any()
 
@@ -232,7 +264,7 @@ def test_attempts_with_another_material_are_forgotten(iterative, env):
         policy.set_bias((moved, 0.0))
         for _ in range(8):
             policy(env.observe())
-        assert len(policy.attempts) == left
+        assert len(known(policy).attempts) == left
 
 
 def test_without_trust_or_biases_the_model_alone_chooses(iterative, env):
@@ -290,7 +322,7 @@ def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
         assert np.array_equal(found, expected), f"step {step}"
         env.advance(expected)
     assert interrupted > 100
-    assert len(policy.attempts) == len(reference.attempts) == 3
+    assert len(known(policy).attempts) == len(known(reference).attempts) == 3
 
 
 def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
@@ -298,6 +330,6 @@ def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
     sent = [policy(env.observe()) for _ in range(8)]
     # So far that the attempt which now ends is of another material
     policy.set_bias((9.0, 0.0))
-    again = [policy.step_without_solving(env.observe()) for _ in range(8)]
-    assert policy.attempts == []
+    again = [policy(env.observe(), solve=False) for _ in range(8)]
+    assert known(policy).attempts == ()
     assert np.array_equal(again, sent)

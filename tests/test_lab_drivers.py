@@ -65,9 +65,9 @@ def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(
     assert drive(drivers, env, "iterative", 8, solve=False)[
         0
     ].solved  # a period begins, and there is no plan for it
-    assert len(drivers._iterative.attempts) == 1
+    assert len(drivers._learning.attempts) == 1
     drivers.reset(0)
-    assert drivers._iterative.attempts == []
+    assert drivers._learning.attempts == []
 
 
 def periods(drivers, driver, predictions, distances):

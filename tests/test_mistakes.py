@@ -16,7 +16,7 @@ from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, estimate_bias, prediction_loss
 from clothlab.method.gauss_newton import NewtonEstimator
-from clothlab.method.iterative import IterativeLearningPolicy, nearest_plans
+from clothlab.method.iterative import IterativeSearch, nearest_plans
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import cloth_name, foam
@@ -31,9 +31,9 @@ STATES, COMMANDS = torch.zeros(20, 7), torch.zeros(20, 2)
 
 
 def swings(runs):
-    return IterativeLearningPolicy(
-        MODEL, Autoencoder().eval(), get_arm("torque"), MASK, (0, 0), runs
-    )
+    search = IterativeSearch(runs)
+    arm = get_arm("torque")
+    return ControlPolicy(MODEL, Autoencoder().eval(), arm, MASK, (0, 0), search=search)
 
 
 def controller(**wrong):

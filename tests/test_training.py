@@ -12,8 +12,8 @@ from clothlab.method.training import (
     ModelTraining,
     best_device,
     minimise,
+    seeded,
     train_dpmpb,
-    training,
 )
 
 
@@ -58,7 +58,7 @@ def test_the_same_seed_gives_the_same_numbers_and_the_callers_go_on():
     torch.manual_seed(7)
     drawn = []
     for _ in range(2):
-        with training(5):
+        with seeded(5):
             drawn.append(torch.rand(2))
     assert torch.equal(*drawn)
     assert torch.equal(torch.rand(3), expected)

@@ -4,7 +4,7 @@ The controllers among them predict, and what they predict is kept with each comm
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,10 +65,11 @@ class Drivers:
     ):
         # Those that predict, and all but the person
         self._arm = arm
-        self._iterative = trained.iterative_controller(target, p, runs, arm=arm)
+        iterative = trained.iterative_controller(target, p, runs, arm=arm)
+        self._learning: Any = iterative.controller.search
         self._controllers = {
             "control": trained.controller(target, p, plans=plans, arm=arm),
-            "iterative": self._iterative,
+            "iterative": iterative,
         }
         self._policies: dict[str, Policy] = {
             **self._controllers,
@@ -103,8 +104,8 @@ class Drivers:
 
         Phase, memory and plan are of their last turn; what was learned stays.
         """
-        self._controllers["control"].reset()
-        self._iterative.resume()
+        for policy in self._controllers.values():
+            policy.controller.resume()
         self._period = []
 
     def choose(
@@ -135,17 +136,21 @@ class Drivers:
             return Choice(u, solved=False, predicted=None, period_ended=False)
 
         # A controller, and what it says of its command
-        controller = self._controllers[driver]
-        self._iterative.exploring = exploring
-        before = controller.solves
-        act = controller if solve else controller.step_without_solving
+        policy = self._controllers[driver]
+        controller = policy.controller
+        self._learning.exploring = exploring
+        solves = controller.solves
+        u = policy(observation, solve=solve)
+        basis = ""
+        if controller.learned is not None:
+            basis = self._learning.basis(controller.learned)
         return Choice(
-            command=act(observation),
-            solved=controller.solves > before,
-            predicted=controller.predicted_distance,
+            command=u,
+            solved=controller.solves > solves,
+            predicted=policy.predicted_distance,
             period_ended=controller.period_ended,
-            basis=getattr(controller, "basis", ""),
-            foreseen=getattr(controller, "foreseen", None),
+            basis=basis,
+            foreseen=policy.foreseen,
         )
 
     def close_period(

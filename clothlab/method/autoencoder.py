@@ -1,5 +1,6 @@
-"""Autoencoder: a cloth mask becomes z, three numbers, and z a mask again (paper,
-"Network Structure of DPMPB").
+"""Autoencoder: a cloth mask becomes z, three numbers, and z a mask again.
+
+Source: the paper, "Network Structure of DPMPB".
 """
 
 import hashlib
@@ -20,16 +21,20 @@ from clothlab._validation import (
     settings_or_default,
 )
 from clothlab.masks import HEIGHT, WIDTH, check_masks, iou
-from clothlab.method.training import best_device, minimise, training
+from clothlab.method.training import best_device, minimise, seeded
 
-# Five 3×3 convolutions of stride 2; the paper does not give their widths
+# Five 3×3 convolutions of stride 2; the paper does not give their widths.
 _CHANNELS = (1, 8, 16, 32, 64, 128)
 _HIDDEN = 256
+_SMALL = (HEIGHT // 32, WIDTH // 32)  # the image after five convolutions [pixel]
+_FLAT = _CHANNELS[-1] * _SMALL[0] * _SMALL[1]
+
+_AT_ONCE = 256  # images that are encoded or decoded together
+_CANNOT_DRAW = 0.6  # IoU with its reconstruction below which an image is not drawn
 
 
 class Autoencoder(nn.Module):
-    """128×96 binary image → five convolutions → 256 → z (3) → the mirror image of all
-    that.
+    """128×96 binary image → five convolutions → 256 → z (3) → the mirror image.
 
     Every layer but the last has batch normalisation and ReLU; the last has a sigmoid. z
     has no ReLU, which would cut each axis in half, and a normalisation without a scale:
@@ -40,61 +45,75 @@ class Autoencoder(nn.Module):
     def __init__(self, latent_size: int = 3):
         super().__init__()
         self.latent_size = check_number("latent_size", latent_size, int, at_least=1)
-        height, width = HEIGHT // 32, WIDTH // 32
-        flat = _CHANNELS[-1] * height * width
-        encoder: list[nn.Module] = []
-        for a, b in itertools.pairwise(_CHANNELS):
-            encoder += [
-                nn.Conv2d(a, b, 3, stride=2, padding=1, bias=False),
-                nn.BatchNorm2d(b),
-                nn.ReLU(inplace=True),
-            ]
-        encoder += [
-            nn.Flatten(),
-            nn.Linear(flat, _HIDDEN, bias=False),
-            nn.BatchNorm1d(_HIDDEN),
-            nn.ReLU(inplace=True),
-        ]
-        encoder += [
-            nn.Linear(_HIDDEN, latent_size, bias=False),
-            nn.BatchNorm1d(latent_size, affine=False),
-        ]
-        self.encoder = nn.Sequential(*encoder)
-
-        decoder: list[nn.Module] = []
-        for a, b in ((latent_size, _HIDDEN), (_HIDDEN, flat)):
-            decoder += [
-                nn.Linear(a, b, bias=False),
-                nn.BatchNorm1d(b),
-                nn.ReLU(inplace=True),
-            ]
-        decoder += [nn.Unflatten(1, (_CHANNELS[-1], height, width))]
-        for a, b in zip(_CHANNELS[:1:-1], _CHANNELS[-2:0:-1], strict=True):
-            decoder += [
-                nn.ConvTranspose2d(
-                    a, b, 3, stride=2, padding=1, output_padding=1, bias=False
-                )
-            ]
-            decoder += [nn.BatchNorm2d(b), nn.ReLU(inplace=True)]
-        decoder += [
-            nn.ConvTranspose2d(
-                _CHANNELS[1], 1, 3, stride=2, padding=1, output_padding=1
-            )
-        ]
-        self.decoder = nn.Sequential(*decoder)
+        self.encoder = _encoder(latent_size)
+        self.decoder = _decoder(latent_size)
 
     def forward(self, images: Tensor) -> Tensor:
         """Reconstruct images `[B, 1, H, W]`, 0 or 1: logits of the same shape."""
         return self.decoder(self.encoder(images))
 
     def fingerprint(self) -> str:
-        """Hash of the weights, by which a model knows the autoencoder whose z it was
-        trained on.
+        """Hash of the weights.
+
+        By it a model knows the autoencoder on whose z it was trained.
         """
         digest = hashlib.sha256()
         for name, tensor in self.state_dict().items():
-            digest.update(name.encode() + tensor.numpy().tobytes())
+            digest.update(name.encode())
+            digest.update(tensor.numpy().tobytes())
         return digest.hexdigest()[:16]
+
+
+def _encoder(latent_size: int) -> nn.Sequential:
+    """An image `[B, 1, H, W]` to z `[B, D_z]`."""
+    layers: list[nn.Module] = []
+    for inputs, outputs in itertools.pairwise(_CHANNELS):
+        layers += [
+            nn.Conv2d(inputs, outputs, 3, stride=2, padding=1, bias=False),
+            nn.BatchNorm2d(outputs),
+            nn.ReLU(inplace=True),
+        ]
+    layers += [
+        nn.Flatten(),
+        *_dense(_FLAT, _HIDDEN),
+        nn.Linear(_HIDDEN, latent_size, bias=False),
+        nn.BatchNorm1d(latent_size, affine=False),
+    ]
+    return nn.Sequential(*layers)
+
+
+def _decoder(latent_size: int) -> nn.Sequential:
+    """z `[B, D_z]` to the logits of an image `[B, 1, H, W]`."""
+    layers: list[nn.Module] = [
+        *_dense(latent_size, _HIDDEN),
+        *_dense(_HIDDEN, _FLAT),
+        nn.Unflatten(1, (_CHANNELS[-1], *_SMALL)),
+    ]
+    *widening, last = itertools.pairwise(reversed(_CHANNELS))
+    for inputs, outputs in widening:
+        layers += [
+            _enlarge(inputs, outputs, bias=False),
+            nn.BatchNorm2d(outputs),
+            nn.ReLU(inplace=True),
+        ]
+    layers.append(_enlarge(*last, bias=True))
+    return nn.Sequential(*layers)
+
+
+def _dense(inputs: int, outputs: int) -> list[nn.Module]:
+    """A fully connected layer with batch normalisation and ReLU."""
+    return [
+        nn.Linear(inputs, outputs, bias=False),
+        nn.BatchNorm1d(outputs),
+        nn.ReLU(inplace=True),
+    ]
+
+
+def _enlarge(inputs: int, outputs: int, *, bias: bool) -> nn.Module:
+    """A convolution backwards, which doubles height and width."""
+    return nn.ConvTranspose2d(
+        inputs, outputs, 3, stride=2, padding=1, output_padding=1, bias=bias
+    )
 
 
 @dataclass(frozen=True)
@@ -106,8 +125,7 @@ class AutoencoderTraining(Checked):
 
     epochs: int = setting(60, at_least=1)
     batch_size: int = setting(64, at_least=2)  # images
-    # At the start; it falls to zero along a cosine
-    learning_rate: float = setting(2e-3, above=0)
+    learning_rate: float = setting(2e-3, above=0)  # falls to zero along a cosine
     latent_size: int = setting(3, at_least=1)  # D_z
 
 
@@ -119,78 +137,91 @@ def train_autoencoder(
     device: str | None = None,
     progress: bool = True,
 ) -> tuple[Autoencoder, list[float]]:
-    """Train on cloth masks `[B, H, W]`, empty ones included, since a cloth may show its
-    back.
+    """Train on cloth masks, empty ones included: a cloth may show its back.
 
-    Returns the model in evaluation mode on the CPU, and the mean binary cross entropy
-    of each epoch [nat per pixel].
+    Args:
+        images: masks, `[B, H, W]`, at least a batch of them.
+        settings: of the training.
+        seed: of the first weights and of the order of the images.
+        device: by default a GPU, where torch sees one.
+        progress: show a progress bar.
+
+    Returns:
+        The model, on the processor and in evaluation mode, and the mean binary cross
+        entropy of each epoch [nat per pixel].
     """
     settings = settings_or_default(settings, AutoencoderTraining)
+    device = device or best_device()
     images = check_masks(images)
-    size, device = settings.batch_size, device or best_device()
+    size = settings.batch_size
     if images.ndim != 3 or len(images) < size:
         raise ValueError(
-            f"training takes images [B, H, W], one batch of {size} or more, got {list(images.shape)}"
+            f"training takes images [B, H, W], one batch of {size} or more, got "
+            f"{list(images.shape)}"
         )
-    with training(seed):
+
+    with seeded(seed):
         model = Autoencoder(settings.latent_size).to(device)
+        # On a processor convolutions are faster with the channels last.
         model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         data = torch.as_tensor(images).unsqueeze(1).to(device)
 
         def loss(index: Tensor) -> Tensor:
+            """Cross entropy of some images and their reconstructions."""
             batch = data[index.to(device)].float()
             return nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
 
         def batches() -> Sequence[Tensor]:
-            return torch.randperm(len(data))[: len(data) // size * size].split(size)
+            """Full batches only: what is left over waits for another epoch."""
+            whole = len(data) // size * size
+            return torch.randperm(len(data))[:whole].split(size)
 
         bar = "autoencoder" if progress else None
-        losses = list(
-            minimise(
-                model.parameters(),
-                loss,
-                batches,
-                settings.epochs,
-                settings.learning_rate,
-                bar=bar,
-            )
+        rate = settings.learning_rate
+        epochs = minimise(
+            model.parameters(), loss, batches, settings.epochs, rate, bar=bar
         )
+        losses = list(epochs)
     return model.cpu().eval(), losses
 
 
 @torch.inference_mode()
 def encode(model: Autoencoder, images: ArrayLike) -> np.ndarray:
-    """Compress one mask `[H, W]` or several `[B, H, W]` to z, `[D_z]` or `[B, D_z]`,
-    float32.
+    """Compress one mask `[H, W]`, or several `[B, H, W]`.
+
+    z is `[D_z]` or `[B, D_z]`, float32.
     """
     images = check_masks(images)
-    batch = torch.as_tensor(images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32))
-    z = torch.cat([model.encoder(part) for part in batch.split(256)])
+    flat = images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32)
+    parts = torch.as_tensor(flat).split(_AT_ONCE)
+    z = torch.cat([model.encoder(part) for part in parts])
     return z.reshape(*images.shape[:-2], model.latent_size).numpy()
 
 
 @torch.inference_mode()
 def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
-    """Probability of cloth at each pixel, `[H, W]` or `[B, H, W]`, float32, from z,
-    `[D_z]` or `[B, D_z]`.
+    """Probability of cloth at each pixel, from z `[D_z]` or `[B, D_z]`.
+
+    An image is `[H, W]`, several are `[B, H, W]`, float32.
     """
     shape = (model.latent_size,) if np.ndim(z) == 1 else ("B", model.latent_size)
     z = check_array("z", z, shape, np.float32)
-    batch = torch.as_tensor(z.reshape(-1, model.latent_size))
-    images = torch.cat(
-        [torch.sigmoid(model.decoder(part)) for part in batch.split(256)]
-    )
-    return images.reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
+    flat = torch.as_tensor(z.reshape(-1, model.latent_size))
+    logits = torch.cat([model.decoder(part) for part in flat.split(_AT_ONCE)])
+    return logits.sigmoid().reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
 
 
 def known_target(model: Autoencoder, mask: ArrayLike, images: ArrayLike) -> np.ndarray:
-    """The target mask `[H, W]`; or the most similar of recorded images `[B, H, W]`, if
-    the autoencoder cannot draw it.
+    """An image `[H, W]` to aim at that the autoencoder can draw.
 
-    Its reconstruction then has an IoU below 0.6 with it, and less than that image: its
-    z is that of another shape.
+    That is the target mask `[H, W]` itself where it can be drawn. If its reconstruction
+    has little in common with it, its z is that of another shape; then the most similar
+    of recorded images `[B, H, W]` takes its place, where that is more like it.
     """
-    own = iou(decode(model, encode(model, mask)) > 0.5, mask)
-    if own < 0.6 and (overlap := iou(images, mask)).max() > own:
-        return np.asarray(images)[overlap.argmax()]
+    drawn = decode(model, encode(model, mask)) > 0.5
+    own = iou(drawn, mask)
+    if own < _CANNOT_DRAW:
+        overlap = iou(images, mask)
+        if overlap.max() > own:
+            return np.asarray(images)[overlap.argmax()]
     return check_masks(mask)

@@ -1,8 +1,9 @@
-"""Control towards an image of the cloth: its state, the paper's loss, and the policy
-(paper, eq. 8).
+"""Control towards an image of the cloth: its state, the paper's loss, and a policy.
+
+Source: the paper's section on control, eq. 8.
 """
 
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -12,168 +13,272 @@ from torch import Tensor
 from clothlab._validation import check_number, settings_or_default
 from clothlab.masks import Observation, check_mask
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.control import TRACED, Controller, ControlSettings, Planner, whole
+from clothlab.method.control import (
+    TRACED,
+    Controller,
+    ControlSettings,
+    GradientSearch,
+    Search,
+)
 from clothlab.method.estimation import Estimator
 from clothlab.method.model import DPMPB, check_model
 from clothlab.method.policy import Policy, Wrapper
 
 
 def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
-    """State s = (z, robot state) of one observation, `[D_s]`: physics in float64
-    becomes learning in float32.
+    """State s = (z, robot state) of one observation, `[D_s]`.
+
+    Here physics in float64 becomes learning in float32.
     """
-    return np.concatenate(
-        [encode(autoencoder, observation["image"]), observation["robot"]]
-    ).astype(np.float32)
+    z = encode(autoencoder, observation["image"])
+    return np.concatenate([z, observation["robot"]]).astype(np.float32)
 
 
-TENSION_WEIGHT = 0.001  # w_loss [1/N]
+def period_mask(t: int, settings: ControlSettings | None = None) -> np.ndarray:
+    """The mask m_t `[T]`: 1 where a predicted step ends a period, else 0.
 
-
-def period_mask(t: int, settings: ControlSettings) -> np.ndarray:
-    """The mask m_t `[T]`: 1 where the predicted step t+1, …, t+horizon ends a period,
-    else 0.
+    The predicted steps are t + 1, …, t + horizon. Periods end at the multiples of
+    `settings.period`.
     """
     settings = settings_or_default(settings, ControlSettings)
-    steps = check_number("t", t, int, at_least=-1) + 1 + np.arange(settings.horizon)
+    t = check_number("t", t, int, at_least=-1)
+    steps = t + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
 
 def control_loss(
-    s: Tensor, z_ref: Tensor, mask: Tensor, tension: slice, tension_weight: float
+    s: Tensor, z_ref: Tensor, mask: Tensor, tensions: slice, tension_weight: float
 ) -> Tensor:
-    """h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂ of each sequence, `[B]` (eq. 8).
+    """The loss of each sequence, `[B]` (eq. 8).
 
-    From predicted states `[B, T, D_s]`, z first, the target `[D_z]`, m_t `[T]`, and
-    where the muscle tensions [N] lie in s; an arm without tensions leaves the second
-    term out.
+        h_loss = ‖m ⊗ (z_ref - z)‖₂ + w_loss ‖f‖₂
+
+    Args:
+        s: predicted states, z first, `[B, T, D_s]`.
+        z_ref: the target, `[D_z]`.
+        mask: m, which steps count, `[T]`.
+        tensions: where the muscle tensions f [N] lie in s; an arm without muscles has
+            an empty slice, and no second term.
+        tension_weight: w_loss [1/N].
     """
     z = s[..., : len(z_ref)]
     loss = torch.linalg.vector_norm(mask[:, None] * (z_ref - z), dim=(1, 2))
-    f = s[..., tension]
+    f = s[..., tensions]
     if f.shape[-1]:
         loss = loss + tension_weight * torch.linalg.vector_norm(f, dim=(1, 2))
     return loss
 
 
-class PlanningPolicy(Planner, Policy):
-    """Base of policies that predict with a model and aim at an image; `set_target` and
-    `set_bias` come first.
+class ImageLoss:
+    """What the cloth's controller wants: to look like a target image once a period.
+
+    Args:
+        autoencoder: by whose z images are compared.
+        target: mask `[H, W]`.
+        tensions: where the muscle tensions lie in the state, perhaps nowhere.
+        settings: with the horizon, the period and w_loss.
     """
 
-    def __init__(self, model: DPMPB, autoencoder: Autoencoder, arm: Any):
-        check_model(model)
-        self.autoencoder, self.arm = autoencoder, arm
-        self.layout = self.arm.layout(autoencoder.latent_size)
-        lower, upper = self.arm.command_lower, self.arm.command_upper
-        if (model.state_size, model.command_size) != (self.layout.size, len(lower)):
-            raise ValueError(
-                f"the model has {model.state_size} states and {model.command_size} commands, the {self.arm.name} arm "
-                f"has {self.layout.size} and {len(lower)}; load the weights of this arm"
-            )
-        Planner.__init__(self, model, lower, upper)
+    def __init__(
+        self,
+        autoencoder: Autoencoder,
+        target: ArrayLike,
+        tensions: slice,
+        settings: ControlSettings,
+    ):
+        self._autoencoder = autoencoder
+        self._tensions = tensions
+        self._settings = settings
+        self.z_ref = self.latent(target)
 
-    @whole
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next solve on."""
-        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
+    def latent(self, mask: ArrayLike) -> Tensor:
+        """What an image `[H, W]` is compared by, `[D_z]`."""
+        return torch.as_tensor(encode(self._autoencoder, check_mask(mask)))
+
+    def __call__(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
+        """Loss `[B]` of predicted states `[B, T, D_s]` from control step t on."""
+        mask = torch.as_tensor(period_mask(t, self._settings))
+        weight = self._settings.tension_weight
+        return control_loss(states, self.z_ref, mask, self._tensions, weight)
 
 
-class ControlPolicy(PlanningPolicy, Controller):
-    """A `Controller` that realises a target mask `[H, W]` again and again, once a
-    period, with the p `[D_p]` in use.
+class Layout(Protocol):
+    """Where things lie in the state s = (z, robot state)."""
+
+    @property
+    def size(self) -> int:
+        """D_s."""
+
+    @property
+    def z(self) -> slice:
+        """The latent image."""
+
+    @property
+    def tensions(self) -> slice:
+        """The muscle tensions [N]; empty for an arm without muscles."""
+
+
+class ControlledArm(Protocol):
+    """What the policy asks of an arm; those of `clothlab.simulation.arm` have it."""
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+
+    @property
+    def command_lower(self) -> np.ndarray:
+        """Smallest command, `[D_u]`."""
+
+    @property
+    def command_upper(self) -> np.ndarray:
+        """Largest command, `[D_u]`."""
+
+    @property
+    def home_command(self) -> np.ndarray:
+        """The command that the first plan repeats, `[D_u]`."""
+
+    def layout(self, latent_size: int) -> Layout:
+        """Where things lie in s, for a z of so many numbers."""
+
+
+class ControlPolicy(Policy):
+    """Realises a target image again and again, once a period.
+
+    It looks through the autoencoder, and leaves the rest to its `controller`, whose
+    loss is an `ImageLoss`.
+
+    Args:
+        model: trained on the z of this autoencoder.
+        autoencoder: makes z of an image.
+        arm: the arm whose commands these are, perhaps with narrower limits.
+        target: mask `[H, W]`.
+        p: parametric bias of the cloth, `[D_p]`.
+        settings: the constants of the control.
+        search: how commands are looked for; by default the paper's `GradientSearch()`.
     """
-
-    name = "control"
 
     def __init__(
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: Any,
+        arm: ControlledArm,
         target: ArrayLike,
         p: ArrayLike,
         settings: ControlSettings | None = None,
-        plans: ArrayLike | None = None,
+        *,
+        search: Search | None = None,
     ):
-        PlanningPolicy.__init__(self, model, autoencoder, arm)
-        self.tension_weight, home = TENSION_WEIGHT, self.arm.home_command
-        Controller.__init__(
-            self,
+        settings = settings_or_default(settings, ControlSettings)
+        search = GradientSearch() if search is None else search
+        self.name = search.name
+        self.autoencoder = autoencoder
+        self.arm = arm
+        self.layout = arm.layout(autoencoder.latent_size)
+        _check_sizes(model, arm, self.layout)
+        self.loss = ImageLoss(autoencoder, target, self.layout.tensions, settings)
+        self.controller = Controller(
             model,
-            self._loss,
+            self.loss,
             p,
-            self.lower,
-            self.upper,
+            arm.command_lower,
+            arm.command_upper,
             settings,
-            home=home,
-            plans=plans,
+            home=arm.home_command,
+            search=search,
         )
-        self.set_target(target)
 
-    def __call__(self, observation: Observation) -> np.ndarray:
-        return self.act(observe(self.autoencoder, observation))
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last run, and what was learned in it."""
+        self.controller.reset(seed)
 
-    def step_without_solving(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the last plan, `[D_u]`, when there is one but no
-        time for a solve.
-        """
-        return self.act(observe(self.autoencoder, observation), solve=False)
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next solve on."""
+        z_ref = self.loss.latent(mask)
+        with self.controller.between_steps():
+            self.loss.z_ref = z_ref
 
-    def _loss(self, states: Tensor, t: int) -> Tensor:
-        mask = torch.as_tensor(period_mask(t, self.settings))
-        return control_loss(
-            states, self.z_ref, mask, self.layout.tensions, self.tension_weight
-        )
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next solve on."""
+        self.controller.set_bias(p)
+
+    def __call__(self, observation: Observation, *, solve: bool = True) -> np.ndarray:
+        """The next command `[D_u]`; without a solve that of the last plan."""
+        s = observe(self.autoencoder, observation)
+        return self.controller.act(s, solve=solve)
 
     @property
     def foreseen(self) -> np.ndarray | None:
-        """The z that the plan leads to at the end of its period `[D_z]`; None where
-        that is out of sight.
+        """The z to which the plan leads at the end of its period, `[D_z]`.
+
+        None before the first command, and where the end lies beyond the horizon.
         """
-        ends = period_mask(self._t - 1, self.settings)
-        if self._last is None or not ends.any():
+        steps = self.controller.steps_left + 1
+        if steps > self.controller.settings.horizon:
             return None
-        with torch.no_grad():
-            states = self._predict(
-                self._last[0], self._u[None, : ends.argmax() + 1], self._memory
-            )
-        return states[0, -1, self.layout.z].numpy()
+        states = self.controller.foresee(steps)
+        return None if states is None else states[-1, self.layout.z].numpy()
 
     @property
     def predicted_distance(self) -> float | None:
-        """Distance of that z to the target [s.d. of z]."""
-        return (
-            None
-            if self.foreseen is None
-            else float(np.linalg.norm(self.z_ref.numpy() - self.foreseen))
-        )
+        """Distance to the target that is expected of the plan [s.d. of z].
+
+        A search that learns says itself what it expects. Otherwise it is that of the z
+        which is foreseen. None where there is neither.
+        """
+        learned = self.controller.learned
+        if learned is not None:
+            return learned.expected_for(self.loss.z_ref)
+        z = self.foreseen
+        if z is None:
+            return None
+        return float(np.linalg.norm(self.loss.z_ref.numpy() - z))
 
     @property
-    def period_ended(self) -> bool:
-        """Whether the last command was the last of its period."""
-        return self._last is not None and self._t % self.settings.period == 0
+    def predicted_distances(self) -> list[float]:
+        """What a search that learns expected of each period's plan [s.d. of z].
+
+        Empty for a search that learns nothing.
+        """
+        learned = self.controller.learned
+        return [] if learned is None else list(learned.expected)
+
+
+def _check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
+    """A ValueError if a model belongs to another arm."""
+    check_model(model)
+    commands = len(arm.command_lower)
+    if (model.state_size, model.command_size) != (layout.size, commands):
+        raise ValueError(
+            f"the model has {model.state_size} states and {model.command_size} "
+            f"commands, the {arm.name} arm has {layout.size} and {commands}; load the "
+            "weights of this arm"
+        )
 
 
 class EstimatingPolicy(Wrapper):
-    """Any policy, while p is estimated from what it does and given to it; `trace` has p
-    after each step.
+    """Any policy, while p is estimated from what it does and given to it.
+
+    `trace` has p `[D_p]` after each step, the last `TRACED` of them.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
-        self.estimator, self.autoencoder = estimator, autoencoder
         super().__init__(policy)
+        self.estimator = estimator
+        self.autoencoder = autoencoder
+        self.trace: list[np.ndarray] = []
+        self.policy.set_bias(estimator.p)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and begin with the p that the estimator started from."""
-        super().reset(seed)
+        self.policy.reset(seed)
         self.estimator.reset()
-        self.set_bias(self.estimator.p)
-        self.trace: list[np.ndarray] = []
+        self.policy.set_bias(self.estimator.p)
+        self.trace = []
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = self.policy(observation)
-        p = self.estimator.update(observe(self.autoencoder, observation), u)
+        s = observe(self.autoencoder, observation)
+        p = self.estimator.update(s, u)
         self.trace = [*self.trace, p][-TRACED:]
-        self.set_bias(p)
+        self.policy.set_bias(p)
         return u

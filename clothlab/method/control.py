@@ -1,10 +1,20 @@
-"""Gradient-based control: W and p stay, only the commands move (paper, eqs. 5 to 7)."""
+"""Model predictive control by gradient: W and p stay, only the commands move.
 
-import functools
+A controller is composed of four things, and each of them may be another one:
+
+* a model, which predicts states from commands with one p;
+* limits of the commands;
+* a loss of predicted states and commands, which says what is wanted;
+* a search for commands with a low loss; `GradientSearch` is the paper's.
+
+Source: the paper's section on control, eqs. 5 to 7.
+"""
+
+import contextlib
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Concatenate, ParamSpec, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -18,19 +28,15 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method.fast_rollout import rollout_of
-from clothlab.method.model import DPMPB, check_model
+from clothlab.method.fast_rollout import Rollout, rollout_of
+from clothlab.method.model import DPMPB, Memory, check_model
 
-# Commands [B, T, D_u] → predicted states [B, T, D_s]
-Predict = Callable[[Tensor], Tensor]
-# Predicted states, or commands → loss of each sequence [B]
-Loss = Callable[[Tensor], Tensor]
+# The loss [B] of predicted states [B, T, D_s] and the commands [B, T, D_u] that lead to
+# them, sent from control step t on.
+Loss = Callable[[Tensor, Tensor, int], Tensor]
+LossOfPlans = Callable[[Tensor], Tensor]  # plans [B, T, D_u] → loss of each [B]
 
 TRACED = 10_000  # steps that a trace keeps, half an hour at 5 Hz
-
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-_Self = TypeVar("_Self", bound="Planner")
 
 
 @dataclass(frozen=True)
@@ -39,270 +45,441 @@ class ControlSettings(Checked):
 
     horizon: int = setting(8, "step", at_least=1)  # N_seq
     candidates: int = setting(30, at_least=2)  # N_batch, step sizes tried at once
-    # gamma_max, in standard deviations of u
-    largest_step: float = setting(1.0, above=0)
-    # a logarithmic scale needs one; not the paper's
-    smallest_step: float = setting(1e-3, above=0)
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
-    # Command after a plan's end: its "last" (paper), or "periodic": a period ago's
+    # gamma_max, in standard deviations of u.
+    largest_step: float = setting(1.0, above=0)
+    # A logarithmic scale of step sizes needs a lower end; the paper gives none.
+    smallest_step: float = setting(1e-3, above=0)
+    # The command that a plan gets at its end when it moves on by a step: its "last"
+    # once more, as in the paper, or "periodic", the one sent a period before.
     warm_start: str = setting("last")
+    # w_loss, the price of muscle tensions in the loss of an image.
+    tension_weight: float = setting(0.001, "1/N", at_least=0)
+
+
+class Limits(NamedTuple):
+    """Between which commands a plan must lie, and in what unit it is changed."""
+
+    lower: Tensor  # [D_u]
+    upper: Tensor  # [D_u]
+    # One unit of gamma [D_u]: a standard deviation of u, and 0 for a command whose
+    # range is a point, which the descent leaves out (the paper's "w/o stiffness").
+    scale: Tensor
 
 
 def step_sizes(settings: ControlSettings) -> Tensor:
-    """Values of gamma to try, `[candidates]`: 0, which keeps the loss from rising, and
-    a logarithmic scale.
+    """Values of gamma to try, `[candidates]`, on a logarithmic scale.
+
+    The first is 0: staying where it is keeps the loss from rising.
     """
-    low, high = np.log10([settings.smallest_step, settings.largest_step])
-    return torch.cat(
-        [torch.zeros(1), torch.logspace(low, high, settings.candidates - 1)]
-    )
+    low = np.log10(settings.smallest_step)
+    high = np.log10(settings.largest_step)
+    rising = torch.logspace(low, high, settings.candidates - 1)
+    return torch.cat([torch.zeros(1), rising])
 
 
-def downhill(loss: Loss, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Losses `[B]` of plans `[B, T, D_u]`, and their gradients, whose lengths are one,
-    in units of `scale` `[D_u]`.
+def downhill(loss: LossOfPlans, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
+    """Losses of plans, and the direction in which each rises (eq. 6).
+
+    From plans u `[B, T, D_u]` and one unit of each command, `scale` `[D_u]`: the losses
+    `[B]`, and their gradients `[B, T, D_u]` in these units, each of length one.
     """
     u = u.detach().requires_grad_()
     losses = loss(u)
-    (g,) = torch.autograd.grad(losses.sum(), u)
-    g = g * scale
-    return losses.detach(), g / torch.linalg.vector_norm(
-        g, dim=(1, 2), keepdim=True
-    ).clamp_min(1e-12)
+    (gradient,) = torch.autograd.grad(losses.sum(), u)
+    gradient = gradient * scale
+    length = torch.linalg.vector_norm(gradient, dim=(1, 2), keepdim=True)
+    return losses.detach(), gradient / length.clamp_min(1e-12)
 
 
 @torch.no_grad()
 def best_step(
-    loss: Loss, u: Tensor, steps: Tensor, lower: Tensor, upper: Tensor
+    loss: LossOfPlans, u: Tensor, steps: Tensor, limits: Limits
 ) -> tuple[Tensor, Tensor]:
-    """The best of several steps `[K, B, T, D_u]` back from plans `[B, T, D_u]`, and
-    their losses `[B]`.
+    """The best of several steps from each plan, and its loss (eq. 7).
+
+    From plans u `[B, T, D_u]` and steps back from them `[K, B, T, D_u]`: the best
+    candidate of each plan, `[B, T, D_u]`, and the losses of these, `[B]`.
     """
-    candidates = (u - steps).clamp(lower, upper)
-    losses = loss(candidates.flatten(0, 1)).unflatten(0, candidates.shape[:2])
-    return candidates[losses.argmin(0), torch.arange(len(u))], losses.amin(0)
+    candidates = (u - steps).clamp(limits.lower, limits.upper)
+    count, plans = candidates.shape[:2]
+    losses = loss(candidates.flatten(0, 1)).unflatten(0, (count, plans))
+    best = losses.argmin(0)
+    return candidates[best, torch.arange(plans)], losses.amin(0)
 
 
 def optimise_commands(
-    predict: Predict,
-    loss: Loss,
-    u: Tensor,
-    lower: Tensor,
-    upper: Tensor,
-    scale: Tensor,
-    settings: ControlSettings,
+    loss: LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
 ) -> tuple[Tensor, np.ndarray]:
-    """Descend the gradient of the loss on the commands, choosing the best of many step
-    sizes each time (eqs. 5 to 7).
+    """Descend the gradient of the loss on the commands (eqs. 5 to 7).
 
-    From `u` `[T, D_u]`, within `lower` to `upper` `[D_u]`; `scale` `[D_u]` is one unit
-    of gamma. Returns the best commands `[T, D_u]`, and the loss at the start and after
-    each iteration, `[iterations + 1]`.
+    In each iteration many step sizes are tried at once, and the best is kept.
+
+    Args:
+        loss: of plans `[B, T, D_u]`, one number for each, `[B]`.
+        u: the plan to begin with, `[T, D_u]`; it is not changed.
+        limits: of the commands.
+        settings: how many iterations and step sizes.
+
+    Returns:
+        The best plan `[T, D_u]`, and its loss at the start and after each iteration,
+        `[iterations + 1]`.
     """
-
-    def loss_of(plans: Tensor) -> Tensor:
-        return loss(predict(plans))
-
-    gamma = step_sizes(settings)[:, None, None, None] * scale
-    plan, trace = u.clamp(lower, upper)[None], []
+    gamma = step_sizes(settings)[:, None, None, None] * limits.scale
+    plan = u.clamp(limits.lower, limits.upper)[None]
+    trace = []
     for _ in range(settings.iterations):
-        start, direction = downhill(loss_of, plan, scale)
-        plan, best = best_step(loss_of, plan, gamma * direction, lower, upper)
-        trace.append(start.item())
-    return plan[0], np.array([*trace, best.item()])
+        before, direction = downhill(loss, plan, limits.scale)
+        plan, after = best_step(loss, plan, gamma * direction, limits)
+        trace.append(before.item())
+    trace.append(after.item())
+    return plan[0], np.array(trace)
 
 
-def whole(
-    step: Callable[Concatenate[_Self, _P], _R],
-) -> Callable[Concatenate[_Self, _P], _R]:
-    """Let a method of a controller happen wholly or not at all, and alone.
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a search is asked in one control step: which commands come next?"""
 
-    After an interrupt or an error all attributes are those of before: a step that was
-    half taken would leave a memory, a phase and a plan of different steps. And p or a
-    target that another thread sets waits until a solve is over, which otherwise would
-    begin with one and end with the other. Methods that are whole replace lists and
-    never change them.
-    """
+    s: Tensor  # the state now [D_s]
+    memory: Memory  # the model's recurrent state before it
+    p: np.ndarray  # the parametric bias in use [D_p]
+    t: int  # control steps since the reset
+    plan: Tensor  # that of the step before, moved on by one [T, D_u]
+    solve: bool  # whether to search, or to go on with what is planned
+    model: DPMPB
+    rollout: Rollout  # the same model with this p, and faster
+    loss_of: Loss  # what is wanted
+    limits: Limits
+    settings: ControlSettings
 
-    @functools.wraps(step)
-    def run(self: _Self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        with self._alone:
-            before = dict(vars(self))
-            try:
-                return step(self, *args, **kwargs)
-            except BaseException:
-                vars(self).update(before)
-                raise
+    def predict(self, plans: Tensor) -> Tensor:
+        """States `[B, T, D_s]` to which plans `[B, T, D_u]` lead from here."""
+        return self.rollout(self.s, plans, self.memory)
 
-    return run
-
-
-class Planner:
-    """A model, the p in use, and the limits of the commands; a command whose range is a
-    point is fixed.
-    """
-
-    def __init__(self, model: DPMPB, lower: ArrayLike, upper: ArrayLike):
-        self._alone = threading.RLock()
-        self.model = check_model(model)
-        self._rollout_of_model = rollout_of(model)
-        shape = (model.command_size,)
-        self.lower = torch.as_tensor(check_array("lower", lower, shape, np.float32))
-        self.upper = torch.as_tensor(check_array("upper", upper, shape, np.float32))
-        if not (self.lower <= self.upper).all():
+    def loss(self, plans: Tensor) -> Tensor:
+        """Loss of each of the plans `[B, T, D_u]`, `[B]`."""
+        losses = self.loss_of(self.predict(plans), plans, self.t)
+        if losses.shape != plans.shape[:1]:
             raise ValueError(
-                f"a lower limit is above the upper one: {self.lower.numpy()}, {self.upper.numpy()}"
+                f"a loss is [B], one number for each of {len(plans)} plans, got "
+                f"{list(losses.shape)}"
             )
-        # One unit of gamma. The descent leaves out what is fixed (the paper's "w/o
-        # stiffness").
-        self.scale = model.u_std * (self.upper > self.lower)
+        return losses
 
-    @property
-    def p(self) -> np.ndarray:
-        """Parametric bias in use `[D_p]`."""
-        return self._p.numpy().copy()
 
-    @whole
-    def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from the next solve on."""
-        self._p = torch.as_tensor(
-            check_array("p", p, (self.model.bias_size,), np.float32)
+class Solution(NamedTuple):
+    """What a search answers."""
+
+    plan: Tensor  # [T, D_u]; its first command is sent
+    # Losses on the way to it; None where the plan was gone on with.
+    trace: np.ndarray | None
+    learned: Any = None  # what the search wants to be given in the next step
+
+
+class Search(Protocol):
+    """Looks for a plan. What it learns in a run goes through the controller's hands.
+
+    So an interrupted step leaves nothing half learned.
+    """
+
+    name: str  # of a policy with this search, in recorded trials
+
+    def begin(
+        self, home: Tensor, settings: ControlSettings, learned: Any = None
+    ) -> Any:
+        """What is known before the first step, perhaps of what was `learned` before.
+
+        The first plan is `home` `[T, D_u]`. Here a search says if it doesn't fit.
+        """
+
+    def __call__(self, problem: Problem, learned: Any) -> Solution:
+        """A plan, from the problem and from what was returned as `learned` before."""
+
+
+class GradientSearch:
+    """The paper's search: down the gradient, by the best of many step sizes.
+
+    With `plans` `[N, T, D_u]`, each period starts from the one of them that the model
+    likes best, where that beats the plan at hand. The paper has none and leaves open
+    where a first solve starts.
+    """
+
+    name = "control"
+
+    def __init__(self, plans: ArrayLike | None = None):
+        empty = np.empty((0, 1, 1))
+        plans = empty if plans is None else plans
+        plans = check_array("plans", plans, ("N", "T", "D_u"), np.float32)
+        self._plans = torch.as_tensor(plans)
+
+    def begin(
+        self, home: Tensor, settings: ControlSettings, learned: Any = None
+    ) -> None:
+        """Nothing is learned; but plans must be as long as those of the controller."""
+        if len(self._plans):
+            check_array("plans", self._plans, ("N", *home.shape), np.float32)
+
+    def __call__(self, problem: Problem, learned: None = None) -> Solution:
+        """The plan at hand, improved by some steps down its gradient."""
+        if not problem.solve:
+            return Solution(problem.plan, None)
+
+        # Where to start: once a period, perhaps from a recorded plan.
+        start = problem.plan
+        if len(self._plans) and problem.t % problem.settings.period == 0:
+            limits = problem.limits
+            plans = self._plans.clamp(limits.lower, limits.upper)
+            starts = torch.cat([start[None], plans])
+            with torch.no_grad():
+                start = starts[problem.loss(starts).argmin()]
+
+        plan, trace = optimise_commands(
+            problem.loss, start, problem.limits, problem.settings
         )
-        self._predict = self._rollout_of_model(self.model, self._p)
+        return Solution(plan, trace)
 
 
-class Controller(Planner):
-    """Model predictive control with any differentiable loss of predicted states.
+@dataclass(frozen=True, eq=False)
+class _Progress:
+    """How far a run has come.
 
-    `loss(states, t)` is the loss `[B]` of states `[B, T, D_s]` predicted for the
-    commands from control step t on; p is `[D_p]`, limits are `[D_u]`. The first plan
-    repeats the command `home` `[D_u]`, by default the middle of the limits. With
-    `plans` `[N, horizon, D_u]`, each period starts from the one that the model likes
-    best, where that beats the warm start. The paper has none and leaves open where the
-    first solve starts. `trace` has the losses of each solve since the reset,
-    `[iterations + 1]`, the last `TRACED` of them; `solves` counts them all.
+    It is never changed, only replaced as a whole. So a step happens wholly or not at
+    all: an interrupt or an error in its middle leaves the progress of before.
+    """
+
+    plan: Tensor  # being sent [T, D_u]
+    sent: Tensor  # commands of the last period, the latest last [period or fewer, D_u]
+    memory: Memory  # the model's recurrent state before the last step
+    learned: Any  # by the search
+    last: tuple[Tensor, Tensor] | None = None  # state and command of the last step
+    t: int = 0  # control steps since the reset
+    solves: int = 0
+    trace: tuple[np.ndarray, ...] = ()  # of each solve
+
+
+class Controller:
+    """Model predictive control with any differentiable loss of states and commands.
+
+    Args:
+        model: a trained DPMPB.
+        loss: `loss(states, commands, t)` is the loss `[B]` of states `[B, T, D_s]`
+            that are predicted for commands `[B, T, D_u]` sent from control step t on.
+        p: parametric bias of the material, `[D_p]`.
+        lower: smallest commands, `[D_u]`.
+        upper: largest commands, `[D_u]`; where both are equal, the command is fixed.
+        settings: the constants of the control.
+        home: command that the first plan repeats, `[D_u]`; by default the middle
+            between the limits.
+        search: how better commands are looked for; by default `GradientSearch()`.
     """
 
     def __init__(
         self,
         model: DPMPB,
-        loss: Callable[[Tensor, int], Tensor],
+        loss: Loss,
         p: ArrayLike,
         lower: ArrayLike,
         upper: ArrayLike,
         settings: ControlSettings | None = None,
         *,
         home: ArrayLike | None = None,
-        plans: ArrayLike | None = None,
+        search: Search | None = None,
     ):
-        super().__init__(model, lower, upper)
-        self.loss, self.settings = loss, settings_or_default(settings, ControlSettings)
-        self._periodic = choose(
-            "warm start", self.settings.warm_start, {"last": False, "periodic": True}
-        )
-        middle = (self.lower + self.upper) / 2
-        home = (
-            middle
-            if home is None
-            else check_array("home", home, middle.shape, np.float32)
-        )
-        self._home = torch.as_tensor(home).expand(self.settings.horizon, -1)
-        plans = np.empty((0, *self._home.shape)) if plans is None else plans
-        plans = check_array("plans", plans, ("N", *self._home.shape), np.float32)
-        self._plans = torch.as_tensor(plans).clamp(self.lower, self.upper)
-        self.set_bias(p)
-        self.reset()
+        self.model = check_model(model)
+        self.loss = loss
+        self.settings = settings_or_default(settings, ControlSettings)
+        self.limits = _limits(model, lower, upper)
+        self.search: Search = GradientSearch() if search is None else search
+
+        warm_starts = {"last": False, "periodic": True}
+        self._repeats = choose("warm start", self.settings.warm_start, warm_starts)
+        middle = (self.limits.lower + self.limits.upper) / 2
+        if home is not None:
+            middle = torch.as_tensor(
+                check_array("home", home, middle.shape, np.float32)
+            )
+        self._home = middle.expand(self.settings.horizon, -1)
+
+        # p or a target that another thread sets waits until a step is over, which
+        # otherwise would begin with one and end with the other.
+        self._lock = threading.RLock()
+        self._rollout_of_model = rollout_of(model)
+        self._belief = self._believing(p)
+        self._progress = self._beginning()
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parametric bias in use `[D_p]`."""
+        return self._belief[0].copy()
+
+    @property
+    def trace(self) -> list[np.ndarray]:
+        """Losses of each solve since the reset, the last `TRACED` of them.
+
+        Of `GradientSearch`, each has the loss at the start and after each iteration.
+        """
+        return list(self._progress.trace)
+
+    @property
+    def solves(self) -> int:
+        """How many solves there were since the reset."""
+        return self._progress.solves
+
+    @property
+    def learned(self) -> Any:
+        """What the search has learned since the reset."""
+        return self._progress.learned
+
+    @property
+    def period_ended(self) -> bool:
+        """Whether the last command was the last of its period."""
+        now = self._progress
+        return now.last is not None and now.t % self.settings.period == 0
+
+    @property
+    def steps_left(self) -> int:
+        """Steps of the period that come after the command being sent."""
+        return -self._progress.t % self.settings.period
+
+    def between_steps(self) -> contextlib.AbstractContextManager:
+        """What happens in `with controller.between_steps():` meets no step halfway."""
+        return self._lock
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next step on."""
+        with self.between_steps():
+            self._belief = self._believing(p)
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run: phase, memory and plan."""
-        self.trace: list[np.ndarray] = []
-        self.solves = 0
-        self._t = 0
-        self._memory = self.model.initial_memory()
-        self._last: tuple[Tensor, Tensor] | None = None
-        self._u = self._home
-        self._sent = self._u[:0]
+        """Forget the last run: phase, memory, plan, and what the search learned."""
+        self._progress = self._beginning()
 
-    @whole
+    def resume(self) -> None:
+        """Begin anew, as after somebody else moved the robot; what was learned stays."""
+        self._progress = self._beginning(self.learned)
+
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
-        """The next command `[D_u]` in state s `[D_s]`; without a solve, that of the
-        last plan where there is one.
+        """The next command `[D_u]` in state s `[D_s]`.
+
+        Without a solve it is that of the plan, where there is one already.
         """
-        state = torch.as_tensor(
-            check_array("s", s, (self.model.state_size,), np.float32)
-        )
-        self._move_on()
-        if solve or not self.trace:
-            self._solve(state)
-        return self._send(state)
-
-    @whole
-    def follow(self, s: ArrayLike, u: ArrayLike) -> None:
-        """Take in a step that something else commanded, state `[D_s]` and command
-        `[D_u]`: memory goes on.
-        """
-        self._remember()
-        s = check_array("s", s, (self.model.state_size,), np.float32)
-        u = check_array("u", u, (self.model.command_size,), np.float32)
-        self._last = (torch.as_tensor(s), torch.as_tensor(u))
-
-    def _solve(self, s: Tensor) -> None:
-        def predict(u: Tensor) -> Tensor:
-            return self._predict(s, u, self._memory)
-
-        def loss(states: Tensor) -> Tensor:
-            losses = self.loss(states, self._t)
-            if losses.shape != states.shape[:1]:
+        state = self._checked_state(s)
+        with self.between_steps():
+            now = self._moved_on()
+            found = self.search(self._problem(state, now, solve), now.learned)
+            if not found.plan.isfinite().all():
                 raise ValueError(
-                    f"a loss is [B], one number for each of {len(states)} plans, got {list(losses.shape)}"
+                    "the gradient of the loss is not finite, as that of `sqrt` at 0; "
+                    "try `vector_norm`"
                 )
-            return losses
 
-        start = self._u
-        if len(self._plans) and self._t % self.settings.period == 0:
-            with torch.no_grad():
-                starts = torch.cat([start[None], self._plans])
-                start = starts[loss(predict(starts)).argmin()]
-        plan, trace = self.search(predict, loss, start)
-        if not plan.isfinite().all():
-            raise ValueError(
-                "the gradient of the loss is not finite, as that of `sqrt` at 0; try `vector_norm`"
+            command = found.plan[0]
+            after = replace(
+                now,
+                plan=found.plan,
+                last=(state, command),
+                learned=found.learned,
+                t=now.t + 1,
             )
-        self._u = plan
-        self._note(trace)
+            if found.trace is not None:
+                trace = (*now.trace, found.trace)[-TRACED:]
+                after = replace(after, solves=now.solves + 1, trace=trace)
+            sent = command.double().numpy()
+            self._progress = after
+        return sent
 
-    def _note(self, trace: np.ndarray) -> None:
-        """A solve is over: count it, and keep the trace of its loss."""
-        self.trace = [*self.trace, trace][-TRACED:]
-        self.solves += 1
+    def follow(self, s: ArrayLike, u: ArrayLike) -> None:
+        """Take in a step that something else commanded: the memory goes on.
 
-    def search(
-        self, predict: Predict, loss: Loss, start: Tensor
-    ) -> tuple[Tensor, np.ndarray]:
-        """Better commands than `start` `[T, D_u]`, and the trace of their loss;
-        overwrite it to search differently.
+        State s `[D_s]` and command u `[D_u]`.
         """
-        return optimise_commands(
-            predict, loss, start, self.lower, self.upper, self.scale, self.settings
+        state = self._checked_state(s)
+        command = check_array("u", u, (self.model.command_size,), np.float32)
+        with self.between_steps():
+            last = (state, torch.as_tensor(command))
+            memory = self._memory_after_last()
+            self._progress = replace(self._progress, memory=memory, last=last)
+
+    def problem(self, s: ArrayLike) -> Problem:
+        """What the search would be asked in state s `[D_s]`, were it seen next."""
+        with self.between_steps():
+            return self._problem(self._checked_state(s), self._moved_on(), True)
+
+    def foresee(self, steps: int) -> Tensor | None:
+        """States `[steps, D_s]` to which the plan leads; None before the first step."""
+        with self.between_steps():
+            now = self._progress
+            if now.last is None:
+                return None
+            state, _ = now.last
+            _, rollout = self._belief
+            with torch.no_grad():
+                return rollout(state, now.plan[None, :steps], now.memory)[0]
+
+    def _checked_state(self, s: ArrayLike) -> Tensor:
+        s = check_array("s", s, (self.model.state_size,), np.float32)
+        return torch.as_tensor(s)
+
+    def _believing(self, p: ArrayLike) -> tuple[np.ndarray, Rollout]:
+        """A parametric bias, and the model with it."""
+        p = check_array("p", p, (self.model.bias_size,), np.float32)
+        return p, self._rollout_of_model(self.model, torch.as_tensor(p))
+
+    def _beginning(self, learned: Any = None) -> _Progress:
+        return _Progress(
+            plan=self._home,
+            sent=self._home[:0],
+            memory=self.model.initial_memory(),
+            learned=self.search.begin(self._home, self.settings, learned),
         )
 
-    def _move_on(self) -> None:
-        """A step has passed: the plan moves on with it."""
-        self._remember()
-        if self.trace:
-            self._sent = torch.cat([self._sent, self._u[:1]])[-self.settings.period :]
-            repeats = self._periodic and len(self._sent) == self.settings.period
-            self._u = torch.cat(
-                [self._u[1:], self._sent[:1] if repeats else self._u[-1:]]
-            )
+    def _problem(self, s: Tensor, now: _Progress, solve: bool) -> Problem:
+        p, rollout = self._belief
+        return Problem(
+            s=s,
+            memory=now.memory,
+            p=p,
+            t=now.t,
+            plan=now.plan,
+            solve=solve or not now.t,  # a first plan needs a solve
+            model=self.model,
+            rollout=rollout,
+            loss_of=self.loss,
+            limits=self.limits,
+            settings=self.settings,
+        )
 
-    def _remember(self) -> None:
-        """Memory follows what was observed, not what was predicted."""
-        if self._last is not None:
-            self._memory = self._predict.follow(*self._last, self._memory)
+    def _moved_on(self) -> _Progress:
+        """The progress when the next state is seen: a step has passed."""
+        now = replace(self._progress, memory=self._memory_after_last())
+        if not now.t:
+            return now
 
-    def _send(self, s: Tensor) -> np.ndarray:
-        self._last = (s, self._u[0])
-        self._t += 1
-        return self._u[0].double().numpy()
+        # The first command of the plan was sent, and one is added at its end.
+        period = self.settings.period
+        sent = torch.cat([now.sent, now.plan[:1]])[-period:]
+        added = now.plan[-1:]
+        if self._repeats and len(sent) == period:
+            added = sent[:1]
+        return replace(now, sent=sent, plan=torch.cat([now.plan[1:], added]))
+
+    def _memory_after_last(self) -> Memory:
+        """The recurrent state follows what was observed, not what was predicted."""
+        now = self._progress
+        if now.last is None:
+            return now.memory
+        _, rollout = self._belief
+        return rollout.follow(*now.last, now.memory)
+
+
+def _limits(model: DPMPB, lower: ArrayLike, upper: ArrayLike) -> Limits:
+    """Limits `[D_u]` that fit the model; a ValueError if a lower one is above."""
+    shape = (model.command_size,)
+    low = torch.as_tensor(check_array("lower", lower, shape, np.float32))
+    high = torch.as_tensor(check_array("upper", upper, shape, np.float32))
+    if not (low <= high).all():
+        raise ValueError(
+            f"a lower limit is above the upper one: {low.numpy()}, {high.numpy()}"
+        )
+    return Limits(low, high, model.u_std * (high > low))

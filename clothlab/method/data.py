@@ -26,26 +26,30 @@ from clothlab.method.model import DPMPB
 
 @dataclass(frozen=True, eq=False)
 class Run(Checked):
-    """One run as the model sees it; runs of one material share one p."""
+    """One run of a robot, as the model sees it; runs of one material share one p."""
 
     s: np.ndarray  # states [T, D_s]; of a cloth, z first
-    u: np.ndarray  # commands [T, D_u]
+    u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
     material: str
 
     def __post_init__(self) -> None:
-        for name in ("s", "u"):
-            what = f"{name} of a run of {self.material}"
-            array = check_array(
-                what, getattr(self, name), ("T", f"D_{name}"), np.float32
-            )
-            object.__setattr__(self, name, array)
-        if not len(self.s) == len(self.u) > 0:
+        s = check_array(
+            f"s of a run of {self.material}", self.s, ("T", "D_s"), np.float32
+        )
+        u = check_array(
+            f"u of a run of {self.material}", self.u, ("T", "D_u"), np.float32
+        )
+        if not len(s) == len(u) > 0:
             raise ValueError(
-                f"a run has as many states as commands, and some, got {len(self.s)} and {len(self.u)}"
+                "a run has as many states as commands, and some, got "
+                f"{len(s)} and {len(u)}"
             )
+        object.__setattr__(self, "s", s)
+        object.__setattr__(self, "u", u)
         super().__post_init__()
 
     def __len__(self) -> int:
+        """Return the number of steps T."""
         return len(self.s)
 
     def __getitem__(self, steps: slice) -> "Run":
@@ -53,17 +57,17 @@ class Run(Checked):
         return Run(self.s[steps], self.u[steps], self.material)
 
 
-RUNS_ADVICE = ": `learned.to_run(trial)` makes one of a trial"
+_ADVICE = ": `learned.to_run(trial)` makes one of a trial"
 
 
 def check_run(run: Any) -> Run:
     """Return one run; a ValueError for anything else, such as a trial."""
-    return check_kind("run", run, Run, RUNS_ADVICE)
+    return check_kind("run", run, Run, _ADVICE)
 
 
 def check_runs(runs: Any) -> list[Run]:
     """Return runs as a list; a ValueError says which is none."""
-    return check_each("runs", runs, Run, RUNS_ADVICE)
+    return check_each("runs", runs, Run, _ADVICE)
 
 
 class EpisodeEnded(ValueError):
@@ -117,79 +121,94 @@ def _why_it_ended(terminated: bool, done: int, steps: int) -> str:
 def windows(
     runs: Sequence[Run], length: int, stride: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Overlapping stretches of runs, whose starts are `stride` steps apart.
+    """Overlapping windows of runs, from which a training learns.
 
-    States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and each material's
-    place in `_materials` `[N]`.
+    Args:
+        runs: all of the same robot.
+        length: steps that are predicted in a window.
+        stride: steps between the starts of two windows of a run.
+
+    Returns:
+        States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and which of
+        `materials_of(runs)` each window belongs to, `[N]`.
     """
     materials = materials_of(runs)
-    s = [
-        torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
-        for run in runs
-    ]
-    u = [
-        torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
-        for run in runs
-    ]
-    k = [
-        torch.full((len(part),), materials.index(run.material))
-        for part, run in zip(s, runs, strict=True)
-    ]
-    return torch.cat(s), torch.cat(u), torch.cat(k)
+    states, commands, which = [], [], []
+    for run in runs:
+        s = torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
+        u = torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
+        states.append(s)
+        commands.append(u)
+        which.append(torch.full((len(s),), materials.index(run.material)))
+    return torch.cat(states), torch.cat(commands), torch.cat(which)
 
 
 def materials_of(runs: Sequence[Run]) -> list[str]:
-    """Each once, in the order in which they first occur."""
+    """Each material once, in the order in which they first occur."""
     return list(dict.fromkeys(run.material for run in runs))
 
 
 # A sensor counts as constant where it varies by no more than single precision rounds,
 # relative to its size.
 _ROUNDING = 1e-6
-
 # The standard deviation that such a sensor gets, in units of its size: so large that no
 # reading of it means anything.
 _UNHEARD = 1e6
 
 
 def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
-    """Set the model's means and standard deviations from all the data (paper, "Network
-    Structure of DPMPB").
+    """Set the model's means and standard deviations from all the data.
 
     What never varies in the data teaches nothing, and dividing by its deviation would
     turn the first other reading into the largest signal of all. So a constant sensor or
     command is left out, with a warning: it gets a deviation that nothing reaches, and
-    weights of zero, which stay zero in the training since their gradient is.
+    weights of zero, which stay zero in the training since their gradient is. Source:
+    the paper, "Network Structure of DPMPB".
     """
-    for name in ("s", "u"):
-        values = torch.as_tensor(
-            np.concatenate([getattr(run, name) for run in runs]), dtype=torch.float32
-        )
-        size = values.abs().amax(0)
-        constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
-        deviation = torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0))
-        getattr(model, f"{name}_mean").copy_(values.mean(0))
-        getattr(model, f"{name}_std").copy_(deviation)
-        if constant.any():
-            _leave_out(model, name, constant)
-            places = ", ".join(str(k) for k in constant.nonzero().flatten().tolist())
-            kind = "state" if name == "s" else "command"
-            warnings.warn(
-                f"{kind} {places} (counted from 0) never changes in these runs: the model leaves it out",
-                stacklevel=3,
-            )
+    states = torch.as_tensor(np.concatenate([run.s for run in runs]))
+    commands = torch.as_tensor(np.concatenate([run.u for run in runs]))
+    constant_s = _normalise(states, model.s_mean, model.s_std)
+    constant_u = _normalise(commands, model.u_mean, model.u_std)
+
+    if constant_s.any():
+        _leave_out_states(model, constant_s)
+        _warn_of_constants("state", constant_s)
+    if constant_u.any():
+        _leave_out_commands(model, constant_u)
+        _warn_of_constants("command", constant_u)
+
+
+def _normalise(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
+    """Write the mean and deviation `[D]` of values `[T, D]`: which are constant `[D]`."""
+    size = values.abs().amax(0)
+    constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
+    mean.copy_(values.mean(0))
+    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0)))
+    return constant
 
 
 @torch.no_grad()
-def _leave_out(model: DPMPB, name: str, constant: Tensor) -> None:
-    """Make the model deaf to some states or commands `[D]`, bool, and let it predict
-    their mean.
-    """
+def _leave_out_states(model: DPMPB, constant: Tensor) -> None:
+    """Make the model deaf to some states `[D_s]`, bool, and let it predict their mean."""
     first_layer = cast(nn.Linear, model.fc_in[0])
     last_layer = cast(nn.Linear, model.fc_out[-1])
-    offset = 0 if name == "u" else model.command_size
-    columns = offset + constant.nonzero().flatten()
+    columns = model.command_size + constant.nonzero().flatten()
     first_layer.weight[:, columns] = 0
-    if name == "s":
-        last_layer.weight[constant] = 0
-        last_layer.bias[constant] = 0
+    last_layer.weight[constant] = 0
+    last_layer.bias[constant] = 0
+
+
+@torch.no_grad()
+def _leave_out_commands(model: DPMPB, constant: Tensor) -> None:
+    """Make the model deaf to some commands `[D_u]`, bool."""
+    first_layer = cast(nn.Linear, model.fc_in[0])
+    first_layer.weight[:, constant.nonzero().flatten()] = 0
+
+
+def _warn_of_constants(kind: str, constant: Tensor) -> None:
+    places = ", ".join(str(k) for k in constant.nonzero().flatten().tolist())
+    warnings.warn(
+        f"{kind} {places} (counted from 0) never changes in these runs: the model "
+        "leaves it out",
+        stacklevel=4,
+    )

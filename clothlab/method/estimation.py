@@ -1,11 +1,12 @@
-"""Online estimation of the parametric bias of an unknown material: W stays, only p
-moves (paper, "Online Estimation").
+"""Online estimation of the parametric bias of an unknown material.
 
-`BiasEstimator` is the paper's rule, momentum SGD.
+W stays as it was trained, and only p moves, so that the model predicts what is observed
+here and now. `BiasEstimator` is the paper's rule, momentum SGD; `gauss_newton` has
+another one. Source: the paper, "Online Estimation".
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -36,7 +37,7 @@ class EstimationSettings(Checked):
     rate: float = setting(0.1, above=0)
     momentum: float = setting(0.9, at_least=0, at_most=1)
     window: int = setting(200, "step", at_least=1)  # how far back the data reach
-    # First steps of the memory, not in the loss
+    # First steps of the window, which only fill the memory and are not in the loss.
     warmup: int = setting(10, "step", at_least=0)
 
 
@@ -47,19 +48,27 @@ def prediction_loss(
     p: Tensor,
     warmup: int = EstimationSettings.warmup,
 ) -> Tensor:
-    """L(p): how far the model's next states are from those that were seen (eq. 4, with
-    W fixed).
+    """L(p): how far predicted next states are from those seen (eq. 4, W fixed).
 
-    Mean squared error in standard deviations `[]`, or `[B]` for several p `[B, D_p]`,
-    of states `[T, D_s]` and commands `[T, D_u]` after a warm-up, in which the memory
-    fills.
+    Args:
+        model: whose weights stay as they are.
+        s: states, `[T, D_s]`.
+        u: commands, `[T, D_u]`.
+        p: one parametric bias `[D_p]`, or several `[B, D_p]`.
+        warmup: first steps, in which the memory fills; they are not in the loss.
+
+    Returns:
+        Mean squared error in standard deviations, `[]` or `[B]`.
     """
     check_number("warmup", warmup, int, at_least=0, at_most=len(s) - 2)
-    many = p if p.ndim > 1 else p[None]
-    predicted, _ = model(
-        s[:-1].expand(len(many), -1, -1), u[:-1].expand(len(many), -1, -1), many
-    )
-    losses = [model.loss(each[warmup:], s[1 + warmup :]) for each in predicted]
+    several = p if p.ndim > 1 else p[None]
+    count = len(several)
+    before = s[:-1].expand(count, -1, -1)
+    sent = u[:-1].expand(count, -1, -1)
+    predicted, _ = model(before, sent, several)
+
+    seen = s[1 + warmup :]
+    losses = [model.loss(each[warmup:], seen) for each in predicted]
     return torch.stack(losses).reshape(p.shape[:-1])
 
 
@@ -71,84 +80,114 @@ class Window(NamedTuple):
     warmup: int  # first steps, which only fill the memory
 
 
+class Moved(NamedTuple):
+    """What a rule makes of p."""
+
+    p: np.ndarray  # the new estimate [D_p]
+    loss: float  # of the old one
+    carried: Any = None  # what the rule wants to be given in the next step
+
+
+class Rule(Protocol):
+    """How an estimate moves when a step has been observed."""
+
+    window: int  # steps that it looks back
+
+    def warmup(self, count: int) -> int | None:
+        """How many first of so many steps only fill the memory.
+
+        None where there is nothing to judge yet.
+        """
+
+    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+        """p `[D_p]` after one step; `carried` is None in the first."""
+
+
+class _State(NamedTuple):
+    """Where an estimation is. It is replaced as a whole, so that no step is half taken."""
+
+    p: np.ndarray  # the estimate [D_p]
+    carried: Any = None  # by the rule
+    seen: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # states and commands
+
+
 class Estimator:
-    """Moves p, from zero or a given one `[D_p]`, whenever a control step has been
-    observed; subclasses say how.
+    """Moves p whenever a control step has been observed, by some rule.
+
+    Args:
+        model: whose weights stay as they are.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        rule: how it moves.
     """
 
-    def __init__(self, model: DPMPB, p: ArrayLike | None, window: int):
-        self._window, self.model = window, check_model(model)
-        if self._warmup(window + 1) is None:
+    def __init__(self, model: DPMPB, p: ArrayLike | None, rule: Rule):
+        self.model = check_model(model)
+        self._rule = rule
+        if rule.warmup(rule.window + 1) is None:
             raise ValueError(
-                f"a window of {window} steps is too short for the warm-up, and p would never move"
+                f"a window of {rule.window} steps is too short for the warm-up, and p "
+                "would never move"
             )
-        self._start = check_array(
-            "p",
-            np.zeros(model.bias_size) if p is None else p,
-            (model.bias_size,),
-            np.float32,
-        )
-        self.reset()
+        p = np.zeros(model.bias_size) if p is None else p
+        self._first = _State(check_array("p", p, (model.bias_size,), np.float32))
+        self._state = self._first
 
     def reset(self) -> None:
         """Go back to the p it started from, and forget what was seen."""
-        self._p = torch.tensor(self._start, requires_grad=True)
-        self._seen: list[tuple[np.ndarray, np.ndarray]] = []
+        self._state = self._first
 
     @property
     def p(self) -> np.ndarray:
         """The current estimate, `[D_p]`."""
-        return self._p.detach().numpy().copy()
-
-    def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
-        """Take in one step, the state `[D_s]` before a command and the command `[D_u]`:
-        the new estimate `[D_p]`.
-
-        A step that is refused, since it does not fit or has no finite loss, leaves the
-        estimate as it is.
-        """
-        step = (
-            check_array("s", s, (self.model.state_size,), np.float32),
-            check_array("u", u, (self.model.command_size,), np.float32),
-        )
-        seen = [*self._seen, step][-self._window - 1 :]
-        warmup = self._warmup(len(seen))
-        if (
-            warmup is not None
-            and not self._move(*_columns(seen), warmup) < LARGEST_LOSS
-        ):
-            raise ValueError(
-                "this step is so far from what the model was trained on that there is no loss"
-            )
-        self._seen = seen
-        return self.p
+        return self._state.p.copy()
 
     @property
     def window(self) -> Window | None:
         """What the present p is judged by; None before there is anything to judge."""
-        warmup = self._warmup(len(self._seen))
-        return None if warmup is None else Window(*_columns(self._seen), warmup)
+        return self._window(self._state.seen)
 
-    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
-        """Move p once, unless the loss is not finite; returns the loss."""
-        raise NotImplementedError
+    def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
+        """Take in one step: the new estimate `[D_p]`.
 
-    def _warmup(self, count: int) -> int | None:
-        """How many first steps are left out of so many; None where there is nothing to
-        judge yet.
+        The state s `[D_s]` before a command, and the command u `[D_u]`. A step that is
+        refused, since it does not fit or has no finite loss, leaves the estimate as it
+        is.
         """
-        raise NotImplementedError
+        s = check_array("s", s, (self.model.state_size,), np.float32)
+        u = check_array("u", u, (self.model.command_size,), np.float32)
+        now = self._state
+        # One more than the window: the last state is only predicted.
+        seen = (*now.seen, (s, u))[-self._rule.window - 1 :]
 
+        window = self._window(seen)
+        if window is None:
+            self._state = now._replace(seen=seen)
+            return self.p
+        moved = self._rule.move(self.model, window, now.p, now.carried)
+        if not moved.loss < LARGEST_LOSS:
+            raise ValueError(
+                "this step is so far from what the model was trained on that there is "
+                "no loss"
+            )
+        self._state = _State(moved.p, moved.carried, seen)
+        return self.p
 
-def _columns(seen: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Tensor, Tensor]:
-    """States `[T, D_s]` and commands `[T, D_u]`."""
-    s, u = (torch.as_tensor(np.stack(column)) for column in zip(*seen, strict=True))
-    return s, u
+    def _window(self, seen: tuple[tuple[np.ndarray, np.ndarray], ...]) -> Window | None:
+        warmup = self._rule.warmup(len(seen))
+        if warmup is None:
+            return None
+        s = torch.as_tensor(np.stack([state for state, _ in seen]))
+        u = torch.as_tensor(np.stack([command for _, command in seen]))
+        return Window(s, u, warmup)
 
 
 class BiasEstimator(Estimator):
-    """The paper's rule: one step of momentum SGD on p whenever a control step has been
-    observed.
+    """The paper's rule: a step of momentum SGD on p for each control step observed.
+
+    Args:
+        model: whose weights stay as they are.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        settings: of the rule.
     """
 
     def __init__(
@@ -157,25 +196,34 @@ class BiasEstimator(Estimator):
         p: ArrayLike | None = None,
         settings: EstimationSettings | None = None,
     ):
-        self.settings = settings_or_default(settings, EstimationSettings)
-        super().__init__(model, p, self.settings.window)
+        settings = settings_or_default(settings, EstimationSettings)
+        super().__init__(model, p, _MomentumSGD(settings))
 
-    def reset(self) -> None:
-        super().reset()
-        self._optimizer = torch.optim.SGD(
-            [self._p], lr=self.settings.rate, momentum=self.settings.momentum
-        )
 
-    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
-        self._optimizer.zero_grad()
-        loss = prediction_loss(self.model, s, u, self._p, warmup)
-        if loss.isfinite():
-            loss.backward(inputs=[self._p])
-            self._optimizer.step()
-        return loss.item()
+class _MomentumSGD:
+    """v ← momentum v + ∂L/∂p, then p ← p - rate v."""
 
-    def _warmup(self, count: int) -> int | None:
-        return self.settings.warmup if count > self.settings.warmup + 1 else None
+    def __init__(self, settings: EstimationSettings):
+        self.window = settings.window
+        self._settings = settings
+
+    def warmup(self, count: int) -> int | None:
+        """As set, once there is at least one step more to predict."""
+        warmup = self._settings.warmup
+        return warmup if count > warmup + 1 else None
+
+    def move(
+        self, model: DPMPB, window: Window, p: np.ndarray, carried: Tensor | None
+    ) -> Moved:
+        """One step down the gradient; what is carried is the velocity v `[D_p]`."""
+        before = torch.tensor(p, requires_grad=True)
+        loss = prediction_loss(model, window.s, window.u, before, window.warmup)
+        (gradient,) = torch.autograd.grad(loss, before)
+
+        velocity = torch.zeros_like(gradient) if carried is None else carried
+        velocity = velocity.mul(self._settings.momentum).add(gradient)
+        after = before.detach().add(velocity, alpha=-self._settings.rate)
+        return Moved(after.numpy(), loss.item(), velocity)
 
 
 def estimate_bias(
@@ -198,12 +246,10 @@ def estimate_bias(
     Returns:
         The final p `[D_p]`, and p after each step `[T, D_p]`.
     """
-    from clothlab.method.gauss_newton import (
-        NewtonEstimator,  # which builds on this module
-    )
+    from clothlab.method.gauss_newton import NewtonEstimator  # builds on this module
 
     check_run(run)
-    kinds: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
-    estimator = choose("method", method, kinds)(model, p, settings)
+    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
+    estimator = choose("method", method, estimators)(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
     return path[-1], np.stack(path)

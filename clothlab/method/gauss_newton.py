@@ -1,8 +1,12 @@
-"""Estimation of p by the curvature of its loss, which also says how sure the estimate
-is. Not in the paper.
+"""Estimation of p by the curvature of its loss.
+
+Momentum SGD needs a rate, and says nothing of how far its p may be off. Around an
+estimate, predictions are nearly linear in p; the least squares of such a line say both
+where the lowest loss lies and how far it scatters. Not in the paper.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,8 +15,10 @@ from torch import Tensor
 
 from clothlab._validation import Checked, check_array, setting, settings_or_default
 from clothlab.method.data import Run, check_run
-from clothlab.method.estimation import LARGEST_LOSS, Estimator
+from clothlab.method.estimation import LARGEST_LOSS, Estimator, Moved, Window
 from clothlab.method.model import DPMPB
+
+_NUDGE = 0.03  # of p, by which its neighbours differ
 
 
 @dataclass(frozen=True)
@@ -25,7 +31,7 @@ class NewtonSettings(Checked):
     # say most.
     warmup: int = setting(10, "step", at_least=0)
     least: int = setting(5, "step", at_least=2)  # predictions to judge before p moves
-    # Degrees of freedom of Student's t: with few, outliers weigh little
+    # Degrees of freedom of Student's t: with few, outliers weigh little.
     freedom: float = setting(10.0, "-", above=0)
     longest: float = setting(0.5, "-", above=0)  # largest step of p
 
@@ -35,37 +41,40 @@ class Linearisation:
     """How one p predicts a window, and what a small change of p would do."""
 
     errors: np.ndarray  # seen minus predicted next states [T, D_s] [s.d. of the state]
-    # Derivative of the predictions with respect to p [T, D_s, D_p]
+    # Derivative of the predictions with respect to p [T, D_s, D_p].
     jacobian: np.ndarray
 
     @classmethod
     def of(
-        cls,
-        model: DPMPB,
-        s: Tensor,
-        u: Tensor,
-        p: ArrayLike,
-        warmup: int = 0,
-        nudge: float = 0.03,
+        cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
     ) -> "Linearisation":
-        """Predict with p and its neighbours in one pass, from s `[T + 1, D_s]` and u
-        `[T + 1, D_u]` after a warm-up.
+        """Predict with p and its neighbours in one pass.
+
+        Args:
+            model: a trained DPMPB.
+            s: states, `[T + 1, D_s]`.
+            u: commands, `[T + 1, D_u]`.
+            p: where predictions are linearised, `[D_p]`.
+            warmup: first steps, which only fill the memory.
         """
         p = np.asarray(p, dtype=np.float64)
-        nudges = nudge * np.eye(len(p))
-        around = torch.as_tensor(
-            np.concatenate([p[None], p + nudges, p - nudges]), dtype=s.dtype
-        )
+        size = len(p)
+        nudges = _NUDGE * np.eye(size)
+        around = np.concatenate([p[None], p + nudges, p - nudges])
+
+        # p itself is the first of the batch, then come its neighbours.
+        several = torch.as_tensor(around, dtype=s.dtype)
+        before = s[:-1].expand(len(several), -1, -1)
+        sent = u[:-1].expand(len(several), -1, -1)
         with torch.no_grad():
-            predicted, _ = model(
-                s[:-1].expand(len(around), -1, -1),
-                u[:-1].expand(len(around), -1, -1),
-                around,
-            )
+            predicted, _ = model(before, sent, several)
             scaled = (predicted / model.s_std)[:, warmup:].double().numpy()
             seen = (s[1:] / model.s_std)[warmup:].double().numpy()
-        up, down = scaled[1 : 1 + len(p)], scaled[1 + len(p) :]
-        return cls(seen - scaled[0], np.moveaxis(up - down, 0, -1) / (2 * nudge))
+
+        up = scaled[1 : 1 + size]
+        down = scaled[1 + size :]
+        jacobian = np.moveaxis(up - down, 0, -1) / (2 * _NUDGE)
+        return cls(seen - scaled[0], jacobian)
 
     @property
     def loss(self) -> float:
@@ -75,32 +84,33 @@ class Linearisation:
     def step(
         self, freedom: float = NewtonSettings.freedom, longest: float = np.inf
     ) -> np.ndarray:
-        """Gauss-Newton step to the lowest loss, with the weights of Student's t, at
-        most so long, `[D_p]`.
+        """Gauss-Newton step `[D_p]` to the lowest loss, at most so long.
+
+        Errors are weighed as by Student's t with this freedom: outliers count little.
         """
         weight = (freedom + 1) / (freedom + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, weight, self.jacobian)
         gradient = np.einsum("tdi,td,td->i", self.jacobian, weight, self.errors)
         step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
-        return step * min(1, longest / max(float(np.linalg.norm(step)), 1e-12))
+        length = float(np.linalg.norm(step))
+        return step * min(1, longest / max(length, 1e-12))
 
     def covariance(
         self, freedom: float = NewtonSettings.freedom, lag: int = 5
     ) -> np.ndarray:
-        """Covariance of p at the lowest loss, `[D_p, D_p]`, where errors depend on each
-        other over a lag [step].
+        """Covariance of p at the lowest loss, `[D_p, D_p]`.
 
         Curvature alone would be right if all errors were independent, equally large,
         and the model true. Between two curvatures stands by how much gradients really
-        scattered, neighbouring steps included (Newey and West, 1987). A LinAlgError
-        says that the predictions do not depend on every direction of p.
+        scattered, together with those up to `lag` steps later (Newey and West, 1987). A
+        LinAlgError says that the predictions do not depend on every direction of p.
         """
         weight = (freedom + 1) / (freedom + self._sizes)
-        # Derivative of weight times error
+        # The derivative of weight times error.
         slope = weight * (freedom - self._sizes) / (freedom + self._sizes)
-        inverse = np.linalg.inv(
-            np.einsum("tdi,td,tdj->ij", self.jacobian, slope, self.jacobian)
-        )
+        curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, slope, self.jacobian)
+        inverse = np.linalg.inv(curvature)
+
         gradients = np.einsum("tdi,td,td->ti", self.jacobian, weight, self.errors)
         scatter = gradients.T @ gradients
         for k in range(1, min(lag, len(gradients) - 1) + 1):
@@ -115,10 +125,15 @@ class Linearisation:
 
 
 class NewtonEstimator(Estimator):
-    """One Gauss-Newton step on p whenever a control step has been observed; p so
-    follows the lowest loss.
+    """A Gauss-Newton step on p for each control step observed.
 
-    `from_rest` says whether all is at rest before the first step that is given.
+    p so follows the lowest loss.
+
+    Args:
+        model: whose weights stay as they are.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        settings: of the rule.
+        from_rest: whether all is at rest before the first step that is given.
     """
 
     def __init__(
@@ -129,36 +144,43 @@ class NewtonEstimator(Estimator):
         *,
         from_rest: bool = True,
     ):
-        self.settings, self._from_rest = (
-            settings_or_default(settings, NewtonSettings),
-            from_rest,
-        )
-        super().__init__(model, p, self.settings.window)
+        settings = settings_or_default(settings, NewtonSettings)
+        super().__init__(model, p, _GaussNewton(settings, from_rest))
 
-    def _move(self, s: Tensor, u: Tensor, warmup: int) -> float:
-        fit = Linearisation.of(self.model, s, u, self.p, warmup)
-        if fit.loss < LARGEST_LOSS:
-            step = fit.step(self.settings.freedom, self.settings.longest)
-            self._p = torch.tensor(self.p + step, dtype=torch.float32)
-        return fit.loss
 
-    def _warmup(self, count: int) -> int | None:
-        warmup = (
-            0 if self._from_rest and count <= self._window else self.settings.warmup
-        )
-        return warmup if count - 1 - warmup >= self.settings.least else None
+class _GaussNewton:
+    """p ← p + the step to the lowest loss, at most so long."""
+
+    def __init__(self, settings: NewtonSettings, from_rest: bool):
+        self.window = settings.window
+        self._settings = settings
+        self._from_rest = from_rest
+
+    def warmup(self, count: int) -> int | None:
+        """None of a window that begins at rest; else as set."""
+        begins_at_rest = self._from_rest and count <= self.window
+        warmup = 0 if begins_at_rest else self._settings.warmup
+        return warmup if count - 1 - warmup >= self._settings.least else None
+
+    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+        """One step; nothing is carried from the one before."""
+        seen = Linearisation.of(model, window.s, window.u, p, window.warmup)
+        if not seen.loss < LARGEST_LOSS:
+            return Moved(p, seen.loss)
+        step = seen.step(self._settings.freedom, self._settings.longest)
+        return Moved((p + step).astype(np.float32), seen.loss)
 
 
 def linearise(estimator: Estimator) -> Linearisation | None:
-    """How an estimator's present p predicts what it has in its window; None before
-    there is anything to judge.
+    """How an estimator's present p predicts what it has in its window.
+
+    None before there is anything to judge.
     """
     window = estimator.window
     if window is None:
         return None
-    return Linearisation.of(
-        estimator.model, window.s, window.u, estimator.p, window.warmup
-    )
+    s, u, warmup = window
+    return Linearisation.of(estimator.model, s, u, estimator.p, warmup)
 
 
 def best_bias(
@@ -168,17 +190,25 @@ def best_bias(
     settings: NewtonSettings | None = None,
     rounds: int = 4,
 ) -> tuple[np.ndarray, Linearisation]:
-    """The p `[D_p]` with the lowest loss over a whole run that begins at rest, and how
-    it predicts, by Gauss-Newton.
+    """The p with the lowest loss over a whole run, by Gauss-Newton.
+
+    Args:
+        model: a trained DPMPB.
+        run: which begins at rest.
+        p: where to begin, `[D_p]`.
+        settings: of the steps.
+        rounds: how many steps.
+
+    Returns:
+        That p `[D_p]`, and how it predicts.
     """
-    settings, found = (
-        settings_or_default(settings, NewtonSettings),
-        check_array("p", p, (model.bias_size,)),
-    )
+    settings = settings_or_default(settings, NewtonSettings)
     check_run(run)
-    s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
-    fit = Linearisation.of(model, s, u, found)
+    found = check_array("p", p, (model.bias_size,))
+    s = torch.as_tensor(run.s)
+    u = torch.as_tensor(run.u)
+    seen = Linearisation.of(model, s, u, found)
     for _ in range(rounds):
-        found = found + fit.step(settings.freedom, settings.longest)
-        fit = Linearisation.of(model, s, u, found)
-    return found, fit
+        found = found + seen.step(settings.freedom, settings.longest)
+        seen = Linearisation.of(model, s, u, found)
+    return found, seen

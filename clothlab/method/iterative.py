@@ -1,21 +1,22 @@
-"""Iterative learning control: a policy that learns from its own outcomes.
+"""Iterative learning control: a search that learns from its own outcomes.
 
 The model predicts where a plan leads, and the plan with the best prediction is one
 whose error is in its favour. So a plan is sent unchanged for one period, and its
 residual, outcome minus prediction, is learned by a Gaussian process over plans and the
 states that they start from. The next plan is the one whose corrected prediction is
-best,
+best:
 
-    z(u) = h(s, u, p) + mean(u),    E‖z_ref - z‖² = ‖z_ref - z(u)‖² + D_z variance(u),
+    z(u) = h(s, u, p) + mean(u)
+    E‖z_ref - z‖² = ‖z_ref - z(u)‖² + D_z variance(u)
 
-where the variance is small near plans that were tried and large elsewhere: a trust
-region that needs no setting.
+The variance is small near plans that were tried and large elsewhere: a trust region
+that needs no setting. Not in the paper.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,54 +24,64 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from clothlab._validation import Checked, check_array, setting, settings_or_default
-from clothlab.masks import Observation
-from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.cloth_task import ControlPolicy, observe
-from clothlab.method.control import TRACED, ControlSettings, best_step, downhill, whole
+from clothlab.method.control import (
+    TRACED,
+    ControlSettings,
+    Limits,
+    Problem,
+    Solution,
+    best_step,
+    downhill,
+)
 from clothlab.method.data import Run, check_runs
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import Memory
+
+_STEP_SIZES = 8  # tried in each iteration of the descent, beside none
+_SMALLEST_STEP = -2.5  # log10 of the smallest, in standard deviations of u
+_SAME_MATERIAL = 0.25  # largest squared distance in p, in units of the trained spread
 
 
 @dataclass(frozen=True)
 class IterativeLearningSettings(Checked):
     """How much is tried, and how far an outcome teaches."""
 
-    # a plan must be good when it is repeated, too
+    # A plan must be good when it is repeated, too.
     lookahead: int = setting(3, "period", at_least=1)
-    # Stretches that led near the target, among which to look for starts
+    # Stretches that led near the target, among which to look for starts.
     recorded: int = setting(150, at_least=1)
-    # Best-looking plans from which the descent begins
-    starts: int = setting(6, at_least=1)
+    starts: int = setting(6, at_least=1)  # best-looking plans that are improved
     iterations: int = setting(3, at_least=0)  # of the descent
-    # In what recordings showed, when the first plan is chosen
+
+    # Trust in what recordings showed, when the first plan is chosen, and what a spread
+    # of p between their material and this one counts there.
     trust: float = setting(1.0, at_least=0)
-    # What a spread of p between their material and this one counts there
     difference: float = setting(0.1, at_least=0)
+
     # The variance counts little while outcomes are poor, and in full once they are
-    # good: then there is much to lose.
+    # good: then there is much to lose. What is good is the aim, and the best of some
+    # recent outcomes says how good they are.
     caution: float = setting(1.0, at_least=0)
     least_caution: float = setting(0.05, at_least=0)
-    aim: float = setting(0.1, "s.d. of z", above=0)  # what is good
-    # The best of so many outcomes says how good they are
+    aim: float = setting(0.1, "s.d. of z", above=0)
     recent: int = setting(5, "period", at_least=1)
-    # How far from a plan its outcome still teaches
+
+    # How far from a plan and from its start an outcome still teaches.
     plan_scale: float = setting(1.0, "s.d. of u", above=0)
-    # And how far from its start
     state_scale: float = setting(3.0, "s.d. of s", above=0)
-    # Of a prediction, before any outcome is known
+
+    # Of a prediction before any outcome is known, and how many outcomes that is worth.
     prior_error: float = setting(0.55, "s.d. of z", above=0)
-    # How many outcomes that prior is worth
     prior_count: float = setting(2.0, "period", above=0)
-    # Variance of what does not repeat, over that of all residuals
+    # Variance of what does not repeat, over that of all residuals.
     noise: float = setting(0.03, above=0)
     remembered: int = setting(60, "period", at_least=1)
 
 
 class RecordedPlans(NamedTuple):
-    """Stretches of recorded commands, and the states that followed."""
+    """Stretches of recorded commands, and what they led to."""
 
-    u: np.ndarray  # [N, T, D_u]
-    # Of what was seen after the last command to a target [N] [s.d. of z]
+    u: np.ndarray  # commands [N, T, D_u]
+    # Of what was seen after the last command to a target [N] [s.d. of z].
     distance: np.ndarray
     material: np.ndarray  # names [N]
 
@@ -78,35 +89,85 @@ class RecordedPlans(NamedTuple):
 def nearest_plans(
     runs: Sequence[Run], z_ref: ArrayLike, horizon: int = 8, count: int = 150
 ) -> RecordedPlans:
-    """The recorded plans, `count` or fewer, after which z was seen nearest to `z_ref`,
-    best first.
+    """The recorded plans after which z was seen nearest to a target, best first.
 
-    No two plans of one run overlap by more than half.
+    Args:
+        runs: recordings, z first in their states.
+        z_ref: the target, `[D_z]`.
+        horizon: length of a plan [step].
+        count: how many are wanted; there may be fewer, since no two plans of one run
+            overlap by more than half.
     """
     runs = check_runs(runs)
+    _check_longer(runs, horizon)
     z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
-    if runs and len(z_ref) > runs[0].s.shape[1]:
+    states = runs[0].s.shape[1]
+    if len(z_ref) > states:
         raise ValueError(
-            f"z_ref has {len(z_ref)} numbers, more than the {runs[0].s.shape[1]} of a state"
+            f"z_ref has {len(z_ref)} numbers, more than the {states} of a state"
         )
-    from_each = -(-count // max(len(runs), 1))
+
     found = []
+    from_each = -(-count // len(runs))
     for run in runs:
         distance = np.linalg.norm(run.s[horizon:, : len(z_ref)] - z_ref, axis=1)
         for _ in range(min(from_each, len(distance) // horizon)):
             start = int(distance.argmin())
-            found.append(
-                (run.u[start : start + horizon], float(distance[start]), run.material)
-            )
-            distance[max(0, start - horizon // 2 + 1) : start + horizon // 2] = np.inf
-    if not found:
+            plan = run.u[start : start + horizon]
+            found.append((plan, float(distance[start]), run.material))
+            # No other plan begins within half a plan of this one.
+            first = max(0, start - horizon // 2 + 1)
+            distance[first : start + horizon // 2] = np.inf
+
+    found.sort(key=lambda plan: plan[1])
+    u, distance, material = zip(*found[:count], strict=True)
+    plans = np.stack(u).astype(np.float64)
+    return RecordedPlans(plans, np.array(distance), np.array(material))
+
+
+def _check_longer(runs: Sequence[Run], horizon: int) -> None:
+    """A ValueError if no run holds a plan and what came after it."""
+    longest = max([len(run) for run in runs], default=0)
+    if longest < 2 * horizon:
         raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
-    u, distances, materials = zip(
-        *sorted(found, key=lambda plan: plan[1])[:count], strict=True
-    )
-    return RecordedPlans(
-        np.stack(u).astype(np.float64), np.array(distances), np.array(materials)
-    )
+
+
+class ResidualModel:
+    """Gaussian process of residuals, with one squared-exponential kernel.
+
+    Args:
+        x: features of the plans that were tried, in units of the kernel's length,
+            `[N, D]`.
+        residuals: outcomes minus predictions, `[N, T, D_z]`.
+        settings: with the noise and the prior.
+    """
+
+    def __init__(
+        self, x: Tensor, residuals: Tensor, settings: IterativeLearningSettings
+    ):
+        self._x = x
+        self._shape = residuals.shape[1:]
+        noise = settings.noise * torch.eye(len(x), dtype=x.dtype)
+        self._inverse = torch.linalg.inv(_kernel(x, x) + noise)
+        self._weights = self._inverse @ residuals.flatten(1)
+
+        # The squared error of a prediction far from all that was tried: the mean of
+        # what was seen and, as if seen so many times, of what was assumed before.
+        squares = residuals.square().mean(dim=(1, 2)).sum()
+        assumed = settings.prior_count * settings.prior_error**2
+        self.variance = (assumed + squares) / (settings.prior_count + len(x))
+
+    def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean `[B, T, D_z]` and variance `[B]` for plans with features x `[B, D]`."""
+        k = _kernel(x, self._x)
+        known = ((k @ self._inverse) * k).sum(1)
+        mean = (k @ self._weights).unflatten(1, self._shape)
+        return mean, self.variance * (1 - known).clamp_min(0)
+
+
+def _kernel(a: Tensor, b: Tensor) -> Tensor:
+    """Squared-exponential kernel `[N, M]` of features `[N, D]` and `[M, D]`."""
+    return torch.exp(-0.5 * (a[:, None] - b).square().sum(-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,297 +178,321 @@ class Attempt:
     memory: Memory  # recurrent state there
     u: Tensor  # the plan [T, D_u]
     p: np.ndarray  # the bias in use [D_p]
-    z: Tensor  # what was seen after each command [T, D_z]
+    z: Tensor  # what was seen after each command so far [T, D_z]
 
 
-class ResidualModel:
-    """Gaussian process of residuals, outcomes minus predictions `[N, T, D_z]`, with one
-    squared-exponential kernel.
+@dataclass(frozen=True, eq=False)
+class Experience:
+    """What is known in the middle of a run. It is never changed, only replaced."""
 
-    Features x `[N, D]` of the plans that were tried are in units of the kernel's
-    length.
+    attempts: tuple[Attempt, ...] = ()  # of the periods that are over
+    # Distance that was expected of each period's plan when it was chosen [s.d. of z].
+    expected: tuple[float, ...] = ()
+    under_way: Attempt | None = None  # the present period
+    z_ref: Tensor | None = None  # at which its plan aims [D_z]
+
+    def expected_for(self, z_ref: Tensor) -> float | None:
+        """What is expected of the plan being sent; None if it aims at another target.
+
+        Which is another target is judged by identity: each image has a z of its own.
+        """
+        if self.under_way is None or self.z_ref is not z_ref:
+            return None
+        return self.expected[-1]
+
+
+class Forecast:
+    """What is expected of plans: predictions, corrected by what attempts taught.
+
+    Args:
+        problem: the state to start from, the model and its p.
+        z_ref: the target, `[D_z]`.
+        attempts: periods that are over, perhaps none.
+        settings: how far an outcome teaches.
     """
 
     def __init__(
-        self, x: Tensor, residuals: Tensor, settings: IterativeLearningSettings
+        self,
+        problem: Problem,
+        z_ref: Tensor,
+        attempts: Sequence[Attempt],
+        settings: IterativeLearningSettings,
     ):
-        self._x, self._shape = x, residuals.shape[1:]
-        kernel = _kernel(x, x) + settings.noise * torch.eye(len(x), dtype=x.dtype)
-        self._inverse = torch.linalg.inv(kernel)
-        self._weights = self._inverse @ residuals.flatten(1)
-        squares = residuals.square().mean(dim=(1, 2)).sum()
-        # Of a prediction's error far from all that was tried [(s.d. of z)²].
-        self.variance = (settings.prior_count * settings.prior_error**2 + squares) / (
-            settings.prior_count + len(x)
-        )
+        self._problem = problem
+        self._z_ref = z_ref
+        self._settings = settings
+        self._caution = _caution(attempts, z_ref, settings)
+        self.residuals: ResidualModel | None = None
+        if attempts:
+            with torch.no_grad():
+                self.residuals = self._learn(attempts)
 
-    def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean `[B, T, D_z]` and variance `[B]` of the residuals of plans with features
-        x `[B, D]`.
+    def _learn(self, attempts: Sequence[Attempt]) -> ResidualModel:
+        """How predictions with the present p erred in the attempts."""
+        s = torch.stack([each.s for each in attempts])
+        u = torch.stack([each.u for each in attempts])
+        z = torch.stack([each.z for each in attempts])
+        h = torch.cat([each.memory.h for each in attempts], dim=1)
+        c = torch.cat([each.memory.c for each in attempts], dim=1)
+        states = self._problem.rollout(s, u, Memory(h, c))
+        predicted = states[..., : len(self._z_ref)]
+        return ResidualModel(self.features(s, u), z - predicted, self._settings)
+
+    def features(self, s: Tensor, u: Tensor) -> Tensor:
+        """What plans u `[B, T, D_u]` from states s `[B, D_s]` are like, `[B, D]`.
+
+        In units of how far an outcome teaches.
         """
-        k = _kernel(x, self._x)
-        known = ((k @ self._inverse) * k).sum(1)
-        return (k @ self._weights).unflatten(1, self._shape), self.variance * (
-            1 - known
-        ).clamp_min(0)
+        model = self._problem.model
+        plan = (u / model.u_std).flatten(1) / self._settings.plan_scale
+        start = s / model.s_std / self._settings.state_scale
+        return torch.cat([plan, start], dim=1)
+
+    def distance(self, plans: Tensor) -> Tensor:
+        """Distance to the target expected of plans `[B, T, D_u]`, `[B]` [s.d. of z].
+
+        Each plan is sent again and again. The root mean square over the periods that
+        are looked ahead, each with its best step.
+        """
+        ahead = self._settings.lookahead
+        period = plans.shape[1]
+        latent = len(self._z_ref)
+        states = self._problem.predict(plans.repeat(1, ahead, 1))
+        states = states.unflatten(1, (ahead, period))
+
+        total = torch.zeros(len(plans))
+        start = self._problem.s.expand(len(plans), -1)
+        for k in range(ahead):
+            # Where this period leads, corrected by what was learned.
+            predicted = states[:, k, :, :latent]
+            variance = torch.tensor(self._settings.prior_error**2)
+            if self.residuals is not None:
+                mean, variance = self.residuals(self.features(start, plans))
+                predicted = predicted + mean
+
+            # What that is worth, and where the next period starts.
+            squares = (predicted - self._z_ref).square().sum(-1).amin(1)
+            squares = squares + self._caution * latent * variance
+            total = total + squares / ahead
+            start = torch.cat([predicted[:, -1], states[:, k, -1, latent:]], dim=1)
+        return total.clamp_min(1e-12).sqrt()
 
 
-def _kernel(a: Tensor, b: Tensor) -> Tensor:
-    return torch.exp(-0.5 * (a[:, None] - b).square().sum(-1))
+def _caution(
+    attempts: Sequence[Attempt], z_ref: Tensor, settings: IterativeLearningSettings
+) -> float:
+    """Weight of the variance: less by (aim / best recent outcome)² while that is poor."""
+    best = math.inf
+    for attempt in attempts[-settings.recent :]:
+        distances = torch.linalg.vector_norm(attempt.z - z_ref, dim=1)
+        best = min(best, float(distances.min()))
+    good = min(1.0, (settings.aim / max(best, 1e-9)) ** 2)
+    return max(settings.least_caution, settings.caution * good)
 
 
-class IterativeLearningPolicy(ControlPolicy):
-    """Realises a target image once a period, and learns from each period how the
-    model's predictions err.
+class _Choice(NamedTuple):
+    """A plan, and how it was come by."""
+
+    u: Tensor  # [T, D_u]
+    expected: float  # distance to the target [s.d. of z]
+    trace: np.ndarray | None  # best distances on the way; None if nothing was searched
+
+
+class IterativeSearch:
+    """A search that learns from each period how the model's predictions err.
 
     A plan is chosen at the start of a period and sent unchanged. What was learned is
-    about the model and the cloth, not about the target: it stays when the target
-    changes. While `exploring`, it tries new plans; else it sends the best known one
-    again. The first plans are those of recorded `runs` after which the cloth was
-    nearest to the target.
+    about the model and the cloth, not about the target: it stays when that changes.
+    While `exploring`, new plans are tried; else the best known one is sent again.
 
-    With `biases`, the trained p of the runs' materials, the first plan is one that the
-    model likes and that led near the target with a material like this one. It is sent
-    twice, since the arm swings up in the first period. Once p has moved by half a
-    spread of the biases, another material is in the hand: attempts are forgotten.
+    With `biases`, the first plan is one that the model likes and that led near the
+    target with a material like this one. It is sent twice, since the arm swings up in
+    the first period. Once p has moved by half a spread of the biases, another material
+    is in the hand: attempts are forgotten.
 
-    Each period so far is in `attempts`, and its expected distance [s.d. of z] in
-    `predicted_distances`; `trace` has the best expected distances at the start of each
-    solve and after each iteration.
+    The trace of a solve has the best expected distance at its start and after each
+    iteration. What was learned, `Controller.learned`, is an `Experience`.
+
+    Args:
+        runs: recordings, whose plans that led near the target are the first tries.
+        settings: how much is tried, and how far an outcome teaches.
+        biases: trained p of the recordings' materials, `{name: [D_p]}`.
     """
 
     name = "iterative"
 
     def __init__(
         self,
-        model: DPMPB,
-        autoencoder: Autoencoder,
-        arm: Any,
-        target: ArrayLike,
-        p: ArrayLike,
         runs: Sequence[Run],
         settings: IterativeLearningSettings | None = None,
-        control: ControlSettings | None = None,
+        *,
         biases: Mapping[str, np.ndarray] | None = None,
     ):
-        self.learning = settings_or_default(settings, IterativeLearningSettings)
+        self.settings = settings_or_default(settings, IterativeLearningSettings)
         self.exploring = True
         self._runs = check_runs(runs)
-        self._biases = dict(biases or {}) if self.learning.trust else {}
-        super().__init__(model, autoencoder, arm, target, p, control)
+        self._biases = dict(biases or {}) if self.settings.trust else {}
+        self._nearest: tuple[Tensor, RecordedPlans] | None = None
 
-    @whole
-    def set_target(self, mask: ArrayLike) -> None:
-        """Aim at another image `[H, W]` from the next period on; what was learned
-        stays.
-        """
-        super().set_target(mask)
-        self._predicted_distance: float | None = None
-        self._recorded = nearest_plans(
-            self._runs, self.z_ref, self.settings.period, self.learning.recorded
+    def begin(
+        self, home: Tensor, settings: ControlSettings, learned: Experience | None = None
+    ) -> Experience:
+        """A new run; what was learned in another one may stay."""
+        _check_longer(self._runs, settings.period)
+        if learned is None:
+            return Experience()
+        return replace(learned, under_way=None)
+
+    def __call__(self, problem: Problem, learned: Experience) -> Solution:
+        """A plan for a new period, or at hand the rest of this period's."""
+        z_ref = _target_of(problem)
+        z = problem.s[: len(z_ref)]
+        now = learned.under_way
+        if now is not None:
+            now = replace(now, z=torch.cat([now.z, z[None]]))
+            learned = replace(learned, under_way=now)
+        if problem.t % problem.settings.period:
+            return Solution(problem.plan, None, learned)
+
+        # A period is over, and the next one begins.
+        attempts = self._after_period(problem, learned)
+        learned = replace(learned, attempts=attempts)
+        plan, expected, trace = self._choose(problem, learned)
+        begun = Attempt(
+            problem.s, problem.memory, plan, problem.p, z.new_empty(0, len(z))
         )
-        self._plans = torch.as_tensor(self._recorded.u, dtype=torch.float32).clamp(
-            self.lower, self.upper
+        learned = replace(
+            learned,
+            expected=(*learned.expected, expected)[-TRACED:],
+            under_way=begun,
+            z_ref=z_ref,
         )
+        return Solution(plan, trace, learned)
 
-    def reset(self, seed: int = 0) -> None:
-        """Forget the last run: phase, memory, plan and what was learned."""
-        self.attempts: list[Attempt] = []
-        self.predicted_distances: list[float] = []
-        self.resume(seed)
+    def forecast(self, problem: Problem, attempts: Sequence[Attempt] = ()) -> Forecast:
+        """What is expected of plans in this problem, after these attempts."""
+        return Forecast(problem, _target_of(problem), attempts, self.settings)
 
-    def resume(self, seed: int = 0) -> None:
-        """Begin a period anew, as after somebody else has moved the arm; what was
-        learned stays.
-        """
-        super().reset(seed)
-        self._seen: list[Tensor] = []
-        self._begun: tuple[Tensor, Memory, Tensor, np.ndarray] | None = (
-            None  # what an attempt begins with
-        )
-        self._predicted_distance = None
-
-    @property
-    def predicted_distance(self) -> float | None:
-        """Expected distance of the plan being sent [s.d. of z]; None before there is
-        one for the present target.
-        """
-        return self._predicted_distance
-
-    @property
-    def basis(self) -> str:
+    def basis(self, learned: Experience) -> str:
         """What the plan being sent rests on, in words."""
-        unknown = self._biases and len(self.attempts) < 2
-        return "recordings" if unknown else f"{len(self.attempts)} attempts"
+        if self._biases and len(learned.attempts) < 2:
+            return "recordings"
+        return f"{len(learned.attempts)} attempts"
 
-    def __call__(self, observation: Observation) -> np.ndarray:
-        return self._step(observation, self._plan)
+    def recorded(self, problem: Problem) -> RecordedPlans:
+        """The recorded plans that led nearest to the target; found once for each."""
+        z_ref = _target_of(problem)
+        if self._nearest is None or self._nearest[0] is not z_ref:
+            period = problem.settings.period
+            plans = nearest_plans(self._runs, z_ref, period, self.settings.recorded)
+            self._nearest = (z_ref, plans)
+        return self._nearest[1]
 
-    def step_without_solving(self, observation: Observation) -> np.ndarray:
-        """Return the next command of the plan, `[D_u]`, which is sent once more where a
-        period begins.
-        """
-        return self._step(
-            observation, self._plan if self._begun is None else self._repeat
-        )
+    def _after_period(
+        self, problem: Problem, learned: Experience
+    ) -> tuple[Attempt, ...]:
+        """The attempts, with that of the period that is over, if there was one."""
+        attempts = learned.attempts
+        if learned.under_way is not None:
+            attempts = (*attempts, learned.under_way)[-self.settings.remembered :]
+        if not self._biases:
+            return attempts
+        kept = []
+        for attempt in attempts:
+            if self._gap(attempt.p, problem.p) < _SAME_MATERIAL:
+                kept.append(attempt)
+        return tuple(kept)
 
-    @whole
-    def _step(
-        self,
-        observation: Observation,
-        choose_plan: Callable[[Tensor], tuple[Tensor, float]],
-    ) -> np.ndarray:
-        self._move_on()
-        s = torch.as_tensor(observe(self.autoencoder, observation))
-        self._seen = [*self._seen, s[self.layout.z]]
-        if self._t % self.settings.period == 0:
-            if self._begun is not None:
-                attempt = Attempt(*self._begun, torch.stack(self._seen))
-                self.attempts = [*self.attempts, attempt][-self.learning.remembered :]
-            if self._biases:
-                self.attempts = [
-                    each for each in self.attempts if self._gap(each.p) < 0.25
-                ]
-            self._u, self._predicted_distance = choose_plan(s)
-            self._begun = (s, self._memory, self._u, self.p)
-            self.predicted_distances = [
-                *self.predicted_distances,
-                self._predicted_distance,
-            ][-TRACED:]
-            self._seen = []
-        return self._send(s)
+    def _gap(self, p: np.ndarray, other: np.ndarray) -> float:
+        """Squared distance of two p, over the spread of the biases."""
+        squares = float(np.square(p - other).sum())
+        if not squares:
+            return 0.0
+        spread = float(np.var(list(self._biases.values()), axis=0).sum())
+        return squares / max(spread, 1e-12)
 
-    def residual_model(self) -> ResidualModel | None:
-        """How predictions with the present p erred in the attempts so far; None before
-        the first outcome.
-        """
-        if not self.attempts:
-            return None
-        s, u, z = (
-            torch.stack([getattr(each, name) for each in self.attempts])
-            for name in ("s", "u", "z")
-        )
-        parts = zip(*(each.memory for each in self.attempts), strict=True)
-        with torch.no_grad():
-            predicted = self._predict(
-                s, u, Memory(*(torch.cat(part, dim=1) for part in parts))
-            )[..., self.layout.z]
-            return ResidualModel(self._features(s, u), z - predicted, self.learning)
+    def _choose(self, problem: Problem, learned: Experience) -> _Choice:
+        """The plan of the next period."""
+        unknown = self._biases and len(learned.attempts) < 2
+        if unknown and problem.solve and not learned.attempts:
+            return self._recorded_plan(problem)
+        if unknown or not problem.solve:
+            return self._once_more(problem, learned)
+        return self._best_plan(problem, learned)
 
-    def expected_distance(
-        self, s: Tensor, u: Tensor, residuals: ResidualModel | None
-    ) -> Tensor:
-        """Expected distance to the target when plans `[B, T, D_u]` are sent from s
-        `[D_s]`, again and again.
-
-        Root mean square over the periods looked ahead, each with its best step, `[B]`
-        [s.d. of z].
-        """
-        ahead, period, z = self.learning.lookahead, self.settings.period, self.layout.z
-        caution = self._caution() * len(self.z_ref)
-        states = self._predict(s, u.repeat(1, ahead, 1), self._memory).unflatten(
-            1, (ahead, period)
-        )
-        start, total = s.expand(len(u), -1), torch.zeros(len(u))
-        for k in range(ahead):
-            predicted, variance = (
-                states[:, k, :, z],
-                torch.tensor(self.learning.prior_error**2),
-            )
-            if residuals is not None:
-                mean, variance = residuals(self._features(start, u))
-                predicted = predicted + mean
-            squares = (predicted - self.z_ref).square().sum(-1).amin(
-                1
-            ) + caution * variance
-            total = total + squares / ahead
-            start = torch.cat([predicted[:, -1], states[:, k, -1, z.stop :]], dim=1)
-        return total.clamp_min(1e-12).sqrt()
-
-    def _caution(self) -> float:
-        """Weight of the variance: `caution`, less by (aim / best recent outcome)² as
-        long as that is poor.
-        """
-        settings = self.learning
-        recent = self.attempts[-settings.recent :]
-        distances = [
-            float(torch.linalg.vector_norm(each.z - self.z_ref, dim=1).min())
-            for each in recent
-        ]
-        best = min(distances, default=math.inf)
-        return max(
-            settings.least_caution,
-            settings.caution * min(1.0, (settings.aim / max(best, 1e-9)) ** 2),
-        )
-
-    def _features(self, s: Tensor, u: Tensor) -> Tensor:
-        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
-        return torch.cat(
-            [plan, s / self.model.s_std / self.learning.state_scale], dim=1
-        )
-
-    def _gap(self, p: np.ndarray) -> float:
-        """Squared distance of another p to the present one, over the spread of the
-        biases.
-        """
-        squares = float(np.square(p - self.p).sum())
-        return (
-            squares
-            / max(float(np.var(list(self._biases.values()), axis=0).sum()), 1e-12)
-            if squares
-            else 0.0
-        )
-
-    def _recorded_plan(self, s: Tensor) -> tuple[Tensor, float]:
-        """The recorded plan that is near by prediction and was near, with a material
-        whose p is near.
-        """
-        gaps = {name: self._gap(p) for name, p in self._biases.items()}
-        gap = np.array([gaps.get(name, 1.0) for name in self._recorded.material])
-        with torch.no_grad():
-            expected = self.expected_distance(s, self._plans, None)
-        shown = self._recorded.distance**2 + self.learning.difference * gap
-        best = int((expected.numpy() ** 2 + self.learning.trust * shown).argmin())
-        self._note(expected[best, None].numpy())
-        return self._plans[best], float(expected[best])
-
-    def _plan(self, s: Tensor) -> tuple[Tensor, float]:
-        if self._biases and len(self.attempts) < 2:
-            return self._repeat(s) if self.attempts else self._recorded_plan(s)
-        residuals = self.residual_model()
-
-        def loss(plans: Tensor) -> Tensor:
-            return self.expected_distance(s, plans, residuals)
-
-        tried = [attempt.u for attempt in self.attempts]
-        starts = torch.stack(tried) if tried else self._plans[:0]
-        if self.exploring or not tried:
-            starts = torch.cat([starts, self._plans, self._u[None]])
-        with torch.no_grad():
-            losses = loss(starts)
-        best = losses.argsort()[: self.learning.starts if self.exploring else 1]
-        u, losses = starts[best], losses[best]
-        trace = [losses.min().item()]
-        sizes = torch.cat(
-            [
-                torch.zeros(1),
-                torch.logspace(-2.5, math.log10(self.settings.largest_step), 8),
-            ]
-        )
-        for _ in range(self.learning.iterations if self.exploring else 0):
-            _, direction = downhill(loss, u, self.scale)
-            steps = sizes[:, None, None, None] * (direction * self.scale)
-            u, losses = best_step(loss, u, steps, self.lower, self.upper)
-            trace.append(losses.min().item())
-        self._note(np.array(trace))
-        return u[losses.argmin()], trace[-1]
-
-    def _repeat(self, s: Tensor) -> tuple[Tensor, float]:
+    def _once_more(self, problem: Problem, learned: Experience) -> _Choice:
         """The plan of the period that just ended, and what is expected of it from here.
 
         Where p has moved since, its attempt may be forgotten already: the plan is that
         of the period itself.
         """
-        u = self.attempts[-1].u if self._begun is None else self._begun[2]
+        before = learned.under_way or learned.attempts[-1]
+        forecast = self.forecast(problem, learned.attempts)
         with torch.no_grad():
-            return u, float(self.expected_distance(s, u[None], self.residual_model()))
+            expected = float(forecast.distance(before.u[None]))
+        return _Choice(before.u, expected, None)
+
+    def _recorded_plan(self, problem: Problem) -> _Choice:
+        """A recorded plan that is good by prediction, and was good with a near material.
+
+        The sum of three squares decides: the distance that is predicted, the one that
+        was seen, and the distance in p between the recording's material and this one.
+        """
+        recorded = self.recorded(problem)
+        plans = _within(problem.limits, recorded.u)
+        with torch.no_grad():
+            expected = self.forecast(problem).distance(plans)
+
+        gaps = {name: self._gap(p, problem.p) for name, p in self._biases.items()}
+        gap = np.array([gaps.get(name, 1.0) for name in recorded.material])
+        shown = recorded.distance**2 + self.settings.difference * gap
+        scores = expected.numpy() ** 2 + self.settings.trust * shown
+        best = int(scores.argmin())
+        trace = expected[best, None].numpy()
+        return _Choice(plans[best], float(expected[best]), trace)
+
+    def _best_plan(self, problem: Problem, learned: Experience) -> _Choice:
+        """The plan that is expected to lead nearest, after a descent from some starts."""
+        loss = self.forecast(problem, learned.attempts).distance
+        tried = [attempt.u for attempt in learned.attempts]
+
+        # Where to start: plans that were tried, recorded ones, and the one at hand.
+        starts = tried
+        if self.exploring or not tried:
+            recorded = _within(problem.limits, self.recorded(problem).u)
+            starts = [*tried, *recorded, problem.plan]
+        plans = torch.stack(starts)
+        with torch.no_grad():
+            losses = loss(plans)
+        count = self.settings.starts if self.exploring else 1
+        best = losses.argsort()[:count]
+        plans = plans[best]
+        losses = losses[best]
+        trace = [losses.min().item()]
+
+        # Improve them side by side.
+        gamma = self._step_sizes(problem.settings)[:, None, None, None]
+        scale = problem.limits.scale
+        for _ in range(self.settings.iterations if self.exploring else 0):
+            _, direction = downhill(loss, plans, scale)
+            steps = gamma * (direction * scale)
+            plans, losses = best_step(loss, plans, steps, problem.limits)
+            trace.append(losses.min().item())
+        return _Choice(plans[losses.argmin()], trace[-1], np.array(trace))
+
+    def _step_sizes(self, settings: ControlSettings) -> Tensor:
+        """Values of gamma to try: 0, which keeps a plan, and a logarithmic scale."""
+        largest = math.log10(settings.largest_step)
+        rising = torch.logspace(_SMALLEST_STEP, largest, _STEP_SIZES)
+        return torch.cat([torch.zeros(1), rising])
+
+
+def _target_of(problem: Problem) -> Tensor:
+    """The target `[D_z]`, which the loss of an image knows."""
+    return problem.loss_of.z_ref  # type: ignore[attr-defined]
+
+
+def _within(limits: Limits, plans: np.ndarray) -> Tensor:
+    """Recorded plans `[N, T, D_u]` within the limits of the commands."""
+    recorded = torch.as_tensor(plans, dtype=torch.float32)
+    return recorded.clamp(limits.lower, limits.upper)

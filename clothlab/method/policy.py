@@ -17,8 +17,9 @@ class Policy:
     name = "policy"  # in recorded trials
 
     def reset(self, seed: int = 0) -> None:
-        """Forget the last run, before a new one; `seed` is that of the policy's own
-        random numbers.
+        """Forget the last run, before a new one.
+
+        `seed` is that of the policy's own random numbers.
         """
 
     def set_target(self, mask: ArrayLike) -> None:
@@ -35,9 +36,8 @@ class Policy:
 class Wrapper(Policy):
     """A policy around another one, to which it passes everything on."""
 
-    def __init__(self, policy: "Policy | Callable[[Observation], ArrayLike]"):
+    def __init__(self, policy: Policy | Callable[[Observation], ArrayLike]):
         self.policy = as_policy(policy)
-        self.reset()
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -72,6 +72,7 @@ def as_policy(policy: Policy | Callable[[Observation], ArrayLike]) -> Policy:
     """Return a plain function as a policy, and a policy as it is."""
     if not callable(policy) or isinstance(policy, type):
         raise TypeError(
-            f"a policy is called with an observation and returns a command, got {policy!r}"
+            "a policy is called with an observation and returns a command, got "
+            f"{policy!r}"
         )
     return policy if isinstance(policy, Policy) else _FunctionPolicy(policy)

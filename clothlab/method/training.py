@@ -1,7 +1,10 @@
-"""Training W and one p for each material together (paper, eqs. 3 and 4)."""
+"""Training W and one p for each material together (paper, eqs. 3 and 4).
 
-import ctypes
-import sys
+There is one model for all materials, and nobody tells it what a material is like. p of
+each material starts at zero and is moved by the same gradient as the weights W: what
+the weights can't explain, since it differs between materials, goes into p.
+"""
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,10 +31,152 @@ from clothlab.method.data import (
     set_normalisation,
     windows,
 )
+from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 
-# glibc's parameters for `mallopt`, and their new values [byte].
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 512 * 2**20), (-3, 32 * 2**20)
+
+@dataclass(frozen=True)
+class ModelTraining(Checked):
+    """How W and p are trained together; the defaults are the paper's for simulation."""
+
+    epochs: int = setting(300, at_least=1)
+    batch_size: int = setting(300, at_least=1)  # windows
+    sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
+    bias_size: int = setting(2, at_least=0)  # D_p
+
+    # The paper stops here. What follows keeps a large network from learning 4,500 steps
+    # by heart (notebook 04): windows overlap, the learning rate of W falls to zero
+    # along a cosine, and that of p is larger, since its few numbers must travel far.
+    stride: int = setting(5, "step", at_least=1)  # between the starts of two windows
+    learning_rate: float = setting(2e-3, above=0)
+    bias_learning_rate: float = setting(6e-3, above=0)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingTrace:
+    """What happened in a training."""
+
+    losses: np.ndarray  # mean squared error of each epoch [epochs] [s.d.²]
+    # p of each material before the first epoch and after each, {name: [epochs + 1, D_p]}.
+    biases: dict[str, np.ndarray]
+
+
+def train_dpmpb(
+    runs: Sequence[Run],
+    settings: ModelTraining | None = None,
+    *,
+    known: Mapping[str, ArrayLike] | None = None,
+    seed: int = 0,
+    device: str | None = None,
+    progress: bool = True,
+) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
+    """Train the weights W and one p for each material together, p from zero.
+
+    Args:
+        runs: recordings of one robot, each longer than a window; runs of one material
+            share one p.
+        settings: of the training.
+        known: p of each material, `{name: [D_p]}`, if only W is to be trained.
+        seed: of the first weights and of the order of the windows.
+        device: by default a GPU, where torch sees one.
+        progress: show a progress bar.
+
+    Returns:
+        The model, on the processor and in evaluation mode; p of each material,
+        `{name: [D_p]}`; and the trace of losses and p.
+    """
+    settings = settings_or_default(settings, ModelTraining)
+    device = device or best_device()
+    runs = check_runs(runs)
+    _check_lengths(runs, settings.sequence_length)
+    materials = materials_of(runs)
+    p = _first_biases(materials, settings.bias_size, known).to(device)
+    p.requires_grad_(not known)
+
+    with seeded(seed):
+        states = runs[0].s.shape[1]
+        commands = runs[0].u.shape[1]
+        model = DPMPB(states, commands, settings.bias_size)
+        set_normalisation(model, runs)
+        model = quicken(model).to(device)
+        losses, path = _train(model, p, runs, settings, progress)
+
+    paths = {name: path[:, k] for k, name in enumerate(materials)}
+    biases = {name: each[-1] for name, each in paths.items()}
+    return model.cpu().eval(), biases, TrainingTrace(np.array(losses), paths)
+
+
+def _train(
+    model: DPMPB,
+    p: Tensor,
+    runs: Sequence[Run],
+    settings: ModelTraining,
+    progress: bool,
+) -> tuple[list[float], np.ndarray]:
+    """Train W and p `[K, D_p]` in place, where p lies.
+
+    Returns the loss of each epoch, and p before the first epoch and after each,
+    `[epochs + 1, K, D_p]`.
+    """
+    s, u, k = windows(runs, settings.sequence_length, settings.stride)
+    s, u, k = s.to(p.device), u.to(p.device), k.to(p.device)
+
+    def loss(index: Tensor) -> Tensor:
+        """L(W, p) of some windows: each next state, predicted from the true ones."""
+        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+        return model.loss(predicted, s[index, 1:])
+
+    def batches() -> Sequence[Tensor]:
+        order = torch.randperm(len(s), device=p.device)
+        return order.split(settings.batch_size)
+
+    # W and p are moved by the same gradient, each at its own rate.
+    groups: list[dict[str, Any]] = [{"params": model.parameters()}]
+    if p.requires_grad:
+        groups.append({"params": [p], "lr": settings.bias_learning_rate})
+
+    losses = []
+    path = [p.detach().cpu().numpy().copy()]
+    bar = "DPMPB" if progress else None
+    for mean_loss in minimise(
+        groups, loss, batches, settings.epochs, settings.learning_rate, bar=bar
+    ):
+        losses.append(mean_loss)
+        path.append(p.detach().cpu().numpy().copy())
+    return losses, np.stack(path)
+
+
+def _first_biases(
+    materials: list[str], size: int, known: Mapping[str, ArrayLike] | None
+) -> Tensor:
+    """Zeros, or what is known, `[K, D_p]`."""
+    biases = torch.zeros(len(materials), size)
+    for k, name in enumerate(materials if known else ()):
+        p = choose("material", name, known or {})
+        p = check_array(f"p of {name}", p, (size,), np.float32)
+        biases[k] = torch.as_tensor(p)
+    return biases
+
+
+def _check_lengths(runs: Sequence[Run], length: int) -> None:
+    """A ValueError if runs are too short, or not of one robot."""
+    if not runs:
+        raise ValueError("no runs to train on")
+    for run in runs:
+        if len(run) <= length:
+            raise ValueError(
+                f"a run needs more steps than the {length} of a sequence, got {len(run)}"
+            )
+        states_differ = run.s.shape[1] != runs[0].s.shape[1]
+        commands_differ = run.u.shape[1] != runs[0].u.shape[1]
+        if states_differ or commands_differ:
+            raise ValueError(
+                "all runs must have states and commands of the same sizes: was each "
+                "recorded with the same robot?"
+            )
+
+
+# What the trainings of all networks share.
 
 
 def minimise(
@@ -44,22 +189,32 @@ def minimise(
     fused: bool = True,
     bar: str | None = None,
 ) -> Iterator[float]:
-    """Minimise a loss by Adam, whose learning rate falls to zero along a cosine; yields
-    the mean loss of each epoch.
+    """Minimise a loss by Adam, whose learning rate falls to zero along a cosine.
 
-    `parameters` are tensors, or Adam's groups with learning rates `lr` of their own.
-    `batches` draws the batches of one epoch, as many in each, such as `lambda:
-    torch.randperm(n).split(64)`; a single update is an epoch of one batch. A `fused`
-    update is faster, and rounds differently. `bar` is the title of a progress bar.
+    Args:
+        parameters: tensors, or Adam's groups with learning rates `lr` of their own.
+        loss: of one batch.
+        batches: draws the batches of one epoch, as many in each, such as
+            `lambda: torch.randperm(n).split(64)`. A single update is an epoch of one
+            batch.
+        epochs: how often all batches are gone through.
+        learning_rate: at the start.
+        fused: a fused update is faster, and rounds differently.
+        bar: title of a progress bar; without one there is none.
+
+    Yields:
+        The mean loss of each epoch.
     """
     optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
     schedule = None
     epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
     for _ in epoch_bar:
-        drawn, total = batches(), 0.0
-        schedule = schedule or torch.optim.lr_scheduler.CosineAnnealingLR(
-            optimizer, epochs * len(drawn)
-        )
+        drawn = batches()
+        if schedule is None:
+            updates = epochs * len(drawn)
+            schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
+
+        total = 0.0
         for batch in drawn:
             value = loss(batch)
             optimizer.zero_grad()
@@ -67,18 +222,16 @@ def minimise(
             optimizer.step()
             schedule.step()
             total += value.item() * len(batch)
+
         mean = total / sum(map(len, drawn))
         epoch_bar.set_postfix(loss=f"{mean:.4f}")
         yield mean
 
 
 @contextmanager
-def training(seed: int) -> Iterator[None]:
-    """Random numbers of its own, from a seed; the caller's go on as if nothing had
-    happened. Memory is used again.
-    """
+def seeded(seed: int) -> Iterator[None]:
+    """Random numbers from a seed; the caller's go on as if nothing had happened."""
     check_seed(seed)
-    _keep_freed_memory()
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         yield
@@ -87,161 +240,3 @@ def training(seed: int) -> Iterator[None]:
 def best_device() -> str:
     """Where to train by default: a GPU where torch sees one."""
     return "cuda" if torch.cuda.is_available() else "cpu"
-
-
-def _keep_freed_memory() -> None:
-    """Let glibc keep up to half a gigabyte that was freed, rather than give it back to
-    the system.
-
-    Each training step frees some 40 MB and asks for them again. Left alone, glibc gives
-    them back in between, and the system clears thousands of pages anew for each step: a
-    sixth of an autoencoder's training time.
-    """
-    mallopt = (
-        getattr(ctypes.CDLL(None), "mallopt", None)
-        if sys.platform.startswith("linux")
-        else None
-    )
-    if mallopt:
-        mallopt(*_TRIM_THRESHOLD)
-        mallopt(*_MMAP_THRESHOLD)
-
-
-@dataclass(frozen=True)
-class ModelTraining(Checked):
-    """How W and p are trained together; the defaults are the paper's for the
-    simulation.
-    """
-
-    epochs: int = setting(300, at_least=1)
-    batch_size: int = setting(300, at_least=1)  # sequences
-    sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
-    bias_size: int = setting(2, at_least=0)  # D_p
-    # The paper stops here. What follows keeps a large network from learning 4,500 steps
-    # by heart (notebook 04).
-    # Between the starts of overlapping sequences
-    stride: int = setting(5, "step", at_least=1)
-    learning_rate: float = setting(2e-3, above=0)  # of W; falls to zero along a cosine
-    # Of p, whose few numbers must travel far
-    bias_learning_rate: float = setting(6e-3, above=0)
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingTrace:
-    """What happened in a training."""
-
-    # Mean squared error of each epoch, in standard deviations, [epochs]
-    losses: np.ndarray
-    biases: dict[
-        str, np.ndarray
-        # P of each material before the first epoch and after each, {name: [epochs + 1,
-        # D_p]}
-    ]
-
-
-def train_dpmpb(
-    runs: Sequence[Run],
-    settings: ModelTraining | None = None,
-    *,
-    known: Mapping[str, ArrayLike] | None = None,
-    seed: int = 0,
-    device: str | None = None,
-    progress: bool = True,
-) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
-    """Train the weights W and one p for each material together (eqs. 3 and 4), p from
-    zero.
-
-    With `known`, p of each material `{name: [D_p]}`, only W is trained. The device is a
-    GPU by default, where torch sees one. Returns the model on the CPU, p of each
-    material, and the trace of losses and p.
-    """
-    settings = settings_or_default(settings, ModelTraining)
-    device = device or best_device()
-    runs = check_runs(runs)
-    _check_lengths(runs, settings.sequence_length)
-    names = materials_of(runs)
-    p = (
-        _first_biases(names, settings.bias_size, known)
-        .to(device)
-        .requires_grad_(not known)
-    )
-    with training(seed):
-        model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
-        set_normalisation(model, runs)
-        losses, path = _train(model.to(device), p, runs, settings, device, progress)
-    trace = TrainingTrace(
-        np.array(losses), dict(zip(names, np.stack(path, axis=1), strict=True))
-    )
-    return (
-        model.cpu().eval(),
-        {name: each[-1] for name, each in trace.biases.items()},
-        trace,
-    )
-
-
-def _train(
-    model: DPMPB,
-    p: Tensor,
-    runs: Sequence[Run],
-    settings: ModelTraining,
-    device: str,
-    progress: bool,
-) -> tuple[list[float], list[np.ndarray]]:
-    """Train W and p `[K, D_p]` in place: the loss of each epoch, and p before the first
-    and after each.
-    """
-    s, u, k = (
-        part.to(device)
-        for part in windows(runs, settings.sequence_length, settings.stride)
-    )
-
-    def loss(index: Tensor) -> Tensor:
-        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
-        return model.loss(predicted, s[index, 1:])
-
-    def batches() -> Sequence[Tensor]:
-        return torch.randperm(len(s), device=device).split(settings.batch_size)
-
-    groups: list[dict[str, Any]] = [{"params": model.parameters()}]
-    if p.requires_grad:
-        groups.append({"params": [p], "lr": settings.bias_learning_rate})
-    losses, path, bar = (
-        [],
-        [p.detach().cpu().numpy().copy()],
-        "DPMPB" if progress else None,
-    )
-    for mean_loss in minimise(
-        groups, loss, batches, settings.epochs, settings.learning_rate, bar=bar
-    ):
-        losses.append(mean_loss)
-        path.append(p.detach().cpu().numpy().copy())
-    return losses, path
-
-
-def _first_biases(
-    materials: list[str], size: int, known: Mapping[str, ArrayLike] | None
-) -> Tensor:
-    """Zeros, or what is known, `[K, D_p]`."""
-    if not known:
-        return torch.zeros(len(materials), size)
-    rows = [
-        check_array(
-            f"p of {name}", choose("material", name, known), (size,), np.float32
-        )
-        for name in materials
-    ]
-    return torch.as_tensor(np.array(rows))
-
-
-def _check_lengths(runs: Sequence[Run], length: int) -> None:
-    if not runs:
-        raise ValueError("no runs to train on")
-    for run in runs:
-        if len(run) <= length:
-            raise ValueError(
-                f"a run needs more steps than the {length} of a sequence, got {len(run)}"
-            )
-        if run.s.shape[1] != runs[0].s.shape[1] or run.u.shape[1] != runs[0].u.shape[1]:
-            raise ValueError(
-                "all runs must have states and commands of the same sizes: was each recorded with the same robot?"
-            )

@@ -15,12 +15,12 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, choose, setting
+from clothlab._validation import Checked, check_array, choose, setting
 from clothlab.masks import Observation, check_mask
-from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.cloth_task import PlanningPolicy, observe
+from clothlab.method.autoencoder import Autoencoder, encode
+from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
-from clothlab.method.fast_rollout import FastDPMPB
+from clothlab.method.fast_rollout import FastDPMPB, rollout_of
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
@@ -236,7 +236,7 @@ class _ThrowAttempt:
     released: bool  # whether it did
 
 
-class ThrowPolicy(PlanningPolicy):
+class ThrowPolicy(Policy):
     """Throws a cloth so that it looks like a target image when it has come to lie.
 
     Each attempt waits until the cloth hangs still and chooses, among the recorded
@@ -263,13 +263,29 @@ class ThrowPolicy(PlanningPolicy):
             settings or ThrowSettings(),
             IterativeLearningSettings(),
         )
-        super().__init__(model, autoencoder, _arm_with_hand(arm))
+        self.model = model
+        self.autoencoder = autoencoder
+        self.arm = _arm_with_hand(arm)
+        self.layout = self.arm.layout(autoencoder.latent_size)
+        self.lower = torch.tensor(self.arm.command_lower, dtype=torch.float32)
+        self.upper = torch.tensor(self.arm.command_upper, dtype=torch.float32)
+        self._rollout_of_model = rollout_of(model)
         # In the last column of a plan is the release time
         self.lower[-1], self.upper[-1] = self.settings.release
         self.set_target(target)
         self.set_bias(p)
         self._learn_from(runs, biases)
         self.reset()
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next attempt on."""
+        self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]` from the next attempt on."""
+        p = check_array("p", p, (self.model.bias_size,), np.float32)
+        self._p = torch.as_tensor(p)
+        self._predict = self._rollout_of_model(self.model, self._p)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last attempts; the cloth hangs still at the arm's home."""
