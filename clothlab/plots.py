@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clothlab.alt_text import describe
+from clothlab._alt_text import describe
 from clothlab.analysis import principal_axes
 from clothlab.calibration import outline
 from clothlab.simulation.cloth import DAMPINGS, Cloth
@@ -137,7 +137,7 @@ def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) ->
         line[0].set_ylabel(label, fontsize=9)
         for ax, image, title in zip(line, images, titles, strict=True):
             ax.imshow(image, cmap="gray", vmin=0, vmax=1)
-            # The label is for `alt_text`
+            # The label is for `_alt_text`
             ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=9)

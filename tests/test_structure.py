@@ -35,7 +35,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 LAYERS = [
     "_validation",
     "_files",
-    "alt_text",
+    "_alt_text",
     "masks",
     "method",
     "simulation",
@@ -65,7 +65,7 @@ BUDGETS = {  # at most; lines are only reported
     "rooms": 22,
     "floors": 11,
     "imports between rooms": 140,
-    "public names": 480,
+    "public names": 240,
     "lines of the longest class": 260,
     "lines of the longest function": 90,
     "widest line": 150,

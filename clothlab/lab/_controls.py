@@ -19,7 +19,7 @@ import traitlets
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from clothlab.alt_text import AltText, describe
+from clothlab._alt_text import AltText, describe
 from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._messages import keep_error
 from clothlab.lab._pictures import encoded

@@ -12,8 +12,8 @@ import anywidget
 import numpy as np
 import traitlets
 
+from clothlab._alt_text import AltText
 from clothlab._validation import check_number, choose
-from clothlab.alt_text import AltText
 from clothlab.lab._actions import Message, PanelActions
 from clothlab.lab._clock import Clock, LoopCallbacks
 from clothlab.lab._messages import Messages

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab import plots
-from clothlab.alt_text import AltText, describe
+from clothlab._alt_text import AltText, describe
 from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture

@@ -15,8 +15,8 @@ import ipywidgets
 import numpy as np
 
 from clothlab import artifacts
+from clothlab._alt_text import AltText
 from clothlab._files import OtherKindError, reading, write_bytes
-from clothlab.alt_text import AltText
 from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._controls import WRAPPED
 from clothlab.lab._messages import Messages

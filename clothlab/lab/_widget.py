@@ -8,7 +8,7 @@ from typing import Any
 import anywidget
 from IPython.display import display
 
-from clothlab.alt_text import AltText
+from clothlab._alt_text import AltText
 
 # A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
 # "model not found" where a widget was, and asks no other representation of it. So these
