@@ -17,7 +17,7 @@ from pathlib import Path
 import nbformat
 
 from clothlab._files import write_bytes
-from clothlab.lab.widget import REOPENED
+from clothlab.lab._widget import REOPENED
 from course.editions import ROOT, student_edition
 from course.solutions import solved, tags, without
 

@@ -12,8 +12,8 @@ from tqdm import trange
 
 from clothlab import data
 from clothlab.lab import LivePanel
-from clothlab.lab.playback import RECORDING, SessionRecording
-from clothlab.lab.views import MATERIAL
+from clothlab.lab._playback import RECORDING, SessionRecording
+from clothlab.lab._views import MATERIAL
 from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.env import CONTROL_PERIOD
 

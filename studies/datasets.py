@@ -13,7 +13,7 @@ import numpy as np
 from sklearn.cluster import KMeans
 
 from clothlab._validation import check_kind, check_seed, choose
-from clothlab.data import save_target
+from clothlab.data import Folder, data_folder, save_target
 from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import get_arm

@@ -7,7 +7,7 @@ import pytest
 from test_plots import FIGURES
 
 from clothlab import plots
-from clothlab.alt_text import describe
+from clothlab._alt_text import describe
 
 
 def only(figure):
