@@ -15,7 +15,7 @@ SITE := build/book$(if $(STUDENT),-student)
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow mutate pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -63,6 +63,9 @@ parts: doctor check slow notebooks pages
 
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
+
+mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; an hour or more (OPTIONS="--count 20")
+	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
 # Of the tests in a browser, those of a moving robot have one core to themselves; all others share the second.
 LIVE := $(addprefix tests/browser/test_,demonstration.py live_lab.py mpc.py)

@@ -3,8 +3,9 @@
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
 every notebook at full size, a wheel of every pin for every platform, the student
-edition's site, and speed. A summary goes to `build/nightly.md`; `python
-scripts/nightly.py --only soak` does one part and writes nothing.
+edition's site, speed, and 200 mutants of the method and the simulation. A summary goes
+to `build/nightly.md`; `python scripts/nightly.py --only soak` does one part and writes
+nothing.
 """
 
 import argparse
@@ -42,9 +43,12 @@ PARTS = {  # what it is: command, and settings in the environment
         {"CLOTHLAB_PAGES": "1"},
     ),
     "bench": ((sys.executable, "scripts/bench.py"), {}),
+    "mutants": ((sys.executable, "scripts/mutate.py"), {"OMP_NUM_THREADS": "1"}),
 }
 # Lines of the summary
-SHOWN = re.compile(r"^(?!.*%\|).*(\d+ (passed|failed)|claims|minutes|[≤≥]|:.*\d)")
+SHOWN = re.compile(
+    r"^(?!.*%\|).*(\d+ (passed|failed)|claims|minutes|[≤≥]|:.*\d)|^[-+] "
+)
 
 
 def run(name: str) -> tuple[bool, str]:

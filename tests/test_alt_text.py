@@ -4,10 +4,32 @@ figure does.
 
 import numpy as np
 import pytest
-from test_plots import FIGURES
 
 from clothlab import plots
 from clothlab._alt_text import describe
+from clothlab.simulation.cloth import CLOTHS, FOAMS
+
+RNG = np.random.default_rng(0)
+BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
+PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
+MASKS = RNG.random((3, 96, 128)) > 0.5
+FIGURES = {
+    "image grid": lambda: plots.image_grid(MASKS, ["a", "b", "c"], columns=2),
+    "untitled image grid": lambda: plots.image_grid([np.zeros((4, 4, 3), np.uint8)]),
+    "film strips": lambda: plots.film_strips(
+        {"one": MASKS, "other": MASKS}, ["1", "2", "3"]
+    ),
+    "time series": lambda: plots.time_series(
+        {"x": np.arange(4.0), "y": np.arange(4.0) ** 2}, "x [m]"
+    ),
+    "map": lambda: plots.material_map(BIASES, CLOTHS),
+    "map of foams": lambda: plots.material_map(
+        {name: RNG.normal(size=2) for name in FOAMS}, FOAMS, {"run": PATH}
+    ),
+    "map with a region": lambda: plots.material_map(
+        BIASES, CLOTHS, {"run": PATH}, {"run": 0.1 * np.eye(2)}
+    ),
+}
 
 
 def only(figure):

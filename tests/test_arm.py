@@ -16,7 +16,7 @@ from clothlab.simulation.arm import (
     check_command,
     get_arm,
 )
-from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
 MUSCLE = MuscleArm()
@@ -272,3 +272,24 @@ def test_a_camera_is_moved_along_and_about_its_own_axes():
     assert camera.moved(turn=(0, 0, 5)).axes[1] @ right < 0  # its top leans left
     assert camera.moved(turn=(0, 0, 5)).roll == pytest.approx(5)
     assert camera.fovy == camera.moved((1, 0, 0)).fovy
+
+
+def full_swing(arm):
+    """How fast the motors reel in `[6]` [m/s], and how fast the hand is at most."""
+    env, hand = ClothEnv(arm, "hard-1"), []
+    before = env.data.act.copy()
+    command = [-0.8, -1.6, 70.0]
+    env.advance(command, lambda: hand.append(env.data.site("hand").xpos.copy()), 50)
+    reeled = np.abs(env.data.act - before) / CONTROL_PERIOD
+    steps = np.linalg.norm(np.diff(hand, axis=0), axis=1)
+    return reeled, steps.max() / (CONTROL_PERIOD / 50)
+
+
+def test_motors_reel_in_no_faster_than_their_speed_and_the_hand_feels_it():
+    """With half the motors' speed the hand is about half as fast."""
+    speed = MUSCLE.motor_speed
+    reeled, hand = full_swing(MUSCLE)
+    slowly, slow_hand = full_swing(replace(MUSCLE, motor_speed=speed / 2))
+    assert reeled == pytest.approx(np.full(6, speed), rel=1e-6)
+    assert slowly == pytest.approx(np.full(6, speed / 2), rel=1e-6)
+    assert hand == pytest.approx(2 * slow_hand, rel=0.3)

@@ -182,3 +182,21 @@ def test_a_calibration_needs_runs_with_known_materials(names, lengths, message):
     ]
     with pytest.raises((ValueError, KeyError), match=message):
         calibrate(Toy(), BIASES, runs, lengths=lengths)
+
+
+def test_what_is_usual_is_learned_of_each_material_and_each_sensor():
+    """Errors of a material are judged by its own: log of the variance of its noise."""
+    rng = np.random.default_rng(7)
+    noises = {"a": [0.05, 0.1, 0.2], "b": [0.4, 0.2, 0.1], "c": [0.1, 0.1, 0.1]}
+    runs = [
+        toy_run(BIASES[name], rng, 120, np.array(noise), name)
+        for name, noise in noises.items()
+        for _ in range(4)
+    ]
+    found = calibrate(Toy(), BIASES, runs, lengths=(60, 110), settings=ENDLESS)
+    assert found.usual == pytest.approx(2 * np.log([*noises.values()]), abs=0.25)
+    p, fit = best_bias(Toy(), runs[4], [0, 0], ENDLESS)  # of b
+    assert found.log_error_ratio(fit, p) == pytest.approx(0, abs=0.2)
+    surprise = 2 * np.log(np.divide(noises["b"], noises["a"])).mean()
+    ratio = found.log_error_ratio(fit, BIASES["a"])
+    assert ratio == pytest.approx(surprise, abs=0.25)

@@ -47,7 +47,9 @@ def follow(estimator, run):
 def test_with_w_fixed_estimation_recovers_the_p_that_generated_the_data(listening, run):
     p = np.zeros(2)
     for _ in range(6):
-        p, _ = estimate_bias(listening, run, p, EstimationSettings(rate=40.0, warmup=0))
+        p, _ = estimate_bias(
+            listening, run, p, settings=EstimationSettings(rate=40.0, warmup=0)
+        )
     assert p == pytest.approx([0.4, -0.3], abs=0.02)
 
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -134,6 +135,24 @@ def test_a_frame_has_pictures_and_traces_as_long_as_the_history(
     assert titles[0] == "distance to the target"
     assert frame["traces"][0]["limit"] == ("hanging still", session.still_distance)
     assert ("stiffness command" in titles) == session.arm.has_stiffness
+
+
+def picture(file):
+    """The grey picture in a file, 0 to 255."""
+    return cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_GRAYSCALE)
+
+
+def test_beside_what_the_camera_sees_stands_what_the_autoencoder_makes_of_it(
+    session, shown, history
+):
+    autoencoder = session.trained.autoencoder
+    for steps in ([], history):
+        image = steps[-1].image if steps else session.observation["image"] > 0
+        frame = shown.frame(steps)
+        assert np.array_equal(picture(frame["seen"]), 255 * image)
+        decoded = decode(autoencoder, encode(autoencoder, image))
+        assert picture(frame["decoded"]) / 255 == pytest.approx(decoded, abs=0.02)
+        assert np.abs(decoded - image).max() > 0.1  # they can be told apart
 
 
 def test_predictions_stand_beside_the_distance_and_where_their_period_ended(

@@ -3,52 +3,99 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from clothlab import plots
 from clothlab.simulation.cloth import CLOTHS, FOAMS
 
 RNG = np.random.default_rng(0)
-BIASES = {name: RNG.normal(size=2) for name in CLOTHS}
-PATH = np.cumsum(RNG.normal(size=(6, 2)), axis=0)
 MASKS = RNG.random((3, 96, 128)) > 0.5
-FIGURES = {
-    "image grid": lambda: plots.image_grid(MASKS, ["a", "b", "c"], columns=2),
-    "untitled image grid": lambda: plots.image_grid([np.zeros((4, 4, 3), np.uint8)]),
-    "film strips": lambda: plots.film_strips(
-        {"one": MASKS, "other": MASKS}, ["1", "2", "3"]
-    ),
-    "time series": lambda: plots.time_series(
-        {"x": np.arange(4.0), "y": np.arange(4.0) ** 2}, "x [m]"
-    ),
-    "map": lambda: plots.material_map(BIASES, CLOTHS),
-    "map of foams": lambda: plots.material_map(
-        {name: RNG.normal(size=2) for name in FOAMS}, FOAMS, {"run": PATH}
-    ),
-    "map with a region": lambda: plots.material_map(
-        BIASES, CLOTHS, {"run": PATH}, {"run": 0.1 * np.eye(2)}
-    ),
-}
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_labelled_drawn_once_and_its_lines_can_be_told_apart(name):
-    figure = FIGURES[name]()
-    assert plt.get_fignums() == [], "a notebook would show it twice"
-    figure.canvas.draw()
-    for ax in figure.axes:
-        assert (
-            not ax.axison
-            or ax.get_xlabel()
-            or ax.get_title()
-            or ax.get_ylabel()
-            or not ax.get_xticks().size
-        )
-        looks = [
-            (line.get_color(), line.get_linestyle())
-            for line in ax.lines
-            if not line.get_label().startswith("_")
-        ]
-        assert len(set(looks)) == len(looks)
+def map_axes(figure):
+    """The axes of a map, and where its dots and rings are, in the order drawn."""
+    (ax,) = figure.axes
+    return ax, [np.array(each.get_offsets()[0]) for each in ax.collections]
+
+
+def test_time_series_show_each_quantity_over_seconds():
+    x, y = np.arange(4.0), np.arange(4.0) ** 2
+    figure = plots.time_series({"x": x, "y": y}, "x [m]")
+    (ax,) = figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "x [m]")
+    for line, label, values in zip(ax.lines, "xy", (x, y), strict=True):
+        assert line.get_label() == label
+        shown = np.column_stack([0.2 * np.arange(4), values])
+        assert line.get_xydata() == pytest.approx(shown)
+    assert [text.get_text() for text in figure.legends[0].texts] == ["x", "y"]
+    looks = {(line.get_color(), line.get_linestyle()) for line in ax.lines}
+    assert len(looks) == 2
+
+
+def test_images_stand_in_rows_with_their_titles():
+    figure = plots.image_grid(MASKS, ["a", "b", "c"], columns=2)
+    assert len(figure.axes) == 4
+    for ax, mask, title in zip(figure.axes, MASKS, "abc", strict=False):
+        assert np.array_equal(ax.images[0].get_array(), mask)
+        assert ax.get_title() == title
+    assert not any(ax.axison for ax in figure.axes)
+    assert [len(ax.images) for ax in figure.axes] == [1, 1, 1, 0]
+    picture = np.full((4, 4, 3), 128, np.uint8)
+    (ax,) = plots.image_grid([picture]).axes
+    assert np.array_equal(ax.images[0].get_array(), picture)
+
+
+def test_runs_of_masks_stand_below_each_other():
+    figure = plots.film_strips({"one": MASKS, "other": ~MASKS}, ["1", "2", "3"])
+    shown = [ax.images[0].get_array() for ax in figure.axes]
+    assert np.array_equal(shown, [*MASKS, *~MASKS])
+    assert [ax.get_title() for ax in figure.axes] == ["1", "2", "3", "", "", ""]
+    rows = [ax.get_ylabel() for ax in figure.axes]
+    assert rows == ["one", "", "", "other", "", ""]
+
+
+def test_a_map_has_pc1_across_and_pc2_upwards():
+    """Five times as far apart across as upwards, whichever number of p that is."""
+    grid = np.array([(5.0 * i, 1.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    for axes in ([0, 1], [1, 0]):
+        biases = dict(zip(CLOTHS, grid[:, axes], strict=True))
+        path = np.array([[0.0, 0.0], [2.0, 0.5]])[:, axes]
+        spread = np.diag([0.4, 0.1])[axes][:, axes]
+        runs = {"run": path}, {"run": spread}
+        ax, places = map_axes(plots.material_map(biases, CLOTHS, *runs))
+        assert ax.get_xlabel() == "PC1 (96% of the variance)"
+        assert ax.get_ylabel() == "PC2 (4%)"
+        assert np.abs(places[:9]) == pytest.approx(np.abs(grid))
+        labels = [text.get_text() for text in ax.texts]
+        assert labels == [cloth.label for cloth in CLOTHS.values()]
+        (line,) = ax.lines
+        assert np.abs(line.get_xydata()) == pytest.approx(np.array([[0, 0], [2, 0.5]]))
+        assert np.abs(places[9]) == pytest.approx([2, 0.5])  # the ring
+        (region,) = ax.patches
+        halves = np.ptp(region.get_xy(), axis=0) / 2
+        edge = np.sqrt(chi2.ppf(0.9, 2) * np.array([0.4, 0.1]))
+        assert halves == pytest.approx(edge, rel=0.01)
+
+
+def test_a_marker_s_size_is_the_mass_and_its_shape_the_drag_or_the_foam():
+    for cloths in (CLOTHS, FOAMS):
+        biases = {name: RNG.normal(size=2) for name in cloths}
+        ax, _ = map_axes(plots.material_map(biases, cloths))
+        sizes = [dots.get_sizes()[0] for dots in ax.collections]
+        masses = [cloth.mass for cloth in cloths.values()]
+        assert np.divide(sizes, masses) == pytest.approx(sizes[0] / masses[0])
+        shapes = {}
+        for dots, cloth in zip(ax.collections, cloths.values(), strict=True):
+            shape = dots.get_paths()[0].vertices.tobytes()
+            shapes.setdefault(cloth.foam or cloth.damping, set()).add(shape)
+        assert [len(each) for each in shapes.values()] == [1] * len(shapes)
+        assert len(set.union(*shapes.values())) == len(shapes)
+    assert ax.get_title() == ""  # which would explain numbers
+
+
+def test_a_figure_is_shown_once_in_a_notebook():
+    plots.time_series({"x": np.arange(4.0)}, "x [m]").canvas.draw()
+    assert plt.get_fignums() == []
 
 
 @pytest.mark.slow

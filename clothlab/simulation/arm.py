@@ -307,8 +307,8 @@ class TorqueArm(Arm):
     camera: Camera = Camera(
         position=(1.35, -1.35, 1.75), target=(0.42, 0.0, 0.93), fovy=39.0
     )
-    link_masses: tuple[float, float] = setting((1.0, 0.7), "kg")
-    hinge_damping: float = setting(0.5, "N m s/rad")
+    link_masses: tuple[float, float] = setting((1.0, 0.7), "kg", above=0)
+    hinge_damping: float = setting(0.5, "N m s/rad", at_least=0)
     servo_stiffness: tuple[float, float] = setting((120.0, 60.0), "N m/rad", above=0)
     servo_damping: tuple[float, float] = setting((8.0, 4.0), "N m s/rad", at_least=0)
 
@@ -359,8 +359,8 @@ class MuscleArm(Muscles, Arm):
     camera: Camera = Camera(
         position=(-0.05, -0.25, 1.45), target=(0.50, 0.0, 0.90), fovy=75.0
     )
-    link_masses: tuple[float, float] = setting((1.3, 1.2), "kg")
-    hinge_damping: float = setting(1.0, "N m s/rad")
+    link_masses: tuple[float, float] = setting((1.3, 1.2), "kg", above=0)
+    hinge_damping: float = setting(1.0, "N m s/rad", at_least=0)
     # Wide, because a soft arm sags
     stop_margin: float = setting(0.6, "rad", at_least=0)
     # f_const at the start, where the range allows it

@@ -159,15 +159,6 @@ def test_a_fixed_stiffness_stays_fixed_in_every_command(
 
 
 @pytest.mark.slow
-def test_a_row_begins_with_the_hanging_cloth_and_has_a_trace_for_each_period():
-    row = oracle._run_one(
-        "torque", "target-2", "damp0.03-mass0.05", None, True, 0, periods=2, search=TINY
-    )
-    assert row["distance"].shape == (16,)
-    assert row["trace"].shape == (2, 3)
-
-
-@pytest.mark.slow
 def test_a_plan_for_one_cloth_is_sent_with_another_and_may_be_searched_by_overlap():
     light, heavy = (cloth.name for cloth in NEW["torque"][-2:])
     by_distance, by_overlap = (

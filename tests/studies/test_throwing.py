@@ -180,3 +180,22 @@ def test_a_cloth_laid_by_hand_is_seen_as_spread():
     assert seen.spread
     assert seen.centre[0] == pytest.approx(0.72, abs=0.02)
     env.close()
+
+
+def test_of_a_throw_of_each_foam_its_own_outcome_is_expected(learned, square):
+    """The same commands from the same start: only the foam makes the difference."""
+    hard = thrown("hard-1", 2.4, 1)
+    s = hard.s.copy()
+    s[STEPS, :3] += 2.0
+    runs = (hard, Run(s, hard.u, "soft-1"))
+    given = (*learned, ARM, square, np.zeros(2), runs, BIASES, SETTINGS)
+    policy = ThrowPolicy(*given)
+    policy.learning = replace(policy.learning, noise=1e-6)
+    z_ref = encode(learned[1], square)
+    for run in runs:
+        policy.set_bias(BIASES[run.material])
+        with torch.no_grad():
+            start = torch.as_tensor(run.s[0])
+            found = policy.expected(start, policy.plans[:1], policy.correction())
+        ended = np.linalg.norm(run.s[STEPS, :3] - z_ref)
+        assert float(found) == pytest.approx(ended, abs=0.05)

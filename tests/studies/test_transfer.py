@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from clothlab.simulation.cloth import CLOTHS, FOAMS
-from studies import _runs, transfer
+from studies import transfer
 from studies._runs import NEW
 
 
@@ -68,37 +68,3 @@ def test_cloths_and_new_targets_take_turns():
     assert long.groupby("arm")["cloth"].nunique().tolist() == [8, 8]
     assert table[table["target"].str.startswith("held-out")]["target"].nunique() == 20
     assert not table.duplicated().any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arm", "cloth"),
-    [("torque", "damp0.03-mass0.05"), ("muscle", NEW["muscle"][0].name)],
-)
-@pytest.mark.parametrize(
-    "method",
-    [*transfer.REPLAYS, transfer.PERIODIC, transfer.PREDICTED, transfer.CHOSEN],
-)
-def test_a_row_has_a_distance_and_an_overlap_of_each_period_but_the_first(
-    arm, cloth, method, monkeypatch
-):
-    if method == "replay, this cloth" and cloth in {each.name for each in NEW[arm]}:
-        pytest.skip("never recorded")
-    few = {"torque": "train", "muscle": "muscle-train"}[arm]
-    monkeypatch.setattr(
-        transfer,
-        "recorded_runs",
-        lambda learned: _runs._encoded(learned.autoencoder_name, few),
-    )
-    monkeypatch.setattr(transfer, "_estimated", lambda *_: np.zeros(2))
-    monkeypatch.setattr(
-        transfer, "_aim", lambda arm, target: transfer.data.load_target(target)
-    )
-    monkeypatch.setattr(transfer, "_random_z", lambda *_: np.ones((24, 3)))
-    row = transfer._run_one(
-        method, "estimated", arm, transfer.TARGETS[arm][0], cloth, 0, 0
-    )
-    assert row["best"].shape == row["iou"].shape == (1,)
-    assert row["best"] > 0
-    assert 0 <= row["iou"] <= 1
-    assert row["random"] > 0
