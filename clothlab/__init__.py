@@ -22,35 +22,132 @@ import ctypes.util
 import importlib
 import os
 import sys
+from typing import Any
+
+from clothlab._extras import lacking
 
 __version__ = "0.4.0"
 
+# The table of contents: where each name is. Importing the package imports none of it,
+# so that the method runs without a simulation, and the simulation without Jupyter.
+# `__init__.pyi` says the same to editors and type checkers.
+_CONTENTS: dict[str, dict[str, list[str]]] = {
+    # `pip install clothlab`: the method, for any robot, in the order of the paper
+    "": {
+        "method.model": ["DPMPB", "predict"],
+        "method.data": ["Run"],
+        "method.training": ["ModelTraining", "train_dpmpb"],
+        "method.checkpoint": ["Checkpoint"],
+        "method.estimation": ["BiasEstimator", "estimate_bias"],
+        "method.gauss_newton": ["NewtonEstimator"],
+        "method.control": ["ControlSettings", "Controller", "GradientSearch"],
+        "method.autoencoder": [
+            "Autoencoder",
+            "AutoencoderTraining",
+            "decode",
+            "encode",
+            "train_autoencoder",
+        ],
+        "method.policy": ["Policy"],
+        "method.rollout": ["rollout"],
+        "method.cloth_task": [
+            "ControlPolicy",
+            "EstimatingPolicy",
+            "observe",
+            "period_mask",
+        ],
+        "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
+        "method.fast_rollout": ["FastDPMPB"],
+        "masks": ["iou"],
+    },
+    # `pip install clothlab[cloth]`: the robot, the cloth, and what was recorded of them
+    "cloth": {
+        "simulation.arm": ["MuscleArm", "TorqueArm"],
+        "simulation.cloth": ["CLOTHS", "Cloth", "cloth_name", "get_cloth"],
+        "simulation.env": ["CONTROL_PERIOD", "ClothEnv", "Scene"],
+        "simulation.vision": ["chamfer_distance"],
+        "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
+        "trials": ["Trial", "load_trial", "recorded_plans", "save_trial"],
+        "cloth_checkpoint": ["ClothCheckpoint"],
+        "data": [
+            "load",
+            "load_autoencoder",
+            "load_model",
+            "load_target",
+            "load_targets",
+            "load_trials",
+        ],
+    },
+    # `pip install clothlab[notebooks]`: modules that the lessons use
+    "notebooks": {
+        "analysis": ["analysis"],
+        "checks": ["checks"],
+        "lab": ["lab"],
+        "plots": ["plots"],
+        "tables": ["tables"],
+    },
+}
+_PLACES = {
+    name: (f"clothlab.{module}", extra)
+    for extra, modules in _CONTENTS.items()
+    for module, names in modules.items()
+    for name in names
+}
+__all__ = sorted(_PLACES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the table of contents when it is first asked for (PEP 562)."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'clothlab' has no attribute {name!r}")
+    place, extra = _PLACES[name]
+    try:
+        module = importlib.import_module(place)
+    except ModuleNotFoundError as error:
+        if not extra or (error.name or "").startswith("clothlab"):
+            raise
+        raise lacking(f"clothlab.{name}", error.name, extra) from error
+
+    # The next time it is found without this function.
+    found = module if place == f"clothlab.{name}" else getattr(module, name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """What can be asked for, imported or not."""
+    return sorted({*globals(), *_PLACES})
+
 
 def _choose_opengl() -> None:
-    """Pick the OpenGL back end, which MuJoCo reads once, when it is first imported,
-    unless the user already has.
+    """Pick the OpenGL back end, unless the user already has.
 
-    EGL draws with and without a display, so it is preferred. It opens the window into
-    OpenGL, whose functions lie in a library of their own: where that is missing,
-    importing MuJoCo with EGL chosen fails. With no library present, importing MuJoCo
-    works, and the error comes where something is drawn, with the names of the packages
-    to install.
+    MuJoCo reads the choice once, when it is first imported. EGL draws with and without
+    a display, so it is preferred. It opens the window into OpenGL, whose functions lie
+    in a library of their own: where that is missing, importing MuJoCo with EGL chosen
+    fails. With no library present, importing MuJoCo works, and the error comes where
+    something is drawn, with the names of the packages to install.
     """
-    if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
-        # Any of these beside it
-        needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
-        has = ctypes.util.find_library
-        found = (
-            name
-            for name, others in needed.items()
-            if has(name) and any(map(has, others))
-        )
-        os.environ["MUJOCO_GL"] = next(found, "disable").lower()
-        already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")
-        if (
-            already_chosen is not None
-        ):  # `import mujoco` came first; import sorters put it there
-            importlib.reload(already_chosen)
+    if not sys.platform.startswith("linux") or "MUJOCO_GL" in os.environ:
+        return
+
+    # Each back end needs its own library, and any one of those beside it.
+    chosen = "disable"
+    needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
+    for name, others in needed.items():
+        if ctypes.util.find_library(name) and any(
+            ctypes.util.find_library(each) for each in others
+        ):
+            chosen = name.lower()
+            break
+    os.environ["MUJOCO_GL"] = chosen
+
+    # `import mujoco` may have come first; import sorters put it there.
+    already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")
+    if already_chosen is not None:
+        importlib.reload(already_chosen)
 
 
 _choose_opengl()
+if "gymnasium" in sys.modules:  # it is not imported for this alone: that takes long
+    importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`

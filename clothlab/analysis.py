@@ -18,7 +18,7 @@ LATE = slice(-10, None)
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Trained p of all materials, `[K, D_p]`."""
+    """ClothCheckpoint p of all materials, `[K, D_p]`."""
     return check_array("trained p", list(biases.values()), ("K", "D_p"))
 
 

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from clothlab import artifacts
 from clothlab._files import reading
-from clothlab.artifacts import Folder
+from clothlab._store import Folder, load_results, save_results
 
 # Environment variable: live figures are stored, as `make findings` does
 RECORD = "CLOTHLAB_RECORD_FINDINGS"
@@ -46,7 +45,7 @@ class Findings:
 
     Args:
         notebook: its file's name without the ending.
-        data: folder of the stored figures; by default that of `artifacts`.
+        data: folder of the stored figures; by default that of `clothlab.data`.
         parameters: those of the notebook that say how large its live runs are: live
             claims are checked on the live run where these are as stored.
     """
@@ -104,7 +103,7 @@ class Findings:
             _must_hold(claim, "here", figure, bounds, arrays)
 
     def _load(self) -> dict[str, Any]:
-        content = artifacts.load_results(self.name, ".json", data=self._data)
+        content = load_results(self.name, ".json", data=self._data)
         kind = "findings; record them with `make findings RECORD=1`"
         with reading(f"data/results/{self.name}.json", kind):
             stored = json.loads(content)
@@ -115,9 +114,7 @@ class Findings:
         text = json.dumps(stored, indent=1, allow_nan=False)
         # A row of numbers on one line
         text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)
-        artifacts.save_results(
-            text.encode() + b"\n", self.name, ".json", data=self._data
-        )
+        save_results(text.encode() + b"\n", self.name, ".json", data=self._data)
 
 
 def _sorted_out(

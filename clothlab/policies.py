@@ -1,6 +1,4 @@
-"""What a policy is, and those that need no model: random commands, the scripted
-operator, replay.
-"""
+"""Policies that need no model: random commands, the scripted operator, replay."""
 
 from collections.abc import Iterator, Sequence
 
@@ -29,23 +27,23 @@ class ReplayPolicy(Policy):
         u = next(self._left, None)
         if u is None:
             raise ValueError(
-                f"only {len(self.commands)} commands were recorded: ask for no more steps than that"
+                f"only {len(self.commands)} commands were recorded: ask for no more "
+                "steps than that"
             )
         return u
 
 
 class RandomPolicy(Policy):
-    """Uniform random commands, each held for 1 to `longest_hold` steps (the paper's
-    Random): slow and fast motions.
+    """Uniform random commands, each held for 1 to `longest_hold` steps.
+
+    So there are slow and fast motions, as in the paper's Random.
     """
 
     name = "random"
 
     def __init__(self, arm: Arm | str, *, longest_hold: int = 4):
-        self.arm, self.longest_hold = (
-            get_arm(arm),
-            check_number("longest_hold", longest_hold, int, at_least=1),
-        )
+        self.arm = get_arm(arm)
+        self.longest_hold = check_number("longest_hold", longest_hold, int, at_least=1)
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
@@ -61,11 +59,11 @@ class RandomPolicy(Policy):
 
 
 class OperatorPolicy(Policy):
-    """A scripted stand-in for the paper's human at a GUI: lifts the cloth slowly,
-    throws it down fast to spread it.
+    """A scripted stand-in for the paper's human at a GUI.
 
-    Every swing draws its own height, depth, speeds and pauses. Stiffness commands are
-    random, as in the paper.
+    It lifts the cloth slowly and throws it down fast, which spreads it. Every swing
+    draws its own height, depth, speeds and pauses. Stiffness commands are random, as in
+    the paper.
     """
 
     name = "operator"
@@ -92,16 +90,21 @@ class OperatorPolicy(Policy):
         return u
 
     def _swing(self) -> Sequence[np.ndarray]:
-        """One swing: up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of
-        1 to 3.
+        """One swing: θ_ref `[2]` [rad] of each of its steps.
+
+        Up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3.
         """
-        rng, lower, upper = (
-            self._rng,
-            np.array(self.arm.lower),
-            np.array(self.arm.upper),
-        )
-        high = lower + rng.uniform(0.0, 0.35, len(lower)) * (upper - lower)
-        low = lower + rng.uniform(0.65, 1.0, len(lower)) * (upper - lower)
+        rng = self._rng
+        lower = np.array(self.arm.lower)
+        span = np.array(self.arm.upper) - lower
+
+        # Where it turns: an angle is smaller, the higher the arm is.
+        high = lower + rng.uniform(0.0, 0.35, len(lower)) * span
+        low = lower + rng.uniform(0.65, 1.0, len(lower)) * span
+
+        # The way there, without where it begins
         up = np.linspace(self._theta, high, rng.integers(3, 7) + 1)[1:]
         down = np.linspace(high, low, rng.integers(1, 3) + 1)[1:]
-        return [*up, *[high] * rng.integers(0, 3), *down, *[low] * rng.integers(1, 4)]
+        rest_above = [high] * rng.integers(0, 3)
+        rest_below = [low] * rng.integers(1, 4)
+        return [*up, *rest_above, *down, *rest_below]

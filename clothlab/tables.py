@@ -7,19 +7,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab import artifacts
-from clothlab.artifacts import Folder
+from clothlab._store import Folder, load_results, save_results
 
 
 def save(table: pd.DataFrame, name: str, *, data: Folder = None) -> None:
     """Write a table as `data/results/NAME.csv`."""
     text = table.map(_as_text).to_csv(index=False)
-    artifacts.save_results(text.encode(), name, ".csv", data=data)
+    save_results(text.encode(), name, ".csv", data=data)
 
 
 def load(name: str, *, data: Folder = None) -> pd.DataFrame:
     """Read a stored table: one row a case, arrays as NumPy arrays."""
-    content = artifacts.load_results(name, ".csv", data=data)
+    content = load_results(name, ".csv", data=data)
     table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""])
     for column in table.columns[table.dtypes == "str"]:
         if table[column].str.startswith("[").any():

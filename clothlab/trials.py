@@ -1,143 +1,31 @@
-"""Recorded runs, the one loop that records them, and their files."""
+"""Recorded runs: their files, and what a model is trained on and plans with."""
 
 import io
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
-from tqdm.auto import tqdm
 
 from clothlab._files import OtherKindError, load_arrays, reading, write_bytes
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_each,
-    check_flag,
-    check_kind,
-    check_number,
-    check_seed,
-)
-from clothlab.masks import Observation, check_masks
+from clothlab._validation import check_each, check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
-from clothlab.method.policy import Policy, as_policy
-from clothlab.simulation.arm import Arm, arm_data, arm_from_data, check_command, get_arm
+from clothlab.method.rollout import rollout
+from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.cloth import Cloth
-from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
+from clothlab.simulation.trial import Trial
 
-# Of trial files: with the name of an arm, and with an arm of one's own
+__all__ = ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial", "to_run"]
+
+# Of trial files: 1 has the name of an arm, 2 an arm of one's own.
 _FORMATS = (1, 2)
-# Of the arrays in a file. Masks are packed eight to a byte: that many hold 87,000
-# steps, nearly five hours.
+
+# The most bytes that the arrays in a file may take. Masks are packed eight to a byte:
+# that many hold 87,000 steps, nearly five hours.
 _MOST_BYTES = 2**27
-
-
-@dataclass(frozen=True, eq=False)
-class Trial(Checked):
-    """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}, with the
-    image in place of z.
-    """
-
-    # Cloth masks [T, H, W], bool; images[t] is seen just before commands[t] is sent
-    images: np.ndarray
-    robot: np.ndarray  # robot states [T, D_r], float64, in the arm's units
-    commands: np.ndarray  # commands [T, D_u], float64, in the arm's units
-    cloth: Cloth
-    arm: Arm  # or the name of one of `ARMS`
-    policy: str  # name of what chose the commands
-    seed: int
-
-    def __post_init__(self) -> None:
-        images = check_masks(self.images)
-        if images.ndim != 3 or not len(images):
-            raise ValueError(
-                f"images are [T, H, W] of at least one step, got the shape {list(images.shape)}"
-            )
-        object.__setattr__(self, "images", images)
-        arm = get_arm(self.arm)
-        object.__setattr__(self, "arm", arm)
-        for name, width in (
-            ("robot", len(arm.state_names)),
-            ("commands", len(arm.command_names)),
-        ):
-            array = check_array(
-                f"{name} of the {arm.name} arm", getattr(self, name), ("T", width)
-            )
-            if len(array) != len(images):
-                raise ValueError(
-                    f"{name} must have one row for each of the {len(images)} images, got {len(array)}"
-                )
-            object.__setattr__(self, name, array)
-        super().__post_init__()
-
-    def __len__(self) -> int:
-        """Return the number of control steps T."""
-        return len(self.images)
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time of each step, `[T]` [s]."""
-        return np.arange(len(self)) * CONTROL_PERIOD
-
-    def __getitem__(self, steps: slice) -> "Trial":
-        """Return a part of the trial, `trial[:100]`."""
-        if not isinstance(steps, slice):
-            raise TypeError(
-                f"a trial is cut with a slice, such as trial[:100], not with {steps!r}"
-            )
-        return replace(
-            self,
-            **{
-                name: getattr(self, name)[steps]
-                for name in ("images", "robot", "commands")
-            },
-        )
-
-
-def rollout(
-    env: ClothEnv,
-    policy: Policy | Callable[[Observation], ArrayLike],
-    steps: int,
-    *,
-    seed: int = 0,
-    random_start: bool = False,
-    name: str | None = None,
-    watch: Callable[[], None] | None = None,
-    samples: int = 5,
-    progress: bool = False,
-) -> Trial:
-    """Let a policy move the cloth for `steps` control steps and record what happens;
-    both are reset first.
-
-    The policy may be a function that returns the command for an observation; in the
-    trial it has its name, or `name`. The seed is that of its random numbers and of a
-    `random_start` from a posture other than the arm's home. `watch` is called `samples`
-    times in each step, as in `ClothEnv.advance`: 5 make 25 pictures a second.
-    """
-    check_kind("env", env, ClothEnv, ": ClothEnv(arm, cloth) makes one")
-    check_number("steps", steps, int, at_least=1)
-    check_seed(seed)
-    check_flag("random_start", random_start)
-    policy = as_policy(policy)
-    policy.reset(seed)
-    observation, _ = env.reset(seed=seed, options={"random_start": random_start})
-    rows = []
-    for _ in tqdm(
-        range(steps), desc=env.cloth.label, disable=not progress, unit="step"
-    ):
-        # Copies: a policy may change the arrays that it was given, or those that it
-        # returned.
-        image, robot = observation["image"].astype(bool), observation["robot"].copy()
-        u = check_command(env.arm, policy(observation))
-        rows.append((image, robot, u))
-        env.advance(u, watch, samples)
-        observation = env.observe()
-    images, robot, commands = (np.array(column) for column in zip(*rows, strict=True))
-    return Trial(images, robot, commands, env.cloth, env.arm, name or policy.name, seed)
 
 
 def recorded_plans(
@@ -146,24 +34,28 @@ def recorded_plans(
     """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
     check_number("count", count, int, at_least=1)
     trials = check_each("trials", trials, Trial)
-    if not trials or min(map(len, trials)) < check_number(
-        "horizon", horizon, int, at_least=1
-    ):
+    check_number("horizon", horizon, int, at_least=1)
+    if not trials or min(map(len, trials)) < horizon:
         raise ValueError(
             f"plans of {horizon} steps need recorded trials that are at least as long"
         )
-    windows = np.concatenate(
+
+    # Every stretch of every trial, [N, D_u, horizon]
+    stretches = np.concatenate(
         [sliding_window_view(trial.commands, horizon, axis=0) for trial in trials]
     )
-    chosen = np.random.default_rng(seed).choice(
-        len(windows), count, replace=len(windows) < count
-    )
-    return windows[chosen].transpose(0, 2, 1)
+
+    # Each at most once, unless there are too few
+    rng = np.random.default_rng(seed)
+    too_few = len(stretches) < count
+    chosen = rng.choice(len(stretches), count, replace=too_few)
+    return stretches[chosen].transpose(0, 2, 1)
 
 
 def to_run(autoencoder: Autoencoder, trial: Trial) -> Run:
     """States and commands of a recorded trial, encoded with this autoencoder."""
-    s = np.concatenate([encode(autoencoder, trial.images), trial.robot], axis=1)
+    z = encode(autoencoder, trial.images)
+    s = np.concatenate([z, trial.robot], axis=1)
     return Run(
         s.astype(np.float32), trial.commands.astype(np.float32), trial.cloth.name
     )
@@ -196,16 +88,19 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 
 
 def load_trial(path: str | Path) -> Trial:
-    """Read a trial; a ValueError names the file if it is damaged, is no trial, is too
-    large, or of a newer version.
+    """Read a trial.
+
+    A ValueError names the file if it is damaged, is no trial, is too large, or of a
+    newer version.
     """
     with reading(path, "trial"):
         arrays = load_arrays(path, _MOST_BYTES)
         about = json.loads(str(arrays["about"]))
         file_format = about.pop("format")
         if file_format not in _FORMATS:
+            known = " and ".join(map(str, _FORMATS))
             raise OtherKindError(
-                f"its format is {file_format}, this version reads {' and '.join(map(str, _FORMATS))}"
+                f"its format is {file_format}, this version reads {known}"
             )
         about["cloth"] = Cloth(**about["cloth"])
         about["arm"] = arm_from_data(about["arm"])

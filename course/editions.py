@@ -16,7 +16,7 @@ import nbformat
 from nbconvert import HTMLExporter
 from nbconvert.preprocessors import ExecutePreprocessor
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._files import write_bytes
 from clothlab.claims import RECORD
 from course.repository import portable
@@ -103,7 +103,7 @@ def main() -> None:
             flush=True,
         )
     if arguments.record:
-        artifacts.write_checksums()
+        data.write_checksums()
 
 
 if __name__ == "__main__":

@@ -32,13 +32,15 @@ from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
-from clothlab.method.data import Run, collect_run, set_normalisation, windows
+from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.estimation import estimate_bias, prediction_loss
 from clothlab.method.fast_rollout import quicken
 from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.model import DPMPB
+from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
 from studies import save
 
@@ -106,12 +108,12 @@ def random_commands(seed: int) -> Callable[[np.ndarray], np.ndarray]:
 
 def record(material: Material, steps: int = STEPS, seed: int = 0) -> Run:
     """A run of random commands."""
-    return collect_run(
+    return rollout(
         make_robot(material),
         random_commands(seed),
         steps,
-        str(material),
         seed=seed,
+        material=str(material),
         observe=see,
     )
 
@@ -415,12 +417,12 @@ def control(
         if trained
         else without_model(method, env, seed)
     )
-    run = collect_run(
+    run = rollout(
         env,
         policy,
         ESTIMATE + ATTEMPT * len(goals) + 1,
-        str(material),
         seed=seed,
+        material=str(material),
         observe=see,
     )
     return np.linalg.norm(run.s[ESTIMATE + ATTEMPT :: ATTEMPT, TIP] - goals, axis=1)
@@ -527,8 +529,11 @@ def main() -> None:
         )
     ]
     save(pd.DataFrame(rows), "another_robot_control")
-    artifacts.save_model(trained["p", 0]["model"], trained["p", 0]["biases"], "reacher")
-    artifacts.write_checksums()
+    kept = trained["p", 0]
+    data.save_model(
+        Checkpoint(name="reacher", model=kept["model"], biases=kept["biases"])
+    )
+    data.write_checksums()
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ import torch
 from browser_lab import Lab, Notebook, launch_options
 from playwright.sync_api import sync_playwright
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
 from clothlab.method.cloth_task import control_loss, period_mask
 from clothlab.method.control import ControlSettings, Limits, optimise_commands
@@ -115,7 +115,7 @@ def solves(name: str) -> dict[str, Callable[[], object]]:
     """One solve of the controller for an arm, by the straightforward loop over
     `nn.LSTM` and by ours.
     """
-    learned, settings = artifacts.load(f"{name}-0"), ControlSettings()
+    learned, settings = data.load(f"{name}-0"), ControlSettings()
     model, arm = learned.model, learned.arm
     p = torch.as_tensor(next(iter(learned.biases.values())))
     lower, upper = (

@@ -8,7 +8,7 @@ pass.
 import numpy as np
 from tqdm import trange
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.lab import LivePanel
 from clothlab.lab._playback import RECORDING, SessionRecording
 from clothlab.lab._views import MATERIAL
@@ -76,9 +76,9 @@ def main() -> None:
             reel.take(caption)
     panel.check()
     panel.close()
-    path = artifacts.data_folder() / RECORDING
+    path = data.data_folder() / RECORDING
     reel.save(path)
-    artifacts.write_checksums()
+    data.write_checksums()
     print(
         f"{path}: {len(reel.shots) * CONTROL_PERIOD:.0f} s in {path.stat().st_size / 1e6:.1f} MB"
     )

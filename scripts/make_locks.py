@@ -61,7 +61,7 @@ LOCKS = (
     Lock(
         "environment.txt",
         "What runs the notebooks",
-        extras=("notebooks", "sysid", "robots"),
+        extras=("cloth", "notebooks", "sysid", "robots"),
         last_lines=("-e .",),
     ),
     Lock(

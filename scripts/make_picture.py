@@ -14,7 +14,7 @@ import nbformat
 import numpy as np
 from PIL import Image
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.simulation.env import ClothEnv, Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
@@ -67,8 +67,8 @@ def gallery() -> None:
 
 def moving_picture() -> None:
     """Run 31 periods and write the last three to `docs/control.gif`."""
-    learned, target = artifacts.load(), artifacts.load_target("target-1")
-    runs = [learned.to_run(trial) for trial in artifacts.load_trials("train")]
+    learned, target = data.load(), data.load_target("target-1")
+    runs = [learned.to_run(trial) for trial in data.load_trials("train")]
     env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
     policy, pictures = learned.iterative_controller(target, CLOTH, runs), []
     watch = {

@@ -18,7 +18,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = ("robots", "sysid")  # Colab has the notebooks' own
+EXTRAS = ("cloth", "notebooks", "robots", "sysid")
+# Colab shows the notebooks itself, and the package is a clone beside them.
+NOT_NEEDED = {"jupyterlab", "clothlab"}
 
 
 def needed() -> list[Requirement]:
@@ -28,7 +30,8 @@ def needed() -> list[Requirement]:
         project["dependencies"],
         *(project["optional-dependencies"][extra] for extra in EXTRAS),
     ]
-    return [Requirement(need) for each in lists for need in each]
+    needs = [Requirement(need) for each in lists for need in each]
+    return [need for need in needs if need.name not in NOT_NEEDED]
 
 
 def lacking(

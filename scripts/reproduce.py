@@ -24,7 +24,7 @@ from typing import Any
 import joblib
 
 import studies
-from clothlab import artifacts
+from clothlab import data
 from clothlab.method.autoencoder import AutoencoderTraining
 from studies import PAPER, report
 from studies._parallel import Job, run_jobs
@@ -117,8 +117,8 @@ def train(
     for config, (model, losses) in zip(
         configs, run_jobs("autoencoders", jobs, **options), strict=True
     ):
-        artifacts.save_autoencoder(model, losses, config.name, overwrite=True)
-    artifacts.write_checksums()
+        data.save_autoencoder(model, losses, config.name, overwrite=True)
+    data.write_checksums()
     jobs = [
         Job(
             TrainingConfig.train_model,
@@ -128,8 +128,8 @@ def train(
         for c, seed in product(configs, seeds)
     ]
     for trained in run_jobs("models", jobs, **options):
-        artifacts.save(trained, overwrite=True)
-    artifacts.write_checksums()
+        data.save(trained, overwrite=True)
+    data.write_checksums()
 
 
 def reproduce(plan: Plan, **options: Any) -> None:
@@ -140,15 +140,15 @@ def reproduce(plan: Plan, **options: Any) -> None:
         record(dataset, **options)
     short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
     record_targets([Job(find_targets, short if plan.small else {})], **options)
-    artifacts.write_checksums()
+    data.write_checksums()
     train(plan.configs(), range(plan.seeds), **options)
     for experiment, ending in product(studies.EXPERIMENTS.values(), plan.endings):
         if not experiment.slow and (experiment.paper or not ending):
             name = experiment.name + ending
             studies.save(studies.get(name).run(plan.cases(name), **options), name)
-    artifacts.write_checksums()
+    data.write_checksums()
     if not plan.small:  # a few cases give no results
-        (artifacts.data_folder().parent / "results.md").write_text(results())
+        (data.data_folder().parent / "results.md").write_text(results())
 
 
 def results() -> str:
@@ -202,7 +202,7 @@ def record_again(names: Sequence[str], **options: Any) -> None:
         ]
         files += record_targets(jobs, **options)
     say_what_repeats(files)
-    artifacts.write_checksums()
+    data.write_checksums()
 
 
 def say_what_repeats(files: list[str]) -> None:
@@ -212,7 +212,7 @@ def say_what_repeats(files: list[str]) -> None:
     The simulation is chaotic: another machine, or another version of MuJoCo or OpenGL,
     may give other bits.
     """
-    verdict = artifacts.check_data()
+    verdict = data.check_data()
     same, known = (
         sum(verdict[file] in words for file in files)
         for words in (("ok",), ("ok", "altered"))
@@ -243,7 +243,7 @@ def run_again(names: Sequence[str], **options: Any) -> None:
                 name + ending, **options, keep=ROOT / "build" / "experiments"
             )
             studies.save(table, name + ending)
-            artifacts.write_checksums()
+            data.write_checksums()
     for row in report.publish(ROOT):
         print(
             f"{ {True: '✓', False: '✗', None: ' '}[row.met] } {row.label}: {row.here} (aim {row.aim})"

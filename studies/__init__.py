@@ -21,7 +21,7 @@ from typing import Any
 import pandas as pd
 
 from clothlab._validation import choose
-from clothlab.artifacts import Folder
+from clothlab.data import Folder
 from clothlab.tables import load, save
 from studies import (
     autoencoder_quality,

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
 
 import clothlab
-from clothlab import artifacts
+from clothlab import data
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def version(*inputs: str) -> str:
     """Hash of the code; and of the files of `data/` whose names begin like one of the
     inputs, by their checksums.
     """
-    recorded = artifacts.data_folder() / artifacts.CHECKSUMS if inputs else None
+    recorded = data.data_folder() / data.CHECKSUMS if inputs else None
     lines = recorded.read_text().splitlines() if recorded and recorded.exists() else []
     used = "\n".join(line for line in lines if line[66:].startswith(inputs))
     return f"{code_version()}-{hashlib.sha256(used.encode()).hexdigest()}"

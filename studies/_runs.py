@@ -11,9 +11,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._validation import check_array, choose
 from clothlab.analysis import best_per_period, spread, target_distance
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
@@ -24,7 +25,6 @@ from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import chamfer_distance
-from clothlab.trained import Trained
 from clothlab.trials import Trial, rollout, to_run
 from studies.training_configs import TRAINING_CONFIGS, TrainingConfig
 
@@ -85,18 +85,18 @@ SAMPLES = 50  # of the hand's motion in each step
 
 
 @cache
-def trained(name: str) -> Trained:
-    """`artifacts.load`, once in each process."""
-    return artifacts.load(name)
+def trained(name: str) -> ClothCheckpoint:
+    """`data.load`, once in each process."""
+    return data.load(name)
 
 
 @cache
 def _encoded(autoencoder_name: str, recordings: str) -> list[Run]:
-    autoencoder, _ = artifacts.load_autoencoder(autoencoder_name)
-    return [to_run(autoencoder, trial) for trial in artifacts.load_trials(recordings)]
+    autoencoder, _ = data.load_autoencoder(autoencoder_name)
+    return [to_run(autoencoder, trial) for trial in data.load_trials(recordings)]
 
 
-def recorded_runs(learned: Trained) -> list[Run]:
+def recorded_runs(learned: ClothCheckpoint) -> list[Run]:
     """The recordings that weights learned from, as their model sees them, encoded once
     in each process.
     """
@@ -136,7 +136,7 @@ def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
 
 
 def estimate_at_random(
-    learned: Trained, cloth: Cloth | str, steps: int, seed: int
+    learned: ClothCheckpoint, cloth: Cloth | str, steps: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`,
     and its trace `[T, D_p]`.
@@ -183,7 +183,7 @@ def median_best(runs: Iterable[ArrayLike]) -> float:
     )
 
 
-def config_of(learned: Trained) -> TrainingConfig:
+def config_of(learned: ClothCheckpoint) -> TrainingConfig:
     """The configuration with which stored weights were trained, or others on top of the
     same autoencoder.
     """

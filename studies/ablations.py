@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.training import train_dpmpb
 from clothlab.simulation.cloth import get_cloth
-from clothlab.trained import Trained
 from studies._grid import shared
 from studies._runs import config_of, recorded_runs, trained
 
@@ -16,11 +16,11 @@ KINDS = ("none", "known")
 
 
 @shared
-def train(kind: str, arm: str, seed: int) -> Trained:
+def train(kind: str, arm: str, seed: int) -> ClothCheckpoint:
     """A model with D_p = 0 ("none"), or whose p is log C_damp and log C_mass of each
     cloth, standardised ("known").
 
-    Trained on all recordings of an arm, in the usual way.
+    ClothCheckpoint on all recordings of an arm, in the usual way.
     """
     learned, known = trained(f"{arm}-{seed}"), None
     settings = config_of(learned).model

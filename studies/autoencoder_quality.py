@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.masks import iou
 from clothlab.method.autoencoder import (
     AutoencoderTraining,
@@ -25,7 +25,7 @@ from studies._runs import MIDDLE, chamfer_against_z, random_trial
 
 def _reconstruct(weights: str = "torque", trials: str = "evaluation") -> dict[str, Any]:
     """Intersection over union of recorded images and their reconstructions."""
-    autoencoder, _ = artifacts.load_autoencoder(weights)
+    autoencoder, _ = data.load_autoencoder(weights)
     images = _images(trials)
     overlap, visible = (
         iou(decode(autoencoder, encode(autoencoder, images)) > 0.5, images),
@@ -41,7 +41,7 @@ def _reconstruct(weights: str = "torque", trials: str = "evaluation") -> dict[st
 
 
 def _images(recordings: str) -> np.ndarray:
-    return np.concatenate([trial.images for trial in artifacts.load_trials(recordings)])
+    return np.concatenate([trial.images for trial in data.load_trials(recordings)])
 
 
 def _train(
@@ -71,10 +71,10 @@ def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str
     """Log chamfer distance [log pixel] and distance of z [s.d. of z] to a target, both
     `[N]`, and their correlation.
     """
-    autoencoder, _ = artifacts.load_autoencoder(weights)
+    autoencoder, _ = data.load_autoencoder(weights)
     trial = random_trial("torque", MIDDLE, steps, seed=5000)
     log_chamfer, z_distance = chamfer_against_z(
-        autoencoder, trial, artifacts.load_target(target)
+        autoencoder, trial, data.load_target(target)
     )
     correlation = float(np.corrcoef(log_chamfer, z_distance)[0, 1])
     return {

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import best_per_period, empty_distance, target_distance
 from clothlab.method.control import ControlSettings
 from studies._grid import Experiment, Tables, over
@@ -44,7 +44,7 @@ def _distances(
     steps: int,
     settings: ControlSettings,
 ) -> dict[str, Any]:
-    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
+    learned, mask = trained(f"{weights}-{model}"), data.load_target(target)
     control = new_trial(
         learned.controller(mask, cloth, settings), learned.arm, cloth, steps, model
     )

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from sklearn.cluster import KMeans
 
-from clothlab import artifacts
 from clothlab._validation import check_kind, check_seed, choose
+from clothlab.data import Folder, data_folder, save_target
 from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import get_arm
@@ -120,9 +120,7 @@ _SETS = (
 DATASETS = {each.name: each for each in _SETS}
 
 
-def record(
-    dataset: Dataset, *, data: artifacts.Folder = None, **options: Any
-) -> list[str]:
+def record(dataset: Dataset, *, data: Folder = None, **options: Any) -> list[str]:
     """Record a set of trials and save each as soon as it is made; options as `run_jobs`
     has them. Returns the files.
     """
@@ -133,7 +131,7 @@ def record(
     ):
         for k, trial in enumerate(trials):
             files.append(f"trials/{dataset.name}/{name}{f'_again{k}' if k else ''}.npz")
-            save_trial(trial, artifacts.data_folder(data) / files[-1])
+            save_trial(trial, data_folder(data) / files[-1])
     return files
 
 
@@ -205,7 +203,7 @@ def record_targets(jobs: Sequence[Job], **options: Any) -> list[str]:
         for name, mask in part.items()
     }
     for name, mask in found.items():
-        artifacts.save_target(mask, name)
+        save_target(mask, name)
     return [f"targets/{name}.png" for name in found]
 
 

@@ -23,7 +23,7 @@ import pandas as pd
 import torch
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._validation import choose
 from clothlab.masks import HEIGHT
 from clothlab.method.autoencoder import encode
@@ -155,7 +155,7 @@ def _prediction_noise() -> Noise:
     comes.
     """
     learned, errors = trained(_WEIGHTS), []
-    for trial in artifacts.load_trials(EVALUATION["torque"]):
+    for trial in data.load_trials(EVALUATION["torque"]):
         run, p = (
             learned.to_run(trial),
             torch.as_tensor(learned.biases[trial.cloth.name]),

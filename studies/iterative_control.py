@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import (
     LATE,
     best_per_period,
@@ -23,6 +23,7 @@ from clothlab.analysis import (
     late_median,
     target_distance,
 )
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
@@ -31,7 +32,6 @@ from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.env import ClothEnv
-from clothlab.trained import Trained
 from clothlab.trials import recorded_plans, rollout
 from studies import ablations
 from studies._grid import PAPER, Case, Experiment, Tables, grid
@@ -55,7 +55,7 @@ STARTS, ITERATIVE = "paper's controller, recorded starts", "iterative learning c
 
 
 def _replay(
-    learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray
+    learned: ClothCheckpoint, target: np.ndarray, cloth: str, model: int, p: np.ndarray
 ) -> Policy:
     """The recorded plan that came nearest with this very cloth, again and again."""
     runs = [run for run in recorded_runs(learned) if run.material == cloth]
@@ -64,16 +64,14 @@ def _replay(
 
 
 def _recorded_starts(
-    learned: Trained, target: np.ndarray, cloth: str, model: int, p: np.ndarray
+    learned: ClothCheckpoint, target: np.ndarray, cloth: str, model: int, p: np.ndarray
 ) -> Policy:
-    trials = artifacts.load_trials(
-        RECORDINGS[learned.autoencoder_name.removesuffix(PAPER)]
-    )
+    trials = data.load_trials(RECORDINGS[learned.autoencoder_name.removesuffix(PAPER)])
     return learned.controller(target, p, plans=recorded_plans(trials, seed=model))
 
 
 CONTROLLERS: dict[
-    str, Callable[[Trained, np.ndarray, str, int, np.ndarray], Policy]
+    str, Callable[[ClothCheckpoint, np.ndarray, str, int, np.ndarray], Policy]
 ] = {
     RANDOM: lambda learned, target, cloth, model, p: RandomPolicy(learned.arm),
     REPLAY: _replay,
@@ -111,7 +109,7 @@ def _run_one(
         arm, target, cloth, model, repeat, steps: names, seed of the training, number of
             the run, control steps.
     """
-    learned, mask = _learned(arm, model, p, recordings), artifacts.load_target(target)
+    learned, mask = _learned(arm, model, p, recordings), data.load_target(target)
     if f_const is not None:
         learned = replace(learned, arm=learned.arm.with_stiffness(f_const))
     right = learned.biases[cloth]
@@ -130,7 +128,7 @@ def _run_one(
             policy,
             steps,
             seed=seed,
-            random_start=repeat > 0,
+            options={"random_start": repeat > 0},
             watch=watch,
             samples=SAMPLES,
         )
@@ -163,7 +161,7 @@ def _run_one(
     }
 
 
-def _learned(arm: str, model: int, p: str, recordings: str) -> Trained:
+def _learned(arm: str, model: int, p: str, recordings: str) -> ClothCheckpoint:
     if p in ablations.KINDS:
         return ablations.train(p, arm, model)
     return trained(f"{arm}{PAPER if recordings == 'paper' else ''}-{model}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.estimation import BiasEstimator
@@ -31,7 +31,7 @@ def _run_one(
     """Estimate and control at once, from the p of a cloth that is not `held`; cloths
     and steps are the paper's.
     """
-    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target(target)
+    learned, mask = trained(f"{weights}-{model}"), data.load_target(target)
     start, goal = learned.biases[believed], learned.biases[held]
     estimator = BiasEstimator(learned.model, start)
     policy = EstimatingPolicy(

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import best_per_period, difference_interval, target_distance
 from clothlab.masks import Observation
 from clothlab.method.cloth_task import EstimatingPolicy
@@ -68,7 +68,7 @@ def _run_one(
     """Best distance of each period but the first `[P]`, and p at the end of each step
     of the estimation `[T, D_p]`.
     """
-    learned, mask = trained(f"{arm}-{model}"), artifacts.load_target(target)
+    learned, mask = trained(f"{arm}-{model}"), data.load_target(target)
     p = learned.biases[first]
     policy: Policy = learned.iterative_controller(mask, p, recorded_runs(learned))
     if estimated:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.masks import Observation, iou
 from clothlab.method.autoencoder import Autoencoder, encode
@@ -239,12 +239,12 @@ def _run_one(
     """Distance at each step `[T]`, and its predictions; without memory each search
     starts from recorded plans alone.
     """
-    autoencoder, _ = artifacts.load_autoencoder(arm)
+    autoencoder, _ = data.load_autoencoder(arm)
     # Of these recorded stretches each search draws its starts.
     plans = recorded_plans(
-        artifacts.load_trials(RECORDINGS[arm]), ControlSettings.period, 400, seed=seed
+        data.load_trials(RECORDINGS[arm]), ControlSettings.period, 400, seed=seed
     )
-    settings, mask = search or SearchSettings(), artifacts.load_target(target)
+    settings, mask = search or SearchSettings(), data.load_target(target)
     settings = settings if remembers else replace(settings, remembered=0)
     trial, trace = search_trial(
         autoencoder,
@@ -275,12 +275,10 @@ def _run_transfer(
     """The best plans for a cloth, searched by distance or by IoU, sent with it and with
     another cloth `[P]`.
     """
-    autoencoder, _ = artifacts.load_autoencoder(arm)
+    autoencoder, _ = data.load_autoencoder(arm)
     plans, mask = (
-        recorded_plans(
-            artifacts.load_trials(RECORDINGS[arm]), ControlSettings.period, 400
-        ),
-        artifacts.load_target(target),
+        recorded_plans(data.load_trials(RECORDINGS[arm]), ControlSettings.period, 400),
+        data.load_target(target),
     )
     held, given = find_cloth(cloth), find_cloth(other)
     trial, _ = search_trial(
@@ -312,7 +310,7 @@ def _transfer_cases(**same: Any) -> list[Case]:
         ]
         if arm == "torque":
             held, drawn = (
-                list(artifacts.load_targets(name)) for name in ("held-out", "drawn")
+                list(data.load_targets(name)) for name in ("held-out", "drawn")
             )
             found += [
                 (arm, target, *pair, False)
@@ -425,7 +423,7 @@ def _peak_speeds(
         return -np.array(peaks)
 
     starts = recorded_plans(
-        artifacts.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed
+        data.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed
     )
     best, traces = [starts], []
     for f_const in (*tensions, None):

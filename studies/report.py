@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 
-from clothlab import artifacts
-from clothlab.artifacts import Folder
+from clothlab.data import Folder, data_folder
 from studies import EXPERIMENTS, PAPER, Row, load
 from studies._grid import Tables
 
@@ -36,9 +35,7 @@ def stored(ending: str = "", *, data: Folder = None) -> Tables:
     """The stored tables of one amount of recordings, by their experiments' names:
     `PAPER` for the paper's.
     """
-    there = {
-        path.stem for path in (artifacts.data_folder(data) / "results").glob("*.csv")
-    }
+    there = {path.stem for path in (data_folder(data) / "results").glob("*.csv")}
     return {
         name: load(name + ending, data=data)
         for name in EXPERIMENTS

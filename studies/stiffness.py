@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import empty_distance, nearest_material, target_distance
 from clothlab.method.estimation import estimate_bias
 from clothlab.simulation.arm import MuscleArm
@@ -85,7 +85,7 @@ def _estimate_recorded(
     """Estimate p from a recorded trial that the training has not seen, by its number."""
     learned, trial = (
         trained(f"{weights}-{model}"),
-        artifacts.load_trials(EVALUATION["muscle"])[number],
+        data.load_trials(EVALUATION["muscle"])[number],
     )
     p, _ = estimate_bias(learned.model, learned.to_run(trial))
     return {
@@ -131,7 +131,7 @@ def _control_one(
     The paper's "w/o stiffness" is a `fixed_tension` [N]; the hand's peak speed is
     looked for in the first `speed_steps`, 20 s.
     """
-    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target("muscle")
+    learned, mask = trained(f"{weights}-{model}"), data.load_target("muscle")
     if condition == RANDOM:
         trial = random_trial(learned.arm.name, cloth, steps, 17000 + model)
     else:
@@ -166,12 +166,12 @@ def _controlled(
     steps: int,
     fixed_tension: float,
 ) -> Trial:
-    learned, mask = trained(f"{weights}-{model}"), artifacts.load_target("muscle")
+    learned, mask = trained(f"{weights}-{model}"), data.load_target("muscle")
     other = next(each for each in HELD if each != cloth)
     plans = (
         None
         if condition == WARM
-        else recorded_plans(artifacts.load_trials(RECORDINGS["muscle"]), seed=model)
+        else recorded_plans(data.load_trials(RECORDINGS["muscle"]), seed=model)
     )
     arm = (
         learned.arm.with_stiffness(fixed_tension) if condition == FIXED else learned.arm

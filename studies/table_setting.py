@@ -16,10 +16,10 @@ import pandas as pd
 
 from clothlab._validation import choose
 from clothlab.analysis import difference_interval, nearest_material, rate_interval
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
 from clothlab.method.estimation import estimate_bias
 from clothlab.policies import ReplayPolicy
-from clothlab.trained import Trained
 from clothlab.trials import rollout
 from studies._grid import Case, Experiment, Tables, grid, over
 from studies._rows import Row
@@ -54,7 +54,7 @@ _CHOOSING, _JUDGING = (
 _Notes = dict[str, Any]  # columns that only some methods fill
 
 
-def _dynamic(learned: Trained, driver: RobotDriver) -> _Notes:
+def _dynamic(learned: ClothCheckpoint, driver: RobotDriver) -> _Notes:
     """Estimate p, then throw as the model says."""
     p, policy = excite_and_throw(driver, learned)
     return {
@@ -67,12 +67,12 @@ def _dynamic(learned: Trained, driver: RobotDriver) -> _Notes:
     }
 
 
-def _slow(learned: Trained, driver: RobotDriver) -> _Notes:
+def _slow(learned: ClothCheckpoint, driver: RobotDriver) -> _Notes:
     lay_slowly(driver)
     return {}
 
 
-def _best_recorded(learned: Trained, driver: RobotDriver) -> _Notes:
+def _best_recorded(learned: ClothCheckpoint, driver: RobotDriver) -> _Notes:
     commands = _commands_of_best(learned, driver.env.cloth.name)
     throw(driver, ReplayPolicy(commands), len(commands))
     return {}
@@ -81,7 +81,7 @@ def _best_recorded(learned: Trained, driver: RobotDriver) -> _Notes:
 _METHODS = {"dynamic": _dynamic, "slow": _slow, "best recorded": _best_recorded}
 
 
-def _commands_of_best(learned: Trained, foam: str) -> np.ndarray:
+def _commands_of_best(learned: ClothCheckpoint, foam: str) -> np.ndarray:
     """Commands `[T, D_u]` of the recorded throw after which a foam lay nearest to the
     target, mean of its trials.
     """

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
@@ -13,7 +14,6 @@ from clothlab.method.autoencoder import (
 from clothlab.method.data import Run
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.simulation.arm import get_arm
-from clothlab.trained import Trained
 from clothlab.trials import Trial, to_run
 
 
@@ -36,9 +36,7 @@ class TrainingConfig:
         """All trials to learn from; those beyond the paper's amount have to be made
         first, with `make data`.
         """
-        return [
-            trial for name in self.recordings for trial in artifacts.load_trials(name)
-        ]
+        return [trial for name in self.recordings for trial in data.load_trials(name)]
 
     def train_autoencoder(self) -> tuple[Autoencoder, list[float]]:
         """The autoencoder of all images, and its loss of each epoch [nat per pixel]."""
@@ -47,17 +45,25 @@ class TrainingConfig:
 
     def encoded_runs(self) -> list[Run]:
         """All that the model learns from, as the stored autoencoder encodes it."""
-        autoencoder, _ = artifacts.load_autoencoder(self.name)
+        autoencoder, _ = data.load_autoencoder(self.name)
         return [to_run(autoencoder, trial) for trial in self.load_trials()]
 
-    def train_model(self, seed: int) -> Trained:
+    def train_model(self, seed: int) -> ClothCheckpoint:
         """A DPMPB on top of the stored autoencoder."""
-        autoencoder, _ = artifacts.load_autoencoder(self.name)
+        autoencoder, _ = data.load_autoencoder(self.name)
         model, biases, trace = train_dpmpb(
             self.encoded_runs(), self.model, seed=seed, progress=False
         )
-        name, arm = f"{self.name}-{seed}", get_arm(self.arm)
-        return Trained(name, arm, autoencoder, model, biases, trace.losses, self.name)
+        return ClothCheckpoint(
+            name=f"{self.name}-{seed}",
+            arm=get_arm(self.arm),
+            autoencoder=autoencoder,
+            autoencoder_name=self.name,
+            model=model,
+            biases=biases,
+            losses=trace.losses,
+            settings=self.model,
+        )
 
 
 # All sequences of the muscle arm fit into one batch, so that there is one step an

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import (
     best_per_period,
     difference_interval,
     late_median,
     target_distance,
 )
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode, known_target
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
@@ -28,7 +29,6 @@ from clothlab.method.estimation import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
 from clothlab.method.policy import Policy
 from clothlab.policies import ReplayPolicy
-from clothlab.trained import Trained
 from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
 from studies._rows import Row
@@ -66,7 +66,7 @@ PAPERS, PERIODIC, PREDICTED = (
     "best predicted recording",
 )
 ALONE, CHOSEN = "iterative learning control alone", "iterative learning control"
-_CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, np.ndarray], Policy]] = {
+_CONTROLLERS: dict[str, Callable[[ClothCheckpoint, np.ndarray, np.ndarray], Policy]] = {
     PAPERS: lambda learned, mask, p: learned.controller(mask, p),
     PERIODIC: lambda learned, mask, p: learned.controller(
         mask, p, ControlSettings(warm_start="periodic")
@@ -80,7 +80,7 @@ _CONTROLLERS: dict[str, Callable[[Trained, np.ndarray, np.ndarray], Policy]] = {
 
 
 def _iterative(
-    learned: Trained, mask: np.ndarray, p: np.ndarray, trust: float = 1.0
+    learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray, trust: float = 1.0
 ) -> Policy:
     return learned.iterative_controller(
         mask, p, recorded_runs(learned), IterativeLearningSettings(trust=trust)
@@ -96,13 +96,13 @@ def _aim(arm: str, target: str) -> np.ndarray:
     recorded = [
         trial
         for name in config_of(learned).recordings
-        for trial in artifacts.load_trials(name)
+        for trial in data.load_trials(name)
     ]
     images = np.concatenate([trial.images[::4] for trial in recorded])
-    return known_target(learned.autoencoder, artifacts.load_target(target), images)
+    return known_target(learned.autoencoder, data.load_target(target), images)
 
 
-def _replay(learned: Trained, mask: np.ndarray, among: set[str]) -> Policy:
+def _replay(learned: ClothCheckpoint, mask: np.ndarray, among: set[str]) -> Policy:
     """The recorded plan that came nearest with these cloths, again and again."""
     runs: list[Run] = [run for run in recorded_runs(learned) if run.material in among]
     return ReplayPolicy(
@@ -161,7 +161,7 @@ def _run_one(
     periods: int = 2,
 ) -> dict[str, Any]:
     """Best distance and best IoU in each period but the first `[P]`."""
-    learned, mask = trained(f"{arm}-{model}"), artifacts.load_target(target)
+    learned, mask = trained(f"{arm}-{model}"), data.load_target(target)
     if p == "none":
         learned, value = ablations.train("none", arm, model), np.zeros(0)
     else:
@@ -263,10 +263,7 @@ def _cases(
                 **turn,
             )
     pair = [cloth.name for cloth in NEW["torque"][-2:]]  # as oracle_transfer has them
-    new_targets = [
-        *artifacts.load_targets("held-out"),
-        *artifacts.load_targets("drawn"),
-    ]
+    new_targets = [*data.load_targets("held-out"), *data.load_targets("drawn")]
     for p in ("estimated", "farthest"):
         add(
             (CHOSEN, p),
@@ -278,7 +275,7 @@ def _cases(
             repeat=0,
         )
     for k, turn in turns:
-        names = [list(artifacts.load_targets(name)) for name in ("held-out", "drawn")]
+        names = [list(data.load_targets(name)) for name in ("held-out", "drawn")]
         for target in (each[k % len(each)] for each in names):
             for name in (CHOSEN, AS_ENCODED):
                 add(

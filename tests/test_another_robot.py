@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings
-from clothlab.method.data import EpisodeEnded, collect_run
 from clothlab.method.estimation import estimate_bias
 from clothlab.method.model import DPMPB
+from clothlab.method.rollout import EpisodeEnded, rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
 
 PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
@@ -51,9 +52,13 @@ class Cart(gymnasium.Env):
 def pushed(mass, friction, steps=400, seed=0, **options):
     # Plain numbers are taken, too
     pushes = iter(np.repeat(np.random.default_rng(seed).uniform(-4, 4, steps), 3))
-    robot, name = Cart(mass, friction, **options), f"{mass}, {friction}"
-    return collect_run(
-        robot, lambda s: next(pushes), steps, name, observe=lambda seen: seen["place"]
+    robot = Cart(mass, friction, **options)
+    return rollout(
+        robot,
+        lambda s: next(pushes),
+        steps,
+        material=f"{mass}, {friction}",
+        observe=lambda seen: seen["place"],
     )
 
 
@@ -94,7 +99,7 @@ def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
     with pytest.raises(
         EpisodeEnded, match="the robot's task was over after 1 of 5 steps"
     ) as told:
-        collect_run(Falls(), lambda s: np.zeros(1), 5, "any")
+        rollout(Falls(), lambda s: np.zeros(1), 5, material="any")
     assert "max_episode_steps" not in str(told.value)
     assert len(told.value.run) == 1
 
@@ -122,11 +127,11 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
 
     p = biases["{}, {}".format(*properties)]
     controller = Controller(model, loss, p, [-4], [4], ControlSettings(horizon=10))
-    run = collect_run(
+    run = rollout(
         Cart(*properties),
         controller.act,
         40,
-        "here",
+        material="here",
         observe=lambda seen: seen["place"],
     )
     assert abs(run.s[-10:, 0] - 0.5).mean() < 0.1
@@ -200,7 +205,8 @@ def test_the_four_calls_import_nothing_of_cloth():
             "training",
         )
     }
-    assert loaded == {"clothlab", "clothlab._validation", "clothlab.method", *learning}
+    below = {"clothlab", "clothlab._extras", "clothlab._validation", "clothlab.method"}
+    assert loaded == below | learning
 
 
 def test_a_model_comes_back_from_its_file(tmp_path):
@@ -209,8 +215,11 @@ def test_a_model_comes_back_from_its_file(tmp_path):
         "heavy": np.zeros(2, np.float32),
     }
     model = DPMPB(3, 2).eval()
-    artifacts.save_model(model, biases, "toy", data=tmp_path)
-    loaded, p = artifacts.load_model("toy", data=tmp_path)
+    trained = Checkpoint(name="toy", model=model, biases=biases)
+    data.save_model(trained, data=tmp_path)
+    read = data.load_model("toy", data=tmp_path)
+    loaded = read.model
+    p = read.biases
     assert p.keys() == biases.keys()
     assert np.array_equal(p["light"], biases["light"])
     state = torch.ones(1, 1, 3), torch.ones(1, 1, 2), torch.tensor(p["light"])

@@ -27,7 +27,7 @@ from clothlab.method.control import (
     downhill,
     optimise_commands,
 )
-from clothlab.method.data import Run, collect_run
+from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, EstimationSettings
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.iterative import nearest_plans
@@ -170,13 +170,8 @@ def test_a_cloth_is_recorded_by_the_same_call_as_any_robot(env, controller):
     policy = controller()
     run = to_run(policy.autoencoder, rollout(env, policy, 4))
     policy.reset()
-    same = collect_run(
-        env,
-        policy.controller.act,
-        4,
-        "same",
-        observe=partial(observe, policy.autoencoder),
-    )
+    see = partial(observe, policy.autoencoder)
+    same = rollout(env, policy.controller.act, 4, material="same", observe=see)
     assert same.s == pytest.approx(run.s, abs=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""The environment: Gymnasium's own checks, reproducibility, and what it refuses."""
+"""The environment: that it repeats, what it draws, and what it refuses."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -6,7 +6,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import JOINTS, TorqueArm
@@ -16,10 +15,10 @@ from clothlab.simulation.env import (
     ClothEnv,
     Scene,
     SimulationError,
-    _make_renderer,
     build_spec,
     onlooker,
 )
+from clothlab.simulation.rendering import Renderers
 
 # It diverges
 STIFF = replace(
@@ -58,24 +57,6 @@ def run(env: ClothEnv, steps: int, **options) -> np.ndarray:
         env.advance(policy({}), **options)
         states.append(everything(env))
     return np.array(states)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings(
-    "ignore:.*symmetric and normalized space"
-)  # commands are in the arm's units on purpose
-@pytest.mark.filterwarnings(
-    "ignore:.*observation space (min|max)imum value is"
-)  # a velocity has no bound
-@pytest.mark.parametrize("arm", ["torque", "muscle"])
-def test_gymnasium_accepts_it(arm):
-    env = ClothEnv(arm)
-    check_env(env, skip_render_check=True)
-    env.reset()
-    observation, reward, terminated, truncated, info = env.step(env.arm.home_command)
-    assert observation in env.observation_space
-    assert (reward, terminated, truncated, info) == (0.0, False, False, {})
-    env.close()
 
 
 @pytest.mark.slow
@@ -242,7 +223,15 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
 
     monkeypatch.setattr("mujoco.Renderer", no_display)
     with pytest.raises(RuntimeError, match=r"apt-get install libegl1"):
-        _make_renderer(env.model, 96, 128)
+        Renderers().get(env.model, 96, 128)
+
+
+def test_a_process_forked_after_drawing_says_so_rather_than_wait_for_ever(
+    env, monkeypatch
+):
+    monkeypatch.setattr("clothlab.simulation.rendering._drew_first", 1)
+    with pytest.raises(RuntimeError, match=r"was forked .*start it afresh"):
+        Renderers().get(env.model, 96, 128)
 
 
 def on_picture(env, view, points):

@@ -20,20 +20,22 @@ import mmap, os, random, resource, signal, sys, time
 from pathlib import Path
 import numpy as np
 import torch
-from clothlab import artifacts
+from clothlab import data as stored
 from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.checkpoint import Checkpoint
+from clothlab.method.model import DPMPB
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial, load_trial, save_trial
 
 torch.set_num_threads(1)  # threads do not survive a fork
 moments, folder = int(sys.argv[1]), Path(sys.argv[2])
-network, images = Autoencoder(), np.random.default_rng(0).random((200, 96, 128)) < 0.5
+network, model, images = Autoencoder(), DPMPB(2, 1), np.random.default_rng(0).random((200, 96, 128)) < 0.5
 about = {"cloth": get_cloth("damp0.05-mass0.10"), "arm": "torque", "policy": "x", "seed": 0}
 
 def save_mask(n, data):
     mask = np.zeros((96, 128), bool)
     mask.ravel()[: n + 1] = True
-    artifacts.save_target(mask, "x", data=data)
+    stored.save_target(mask, "x", data=data)
 
 def read_trial(data):
     u = load_trial(data / "x.npz").commands * 1e6
@@ -43,15 +45,21 @@ def read_trial(data):
 def make_trial(n):
     return Trial(images, np.zeros((200, 4)), np.full((200, 2), n / 1e6), **about)
 
+def write_checkpoint(n, data):
+    trained = Checkpoint(name="x", model=model, biases={}, losses=np.full(3, float(n)))
+    trained.save(data / "x.safetensors", overwrite=True)
+
 WRITE = {
+    "checkpoint": write_checkpoint,
     "trial": lambda n, data: save_trial(make_trial(n), data / "x.npz"),
-    "weights": lambda n, data: artifacts.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
+    "weights": lambda n, data: stored.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
     "target": save_mask,
 }
 READ = {
+    "checkpoint": lambda data: int(Checkpoint.load(data / "x.safetensors").losses[0]),
     "trial": read_trial,
-    "weights": lambda data: int(artifacts.load_autoencoder("x", data=data)[1][0]),
-    "target": lambda data: int(artifacts.load_target("x", data=data).sum()) - 1,
+    "weights": lambda data: int(stored.load_autoencoder("x", data=data)[1][0]),
+    "target": lambda data: int(stored.load_target("x", data=data).sum()) - 1,
 }
 
 def killed(data, write, read):

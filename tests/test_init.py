@@ -1,10 +1,20 @@
 """Importing the package: cheap, and able to draw in whatever order."""
 
+import ast
+import importlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+import clothlab
+
+ALONE = Path(__file__).with_name("method_alone.py")
+# What the method must do without
+FOREIGN = {"mujoco", "gymnasium", "matplotlib", "cv2", "pandas", "scipy", "sklearn"}
+FOREIGN |= {"pooch", "PIL", "IPython", "anywidget", "ipywidgets", "joblib"}
 
 
 def run(code: str, **environment: str) -> str:
@@ -55,3 +65,78 @@ def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     assert (
         run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
     )
+
+
+# As if these packages were not installed
+BLOCK = """
+from importlib.machinery import PathFinder
+
+BLOCKED = {blocked}
+find = PathFinder.find_spec
+
+def seem_missing(name, *where):
+    return None if name.split(".")[0] in BLOCKED else find(name, *where)
+
+PathFinder.find_spec = seem_missing
+"""
+
+
+def test_the_table_of_contents_holds_and_its_stub_says_the_same():
+    found = {name: getattr(clothlab, name) for name in clothlab.__all__}
+    assert set(clothlab.__all__) <= set(dir(clothlab))
+    assert 40 <= len(found) <= 60
+    stub = ast.parse(Path(clothlab.__file__).with_suffix(".pyi").read_text())
+    places = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                assert alias.asname == alias.name  # or it would not be exported
+                places[alias.name] = getattr(
+                    importlib.import_module(node.module), alias.name
+                )
+    assert places == found
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'clothlab' has no attribute 'DPMBP'"):
+        clothlab.DPMBP  # noqa: B018
+    assert not hasattr(clothlab, "trained")
+
+
+@pytest.mark.parametrize(
+    ("blocked", "code", "message"),
+    [
+        (
+            "mujoco",
+            "from clothlab import ClothEnv",
+            "clothlab.ClothEnv needs mujoco: pip install 'clothlab[cloth]'",
+        ),
+        (
+            "cv2",
+            "import clothlab; clothlab.load_target",
+            "clothlab.load_target needs cv2: pip install 'clothlab[cloth]'",
+        ),
+        (
+            "matplotlib",
+            "from clothlab import plots",
+            "clothlab.plots needs matplotlib: pip install 'clothlab[notebooks]'",
+        ),
+        (
+            "mujoco",
+            "import clothlab.simulation.env",
+            "clothlab.simulation needs mujoco: pip install 'clothlab[cloth]'",
+        ),
+    ],
+)
+def test_a_missing_extra_is_one_sentence(blocked, code, message):
+    block = BLOCK.replace("{blocked}", repr({blocked}))
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run(block + code)
+    assert caught.value.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"
+
+
+def test_the_method_runs_on_what_pip_install_clothlab_brings():
+    """No more than the four packages are imported; `slow` tests do so without others."""
+    code = f"import runpy; runpy.run_path({str(ALONE)!r}, run_name='__main__')"
+    block = BLOCK.replace("{blocked}", repr(FOREIGN))
+    assert run(block + code, PYTHONPATH=os.pathsep.join(sys.path)) == "\n"

@@ -3,20 +3,24 @@
 import numpy as np
 import pytest
 
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.lab._drivers import DRIVERS, Choice, Drivers
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import TorqueArm
-from clothlab.trained import Trained
 from clothlab.trials import recorded_plans
 
 
 @pytest.fixture
 def drivers(trial, square):
     arm, autoencoder = TorqueArm(), Autoencoder().eval()
-    trained = Trained(
-        "own", arm, autoencoder, DPMPB(7, 2).eval(), {}, np.zeros(1), "own"
+    trained = ClothCheckpoint(
+        name="own",
+        arm=arm,
+        autoencoder=autoencoder,
+        model=DPMPB(7, 2).eval(),
+        biases={},
     )
     rng = np.random.default_rng(0)
     commands = rng.uniform(arm.command_lower, arm.command_upper, (40, 2))

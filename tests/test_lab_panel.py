@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel
-from clothlab.lab import _panel as panel_module
+from clothlab.lab import LivePanel, _panel as panel_module
 from clothlab.lab._actions import stick_command
 from clothlab.lab._targets import LARGEST_FILE
 from clothlab.simulation.arm import MuscleArm, TorqueArm

@@ -135,7 +135,7 @@ def test_another_arm_brings_its_own_weights_cloth_and_target(session):
 
 def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
     before = {name: id(value) for name, value in vars(session).items()}
-    monkeypatch.setattr("clothlab.artifacts.load_targets", lambda: {})
+    monkeypatch.setattr("clothlab.data.load_targets", lambda: {})
     with pytest.raises(KeyError, match="unknown target 'target-2'"):
         session.set_arm("torque")
     assert {name: id(value) for name, value in vars(session).items()} == before

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.lab import _tracker as tracker
 from clothlab.lab._tracker import _REPORT_EVERY, BiasTracker, _calibration
 
@@ -15,12 +15,12 @@ pytestmark = pytest.mark.slow  # a calibration takes seconds
 
 @pytest.fixture(scope="module")
 def learned():
-    return artifacts.load("torque-0")
+    return data.load("torque-0")
 
 
 @pytest.fixture(scope="module")
 def run(learned):
-    trials = artifacts.load_trials("evaluation")
+    trials = data.load_trials("evaluation")
     return learned.to_run(
         next(
             t

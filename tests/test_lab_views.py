@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import studies
-from clothlab import artifacts
+from clothlab import data
 from clothlab.calibration import EstimateReport, inside
 from clothlab.lab import _views as views
 from clothlab.lab._drivers import Period
@@ -212,7 +212,7 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
         for target, best in zip(
             searched["target"], searched["iou"].map(np.max), strict=True
         ):
-            session.set_target(artifacts.load_target(target))
+            session.set_target(data.load_target(target))
             verdict = views.Views(session).target()["verdict"]
             assert (
                 best < 0.55 if verdict.startswith("Not reachable") else best >= 0.5

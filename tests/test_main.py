@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from clothlab import artifacts
+from clothlab import data as stored
 from clothlab.__main__ import check_files, pins_of
 
 
@@ -16,11 +16,11 @@ def data(tmp_path, square, monkeypatch):
     leaves out.
     """
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    artifacts.save_target(square, "a")
-    artifacts.save_target(square, "drawn/b")
+    stored.save_target(square, "a")
+    stored.save_target(square, "drawn/b")
     (tmp_path / "trials" / "train-more").mkdir(parents=True)
     (tmp_path / "trials" / "train-more" / "00.npz").write_bytes(b"00")
-    artifacts.write_checksums()
+    stored.write_checksums()
     return tmp_path
 
 
@@ -33,7 +33,7 @@ def test_what_is_left_to_make_data_is_counted_and_is_no_fault(data, capsys):
 def test_each_fault_comes_with_its_cure(data, square, capsys):
     (data / "trials" / "train-more" / "00.npz").write_bytes(b"other")
     (data / "targets" / "a.png").unlink()
-    artifacts.save_target(square, "c")
+    stored.save_target(square, "c")
     assert check_files() == [
         "data/targets/a.png is missing: restore it with `git checkout data/targets/a.png`",
         "data/targets/c.png is not recorded: record its hash with `python -m clothlab checksums`",

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import studies
-from clothlab import analysis, artifacts, plots
+from clothlab import _store, analysis, plots
 from clothlab.calibration import best_bias, calibrate
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, train_autoencoder
@@ -106,7 +106,7 @@ MISTAKES = {
     ],
     "a name is no name": [
         (
-            lambda: artifacts.save_results(b"x", "n1", None),
+            lambda: _store.save_results(b"x", "n1", None),
             r"results end in .*\.csv.*, got None",
         ),
         (lambda: cloth_name(0.05, np.nan), "C_mass is a finite number, got nan"),

@@ -111,6 +111,25 @@ def test_headings_open_their_cells_and_imports_come_before_parameters(path):
     assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [2])
 
 
+def imports(source):
+    """The statements of a cell that import from the package; studies come on top."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module]
+        found += [name for name in names if name.split(".")[0] == "clothlab"]
+    return found
+
+
+@each_notebook
+def test_it_imports_from_the_package_in_five_lines(path):
+    code = [cell for cell in cells(path, "code") if "claim" not in tags(cell)]
+    assert len([name for cell in code for name in imports(cell.source)]) <= 5
+
+
 @each_notebook
 def test_its_last_text_says_how_to_free_its_memory(path):
     assert cells(path, "markdown")[-1].source.endswith(

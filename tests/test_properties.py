@@ -21,18 +21,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from PIL import Image
 
 import clothlab
-from clothlab import analysis, artifacts, policies, trials
+from clothlab import analysis, data as stored, policies, trials
 from clothlab._validation import Checked
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method import autoencoder, estimation
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
 from clothlab.simulation import arm, cloth, env, stiffness, vision
-from clothlab.trained import Trained
 
 pytestmark = pytest.mark.slow  # a thousand inputs
 
@@ -53,7 +52,7 @@ def trial() -> trials.Trial:
 
 
 @cache
-def learned() -> Trained:
+def learned() -> ClothCheckpoint:
     """Networks with random weights."""
     torch.manual_seed(0)
     eyes, model = autoencoder.Autoencoder().eval(), DPMPB(7, 2).eval()
@@ -63,16 +62,15 @@ def learned() -> Trained:
         "damp0.07-mass0.15": np.array([1, 0.3]),
     }
     biases = {name: p.astype(np.float32) for name, p in biases.items()}
-    names = (
-        "x-0",
-        TORQUE,
-        eyes.requires_grad_(False),
-        model.requires_grad_(False),
-        biases,
-        np.array([0.2, 0.1]),
-        "x",
+    return ClothCheckpoint(
+        name="x-0",
+        arm=TORQUE,
+        autoencoder=eyes.requires_grad_(False),
+        model=model.requires_grad_(False),
+        biases=biases,
+        losses=np.array([0.2, 0.1]),
+        autoencoder_name="x",
     )
-    return Trained(*names)
 
 
 @cache
@@ -160,10 +158,10 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         lambda z: autoencoder.decode(learned().autoencoder, z),
         {"z": np.zeros(3)},
     ),
-    "load": (artifacts.load, {"name": "x-0"}),
-    "load_trials": (artifacts.load_trials, {"name": "short"}),
-    "load_target": (artifacts.load_target, {"name": "a"}),
-    "save_target": (artifacts.save_target, {"mask": square(), "name": "b"}),
+    "load": (stored.load, {"name": "x-0"}),
+    "load_trials": (stored.load_trials, {"name": "short"}),
+    "load_target": (stored.load_target, {"name": "a"}),
+    "save_target": (stored.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),
     "estimate_bias": (
         lambda p: estimation.estimate_bias(learned().model, run(), p),
@@ -336,10 +334,10 @@ def data(tmp_path_factory) -> Path:
         (folder / "trials" / "short" / "00.npz").read_bytes()[:-50]
     )
     (folder / "README.txt").write_text("no trial")
-    artifacts.save_target(square(), "a", data=folder)
-    artifacts.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
-    artifacts.save(learned(), data=folder)
-    artifacts.write_checksums(folder)
+    stored.save_target(square(), "a", data=folder)
+    stored.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
+    stored.save(learned(), data=folder)
+    stored.write_checksums(folder)
     return folder
 
 

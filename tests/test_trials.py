@@ -76,7 +76,7 @@ def test_a_replay_repeats_the_recorded_run(arm, trial, muscle_trial):
 
 
 def test_a_replay_that_starts_elsewhere_is_refused(env):
-    trial = rollout(env, RandomPolicy(env.arm), 2, random_start=True)
+    trial = rollout(env, RandomPolicy(env.arm), 2, options={"random_start": True})
     with pytest.raises(ValueError, match=r"started elsewhere"):
         replay(trial)
 
@@ -231,9 +231,18 @@ def test_a_run_of_a_changed_arm_is_recorded_and_read_as_one_of_that_arm(arm, tmp
     [
         (
             {"env": "torque"},
-            r"env is a ClothEnv, got str torque: ClothEnv\(arm, cloth\) makes one",
+            r"env is a Gymnasium environment, such as ClothEnv\(arm, cloth\), got str",
         ),
-        ({"random_start": "no"}, "random_start is True or False, got no"),
+        ({"env": ClothEnv}, r"such as ClothEnv\(arm, cloth\), got type"),
+        ({"options": {"random_start": "no"}}, "random_start is True or False, got no"),
+        ({"options": ["random_start"]}, "options is a dict, got list"),
+        ({"observe": np.asarray}, "observe makes states of a Run: name its material"),
+        ({"material": 3}, "material is a str, got int 3"),
+        (
+            {"material": "any", "watch": print},
+            "only an environment's own record can be watched",
+        ),
+        ({"samples": 101}, "samples must be at most 100"),
         ({"seed": 1.5}, "seed is a whole number"),
     ],
 )

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import Observation
 from clothlab.method.data import Run
 from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import Arm
-from clothlab.trained import Trained
 
 DRIVERS = ("control", "iterative", "manual", "random", "operator")
 
@@ -55,7 +55,7 @@ class Drivers:
 
     def __init__(
         self,
-        trained: Trained,
+        trained: ClothCheckpoint,
         arm: Arm,
         target: ArrayLike,
         p: ArrayLike,

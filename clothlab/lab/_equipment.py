@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab._validation import choose
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.lab._drivers import Drivers
 from clothlab.lab._targets import (
     Aim,
@@ -19,7 +20,6 @@ from clothlab.lab._targets import (
 from clothlab.lab._tracker import BiasTracker
 from clothlab.method.data import Run
 from clothlab.simulation.arm import Arm
-from clothlab.trained import Trained
 from clothlab.trials import recorded_plans
 
 
@@ -56,7 +56,7 @@ class Equipment:
     """All that a session loads for an arm, and what it makes of it."""
 
     setup: _Setup
-    trained: Trained
+    trained: ClothCheckpoint
     runs: list[Run]  # that the weights learned from
     plans: np.ndarray  # commands of these, starts of the control [N, horizon, D_u]
     images: np.ndarray  # some of their images [N, H, W], bool
@@ -71,8 +71,8 @@ class Equipment:
     def of(cls, arm: str) -> "Equipment":
         """Load what comes with an arm of this name."""
         setup = choose("arm", arm, SETUPS)
-        trained = artifacts.load(setup.weights)
-        trials = artifacts.load_trials(setup.trials)
+        trained = data.load(setup.weights)
+        trials = data.load_trials(setup.trials)
         images = reference_images(trials)
         return cls(
             setup=setup,
@@ -81,7 +81,7 @@ class Equipment:
             plans=recorded_plans(trials),
             images=images,
             usual_distance=usual_reconstruction_distance(trained.autoencoder, images),
-            gallery=artifacts.load_targets() | recorded_targets(images),
+            gallery=data.load_targets() | recorded_targets(images),
         )
 
     def first_aim(self) -> Aim:

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.calibration import Calibration, EstimateReport, calibrate
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
-from clothlab.trained import Trained
 
 _REPORT_EVERY = 5  # steps; a report costs about as much as an update
 
@@ -20,8 +20,8 @@ def _calibration(weights: str, known: str) -> "Future[Calibration]":
 
     In a thread, so that no control step waits for it.
     """
-    learned = artifacts.load(weights)
-    trials = artifacts.load_trials(known)
+    learned = data.load(weights)
+    trials = data.load_trials(known)
 
     def compute() -> Calibration:
         runs = [learned.to_run(trial) for trial in trials]
@@ -39,7 +39,7 @@ class BiasTracker:
     `known` are trials that the model was not trained on, for calibration.
     """
 
-    def __init__(self, trained: Trained, known: str, p: ArrayLike):
+    def __init__(self, trained: ClothCheckpoint, known: str, p: ArrayLike):
         self._trained = trained
         self._known = known
         self._p = p

@@ -3,24 +3,15 @@ divided by.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from torch import Tensor, nn
-from tqdm.auto import tqdm
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_each,
-    check_kind,
-    check_number,
-    check_seed,
-)
+from clothlab._validation import Checked, check_array, check_each, check_kind
 from clothlab.method.model import DPMPB
 
 
@@ -68,54 +59,6 @@ def check_run(run: Any) -> Run:
 def check_runs(runs: Any) -> list[Run]:
     """Return runs as a list; a ValueError says which is none."""
     return check_each("runs", runs, Run, _ADVICE)
-
-
-class EpisodeEnded(ValueError):
-    """A robot's episode was over before the run: `run` is what had been recorded."""
-
-    def __init__(self, message: str, run: Run):
-        super().__init__(message)
-        self.run = run
-
-
-def collect_run(
-    env: Any,
-    policy: Callable[[np.ndarray], ArrayLike],
-    steps: int,
-    material: str,
-    *,
-    seed: int = 0,
-    observe: Callable[[Any], ArrayLike] = np.asarray,
-    progress: bool = False,
-) -> Run:
-    """Record a Gymnasium robot from its reset on: `observe(observation)` is s `[D_s]`,
-    and `policy(s)` is u `[D_u]`.
-
-    An episode that ends early is an `EpisodeEnded`, which says why and keeps the steps
-    so far as its `run`.
-    """
-    check_number("steps", steps, int, at_least=1)
-    observation, _ = env.reset(seed=check_seed(seed))
-    states: list[np.ndarray] = []
-    commands: list[np.ndarray] = []
-    for step in tqdm(range(steps), desc=material, disable=not progress, unit="step"):
-        s = np.array(observe(observation), ndmin=1)
-        u = np.array(policy(s), ndmin=1)
-        states.append(s)
-        commands.append(u)
-        observation, _, terminated, truncated, _ = env.step(u)
-        if (terminated or truncated) and step + 1 < steps:
-            so_far = Run(np.stack(states), np.stack(commands), material)
-            raise EpisodeEnded(_why_it_ended(terminated, len(so_far), steps), so_far)
-    return Run(np.stack(states), np.stack(commands), material)
-
-
-def _why_it_ended(terminated: bool, done: int, steps: int) -> str:
-    """Advice for an episode that was over after `done` of `steps` steps."""
-    where = f"after {done} of {steps} steps; they are kept as `run` of this error"
-    if terminated:
-        return f"the robot's task was over {where}. Use gentler commands, or record several short runs"
-    return f"the time limit of the environment was reached {where}: raise its `max_episode_steps`"
 
 
 def windows(

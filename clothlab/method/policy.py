@@ -58,11 +58,17 @@ class Wrapper(Policy):
 
 
 class _FunctionPolicy(Policy):
-    """A plain function `observation -> u` as a policy."""
+    """A plain function `observation -> u`, or what is called like one, as a policy."""
 
     def __init__(self, function: Callable[[Observation], ArrayLike]):
         self.function = function
         self.name = getattr(function, "__name__", type(function).__name__)
+
+    def reset(self, seed: int = 0) -> None:
+        # An object of another library may be called and reset, too.
+        reset = getattr(self.function, "reset", None)
+        if callable(reset):
+            reset(seed)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         return np.asarray(self.function(observation))

@@ -1,3 +1,14 @@
-"""The simulated world: cloth, muscles, two arms, the camera's mask, and a Gymnasium
-environment of them.
+"""The simulated world: cloth, muscles, two arms, the camera's mask, an environment.
+
+Importing it, or anything in it, registers that environment with Gymnasium, for
+`gymnasium.make("clothlab/Cloth-v0")`; so does `import clothlab` after Gymnasium. A name
+that needs no import before is `"clothlab.simulation:clothlab/Cloth-v0"`.
 """
+
+from clothlab._extras import require
+
+require("clothlab.simulation", "mujoco", "cloth")
+
+import gymnasium  # noqa: E402  (after the check that the extra is there)
+
+gymnasium.register("clothlab/Cloth-v0", entry_point="clothlab.simulation.env:ClothEnv")

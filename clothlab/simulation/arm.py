@@ -1,5 +1,4 @@
-"""Robot arms: their MuJoCo elements, how a command reaches the actuators, and what the
-robot senses of itself.
+"""Robot arms: their MuJoCo elements, their actuators, and what they sense.
 
 Code above this module never asks which `Arm` it has: an arm says how large its command
 and its robot state are, where angles, tensions and stiffness lie in them, and where the
@@ -7,9 +6,9 @@ camera stands.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any, ClassVar, NoReturn, Self
+from typing import Any, ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -39,35 +38,38 @@ class Camera(Checked):
 
     @property
     def axes(self) -> np.ndarray:
-        """What is right, up and backward for the camera, in the world: rows of `[3,
-        3]`.
-        """
+        """What is right, up and backward for the camera: the rows of `[3, 3]`."""
         backward = np.subtract(self.position, self.target)
         backward /= np.linalg.norm(backward)
         right = np.cross([0.0, 0.0, 1.0], backward)
         right /= np.linalg.norm(right)
-        level = np.array([right, np.cross(backward, right), backward])
+        up = np.cross(backward, right)
+        level = np.array([right, up, backward])
         return _turned((0.0, 0.0, self.roll)) @ level
 
     def moved(
         self, shift: ArrayLike = (0, 0, 0), turn: ArrayLike = (0, 0, 0)
     ) -> "Camera":
-        """The same camera elsewhere: shifted to its right, upward and backward `[3]`
-        [m], and turned.
+        """The same camera elsewhere: shifted, and turned.
 
-        `turn` is a rotation vector about these axes `[3]` [degree]: up (pitch), left
-        (yaw), counterclockwise (roll).
+        `shift` is to its right, upward and backward `[3]` [m]. `turn` is a rotation
+        vector about these axes `[3]` [degree]: up (pitch), left (yaw), counterclockwise
+        (roll). A ValueError if it then looks straight up or down.
         """
-        shift, turn = check_array("shift", shift, (3,)), check_array("turn", turn, (3,))
+        shift = check_array("shift", shift, (3,))
+        turn = check_array("turn", turn, (3,))
+
+        # Where it stands, and what is as far ahead of it as its target was
         axes = _turned(turn) @ self.axes
         position = np.add(self.position, shift @ self.axes)
-        target = position - axes[2] * np.linalg.norm(
-            np.subtract(self.position, self.target)
-        )
+        distance = np.linalg.norm(np.subtract(self.position, self.target))
+        target = position - axes[2] * distance
         if abs(axes[2, 2]) > 0.999:
             raise ValueError(
                 "a camera that looks straight up or down has no upright picture"
             )
+
+        # Its roll is what turns a level camera there into this one.
         level = replace(
             self,
             position=tuple(position.tolist()),
@@ -75,15 +77,12 @@ class Camera(Checked):
             roll=0.0,
         )
         right, up, _ = level.axes
-        return replace(
-            level, roll=float(np.rad2deg(np.arctan2(axes[0] @ up, axes[0] @ right)))
-        )
+        roll = np.arctan2(axes[0] @ up, axes[0] @ right)
+        return replace(level, roll=float(np.rad2deg(roll)))
 
 
 def _turned(turn: ArrayLike) -> np.ndarray:
-    """Axes `[3, 3]`, one in a row, turned by a rotation vector `[3]` [degree] in their
-    own frame.
-    """
+    """Axes turned by a rotation vector `[3]` [degree]: the rows of `[3, 3]`."""
     return Rotation.from_rotvec(turn, degrees=True).as_matrix().T
 
 
@@ -104,11 +103,11 @@ class StateLayout:
 
 @dataclass(frozen=True, kw_only=True)
 class Arm(Checked, ABC):
-    """Two links that move in the sagittal plane by shoulder and elbow pitch, with a bar
-    in the hand for the cloth.
+    """Two links in the sagittal plane, with a bar in the hand for the cloth.
 
-    Angles are positive downwards and zero when the arm is stretched out horizontally.
-    The paper gives no dimensions; these are this project's.
+    They move by shoulder and elbow pitch. Angles are positive downwards, and zero when
+    the arm is stretched out horizontally. The paper gives no dimensions; these are this
+    project's.
     """
 
     name: str
@@ -125,32 +124,27 @@ class Arm(Checked, ABC):
     # The rod in the hand that holds the cloth
     bar_length: float = setting(0.44, "m", above=0)
 
-    # What each number of `u` is, with its unit
+    # What each number of `u` and of the robot state is, with its unit
     command_names: ClassVar[tuple[str, ...]]
-    # What each number of the robot state is, with its unit
     state_names: ClassVar[tuple[str, ...]]
-    tensions = slice(0, 0)  # where the muscle tensions [N] lie in the robot state
-    # Where the joint angles [rad] lie in the robot state, if they are sensed
-    sensed_angles = slice(0, 0)
-    angle_command = slice(0, len(JOINTS))  # where θ_ref lies in `u`
-    # Where f_const [N] lies in `u`, if there is one
-    stiffness_command = slice(len(JOINTS), len(JOINTS))
-    closed_command = slice(
-        0,
-        0,
-        # Where it lies in `u` for how much of the period the hand is closed, if it can
-        # open
-    )
+
+    # Where things lie in the robot state; empty where the arm does not sense them
+    tensions = slice(0, 0)  # of the muscles [N]
+    sensed_angles = slice(0, 0)  # of the joints [rad]
+
+    # Where things lie in `u`; empty where they cannot be commanded
+    angle_command = slice(0, len(JOINTS))  # θ_ref [rad]
+    stiffness_command = slice(len(JOINTS), len(JOINTS))  # f_const [N]
+    closed_command = slice(0, 0)  # for how much of the period the hand is closed
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not all(
-            a <= b <= c
-            for a, b, c in zip(self.lower, self.home, self.upper, strict=True)
-        ):
-            raise ValueError(
-                f"{self.home} is not from {self.lower} to {self.upper}: home, lower and upper of an arm"
-            )
+        for low, home, high in zip(self.lower, self.home, self.upper, strict=True):
+            if not low <= home <= high:
+                raise ValueError(
+                    f"{self.home} is not from {self.lower} to {self.upper}: home, "
+                    "lower and upper of an arm"
+                )
 
     @property
     def has_stiffness(self) -> bool:
@@ -163,12 +157,15 @@ class Arm(Checked, ABC):
 
     def layout(self, latent_size: int) -> StateLayout:
         """Where things lie in `s`, for a z of `latent_size` numbers."""
-        names = (*(f"z{n + 1} [s.d.]" for n in range(latent_size)), *self.state_names)
-        tensions = slice(
-            self.tensions.start + latent_size, self.tensions.stop + latent_size
-        )
+        z_names = [f"z{n + 1} [s.d.]" for n in range(latent_size)]
+        names = (*z_names, *self.state_names)
+        first = latent_size + self.tensions.start
+        last = latent_size + self.tensions.stop
         return StateLayout(
-            names, slice(0, latent_size), slice(latent_size, len(names)), tensions
+            names,
+            z=slice(0, latent_size),
+            robot=slice(latent_size, len(names)),
+            tensions=slice(first, last),
         )
 
     @property
@@ -179,19 +176,23 @@ class Arm(Checked, ABC):
     @property
     def command_lower(self) -> np.ndarray:
         """Smallest command, `[D_u]`."""
-        return np.array([*self.lower, *(lower for lower, _, _ in self._beyond_angles)])
+        beyond = [lower for lower, _, _ in self._beyond_angles]
+        return np.array([*self.lower, *beyond])
 
     @property
     def home_command(self) -> np.ndarray:
-        """The command that a scene starts with, `[D_u]`: the cloth hangs in front of
-        the camera.
+        """The command that a scene starts with, `[D_u]`.
+
+        The cloth then hangs in front of the camera.
         """
-        return np.array([*self.home, *(home for _, home, _ in self._beyond_angles)])
+        beyond = [home for _, home, _ in self._beyond_angles]
+        return np.array([*self.home, *beyond])
 
     @property
     def command_upper(self) -> np.ndarray:
         """Largest command, `[D_u]`."""
-        return np.array([*self.upper, *(upper for _, _, upper in self._beyond_angles)])
+        beyond = [upper for _, _, upper in self._beyond_angles]
+        return np.array([*self.upper, *beyond])
 
     @abstractmethod
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
@@ -211,28 +212,47 @@ class Arm(Checked, ABC):
     def add_to(
         self, spec: mujoco.MjSpec, parent: mujoco.MjsBody | None = None
     ) -> tuple[mujoco.MjsBody, np.ndarray]:
-        """Add the arm to a scene, on a body at the world's origin or on the world
-        itself.
+        """Add the arm to a scene, on a body at the world's origin or on the world.
 
         Returns the hand's body, and its position in the world when every joint is at
         zero `[3]` [m].
         """
-        parent = spec.worldbody if parent is None else parent
+        forearm = self._add_links(spec.worldbody if parent is None else parent)
+        self._add_actuators(spec)
+
+        # The hand, with the bar across, to which the first row of the cloth is tied
+        hand = forearm.add_body(name="hand", pos=[self.link_length, 0, 0])
+        hand.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0, -self.bar_length / 2, 0, 0, self.bar_length / 2, 0],
+            size=[BAR_RADIUS, 0, 0],
+            mass=0.05,
+            rgba=_BAR_RGBA,
+            contype=0,
+            conaffinity=0,
+        )
+        hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
+        stretched = np.array([2 * self.link_length, 0, 0])
+        return hand, SHOULDER_POSITION + stretched
+
+    def _add_links(self, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+        """Add upper arm and forearm, each with the joint at its near end."""
         for i, joint in enumerate(JOINTS):
-            body = parent.add_body(
-                name=joint,
-                pos=SHOULDER_POSITION if i == 0 else [self.link_length, 0, 0],
-            )
+            # Where the link begins, and how far it turns
+            begins = SHOULDER_POSITION if i == 0 else [self.link_length, 0, 0]
+            lowest = self.lower[i] - self.stop_margin
+            highest = self.upper[i] + self.stop_margin
+            body = parent.add_body(name=joint, pos=begins)
             body.add_joint(
                 name=joint,
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=[0, 1, 0],
                 damping=[self.hinge_damping, 0, 0],
                 limited=True,
-                range=np.rad2deg(
-                    [self.lower[i] - self.stop_margin, self.upper[i] + self.stop_margin]
-                ),
+                range=np.rad2deg([lowest, highest]),
             )
+
+            # The link itself, which touches nothing
             body.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[0, 0, 0, self.link_length, 0, 0],
@@ -243,24 +263,10 @@ class Arm(Checked, ABC):
                 conaffinity=0,
             )
             parent = body
-        self._add_actuators(spec)
-        hand = parent.add_body(name="hand", pos=[self.link_length, 0, 0])
-        hand.add_geom(  # the bar across, to which the first row of the cloth is tied
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[0, -self.bar_length / 2, 0, 0, self.bar_length / 2, 0],
-            size=[BAR_RADIUS, 0, 0],
-            mass=0.05,
-            rgba=_BAR_RGBA,
-            contype=0,
-            conaffinity=0,
-        )
-        hand.add_site(name="hand", size=[0.001, 0, 0], group=4)
-        return hand, SHOULDER_POSITION + np.array([2 * self.link_length, 0, 0])
+        return parent
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        """Joint angles θ `[..., 2]` [rad] that follow from the robot state `[...,
-        D_r]`.
-        """
+        """Joint angles θ `[..., 2]` [rad], as they follow from `robot` `[..., D_r]`."""
         return np.asarray(robot)[..., self.sensed_angles]
 
     def angles(self, data: mujoco.MjData) -> np.ndarray:
@@ -271,18 +277,22 @@ class Arm(Checked, ABC):
         return np.array([data.joint(joint).qpos[0] for joint in JOINTS])
 
     def hand(self, theta: ArrayLike) -> np.ndarray:
-        """Where the hand is from the shoulder, (forward, up) `[2]` [m], for joint
-        angles θ `[2]` [rad].
+        """Where the hand is from the shoulder, (forward, up) `[2]` [m].
+
+        The joint angles θ are `[2]` [rad].
         """
-        reach = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
-        return self.link_length * np.array([np.cos(reach).sum(), -np.sin(reach).sum()])
+        slopes = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
+        forward = np.cos(slopes).sum()
+        up = -np.sin(slopes).sum()
+        return self.link_length * np.array([forward, up])
 
     def hand_jacobian(self, theta: ArrayLike) -> np.ndarray:
         """∂hand/∂θ, `[2, 2]` [m/rad], at joint angles θ `[2]` [rad]."""
-        reach = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
-        columns = [
-            [-np.sin(reach[j:]).sum(), -np.cos(reach[j:]).sum()] for j in range(2)
-        ]
+        slopes = np.cumsum(check_array("theta", theta, (len(JOINTS),)))
+        columns = []
+        for j in range(len(JOINTS)):
+            moved = slopes[j:]  # of the links that this joint moves
+            columns.append([-np.sin(moved).sum(), -np.cos(moved).sum()])
         return self.link_length * np.array(columns).T
 
 
@@ -333,9 +343,8 @@ class TorqueArm(Arm):
 
     def state(self, data: mujoco.MjData) -> np.ndarray:
         """Joint angles and velocities, `[4]` [rad] [rad/s]."""
-        return np.concatenate(
-            [self.angles(data), [data.joint(joint).qvel[0] for joint in JOINTS]]
-        )
+        velocities = [data.joint(joint).qvel[0] for joint in JOINTS]
+        return np.concatenate([self.angles(data), velocities])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -377,55 +386,70 @@ class MuscleArm(Muscles, Arm):
         return [(low, min(max(self.home_tension, low), high), high)]
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
-        inputs = int(mujoco.mjtCtrlInput.mjINPUT_POS) | int(
-            mujoco.mjtCtrlInput.mjINPUT_FF
-        )
-        # a scene may have a place for them among its coordinates
+        # A scene may have a place for the rotors among its coordinates.
         rotors = spec.body("rotors") or spec.worldbody
         for name, arms in zip(MUSCLES, self.moment_arms, strict=True):
-            rotor = rotors.add_body(
-                name=name, mass=1e-3, inertia=[1e-6] * 3, explicitinertial=True
-            )
-            rotor.add_joint(
-                name=name,
-                type=mujoco.mjtJoint.mjJNT_SLIDE,
-                axis=[0, 1, 0],  # level, so that the rotor has no weight
-                armature=self.rotor_mass,
-            )
-            tendon = spec.add_tendon(
-                name=name,
-                springlength=[-9, 0],  # slack at any length below zero
-                stiffness=[self.spring_linear, 0, self.spring_cubic],
-            )
-            for joint, coefficient in ((name, 1.0), *zip(JOINTS, arms, strict=True)):
-                if coefficient:
-                    tendon.wrap_joint(joint, coefficient)
-            motor = spec.add_actuator(
-                name=name,
-                target=name,
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                forcelimited=True,
-                forcerange=[self.tension_bias, self.tension_max],
-            )
-            motor.set_to_pid(
-                kp=self.motor_stiffness,
-                kv=self.motor_damping,
-                slewmax=self.motor_speed,
-                ctrlspec=inputs,
-            )
+            self._add_motor(spec, rotors, name)
+            self._add_spring(spec, name, arms)
+
+    def _add_motor(
+        self, spec: mujoco.MjSpec, rotors: mujoco.MjsBody, name: str
+    ) -> None:
+        """Add the rotor of a motor, and the control that moves it."""
+        rotor = rotors.add_body(
+            name=name, mass=1e-3, inertia=[1e-6] * 3, explicitinertial=True
+        )
+        rotor.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[0, 1, 0],  # level, so that the rotor has no weight
+            armature=self.rotor_mass,
+        )
+        motor = spec.add_actuator(
+            name=name,
+            target=name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            forcelimited=True,
+            forcerange=[self.tension_bias, self.tension_max],
+        )
+
+        # It is sent a position, and a force in addition: f_bias.
+        position = int(mujoco.mjtCtrlInput.mjINPUT_POS)
+        force = int(mujoco.mjtCtrlInput.mjINPUT_FF)
+        motor.set_to_pid(
+            kp=self.motor_stiffness,
+            kv=self.motor_damping,
+            slewmax=self.motor_speed,
+            ctrlspec=position | force,
+        )
+
+    def _add_spring(self, spec: mujoco.MjSpec, name: str, arms: np.ndarray) -> None:
+        """Add the spring between a rotor and the joints, with its moment arms `[2]`."""
+        tendon = spec.add_tendon(
+            name=name,
+            springlength=[-9, 0],  # slack at any length below zero
+            stiffness=[self.spring_linear, 0, self.spring_cubic],
+        )
+        tendon.wrap_joint(name, 1.0)
+        for joint, moment_arm in zip(JOINTS, arms, strict=True):
+            if moment_arm:
+                tendon.wrap_joint(joint, moment_arm)
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        theta, f_const = u[:2], u[2]
+        # The joints at θ_ref
+        theta = u[:2]
         for joint, angle in zip(JOINTS, theta, strict=True):
             data.joint(joint).qpos[0] = angle
-        lengths = self.body_image(theta, np.full(len(MUSCLES), f_const))
-        for name, length, sent in zip(
-            MUSCLES, lengths, self.sent_length(u), strict=True
-        ):
-            data.joint(name).qpos[0] = -length
-            # The set-point that the speed limit moves is a state of its own: left at
-            # zero, it would jerk the arm.
-            data.act[data.model.actuator(name).actadr[0]] = -sent
+
+        # Each motor where its spring pulls with f_const. The set-point that the speed
+        # limit moves is a state of its own: left at zero, it would jerk the arm.
+        tension = np.full(len(MUSCLES), u[2])
+        lengths = self.body_image(theta, tension)
+        sent = self.sent_length(u)
+        for k, name in enumerate(MUSCLES):
+            data.joint(name).qpos[0] = -lengths[k]
+            set_point = data.model.actuator(name).actadr[0]
+            data.act[set_point] = -sent[k]
         self.command(data, u)
 
     def command(self, data: mujoco.MjData, u: np.ndarray) -> None:
@@ -433,31 +457,29 @@ class MuscleArm(Muscles, Arm):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
 
     def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        f, lengths = np.split(np.asarray(robot), 2, axis=-1)
         # The body image, read backwards, by least squares over the muscles that pull: a
         # slack one says nothing.
+        f, lengths = np.split(np.asarray(robot), 2, axis=-1)
         taut = (f > 0).astype(np.float64)
-        squares = np.einsum(
-            "mi,...m,mj->...ij", self.moment_arms, taut, self.moment_arms
-        )
-        sums = np.einsum(
-            "mi,...m->...i", self.moment_arms, taut * (lengths + self.elongation(f))
-        )
+        arms = self.moment_arms
+        path = lengths + self.elongation(f)
+        squares = np.einsum("mi,...m,mj->...ij", arms, taut, arms)
+        sums = np.einsum("mi,...m->...i", arms, taut * path)
         return np.einsum("...ij,...j->...i", np.linalg.pinv(squares), sums)
 
     def state(self, data: mujoco.MjData) -> np.ndarray:
         """Tensions f and muscle lengths l, `[12]` [N] [m]."""
-        f = self.tension(np.array([data.tendon(name).length[0] for name in MUSCLES]))
-        return np.concatenate([f, [-data.joint(name).qpos[0] for name in MUSCLES]])
+        stretch = [data.tendon(name).length[0] for name in MUSCLES]
+        lengths = [-data.joint(name).qpos[0] for name in MUSCLES]
+        return np.concatenate([self.tension(np.array(stretch)), lengths])
 
 
 @dataclass(frozen=True, kw_only=True)
 class GripperArm(MuscleArm):
-    """The muscle arm with a gripper: one more number in `u` says for how much of the
-    control period it is closed.
+    """The muscle arm with a gripper.
 
-    A throw is a plan that ends in 1, …, 1, 0.4, 0, …, 0: the gripper lets go after 0.4
-    of a period.
+    One more number in `u` says for how much of the control period it is closed. A throw
+    is a plan that ends in 1, …, 1, 0.4, 0, …, 0: it lets go after 0.4 of a period.
     """
 
     name: str = "muscle-hand"
@@ -483,54 +505,61 @@ def get_arm(arm: Arm | str) -> Arm:
 
 
 def arm_data(arm: Arm) -> str | dict[str, Any]:
-    """Return what a file says of an arm: the name of one of `ARMS`, else the class and
-    every number.
+    """Return what a file says of an arm: its class and fields.
 
-    So a changed arm is read as itself, even where it has kept its name.
+    One of `ARMS` is only named. A changed arm is written as what it is, even where it
+    has kept its name.
     """
-    if ARMS.get(arm.name) == arm:
+    if arm in ARMS.values():
         return arm.name
     return {"class": type(arm).__name__, **asdict(arm)}
 
 
 def arm_from_data(data: str | dict[str, Any]) -> Arm:
-    """Return the arm of which a file says this; an `OtherKindError` if no class of arms
-    fits it.
+    """Return the arm of which a file says this.
+
+    An `OtherKindError` if it is none of `ARMS`, or no class of arms that is defined
+    here has this name: one's own is imported before its file is read.
     """
     if isinstance(data, str):
-        return get_arm(data) if data in ARMS else _refuse(f"arm {data!r}", ARMS)
+        if data not in ARMS:
+            known = ", ".join(ARMS)
+            raise OtherKindError(f"its arm {data!r} is unknown; known are {known}")
+        return ARMS[data]
+
     fields = dict(data)
     name = fields.pop("class")
-    kinds = {kind.__name__: kind for kind in _kinds()}
-    if name not in kinds:
-        _refuse(f"class of arms {name!r}", kinds)
+    classes = {each.__name__: each for each in _subclasses(Arm)}
+    if name not in classes:
+        known = ", ".join(classes)
+        raise OtherKindError(
+            f"its class of arms {name!r} is unknown; known are {known}. "
+            "Import yours before reading the file"
+        )
     fields["camera"] = Camera(**fields["camera"])
-    return kinds[name](**fields)
+    return classes[name](**fields)
 
 
-def _refuse(what: str, known: Iterable[str]) -> NoReturn:
-    raise OtherKindError(
-        f"its {what} is unknown; known are {', '.join(known)}. Import yours before reading the file"
-    )
-
-
-def _kinds(parent: type = Arm) -> Iterator[type]:
-    """Every class of arms that is defined at this moment."""
+def _subclasses(parent: type) -> Iterator[type]:
+    """Every class below this one that is defined at this moment."""
     child: type
     for child in parent.__subclasses__():
         yield child
-        yield from _kinds(child)
+        yield from _subclasses(child)
 
 
 def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
-    """Return a copy of `u` as float64 `[D_u]`; a ValueError if it is outside the arm's
-    range by more than rounding.
+    """Return a copy of `u` as float64 `[D_u]`, moved into the arm's range.
+
+    A ValueError if it is outside the range by more than rounding.
     """
-    lower, upper = arm.command_lower, arm.command_upper
+    lower = arm.command_lower
+    upper = arm.command_upper
     u = check_array(f"a command of the {arm.name} arm", u, lower.shape)
     nearest = u.clip(lower, upper)
     if np.abs(u - nearest).max() > 1e-6:
         raise ValueError(
-            f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; use numpy.clip"
+            f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; "
+            "use numpy.clip"
         )
     return nearest

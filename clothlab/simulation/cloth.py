@@ -1,5 +1,6 @@
-"""Cloths as point masses and springs, and their MuJoCo elements (paper, section
-"Experimental Setup").
+"""Cloths as point masses and springs, and their MuJoCo elements.
+
+They are those of the paper's section "Experimental Setup".
 """
 
 from collections.abc import Iterator
@@ -20,18 +21,15 @@ _BACK_RGBA = (0.10, 0.25, 0.65, 1.0)
 
 @dataclass(frozen=True)
 class Cloth(Checked):
-    """A rectangular cloth: a grid of point masses joined by springs, its first row held
-    by the hand.
+    """A rectangular cloth: a grid of point masses joined by springs.
 
-    The paper varies `damping` and `mass`. It does not give the other values, which are
-    this project's choice.
+    Its first row is held by the hand. The paper varies `damping` and `mass`. It does
+    not give the other values, which are this project's choice.
     """
 
     name: str
-    # C_damp: drag on each point mass
-    damping: float = setting(0.05, "N s/m", at_least=0)
-    # C_mass: the whole cloth
-    mass: float = setting(0.10, "kg", at_least=1e-3, at_most=10)
+    damping: float = setting(0.05, "N s/m", at_least=0)  # C_damp, drag on each point
+    mass: float = setting(0.10, "kg", at_least=1e-3, at_most=10)  # C_mass, the whole
     length: float = setting(0.50, "m", above=0)  # from the hand to the free edge
     width: float = setting(0.40, "m", above=0)  # along the hand bar
     rows: int = setting(6, at_least=2, at_most=100)  # point masses along the length
@@ -55,16 +53,14 @@ class Cloth(Checked):
 
     @property
     def label(self) -> str:
-        """What figures and menus call it: the foam's name, or (C_damp [N s/m], C_mass
-        [kg]).
-        """
+        """What figures call it: the foam, or (C_damp [N s/m], C_mass [kg])."""
         if self.foam:
             kind = f"{self.foam}-{self.sheets}"
             # Of another thickness: "hard-2-1.5mm"
             return self.name if self.name.startswith(kind) else kind
-        return (
-            f"({_two_digits_or_three(self.damping)}, {_two_digits_or_three(self.mass)})"
-        )
+        damping = _two_digits_or_three(self.damping)
+        mass = _two_digits_or_three(self.mass)
+        return f"({damping}, {mass})"
 
 
 def _two_digits_or_three(value: float) -> str:
@@ -72,26 +68,26 @@ def _two_digits_or_three(value: float) -> str:
 
 
 def cloth_name(damping: float, mass: float) -> str:
-    """Name of a simulated cloth, such as `damp0.03-mass0.10`, from C_damp [N s/m] and
-    C_mass [kg].
-    """
+    """Name of a simulated cloth of C_damp [N s/m], C_mass [kg]: `damp0.03-mass0.10`."""
     check_number("C_damp", damping, at_least=0)
     check_number("C_mass", mass, above=0)
     return f"damp{damping:.2f}-mass{mass:.2f}"
 
 
-CLOTHS = {  # the nine of the paper's simulation
-    cloth_name(damping, mass): Cloth(
-        cloth_name(damping, mass), damping=damping, mass=mass
-    )
-    for damping, mass in product(DAMPINGS, MASSES)
-}
+def _paper_cloths() -> Iterator[Cloth]:
+    for damping, mass in product(DAMPINGS, MASSES):
+        yield Cloth(cloth_name(damping, mass), damping=damping, mass=mass)
+
+
+CLOTHS = {cloth.name: cloth for cloth in _paper_cloths()}  # nine, of its simulation
 
 
 @dataclass(frozen=True)
 class FoamSheet(Checked):
-    """A sheet of polyethylene foam: thickness from the paper, density and modulus such
-    as these foams are sold with.
+    """A sheet of polyethylene foam.
+
+    The thickness is the paper's; density and modulus are such as these foams are sold
+    with.
     """
 
     thickness: float = setting(unit="m", above=0)
@@ -105,50 +101,49 @@ SHEETS = {
 }
 _AIR_DENSITY = 1.2  # [kg/m³]
 _DRAG_COEFFICIENT = 1.2  # of a plate across the wind
-# [m/s], at which the air's drag, which grows with the square of the speed, is made
-# linear
+
+# Drag grows with the square of the speed. At this one it is made linear [m/s].
 _SWING_SPEED = 2.0
-# [rad] between neighbouring rows, at which a bending spring stores what the bent sheets
-# do
+
+# A bending spring stores what bent sheets do at this angle between two rows [rad].
 _BEND = 1.0
 
 
 def foam(kind: str, sheets: int, sheet: FoamSheet | None = None) -> Cloth:
-    """A cloth of loose sheets, `soft` or `hard`: mass and stiffness grow with their
-    number, the drag does not.
+    """A cloth of loose sheets, `soft` or `hard`.
+
+    Mass and stiffness grow with their number, the drag does not. Another `sheet` than
+    that of the kind may be given.
     """
-    sheet = (
-        choose("foam", kind, SHEETS)
-        if sheet is None
-        else check_kind("sheet", sheet, FoamSheet)
-    )
+    if sheet is None:
+        sheet = choose("foam", kind, SHEETS)
+    check_kind("sheet", sheet, FoamSheet)
     check_number("sheets", sheets, int, at_least=1)
     base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
-    area, spacing = base.length * base.width, base.length / (base.rows - 1)
+    area = base.length * base.width
+    spacing = base.length / (base.rows - 1)
     drag = _AIR_DENSITY * _DRAG_COEFFICIENT * area * _SWING_SPEED / 2
+
     # A column of sheet bent by an angle φ between two rows stores E t³/12 · φ²/2 ·
     # column width / spacing, and the spring across them, which the bend shortens by
     # spacing · φ²/4, stores k/2 · (that)². Equal at φ = _BEND.
     rigidity = sheet.modulus * sheet.thickness**3 / 12 * base.width / base.columns
+    bending = sheets * 16 * rigidity / (spacing**3 * _BEND**2)
+
+    # Real foam stretches less than 60 N/m says, but so light a cloth would then need a
+    # smaller time step.
     return replace(
         base,
         mass=sheets * sheet.density * sheet.thickness * area,
         damping=drag / (base.rows * base.columns),
-        bending=sheets * 16 * rigidity / (spacing**3 * _BEND**2),
-        stiffness=sheets
-        # Real foam stretches less, but so light a cloth would need a smaller time step
-        * 60.0,
+        bending=bending,
+        stiffness=sheets * 60.0,
         spring_damping=sheets * 0.05,
     )
 
 
-FOAMS = {
-    cloth.name: cloth
-    for cloth in (
-        *(foam("soft", n) for n in (1, 2)),
-        *(foam("hard", n) for n in (1, 2, 3)),
-    )
-}
+_FOAMS = [foam("soft", n) for n in (1, 2)] + [foam("hard", n) for n in (1, 2, 3)]
+FOAMS = {cloth.name: cloth for cloth in _FOAMS}  # those of the paper's robot
 
 
 def get_cloth(cloth: Cloth | str) -> Cloth:
@@ -157,7 +152,7 @@ def get_cloth(cloth: Cloth | str) -> Cloth:
 
 
 def point_names(cloth: Cloth) -> list[list[str]]:
-    """Names of the point-mass bodies, `[rows][columns]`; row 0 is the one in the hand."""
+    """Names of the point-mass bodies, `[rows][columns]`; row 0 is in the hand."""
     return [[f"cloth_{i}_{j}" for j in range(cloth.columns)] for i in range(cloth.rows)]
 
 
@@ -170,15 +165,23 @@ def add_cloth(
     front_forward: bool = True,
     back_rgba: tuple[float, ...] = _BACK_RGBA,
 ) -> None:
-    """Hang the cloth in a scene from the body `hand`, or from nothing, so that it
-    falls.
+    """Hang the cloth in a scene from the body `hand`, or from nothing: then it falls.
 
     Free points are bodies of the world with three slide joints, so that their
     coordinates are the world's and the damping of those joints is a drag against still
     air: C_damp. (Notebook 01 compares this with the other reading, damping in the
-    springs.) `hand_position` [m] is where the middle of the first row is when every
-    joint is at zero; `front_forward` turns the red front away from the robot.
+    springs.)
+
+    Args:
+        spec: The scene.
+        cloth: The cloth.
+        hand: The body that holds the first row, if any does.
+        hand_position: Where the middle of the first row is when every joint is at zero,
+            `[3]` [m].
+        front_forward: Whether the red front is turned away from the robot.
+        back_rgba: The colour of the other side.
     """
+    # The points
     hanging = hanging_points(cloth)
     for i, row in enumerate(point_names(cloth)):
         for name, offset in zip(row, hanging[i], strict=True):
@@ -186,30 +189,24 @@ def add_cloth(
                 body = hand.add_body(name=name, pos=offset)
             else:
                 body = _add_free_body(spec, cloth, name, hand_position + offset)
-            # A sphere gives the point its mass; it neither collides nor shows: the
-            # surface is drawn by a skin.
-            sphere = {
-                "type": mujoco.mjtGeom.mjGEOM_SPHERE,
-                "size": [0.005, 0, 0],
-                "contype": 0,
-                "conaffinity": 0,
-            }
-            body.add_geom(mass=cloth.point_mass, group=4, **sphere)
-            body.add_site(name=name, size=[0.001, 0, 0], group=4)
+            _add_mass(body, name, cloth.point_mass)
+
+    # What joins them
     for a, b, stiffness in springs(cloth, held=hand is not None):
         _add_spring(spec, cloth, a, b, stiffness)
-    front_and_back = (_FRONT_RGBA, back_rgba)
-    _add_surface(
-        spec,
-        cloth,
-        hand_position + hanging,
-        front_and_back if front_forward else front_and_back[::-1],
-    )
+
+    # What is seen of them
+    rest = hand_position + hanging
+    if front_forward:
+        _add_surface(spec, cloth, rest, away=_FRONT_RGBA, towards=back_rgba)
+    else:
+        _add_surface(spec, cloth, rest, away=back_rgba, towards=_FRONT_RGBA)
 
 
 def hanging_points(cloth: Cloth) -> np.ndarray:
-    """Where the points are below the hand when the cloth hangs unstretched, `[rows,
-    columns, 3]` [m].
+    """Where the points of a hanging, unstretched cloth are below the hand.
+
+    `[rows, columns, 3]` [m]
     """
     y = np.linspace(-0.5, 0.5, cloth.columns) * cloth.width
     z = np.linspace(0.0, -cloth.length, cloth.rows)
@@ -230,21 +227,38 @@ def _add_free_body(
     return body
 
 
+def _add_mass(body: mujoco.MjsBody, name: str, mass: float) -> None:
+    """Give a point its mass [kg], by a sphere that neither collides nor shows.
+
+    The surface of the cloth is drawn by a skin.
+    """
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[0.005, 0, 0],
+        mass=mass,
+        contype=0,
+        conaffinity=0,
+        group=4,
+    )
+    body.add_site(name=name, size=[0.001, 0, 0], group=4)
+
+
 def springs(cloth: Cloth, *, held: bool = True) -> Iterator[tuple[str, str, float]]:
-    """Yield `(point, point, stiffness [N/m])` for structural, shear and bending
-    springs.
+    """Yield `(point, point, stiffness [N/m])` of structural, shear and bending springs.
 
     Without those within the first row if it is `held` in a rigid bar, where they would
     do nothing.
     """
+    structural_and_shear = [(1, 0), (0, 1), (1, 1), (1, -1)]
+    bending = [(2, 0), (0, 2)]
+    steps = [(cloth.stiffness, step) for step in structural_and_shear]
+    steps += [(cloth.bending, step) for step in bending]
+
     names = point_names(cloth)
-    kinds = [
-        (cloth.stiffness, [(1, 0), (0, 1), (1, 1), (1, -1)]),
-        (cloth.bending, [(2, 0), (0, 2)]),
-    ]
-    for stiffness, steps in kinds:
-        for (di, dj), i, j in product(steps, range(cloth.rows), range(cloth.columns)):
-            end_i, end_j = i + di, j + dj
+    for stiffness, (down, across) in steps:
+        for i, j in product(range(cloth.rows), range(cloth.columns)):
+            end_i = i + down
+            end_j = j + across
             inside = end_i < cloth.rows and 0 <= end_j < cloth.columns
             if inside and (end_i > 0 or not held):
                 yield names[i][j], names[end_i][end_j], stiffness
@@ -267,34 +281,43 @@ def _add_surface(
     spec: mujoco.MjSpec,
     cloth: Cloth,
     rest: np.ndarray,
-    colours: tuple[tuple[float, ...], tuple[float, ...]],
+    away: tuple[float, ...],
+    towards: tuple[float, ...],
 ) -> None:
-    """Draw the cloth: a skin shows one side only, so two of opposite winding: away from
-    the robot, to it.
-    """
-    names = [name for row in point_names(cloth) for name in row]
-    corner = np.array(
-        [
-            i * cloth.columns + j
-            for i in range(cloth.rows - 1)
-            for j in range(cloth.columns - 1)
-        ]
+    """Draw the cloth, in one colour away from the robot and in another towards it."""
+    # Two triangles in each square of points, from its corner
+    corners = []
+    for i, j in product(range(cloth.rows - 1), range(cloth.columns - 1)):
+        corners.append(i * cloth.columns + j)
+    corner = np.array(corners)
+    right = corner + 1
+    below = corner + cloth.columns
+    triangles = np.stack([corner, below, right, right, below, below + 1], axis=1)
+    faces = triangles.reshape(-1, 3)
+
+    # A skin shows one side only: two of them, of opposite winding.
+    _add_skin(spec, "cloth_away", cloth, rest, faces, away)
+    _add_skin(spec, "cloth_towards", cloth, rest, faces[:, ::-1], towards)
+
+
+def _add_skin(
+    spec: mujoco.MjSpec,
+    name: str,
+    cloth: Cloth,
+    rest: np.ndarray,
+    faces: np.ndarray,
+    rgba: tuple[float, ...],
+) -> None:
+    """Add a skin whose vertices are the points, each moved by its own body."""
+    names = [each for row in point_names(cloth) for each in row]
+    spec.add_skin(
+        name=name,
+        rgba=rgba,
+        vert=rest.ravel(),
+        face=faces.ravel(),
+        bodyname=names,
+        bindpos=rest.ravel(),
+        bindquat=np.tile([1.0, 0, 0, 0], len(names)),
+        vertid=[[k] for k in range(len(names))],
+        vertweight=[[1.0]] * len(names),
     )
-    right, below = corner + 1, corner + cloth.columns
-    front = np.stack([corner, below, right, right, below, below + 1], axis=1).reshape(
-        -1, 3
-    )
-    for side, faces, rgba in zip(
-        ("away", "towards"), (front, front[:, ::-1]), colours, strict=True
-    ):
-        spec.add_skin(
-            name=f"cloth_{side}",
-            rgba=rgba,
-            vert=rest.ravel(),
-            face=faces.ravel(),
-            bodyname=names,
-            bindpos=rest.ravel(),
-            bindquat=np.tile([1.0, 0, 0, 0], len(names)),
-            vertid=[[k] for k in range(len(names))],
-            vertweight=[[1.0] for _ in names],
-        )

@@ -1,11 +1,10 @@
-"""Muscles: motors in series with nonlinear springs, and what they do to the joints. No
-simulation here.
+"""Muscles: motors in series with nonlinear springs, and what they do to the joints.
 
-A muscle's motor reels in `s` [m] of wire; its spring is stretched by `e = s + Gθ` [m],
-where G holds the moment arms (flexors, which raise, positive). The spring pulls with `f
-= k₁e + k₃e³` [N] and never pushes. The motor is under muscle stiffness control:
-`clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. The robot senses tensions f
-and muscle lengths `l = -s`, nothing else.
+No simulation here. A muscle's motor reels in `s` [m] of wire; its spring is stretched
+by `e = s + Gθ` [m], where G holds the moment arms (flexors, which raise, positive). The
+spring pulls with `f = k₁e + k₃e³` [N] and never pushes. The motor is under muscle
+stiffness control: `clip(f_bias + K (s_send - s) - D ds/dt, f_bias, f_max)`. The robot
+senses tensions f and muscle lengths `l = -s`, nothing else.
 """
 
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ class Muscles(Checked):
         (0.030, 0.030), "m", at_least=0
     )
     spring_linear: float = setting(456.5, "N/m", above=0)  # k₁
-    # K₃; 0 makes the springs linear
+    # k₃; 0 makes the springs linear
     spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)
     motor_stiffness: float = setting(3e4, "N/m", above=0)  # K
     motor_damping: float = setting(250.0, "N s/m", at_least=0)  # D
@@ -47,7 +46,7 @@ class Muscles(Checked):
     rotor_mass: float = setting(4.0, "kg", above=0)  # as felt along the wire
     tension_bias: float = setting(2.0, "N", at_least=0)  # f_bias, keeps the wire taut
     tension_max: float = setting(250.0, "N", above=0)  # f_max of the motor
-    # Of f_const; the paper's
+    # Of f_const, the paper's
     tension_range: tuple[float, float] = setting((10.0, 70.0), "N", above=0)
 
     def __post_init__(self) -> None:
@@ -55,61 +54,70 @@ class Muscles(Checked):
         low, high = self.tension_range
         if not self.tension_bias < low <= high < self.tension_max:
             raise ValueError(
-                f"tension_range {self.tension_range} N must rise, within f_bias {self.tension_bias} and f_max "
-                f"{self.tension_max} N"
+                f"tension_range {self.tension_range} N must rise, within f_bias "
+                f"{self.tension_bias} and f_max {self.tension_max} N"
             )
 
     @property
     def moment_arms(self) -> np.ndarray:
         """G = ∂(path length)/∂θ, `[6, 2]` [m/rad]."""
-        flexors = [
-            (self.shoulder_moment_arm, 0.0),
-            (0.0, self.elbow_moment_arm),
-            self.biarticular_moment_arms,
-        ]
-        return np.array([sign * np.array(arms) for arms in flexors for sign in (1, -1)])
+        flexors = np.array(
+            [
+                (self.shoulder_moment_arm, 0.0),
+                (0.0, self.elbow_moment_arm),
+                self.biarticular_moment_arms,
+            ]
+        )
+        # Each extensor is wrapped around its joint the other way.
+        rows = []
+        for arms in flexors:
+            rows.append(arms)
+            rows.append(-1 * arms)
+        return np.array(rows)
 
     def tension(self, elongation: ArrayLike) -> np.ndarray:
-        """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³,
-        and 0 when slack.
+        """Pull of the springs [N] when stretched by `elongation` [m]: f = k₁e + k₃e³.
+
+        It is 0 when they are slack.
         """
         e = np.maximum(check_array("elongation", elongation, (...,)), 0.0)
         return self.spring_linear * e + self.spring_cubic * e**3
 
     def spring_stiffness(self, tension: ArrayLike) -> np.ndarray:
-        """How stiff the springs are [N/m] while they pull with `tension` [N]: df/de =
-        k₁ + 3k₃e².
+        """How stiff the springs are [N/m] while they pull with `tension` [N].
+
+        That is df/de = k₁ + 3k₃e².
         """
-        return (
-            self.spring_linear + 3 * self.spring_cubic * self.elongation(tension) ** 2
-        )
+        e = self.elongation(tension)
+        return self.spring_linear + 3 * self.spring_cubic * e**2
 
     def elongation(self, tension: ArrayLike, more_stiffness: float = 0.0) -> np.ndarray:
-        """Inverse of `tension`: stretch [m] at which the springs pull with `tension`
-        [N].
+        """Stretch [m] at which the springs pull with `tension` [N].
 
-        `more_stiffness` [N/m] is that of a linear spring in parallel.
+        `more_stiffness` [N/m] is that of a linear spring in parallel. Without it, this
+        is the inverse of the method `tension`.
         """
         tension = check_array("tension", tension, (...,))
         linear = self.spring_linear + more_stiffness
         cubic = self.spring_cubic
         if cubic == 0:
             return tension / linear
+
         # The one real root of e³ + 3a² e = tension / k₃, in its hyperbolic form, which
         # does not lose digits near 0.
         a = np.sqrt(linear / (3 * cubic))
         return 2 * a * np.sinh(np.arcsinh(tension / (2 * cubic * a**3)) / 3)
 
     def body_image(self, theta: ArrayLike, tension: ArrayLike) -> np.ndarray:
-        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m] from the
-        length at θ = 0, f = 0.
+        """Muscle lengths at rest, l = h(θ, f) (paper, eq. 2), `[..., 6]` [m].
 
-        For joint angles θ `[..., 2]` [rad] and tensions f `[..., 6]` [N].
+        They count from the length at θ = 0, f = 0. For joint angles θ `[..., 2]` [rad]
+        and tensions f `[..., 6]` [N].
         """
-        theta = check_array("theta", theta, (..., self.moment_arms.shape[1]))
-        return theta @ self.moment_arms.T - self.elongation(
-            check_array("tension", tension, (..., len(MUSCLES)))
-        )
+        arms = self.moment_arms
+        theta = check_array("theta", theta, (..., arms.shape[1]))
+        tension = check_array("tension", tension, (..., len(MUSCLES)))
+        return theta @ arms.T - self.elongation(tension)
 
     def sent_length(self, u: np.ndarray) -> np.ndarray:
         """The command path u = (θ_ref, f_const, …) → l_ref → l_send, `[6]` [m].
@@ -118,19 +126,17 @@ class Muscles(Checked):
         f_const.
         """
         f = np.full(len(MUSCLES), u[2])
-        return (
-            self.body_image(u[:2], f) - (f - self.tension_bias) / self.motor_stiffness
-        )
+        l_ref = self.body_image(u[:2], f)
+        given = (f - self.tension_bias) / self.motor_stiffness
+        return l_ref - given
 
     def static_tension(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] under the command
-        `u` until nothing moves.
+        """Tensions `[6]` [N] when the arm is held at θ `[2]` [rad] until nothing moves.
 
-        Spring and motor are two springs in series, within what the motor can pull.
+        It is under the command `u` `[3]`. Spring and motor are two springs in series,
+        within what the motor can pull.
         """
         gap = self.moment_arms @ theta - self.sent_length(u)
-        e = self.elongation(
-            self.tension_bias + self.motor_stiffness * gap,
-            more_stiffness=self.motor_stiffness,
-        )
+        without_spring = self.tension_bias + self.motor_stiffness * gap
+        e = self.elongation(without_spring, more_stiffness=self.motor_stiffness)
         return np.clip(self.tension(e), self.tension_bias, self.tension_max)

@@ -1,5 +1,6 @@
-"""From a camera picture to a cloth mask, and the distance between two masks (paper,
-"Experimental Setup").
+"""From a camera picture to a cloth mask, and the distance between two masks.
+
+Both are the paper's: section "Experimental Setup".
 """
 
 import io
@@ -17,11 +18,10 @@ KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 def cloth_mask(rgb: np.ndarray) -> np.ndarray:
-    """Where the red front of the cloth is: colour extraction, binarisation, closing,
-    opening, resizing.
+    """Where the red front of the cloth is, `[H, W]`, bool.
 
-    From a picture `[h, w, 3]`, uint8, of the aspect 4:3, a mask `[H, W]`, bool; empty
-    where no front of it shows.
+    By colour extraction, binarisation, closing, opening and resizing of a picture
+    `[h, w, 3]`, uint8, of the aspect 4:3. The mask is empty where no front shows.
     """
     rgb = np.asarray(rgb)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:
@@ -30,23 +30,26 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
         )
     if rgb.shape[0] * WIDTH != rgb.shape[1] * HEIGHT:
         raise ValueError(
-            f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; crop it first"
+            f"a picture has the aspect 4:3, got {rgb.shape[1]}×{rgb.shape[0]}; "
+            "crop it first"
         )
-    red, green, blue = cv2.split(rgb)
+
     # Red beyond both other channels is a hue test that survives shading; 40 of 255
     # clears the grey of arm and floor.
-    mask: np.ndarray = cv2.threshold(
-        cv2.subtract(red, cv2.max(green, blue)), 40, 1, cv2.THRESH_BINARY
-    )[1]
+    red, green, blue = cv2.split(rgb)
+    redness = cv2.subtract(red, cv2.max(green, blue))
+    mask: np.ndarray = cv2.threshold(redness, 40, 1, cv2.THRESH_BINARY)[1]
+
+    # Holes and slivers go.
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
+
+    # A pixel of a smaller mask is cloth where more than half of it is.
     if mask.shape != (HEIGHT, WIDTH):
-        mask = (
-            cv2.resize(
-                mask * np.uint8(255), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA
-            )
-            > 127
-        )
+        size = (WIDTH, HEIGHT)
+        grey = mask * np.uint8(255)
+        smaller = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(smaller > 127)
     return mask.astype(bool)
 
 
@@ -56,12 +59,8 @@ def mask_from_file(content: bytes) -> np.ndarray:
         with Image.open(io.BytesIO(content), formats=["PNG", "JPEG"]) as picture:
             size = picture.size
             grey = np.asarray(picture.convert("L")) if size == (WIDTH, HEIGHT) else None
-    except (
-        OSError,
-        SyntaxError,
-        ValueError,
-        Image.DecompressionBombError,
-    ):  # what Pillow says of a damaged file
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        # What Pillow says of a damaged file
         raise ValueError("this file is not a picture: use PNG or JPEG") from None
     if grey is None:
         raise ValueError(
@@ -71,14 +70,16 @@ def mask_from_file(content: bytes) -> np.ndarray:
 
 
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
-    """Symmetric chamfer distance [pixel] between two masks `[H, W]` (paper, section
-    "Simulation Experiment").
+    """Symmetric chamfer distance [pixel] between two masks `[H, W]`.
 
     The mean distance from a pixel of one cloth to the nearest pixel of the other, in
-    both directions, averaged.
+    both directions, averaged (paper, section "Simulation Experiment").
     """
-    a, b = check_mask(a), check_mask(b)
-    return float((_distance_to(b)[a].mean() + _distance_to(a)[b].mean()) / 2)
+    a = check_mask(a)
+    b = check_mask(b)
+    from_a = _distance_to(b)[a].mean()
+    from_b = _distance_to(a)[b].mean()
+    return float((from_a + from_b) / 2)
 
 
 def _distance_to(mask: np.ndarray) -> np.ndarray:
@@ -89,7 +90,8 @@ def _distance_to(mask: np.ndarray) -> np.ndarray:
 
 
 def focal_length(fovy: float, height: float = 1.0) -> float:
-    """Focal length of a pinhole camera with a vertical field of view [degree], in the
-    unit of the picture's height.
+    """Focal length of a pinhole camera with the vertical field of view `fovy` [degree].
+
+    Its unit is that of the picture's `height`.
     """
     return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))

@@ -6,7 +6,6 @@ What the robot itself can see is in `perception`.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import mujoco
@@ -109,14 +108,14 @@ class TableEnv(ClothEnv):
         furniture: Furniture | None = None,
         start_in: str = "rack",
         scene: Scene | None = None,
-        **options: Any,
+        render_mode: str | None = None,
     ):
         self.furniture = furniture or Furniture()
         self.start_in = choose("start", start_in, {name: name for name in _STARTS})
         self._release_in: int | None = None  # time steps until the hand opens
         self._base_path: np.ndarray = np.empty(0)
         arm = replace(get_arm(arm), home=self.furniture.start_posture)
-        super().__init__(arm, cloth, scene=scene, **options)
+        super().__init__(arm, cloth, scene=scene, render_mode=render_mode)
 
     @property
     def base(self) -> float:

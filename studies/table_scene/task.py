@@ -11,15 +11,15 @@ from functools import cache
 
 import numpy as np
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.analysis import nearest_material
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.policy import Policy
 from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
-from clothlab.trained import Trained
 from clothlab.trials import to_run
 from studies.table_scene.perception import NotVisibleError, find_cloth_centre
 from studies.table_scene.scene import Basket
@@ -232,11 +232,11 @@ def run_task(spreader: _Spreader, seed: int) -> Outcome:
 
 
 @cache
-def successful_throws(learned: Trained) -> tuple[Run, ...]:
+def successful_throws(learned: ClothCheckpoint) -> tuple[Run, ...]:
     """Recorded throws that spread a foam, and their repetitions, with the same
     commands, as the model sees them.
     """
-    trials = artifacts.load_trials(THROWS)
+    trials = data.load_trials(THROWS)
     good = {
         (trial.cloth.name, trial.commands.tobytes())
         for trial in trials
@@ -258,7 +258,7 @@ def spread_target(foam: str = FOAM) -> np.ndarray:
 
 
 def excite_and_throw(
-    driver: RobotDriver, learned: Trained, settings: ThrowSettings | None = None
+    driver: RobotDriver, learned: ClothCheckpoint, settings: ThrowSettings | None = None
 ) -> tuple[np.ndarray, ThrowPolicy]:
     """Estimate p of the cloth in the hand `[D_p]`, then throw it with the nearest
     trained p; estimate and policy.

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.browser
 KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
 IMPORTS = """
 from matplotlib.figure import Figure
-from clothlab import artifacts
+from clothlab import data
 from clothlab.lab import Control, LivePanel, LiveSession, PBMap, RecordedRun
 
 def draw(p, k=1):
@@ -29,7 +29,7 @@ def draw(p, k=1):
     figure.subplots().plot(p)
     return figure
 
-biases = artifacts.load("torque-0").biases
+biases = data.load("torque-0").biases
 """
 WIDGETS = {
     "Control": "control = Control(draw, p=PBMap(biases, {}, p=biases['damp0.05-mass0.10']), k=(1, 3, 1))\ncontrol",

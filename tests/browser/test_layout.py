@@ -17,7 +17,7 @@ CODE = {  # what notebooks 00, 04 and 05, and 08 show
     "00": "from clothlab.lab import RecordedRun\nRecordedRun(170, 87)",
     "05": """
 from matplotlib.figure import Figure
-from clothlab import artifacts
+from clothlab import data
 from clothlab.lab import Control, PBMap
 
 def draw(p, recording="a"):
@@ -25,7 +25,7 @@ def draw(p, recording="a"):
     figure.subplots(1, 3)[0].plot(p)
     return figure
 
-biases = artifacts.load("torque-0").biases
+biases = data.load("torque-0").biases
 Control(draw, recording=["a", "b"], p=PBMap(biases, {}, p=biases["damp0.05-mass0.10"]))
 """,
     "08": "from clothlab.lab import LivePanel, LiveSession\npanel = LivePanel(LiveSession())\npanel",

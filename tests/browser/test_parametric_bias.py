@@ -12,7 +12,7 @@ pytestmark = pytest.mark.browser
 
 CODE = """
 from matplotlib.figure import Figure
-from clothlab import artifacts
+from clothlab import data
 from clothlab.lab import Control, PBMap
 
 def draw(p):
@@ -20,7 +20,7 @@ def draw(p):
     figure.subplots().plot(p)
     return figure
 
-biases = artifacts.load("torque-0").biases
+biases = data.load("torque-0").biases
 pb_map = PBMap(biases, {}, p=next(iter(biases.values())))
 control = Control(lambda p: draw(p), p=pb_map)
 control

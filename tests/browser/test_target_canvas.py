@@ -5,7 +5,7 @@ along lines.
 import numpy as np
 import pytest
 
-from clothlab.artifacts import load_target
+from clothlab.data import load_target
 from clothlab.lab._widget import javascript
 from clothlab.masks import HEIGHT, WIDTH
 

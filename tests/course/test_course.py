@@ -16,7 +16,7 @@ import clothlab
 ROOT = Path(clothlab.__file__).parents[1]
 COURSE = ROOT / "docs" / "course"
 RECORD = """
-from clothlab import artifacts
+from clothlab import data as stored
 from clothlab.lab import LiveSession
 session = LiveSession()
 session.record()
@@ -24,7 +24,7 @@ for _ in range(6):
     session.step()
 print(session.recorder.save("first"))
 session.close()
-print(len(artifacts.load_trials("mine")[0]))
+print(len(stored.load_trials("mine")[0]))
 """
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from reproduce import say_what_repeats
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.policies import OperatorPolicy
 from clothlab.trials import load_trial, rollout
 from studies._parallel import Job
@@ -27,7 +27,7 @@ from studies.datasets import (
     record_targets,
 )
 
-DATA = Path(artifacts.__file__).parents[1] / "data"
+DATA = Path(data.__file__).parents[1] / "data"
 
 
 def box(top: int, left: int, height: int, width: int) -> np.ndarray:
@@ -150,7 +150,7 @@ def test_targets_are_saved_by_their_names(tmp_path, monkeypatch, square):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     jobs = [Job(lambda: {"a": square}, {}), Job(lambda: {"set/b": ~square}, {})]
     assert record_targets(jobs) == ["targets/a.png", "targets/set/b.png"]
-    assert np.array_equal(artifacts.load_target("set/b"), ~square)
+    assert np.array_equal(data.load_target("set/b"), ~square)
 
 
 def test_it_says_how_many_files_repeat_bit_for_bit(
@@ -158,10 +158,10 @@ def test_it_says_how_many_files_repeat_bit_for_bit(
 ):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     for name in ("a", "b", "c"):
-        artifacts.save_target(square, name)
-    artifacts.write_checksums()
-    artifacts.save_target(~square, "b")
-    artifacts.save_target(square, "new")
+        data.save_target(square, name)
+    data.write_checksums()
+    data.save_target(~square, "b")
+    data.save_target(square, "new")
     say_what_repeats([f"targets/{name}.png" for name in ("a", "b", "new")])
     assert capsys.readouterr().out.startswith(
         "1 of the 2 whose hash was recorded are the same bit for bit"
@@ -191,7 +191,7 @@ def test_a_choice_stands_for_every_kind_from_small_to_large():
 
 def test_held_out_targets_are_of_the_cloths_in_the_tables_and_development_has_others():
     stored = {
-        targets.name: artifacts.load_targets(targets.name, data=DATA)
+        targets.name: data.load_targets(targets.name, data=DATA)
         for targets in TARGET_SETS
     }
     pairs = {
@@ -215,7 +215,7 @@ def test_held_out_targets_are_of_the_cloths_in_the_tables_and_development_has_ot
 
 @pytest.mark.parametrize("name", ["held-out", "development", "drawn"])
 def test_the_border_of_the_picture_cuts_no_target_off(name):
-    for mask in artifacts.load_targets(name, data=DATA).values():
+    for mask in data.load_targets(name, data=DATA).values():
         assert mask.any()
         assert not mask[[0, -1]].any()
         assert not mask[:, [0, -1]].any()

@@ -6,7 +6,7 @@ import pytest
 import reproduce
 
 import studies
-from clothlab import analysis, artifacts
+from clothlab import analysis, data
 from studies import EXPERIMENTS, PAPER, Experiment, _grid, _parallel, report
 from studies._grid import grid, shared
 
@@ -45,11 +45,9 @@ STORED = [(name, ending) for ending in ("", PAPER) for name in report.stored(end
 @pytest.fixture(autouse=True)
 def short_trials(monkeypatch):
     """The first steps of a few recorded trials."""
-    whole = artifacts.load_trials
+    whole = data.load_trials
     monkeypatch.setattr(
-        artifacts,
-        "load_trials",
-        lambda name: [trial[:20] for trial in whole(name)[::4]],
+        data, "load_trials", lambda name: [trial[:20] for trial in whole(name)[::4]]
     )
 
 
@@ -237,7 +235,7 @@ def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
     ran, usual = [], [name for name, each in EXPERIMENTS.items() if not each.slow]
     monkeypatch.setattr(studies, "run", lambda name, **_: ran.append(name))
     monkeypatch.setattr(studies, "save", lambda *_: None)
-    monkeypatch.setattr(artifacts, "write_checksums", lambda: None)
+    monkeypatch.setattr(data, "write_checksums", lambda: None)
     monkeypatch.setattr(report, "publish", lambda _: [])
     monkeypatch.setattr("sys.argv", ["reproduce.py", "--results", *asked])
     reproduce.main()

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.simulation.arm import TorqueArm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
@@ -49,9 +49,9 @@ def test_what_moves_with_the_camera_is_no_noise_and_what_scatters_is_measured_in
 def test_a_motion_says_more_in_a_longer_run_and_to_an_observer_with_more_sensors(
     monkeypatch,
 ):
-    whole = artifacts.load_trials
+    whole = data.load_trials
     monkeypatch.setattr(
-        artifacts, "load_trials", lambda name: [trial[:60] for trial in whole(name)[:3]]
+        data, "load_trials", lambda name: [trial[:60] for trial in whole(name)[:3]]
     )
     identifiability._prediction_noise.cache_clear()
     row = _run_one(CLOTH.name, "random", 3, steps=10)

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from clothlab import artifacts
-from studies import _runs, ablations
-from studies import iterative_control as ic
+from clothlab import data
+from studies import _runs, ablations, iterative_control as ic
 
 TASK = {
     "arm": "torque",
@@ -27,12 +26,12 @@ def short_trials(monkeypatch):
     """The first steps of the recorded trials, also in place of those that are left to
     `make data`.
     """
-    whole = artifacts.load_trials
+    whole = data.load_trials
 
     def short(name, **options):
         return [trial[:40] for trial in whole(name.removesuffix("-more"), **options)]
 
-    monkeypatch.setattr(artifacts, "load_trials", short)
+    monkeypatch.setattr(data, "load_trials", short)
     _runs._encoded.cache_clear()
     yield
     _runs._encoded.cache_clear()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab import artifacts
+from clothlab import data
 from studies import _parallel
 from studies._parallel import Job, one_thread, run_jobs, version
 
@@ -52,8 +52,8 @@ def test_it_is_done_again_when_its_inputs_or_the_code_change(
         return list(run_jobs("words", work, keep=tmp_path / "kept"))
 
     for name, mask in (("x", square), ("y", square), ("x", np.roll(square, 1, axis=0))):
-        artifacts.save_target(mask, name)
-        artifacts.write_checksums()
+        data.save_target(mask, name)
+        data.write_checksums()
         done()
         done()
     assert (

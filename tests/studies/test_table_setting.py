@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 import torch
 
-from clothlab import artifacts
+from clothlab import data
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
-from clothlab.trained import Trained
 from clothlab.trials import Trial
 from studies import table_setting
 from studies.table_scene import task
@@ -75,7 +75,14 @@ def learned(monkeypatch):
         "hard-1": np.array([0.5, 0.0], np.float32),
         "soft-1": np.array([-0.5, 0.0], np.float32),
     }
-    found = Trained("table-0", ARM, autoencoder, model, biases, np.zeros(1), "table")
+    found = ClothCheckpoint(
+        name="table-0",
+        arm=ARM,
+        autoencoder=autoencoder,
+        model=model,
+        biases=biases,
+        autoencoder_name="table",
+    )
     throws = [
         recorded("hard-1", 0),
         recorded("soft-1", 1),
@@ -83,7 +90,7 @@ def learned(monkeypatch):
         recorded("hard-1", 3),
     ]
     monkeypatch.setattr(table_setting, "trained", lambda name: found)
-    monkeypatch.setattr(artifacts, "load_trials", lambda name: throws)
+    monkeypatch.setattr(data, "load_trials", lambda name: throws)
     for module in (task, table_setting):
         monkeypatch.setattr(
             module,

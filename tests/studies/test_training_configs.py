@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothlab import artifacts
+from clothlab import data
 from clothlab.method.autoencoder import AutoencoderTraining
 from studies._runs import config_of
 from studies.datasets import DATASETS
@@ -14,7 +14,7 @@ from studies.training_configs import TRAINING_CONFIGS
 
 @pytest.mark.parametrize("name", TRAINING_CONFIGS)
 def test_stored_weights_are_those_of_their_configuration(name):
-    learned, config = artifacts.load(f"{name}-0"), TRAINING_CONFIGS[name]
+    learned, config = data.load(f"{name}-0"), TRAINING_CONFIGS[name]
     assert learned.arm.name == config.arm
     assert len(learned.losses) == config.model.epochs
     assert config_of(learned) is config
@@ -42,7 +42,7 @@ def test_an_autoencoder_and_a_model_on_top_of_it_are_trained_and_found_again(
     monkeypatch, tmp_path, trial
 ):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    monkeypatch.setattr(artifacts, "load_trials", lambda name: [trial])
+    monkeypatch.setattr(data, "load_trials", lambda name: [trial])
     config = TRAINING_CONFIGS["torque"]
     config = replace(
         config,
@@ -51,9 +51,9 @@ def test_an_autoencoder_and_a_model_on_top_of_it_are_trained_and_found_again(
     )
     autoencoder, losses = config.train_autoencoder()
     assert len(losses) == 1
-    artifacts.save_autoencoder(autoencoder, losses, config.name)
-    artifacts.save(config.train_model(seed=3))
-    learned = artifacts.load("torque-3")
+    data.save_autoencoder(autoencoder, losses, config.name)
+    data.save(config.train_model(seed=3))
+    learned = data.load("torque-3")
     assert learned.autoencoder.fingerprint() == autoencoder.fingerprint()
     assert list(learned.biases) == [trial.cloth.name]
     assert np.array_equal(learned.to_run(trial).s, config.encoded_runs()[0].s)

@@ -92,7 +92,7 @@ def test_a_row_has_a_distance_and_an_overlap_of_each_period_but_the_first(
     )
     monkeypatch.setattr(transfer, "_estimated", lambda *_: np.zeros(2))
     monkeypatch.setattr(
-        transfer, "_aim", lambda arm, target: transfer.artifacts.load_target(target)
+        transfer, "_aim", lambda arm, target: transfer.data.load_target(target)
     )
     monkeypatch.setattr(transfer, "_random_z", lambda *_: np.ones((24, 3)))
     row = transfer._run_one(

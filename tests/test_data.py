@@ -16,25 +16,25 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from clothlab import artifacts
+from clothlab import _store, data as stored
+from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
-from clothlab.trained import Trained
 from clothlab.trials import load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {
-    "trials/train/one.npz": lambda data: artifacts.load_trials("train", data=data),
-    "targets/drawn/bar.png": lambda data: artifacts.load_target("drawn/bar", data=data),
-    "targets/target-1.png": lambda data: artifacts.load_target("target-1", data=data),
-    "weights/autoencoder-torque.safetensors": lambda data: artifacts.load_autoencoder(
+    "trials/train/one.npz": lambda data: stored.load_trials("train", data=data),
+    "targets/drawn/bar.png": lambda data: stored.load_target("drawn/bar", data=data),
+    "targets/target-1.png": lambda data: stored.load_target("target-1", data=data),
+    "weights/autoencoder-torque.safetensors": lambda data: stored.load_autoencoder(
         "torque", data=data
     ),
-    "weights/dpmpb-torque-0.safetensors": lambda data: artifacts.load(
+    "weights/dpmpb-torque-0.safetensors": lambda data: stored.load(
         "torque-0", data=data
     ),
-    "results/simulation.csv": lambda data: artifacts.load_results(
+    "results/simulation.csv": lambda data: _store.load_results(
         "simulation", ".csv", data=data
     ),
 }
@@ -51,17 +51,17 @@ def shaken(module: torch.nn.Module) -> torch.nn.Module:
 
 
 @pytest.fixture(scope="module")
-def trained() -> Trained:
+def trained() -> ClothCheckpoint:
     biases = {"a": np.array([1.0, 2.0]), "b": np.array([-1.0, 0.5])}
     autoencoder, model = shaken(Autoencoder()), shaken(DPMPB(7, 2))
-    return Trained(
-        "torque-0",
-        get_arm("torque"),
-        autoencoder,
-        model,
-        biases,
-        np.array([0.3, 0.2]),
-        "torque",
+    return ClothCheckpoint(
+        name="torque-0",
+        arm=get_arm("torque"),
+        autoencoder=autoencoder,
+        autoencoder_name="torque",
+        model=model,
+        biases=biases,
+        losses=np.array([0.3, 0.2]),
     )
 
 
@@ -71,12 +71,12 @@ def _data(tmp_path_factory, trial, trained) -> Path:
     mask = np.zeros((96, 128), bool)
     mask[30:50, 40:70] = True
     save_trial(trial, data / "trials" / "train" / "one.npz")
-    artifacts.save_target(mask, "target-1", data=data)
-    artifacts.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
-    artifacts.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
-    artifacts.save(trained, data=data)
-    artifacts.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
-    artifacts.write_checksums(data)
+    stored.save_target(mask, "target-1", data=data)
+    stored.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
+    stored.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
+    stored.save(trained, data=data)
+    _store.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
+    stored.write_checksums(data)
     return data
 
 
@@ -95,7 +95,7 @@ def contents(data: Path) -> dict[str, bytes]:
 
 
 def test_weights_survive_the_round_trip(data, trained, trial):
-    read = artifacts.load("torque-0", data=str(data))
+    read = stored.load("torque-0", data=str(data))
     for ours, theirs in (
         (read.model, trained.model),
         (read.autoencoder, trained.autoencoder),
@@ -123,12 +123,12 @@ def test_weights_survive_the_round_trip(data, trained, trial):
 
 
 def test_everything_else_survives_too(data, square, trial):
-    assert np.array_equal(artifacts.load_target("target-1", data=data), square)
-    assert list(artifacts.load_targets(data=data)) == ["target-1"]
-    assert artifacts.load_results("simulation", ".csv", data=data) == b"iou\n0.8"
-    (read,) = artifacts.load_trials("train", data=data)
+    assert np.array_equal(stored.load_target("target-1", data=data), square)
+    assert list(stored.load_targets(data=data)) == ["target-1"]
+    assert _store.load_results("simulation", ".csv", data=data) == b"iou\n0.8"
+    (read,) = stored.load_trials("train", data=data)
     assert np.array_equal(read.commands, trial.commands)
-    _, losses = artifacts.load_autoencoder("torque", data=data)
+    _, losses = stored.load_autoencoder("torque", data=data)
     assert losses == pytest.approx([0.5, 0.4])
 
 
@@ -149,7 +149,7 @@ def test_what_belongs_together_makes_runs_and_controllers(trained, trial, square
 
 
 def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
-    assert artifacts.check_data(data) == dict.fromkeys(sorted(FILES), "ok")
+    assert stored.check_data(data) == dict.fromkeys(sorted(FILES), "ok")
     lines = (data / "SHA256SUMS").read_text().splitlines()
     assert [line[64:] for line in lines] == [f"  {name}" for name in sorted(FILES)]
 
@@ -157,12 +157,12 @@ def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
 @pytest.mark.parametrize(
     ("load", "choices"),
     [
-        (artifacts.load, "torque-0"),
-        (artifacts.load_autoencoder, "torque"),
-        (artifacts.load_target, "target-1"),
-        (artifacts.load_targets, "drawn"),
-        (artifacts.load_trials, "train, mine"),
-        (partial(artifacts.load_results, suffix=".csv"), "simulation"),
+        (stored.load, "torque-0"),
+        (stored.load_autoencoder, "torque"),
+        (stored.load_target, "target-1"),
+        (stored.load_targets, "drawn"),
+        (stored.load_trials, "train, mine"),
+        (partial(_store.load_results, suffix=".csv"), "simulation"),
     ],
 )
 def test_unknown_names_list_the_choices(data, load, choices):
@@ -173,22 +173,22 @@ def test_unknown_names_list_the_choices(data, load, choices):
 
 
 def test_sets_of_targets_are_kept_apart(data, square):
-    artifacts.save_target(np.roll(square, 5, axis=0), "drawn/target-1", data=data)
-    assert list(artifacts.load_targets(data=data)) == ["target-1"]
-    drawn = artifacts.load_targets("drawn", data=data)
+    stored.save_target(np.roll(square, 5, axis=0), "drawn/target-1", data=data)
+    assert list(stored.load_targets(data=data)) == ["target-1"]
+    drawn = stored.load_targets("drawn", data=data)
     assert list(drawn) == ["drawn/bar", "drawn/target-1"]
     assert np.array_equal(drawn["drawn/target-1"], np.roll(square, 5, axis=0))
-    assert np.array_equal(artifacts.load_target("target-1", data=data), square)
+    assert np.array_equal(stored.load_target("target-1", data=data), square)
 
 
 def test_where_nothing_was_made_yet_that_is_said(tmp_path):
     with pytest.raises(
         KeyError, match=r"choose from \(none yet: run `make data train`\)"
     ):
-        artifacts.load("torque-0", data=tmp_path)
-    assert artifacts.load_trials("mine", data=tmp_path) == []
-    assert artifacts.load_targets(data=tmp_path) == {}
-    assert artifacts.check_data(tmp_path) == {}
+        stored.load("torque-0", data=tmp_path)
+    assert stored.load_trials("mine", data=tmp_path) == []
+    assert stored.load_targets(data=tmp_path) == {}
+    assert stored.check_data(tmp_path) == {}
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", ""])
@@ -197,10 +197,10 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(
 ):
     before = contents(data.parent)
     for save in (
-        lambda: artifacts.save(replace(trained, name=name), data=data),
-        lambda: artifacts.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
-        lambda: artifacts.save_target(square, name, data=data),
-        lambda: artifacts.save_results(b"", name, ".csv", data=data),
+        lambda: stored.save(replace(trained, name=name), data=data),
+        lambda: stored.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
+        lambda: stored.save_target(square, name, data=data),
+        lambda: _store.save_results(b"", name, ".csv", data=data),
     ):
         with pytest.raises(
             ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"
@@ -215,7 +215,7 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
     (data / file).write_bytes(
         (data / file).read_bytes()[: (data / file).stat().st_size // 2]
     )
-    assert artifacts.check_data(data)[file] == "altered"
+    assert stored.check_data(data)[file] == "altered"
     if not recorded:
         (data / "SHA256SUMS").unlink()
         if file.endswith(".csv"):
@@ -232,7 +232,7 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_that_is_gone_is_noticed(data, file):
     (data / file).unlink()
-    assert artifacts.check_data(data)[file] == "missing"
+    assert stored.check_data(data)[file] == "missing"
     with pytest.raises(
         ValueError,
         match=rf"data/{file} is missing: restore it with `git checkout data/{file}`",
@@ -241,17 +241,17 @@ def test_a_file_that_is_gone_is_noticed(data, file):
 
 
 def test_a_file_that_nobody_recorded_is_read_and_reported(data, square):
-    artifacts.save_target(np.roll(square, 3, axis=0), "mine", data=data)
-    assert list(artifacts.load_targets(data=data)) == ["mine", "target-1"]
-    assert artifacts.check_data(data)["targets/mine.png"] == "not recorded"
+    stored.save_target(np.roll(square, 3, axis=0), "mine", data=data)
+    assert list(stored.load_targets(data=data)) == ["mine", "target-1"]
+    assert stored.check_data(data)["targets/mine.png"] == "not recorded"
 
 
 def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
-    save_trial(trial, data / artifacts.OWN_TRIALS / "b.npz")
-    save_trial(trial[:3], data / artifacts.OWN_TRIALS / "a.npz")
-    artifacts.write_checksums(data)
-    assert [len(each) for each in artifacts.load_trials("mine", data=data)] == [3, 12]
-    assert not any("mine" in name for name in artifacts.check_data(data))
+    save_trial(trial, data / stored.OWN_TRIALS / "b.npz")
+    save_trial(trial[:3], data / stored.OWN_TRIALS / "a.npz")
+    stored.write_checksums(data)
+    assert [len(each) for each in stored.load_trials("mine", data=data)] == [3, 12]
+    assert not any("mine" in name for name in stored.check_data(data))
 
 
 @pytest.fixture
@@ -260,35 +260,33 @@ def left_out(data, trial) -> Path:
     folder = data / "trials" / "train-more"
     save_trial(trial, folder / "00.npz")
     save_trial(trial[:5], folder / "01.npz")
-    artifacts.write_checksums(data)
+    stored.write_checksums(data)
     return folder
 
 
 def test_git_ignores_what_is_left_to_make_data():
-    ignored = (
-        (Path(artifacts.__file__).parents[1] / ".gitignore").read_text().splitlines()
-    )
-    assert f"data/{artifacts._LEFT_OUT.removesuffix('*')}" in ignored
+    ignored = (Path(stored.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    assert f"data/{_store.LEFT_OUT.removesuffix('*')}" in ignored
 
 
 def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(
     data, left_out
 ):
-    assert set(artifacts.check_data(data).values()) == {"ok"}
-    assert [len(trial) for trial in artifacts.load_trials("train-more", data=data)] == [
+    assert set(stored.check_data(data).values()) == {"ok"}
+    assert [len(trial) for trial in stored.load_trials("train-more", data=data)] == [
         12,
         5,
     ]
     (left_out / "01.npz").unlink()
-    verdict = artifacts.check_data(data)
+    verdict = stored.check_data(data)
     assert {name: word for name, word in verdict.items() if word != "ok"} == {
-        "trials/train-more/01.npz": artifacts.LEFT_TO_MAKE
+        "trials/train-more/01.npz": _store.Verdict.LEFT_TO_MAKE
     }
     with pytest.raises(
         ValueError,
         match=r"data/trials/train-more/01.npz is missing: record it with `make data`$",
     ):
-        artifacts.load_trials("train-more", data=data)
+        stored.load_trials("train-more", data=data)
 
 
 def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
@@ -296,14 +294,14 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
 ):
     before = contents(data)
     for name, save in {
-        "dpmpb-torque-0.safetensors": lambda: artifacts.save(
+        "dpmpb-torque-0.safetensors": lambda: stored.save(
             trained, data=data, overwrite=True
         ),
-        "target-1.png": lambda: artifacts.save_target(~square, "target-1", data=data),
-        "simulation.csv": lambda: artifacts.save_results(
+        "target-1.png": lambda: stored.save_target(~square, "target-1", data=data),
+        "simulation.csv": lambda: _store.save_results(
             b"iou\n0.9", "simulation", ".csv", data=data
         ),
-        "SHA256SUMS": lambda: artifacts.write_checksums(data),
+        "SHA256SUMS": lambda: stored.write_checksums(data),
     }.items():
         with (
             full_disk(),
@@ -345,7 +343,7 @@ def test_weights_that_are_not_a_model_are_refused_by_name(data, tensors, about):
         ValueError,
         match=r"dpmpb-torque-0.safetensors is damaged or holds no dpmpb weights: .+",
     ):
-        artifacts.load("torque-0", data=data)
+        stored.load("torque-0", data=data)
 
 
 @pytest.mark.parametrize(
@@ -374,7 +372,7 @@ def test_weights_of_another_kind_are_not_called_damaged(data, tensors, about, re
         ValueError,
         match=rf"dpmpb-torque-0.safetensors is no dpmpb weights .* here: {reason}",
     ):
-        artifacts.load("torque-0", data=data)
+        stored.load("torque-0", data=data)
 
 
 def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
@@ -385,10 +383,10 @@ def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
         ValueError,
         match=r"-torque.safetensors is no autoencoder weights .* not those of Autoencoder",
     ):
-        artifacts.load_autoencoder("torque", data=data)
+        stored.load_autoencoder("torque", data=data)
     save_file({"weight": torch.ones(3)}, path)
     with pytest.raises(ValueError, match="clothlab did not write it"):
-        artifacts.load_autoencoder("torque", data=data)
+        stored.load_autoencoder("torque", data=data)
 
 
 def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
@@ -398,14 +396,14 @@ def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
             trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))
         ),
     }.items():
-        artifacts.save(replace(trained, name=name, arm=arm), data=data)
-        assert artifacts.load(name, data=data).arm == arm
-    assert artifacts.load("torque-0", data=data).arm == trained.arm
+        stored.save(replace(trained, name=name, arm=arm), data=data)
+        assert stored.load(name, data=data).arm == arm
+    assert stored.load("torque-0", data=data).arm == trained.arm
 
 
 def test_what_is_saved_is_loaded_at_once_with_its_autoencoder(trained, tmp_path):
-    artifacts.save(trained, data=tmp_path)
-    read = artifacts.load(trained.name, data=tmp_path)
+    stored.save(trained, data=tmp_path)
+    read = stored.load(trained.name, data=tmp_path)
     assert read.autoencoder.fingerprint() == trained.autoencoder.fingerprint()
 
 
@@ -422,22 +420,20 @@ def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
             ValueError,
             match=r"exists and differs: choose another name, or pass overwrite=True",
         ):
-            artifacts.save(each, data=data)
+            stored.save(each, data=data)
     assert contents(data) == before
-    artifacts.save(other, data=data, overwrite=True)
-    read = artifacts.load("torque-0", data=data)  # whose recorded hash has followed
+    stored.save(other, data=data, overwrite=True)
+    read = stored.load("torque-0", data=data)  # whose recorded hash has followed
     assert torch.equal(read.model.s_mean, other.model.s_mean)
 
 
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    artifacts.save_autoencoder(
-        Autoencoder(), [0.5], "torque", data=data, overwrite=True
-    )
+    stored.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
     with pytest.raises(
         ValueError,
         match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies",
     ):
-        artifacts.load("torque-0", data=data)
+        stored.load("torque-0", data=data)
 
 
 def test_a_training_that_diverged_is_not_saved(data, trained):
@@ -445,9 +441,9 @@ def test_a_training_that_diverged_is_not_saved(data, trained):
     diverged = Autoencoder()
     torch.nn.init.constant_(diverged.decoder[-1].bias, torch.nan)
     with pytest.raises(ValueError, match=r"numbers of .* are not finite"):
-        artifacts.save_autoencoder(diverged, [0.5], "torque", data=data)
+        stored.save_autoencoder(diverged, [0.5], "torque", data=data)
     with pytest.raises(ValueError, match=r"numbers of losses are not finite"):
-        artifacts.save(replace(trained, losses=np.array([0.3, np.nan])), data=data)
+        stored.save(replace(trained, losses=np.array([0.3, np.nan])), data=data)
     assert contents(data) == before
 
 
@@ -459,25 +455,25 @@ def test_a_target_is_a_mask_of_the_right_size_with_cloth_in_it(data):
         np.full((96, 128), 0.3),
     ):
         with pytest.raises(ValueError, match=r"cloth image|no cloth"):
-            artifacts.save_target(wrong, "target-1", data=data)
+            stored.save_target(wrong, "target-1", data=data)
     assert contents(data) == before
     cv2.imwrite(str(data / "targets" / "small.png"), np.full((48, 64), 255, np.uint8))
     with pytest.raises(
         ValueError,
         match=r"small.png is damaged or holds no target: a target has 128×96 pixels",
     ):
-        artifacts.load_target("small", data=data)
+        stored.load_target("small", data=data)
 
 
 def test_the_folder_is_the_one_that_is_named(data, monkeypatch, tmp_path):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert artifacts.data_folder() == data
-    assert artifacts.load("torque-0").name == "torque-0"
-    assert artifacts.data_folder(tmp_path) == tmp_path, (
+    assert stored.data_folder() == data
+    assert stored.load("torque-0").name == "torque-0"
+    assert stored.data_folder(tmp_path) == tmp_path, (
         "an argument goes before the environment"
     )
     monkeypatch.setenv("CLOTHLAB_DATA", "")
-    assert artifacts.data_folder().name == "data"
+    assert stored.data_folder().name == "data"
 
 
 @pytest.mark.parametrize("where", ["nowhere", "results/simulation.csv"])
@@ -486,9 +482,9 @@ def test_a_missing_folder_is_named_with_what_would_help(
 ):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data / where))
     for use in (
-        artifacts.load,
-        artifacts.check_data,
-        lambda: artifacts.save_target(square, "x"),
+        stored.load,
+        stored.check_data,
+        lambda: stored.save_target(square, "x"),
     ):
         with pytest.raises(
             FileNotFoundError,
@@ -502,16 +498,16 @@ def test_recordings_go_where_the_environment_says_and_are_read_from_there(
 ):
     home = tmp_path / "home"
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert artifacts.own_trials() == data / artifacts.OWN_TRIALS
+    assert stored.own_trials() == data / stored.OWN_TRIALS
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("CLOTHLAB_RECORDINGS", "~/recordings")
-    assert artifacts.own_trials() == home / "recordings"
-    assert artifacts.own_trials(data) == data / artifacts.OWN_TRIALS, (
+    assert stored.own_trials() == home / "recordings"
+    assert stored.own_trials(data) == data / stored.OWN_TRIALS, (
         "whoever names a folder gets it"
     )
     save_trial(trial[:3], home / "recordings" / "first.npz")
-    assert [len(each) for each in artifacts.load_trials("mine")] == [3]
-    assert artifacts.load_trials("mine", data=data) == []
+    assert [len(each) for each in stored.load_trials("mine")] == [3]
+    assert stored.load_trials("mine", data=data) == []
     assert np.array_equal(
         load_trial(home / "recordings" / "first.npz").images, trial[:3].images
     )

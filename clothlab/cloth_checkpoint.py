@@ -1,36 +1,41 @@
-"""What belongs together after a training: arm, autoencoder, model, and p of each
-material.
-"""
+"""A checkpoint of a robot that handles cloth: its arm is one that can be simulated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import choose
+from clothlab._files import OtherKindError
+from clothlab._validation import check_kind, choose
 from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.control import ControlSettings, GradientSearch, Search
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
-from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import Arm, StateLayout
+from clothlab.simulation.arm import Arm, StateLayout, arm_data, arm_from_data, get_arm
+from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial, to_run
 
 
-@dataclass(frozen=True, eq=False)
-class Trained:
-    """An arm, the autoencoder of what its camera sees, a model, and p of each material."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClothCheckpoint(Checkpoint):
+    """A model, p of each cloth, the arm, and the autoencoder of what its camera sees.
 
-    name: str  # of the weights, such as torque-0
-    arm: Arm
+    The arm says what the states and commands are.
+    """
+
+    arm: Arm  # or the name of one of `ARMS`
     autoencoder: Autoencoder
-    model: DPMPB  # trained on the z of this autoencoder
-    biases: dict[str, np.ndarray]  # trained p of each material, {name: [D_p]}
-    # Mean squared error of each epoch of the model's training, [epochs]
-    losses: np.ndarray
-    autoencoder_name: str
+    step: float | None = CONTROL_PERIOD  # [s]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "arm", get_arm(self.arm))
+        check_kind("autoencoder", self.autoencoder, Autoencoder)
+        object.__setattr__(self, "state_names", self.layout.names)
+        object.__setattr__(self, "command_names", self.arm.command_names)
+        super().__post_init__()
 
     @property
     def layout(self) -> StateLayout:
@@ -53,7 +58,7 @@ class Trained:
         """The paper's controller with this model.
 
         Args:
-            target: mask `[H, W]`.
+            target: mask `[H, W]` to realise once a period.
             p: parametric bias `[D_p]`, or the name of a trained material.
             settings: the constants of the control.
             plans: recorded ones from which a period may start, `[N, horizon, D_u]`.
@@ -74,7 +79,7 @@ class Trained:
         """Iterative learning control with this model.
 
         Args:
-            target: mask `[H, W]`.
+            target: mask `[H, W]` to realise once a period.
             p: parametric bias `[D_p]`, or the name of a trained material.
             runs: recordings to begin with, as `to_run` gives them.
             settings: how much is tried, and how far an outcome teaches.
@@ -91,6 +96,7 @@ class Trained:
         search: Search,
         arm: Arm | None,
     ) -> ControlPolicy:
+        """A controller with one search or another."""
         bias = choose("material", p, self.biases) if isinstance(p, str) else p
         return ControlPolicy(
             self.model,
@@ -101,3 +107,12 @@ class Trained:
             settings,
             search=search,
         )
+
+    def _arm_to_data(self) -> Any:
+        return arm_data(self.arm)
+
+    @classmethod
+    def _arm_from_data(cls, data: Any) -> Arm:
+        if data is None:
+            raise OtherKindError("it has no arm; `Checkpoint.load` reads it")
+        return arm_from_data(data)

@@ -1,0 +1,82 @@
+"""What `__init__.py` has in its table of contents, for editors and type checkers."""
+
+from clothlab import (
+    analysis as analysis,
+    checks as checks,
+    lab as lab,
+    plots as plots,
+    tables as tables,
+)
+from clothlab.cloth_checkpoint import ClothCheckpoint as ClothCheckpoint
+from clothlab.data import (
+    load as load,
+    load_autoencoder as load_autoencoder,
+    load_model as load_model,
+    load_target as load_target,
+    load_targets as load_targets,
+    load_trials as load_trials,
+)
+from clothlab.masks import iou as iou
+from clothlab.method.autoencoder import (
+    Autoencoder as Autoencoder,
+    AutoencoderTraining as AutoencoderTraining,
+    decode as decode,
+    encode as encode,
+    train_autoencoder as train_autoencoder,
+)
+from clothlab.method.checkpoint import Checkpoint as Checkpoint
+from clothlab.method.cloth_task import (
+    ControlPolicy as ControlPolicy,
+    EstimatingPolicy as EstimatingPolicy,
+    observe as observe,
+    period_mask as period_mask,
+)
+from clothlab.method.control import (
+    Controller as Controller,
+    ControlSettings as ControlSettings,
+    GradientSearch as GradientSearch,
+)
+from clothlab.method.data import Run as Run
+from clothlab.method.estimation import (
+    BiasEstimator as BiasEstimator,
+    estimate_bias as estimate_bias,
+)
+from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
+from clothlab.method.gauss_newton import NewtonEstimator as NewtonEstimator
+from clothlab.method.iterative import (
+    IterativeLearningSettings as IterativeLearningSettings,
+    IterativeSearch as IterativeSearch,
+)
+from clothlab.method.model import DPMPB as DPMPB, predict as predict
+from clothlab.method.policy import Policy as Policy
+from clothlab.method.rollout import rollout as rollout
+from clothlab.method.training import (
+    ModelTraining as ModelTraining,
+    train_dpmpb as train_dpmpb,
+)
+from clothlab.policies import (
+    OperatorPolicy as OperatorPolicy,
+    RandomPolicy as RandomPolicy,
+    ReplayPolicy as ReplayPolicy,
+)
+from clothlab.simulation.arm import MuscleArm as MuscleArm, TorqueArm as TorqueArm
+from clothlab.simulation.cloth import (
+    CLOTHS as CLOTHS,
+    Cloth as Cloth,
+    cloth_name as cloth_name,
+    get_cloth as get_cloth,
+)
+from clothlab.simulation.env import (
+    CONTROL_PERIOD as CONTROL_PERIOD,
+    ClothEnv as ClothEnv,
+    Scene as Scene,
+)
+from clothlab.simulation.vision import chamfer_distance as chamfer_distance
+from clothlab.trials import (
+    Trial as Trial,
+    load_trial as load_trial,
+    recorded_plans as recorded_plans,
+    save_trial as save_trial,
+)
+
+__version__: str
