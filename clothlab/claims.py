@@ -45,7 +45,7 @@ class Findings:
 
     Args:
         notebook: its file's name without the ending.
-        data: folder of the stored figures; by default that of `artifacts`.
+        data: folder of the stored figures; by default that of `clothlab.data`.
         parameters: those of the notebook that say how large its live runs are: live
             claims are checked on the live run where these are as stored.
     """
