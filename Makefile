@@ -13,6 +13,10 @@ SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studie
 SITE := build/book$(if $(STUDENT),-student)
 # The matrices are small: a second thread would only wait.
 export OMP_NUM_THREADS ?= 1
+# A training step frees some 40 MB and asks for them again. Left alone, glibc gives them back to the system, which clears
+# thousands of pages anew for each step: a sixth of an autoencoder's training.
+export MALLOC_TRIM_THRESHOLD_ ?= 536870912
+export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 
 .DEFAULT_GOAL := help
 .PHONY: help lab check budget test parts slow mutate pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
@@ -52,7 +56,7 @@ check: $(DEV)  ## linter, types and unit tests, in parallel
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto; tests=$$?; wait $$types && exit $$tests
 
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
-	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* +[0-9]'
+	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
 test:  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	@$(SYSTEM) $(NEEDED) || true

@@ -25,7 +25,7 @@ import os
 import sys
 from typing import Any
 
-from clothlab._extras import lacking
+from clothlab import _extras
 
 __version__ = "0.4.0"
 
@@ -107,7 +107,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if not extra or (error.name or "").startswith("clothlab"):
             raise
-        raise lacking(f"clothlab.{name}", error.name, extra) from error
+        raise _extras.lacking(f"clothlab.{name}", error.name, extra) from error
 
     # The next time it is found without this function.
     found = module if place == f"clothlab.{name}" else getattr(module, name)

@@ -70,6 +70,8 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     """
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
+
+    # All but the arrays, as JSON.
     arm = arm_data(trial.arm)
     about = {
         "format": 1 if isinstance(arm, str) else 2,
@@ -80,6 +82,8 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     }
     if trial.outcome:
         about |= {"format": 3, "outcome": trial.outcome}
+
+    # The arrays, images eight pixels to a byte.
     content = io.BytesIO()
     np.savez_compressed(
         content,

@@ -104,7 +104,10 @@ class Rule(Protocol):
 
 
 class _State(NamedTuple):
-    """Where an estimation is. It is replaced as a whole, so that no step is half taken."""
+    """Where an estimation is.
+
+    It is replaced as a whole, so that no step is half taken.
+    """
 
     p: np.ndarray  # the estimate [D_p]
     carried: Any = None  # by the rule

@@ -57,12 +57,13 @@ class Linearisation:
             p: where predictions are linearised, `[D_p]`.
             warmup: first steps, which only fill the memory.
         """
+        # p and its neighbours, up and down in each of its numbers.
         p = np.asarray(p, dtype=np.float64)
         size = len(p)
         nudges = _NUDGE * np.eye(size)
         around = np.concatenate([p[None], p + nudges, p - nudges])
 
-        # p itself is the first of the batch, then come its neighbours.
+        # One pass: p itself is the first of the batch, then come its neighbours.
         several = torch.as_tensor(around, dtype=s.dtype)
         before = s[:-1].expand(len(several), -1, -1)
         sent = u[:-1].expand(len(several), -1, -1)
@@ -71,6 +72,7 @@ class Linearisation:
             scaled = (predicted / model.s_std)[:, warmup:].double().numpy()
             seen = (s[1:] / model.s_std)[warmup:].double().numpy()
 
+        # Central differences.
         up = scaled[1 : 1 + size]
         down = scaled[1 + size :]
         jacobian = np.moveaxis(up - down, 0, -1) / (2 * _NUDGE)

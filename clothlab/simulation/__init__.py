@@ -5,9 +5,9 @@ Importing it, or anything in it, registers that environment with Gymnasium, for
 that needs no import before is `"clothlab.simulation:clothlab/Cloth-v0"`.
 """
 
-from clothlab._extras import require
+from clothlab import _extras
 
-require("clothlab.simulation", "mujoco", "cloth")
+_extras.require("clothlab.simulation", "mujoco", "cloth")
 
 import gymnasium  # noqa: E402  # after the sentence on what is missing
 
