@@ -39,8 +39,8 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         "method.data": ["Run"],
         "method.training": ["ModelTraining", "train_dpmpb"],
         "method.checkpoint": ["Checkpoint"],
-        "method.estimation": ["BiasEstimator", "estimate_bias"],
-        "method.gauss_newton": ["NewtonEstimator"],
+        "method.estimation": ["BiasEstimator"],
+        "method.gauss_newton": ["NewtonEstimator", "estimate_bias"],
         "method.control": ["ControlSettings", "Controller", "GradientSearch"],
         "method.autoencoder": [
             "Autoencoder",

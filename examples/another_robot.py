@@ -35,9 +35,9 @@ from clothlab import data
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.estimation import estimate_bias, prediction_loss
+from clothlab.method.estimation import prediction_loss
 from clothlab.method.fast_rollout import quicken
-from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb

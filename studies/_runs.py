@@ -19,7 +19,7 @@ from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clothlab.analysis import nearest_material
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import Camera, get_arm
 from clothlab.simulation.cloth import CLOTHS

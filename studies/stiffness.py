@@ -13,7 +13,7 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import empty_distance, nearest_material, target_distance
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.policy import Policy
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth

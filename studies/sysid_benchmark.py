@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab.method.data import Run
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies._grid import Case, Experiment, Tables, over, shared

@@ -16,7 +16,7 @@ from clothlab._validation import choose
 from clothlab.analysis import difference_interval, nearest_material, rate_interval
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.policies import ReplayPolicy
 from clothlab.trials import rollout
 from studies._grid import Case, Experiment, Tables, grid, over

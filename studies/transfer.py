@@ -22,7 +22,7 @@ from clothlab.analysis import (
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode, known_target
 from clothlab.method.control import ControlSettings
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
 from studies import ablations
