@@ -13,6 +13,10 @@ SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studie
 SITE := build/book$(if $(STUDENT),-student)
 # The matrices are small: a second thread would only wait.
 export OMP_NUM_THREADS ?= 1
+# A training step frees some 40 MB and asks for them again. Left alone, glibc gives them back to the system, which clears
+# thousands of pages anew for each step: a sixth of an autoencoder's training.
+export MALLOC_TRIM_THRESHOLD_ ?= 536870912
+export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 
 .DEFAULT_GOAL := help
 .PHONY: help lab check budget test parts slow mutate pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
@@ -52,7 +56,7 @@ check: $(DEV)  ## linter, types and unit tests, in parallel
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto; tests=$$?; wait $$types && exit $$tests
 
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
-	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py -k budget | grep -E '^[a-z].* +[0-9]'
+	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
 test:  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
 	@$(SYSTEM) $(NEEDED) || true
@@ -80,7 +84,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && $(BIN)/python course/solutions.py --into build/small $(NOTEBOOKS)
+	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
@@ -102,16 +106,16 @@ nightly: $(DEV) $(GRADING) chromium  ## what takes hours: hostile inputs, faults
 	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
-	$(BIN)/python scripts/reproduce.py --record $(NAMES)
+	$(BIN)/python scripts/reproduce.py record $(NAMES)
 
 train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
-	$(BIN)/python scripts/reproduce.py --train $(NAMES)
+	$(BIN)/python scripts/reproduce.py train $(NAMES)
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
-	$(BIN)/python scripts/reproduce.py --results $(NAMES)
+	$(BIN)/python scripts/reproduce.py results $(NAMES)
 
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
-	$(BIN)/python scripts/reproduce.py $(OPTIONS)
+	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
 picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
@@ -153,11 +157,11 @@ container: $(DEV)  ## build the container and pass notebook 00 in it, where a co
 	$(BIN)/pytest -m container -rs tests/test_container.py
 
 lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether every platform has them; UPGRADE=1 takes the newest
-	$(BIN)/python scripts/make_locks.py $(if $(UPGRADE),--upgrade)
+	$(BIN)/python scripts/make_locks.py write $(if $(UPGRADE),--upgrade)
 
 format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
-	$(BIN)/python course/solutions.py --format $(NOTEBOOKS)
+	$(BIN)/python course/solutions.py format $(NOTEBOOKS)

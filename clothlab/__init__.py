@@ -18,13 +18,14 @@ Units are SI and stand in brackets: `[rad] [N] [s] [m] [kg]`. Commands and state
 every public boundary in physical units; the networks normalise them inside.
 """
 
+import contextlib
 import ctypes.util
 import importlib
 import os
 import sys
 from typing import Any
 
-from clothlab._extras import lacking
+from clothlab import _extras
 
 __version__ = "0.4.0"
 
@@ -38,8 +39,8 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         "method.data": ["Run"],
         "method.training": ["ModelTraining", "train_dpmpb"],
         "method.checkpoint": ["Checkpoint"],
-        "method.estimation": ["BiasEstimator", "estimate_bias"],
-        "method.gauss_newton": ["NewtonEstimator"],
+        "method.estimation": ["BiasEstimator"],
+        "method.gauss_newton": ["NewtonEstimator", "estimate_bias"],
         "method.control": ["ControlSettings", "Controller", "GradientSearch"],
         "method.autoencoder": [
             "Autoencoder",
@@ -106,7 +107,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if not extra or (error.name or "").startswith("clothlab"):
             raise
-        raise lacking(f"clothlab.{name}", error.name, extra) from error
+        raise _extras.lacking(f"clothlab.{name}", error.name, extra) from error
 
     # The next time it is found without this function.
     found = module if place == f"clothlab.{name}" else getattr(module, name)
@@ -149,5 +150,8 @@ def _choose_opengl() -> None:
 
 
 _choose_opengl()
-if "gymnasium" in sys.modules:  # it is not imported for this alone: that takes long
-    importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`
+# Gymnasium is not imported for this alone, which takes long; and without the extra
+# `cloth` there is nothing to register.
+if "gymnasium" in sys.modules:
+    with contextlib.suppress(ModuleNotFoundError):
+        importlib.import_module("clothlab.simulation")  # registers `clothlab/Cloth-v0`

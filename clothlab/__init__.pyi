@@ -37,12 +37,12 @@ from clothlab.method.control import (
     GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
-from clothlab.method.estimation import (
-    BiasEstimator as BiasEstimator,
+from clothlab.method.estimation import BiasEstimator as BiasEstimator
+from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
+from clothlab.method.gauss_newton import (
+    NewtonEstimator as NewtonEstimator,
     estimate_bias as estimate_bias,
 )
-from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
-from clothlab.method.gauss_newton import NewtonEstimator as NewtonEstimator
 from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
     IterativeSearch as IterativeSearch,

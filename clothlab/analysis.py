@@ -1,6 +1,4 @@
-"""What the figures and the results table show: geometry of p, distances to a target,
-success rates.
-"""
+"""What figures and tables show: geometry of p, distances to a target, success rates."""
 
 from collections.abc import Mapping
 
@@ -33,14 +31,16 @@ def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
     p = _stacked(biases)
     if min(p.shape) < 2:
         raise ValueError(
-            f"two axes need two materials and two numbers for each at the least, got {list(p.shape)}"
+            "two axes need two materials and two numbers for each at the least, "
+            f"got {list(p.shape)}"
         )
     return PCA(n_components=2).fit(p)
 
 
 def spread(biases: dict[str, np.ndarray]) -> float:
-    """Root mean square distance of the trained p from their mean: the yardstick for
-    errors of p.
+    """Root mean square distance of the trained p from their mean.
+
+    It is the yardstick for errors of p.
     """
     p = _stacked(biases)
     return float(np.sqrt(((p - p.mean(0)) ** 2).sum(1).mean()))
@@ -56,76 +56,76 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
 def target_distance(
     autoencoder: Autoencoder, trial: Trial, target: ArrayLike
 ) -> np.ndarray:
-    """Distance ‖z_ref - z‖₂ of every step of a trial to a target mask `[H, W]`, `[T]`
-    [s.d. of z].
+    """Distance ‖z_ref - z‖₂ of every step of a trial to a target, `[T]` [s.d. of z].
+
+    The target is a mask `[H, W]`.
     """
-    return np.linalg.norm(
-        encode(autoencoder, trial.images) - encode(autoencoder, check_mask(target)),
-        axis=1,
-    )
+    z_ref = encode(autoencoder, check_mask(target))
+    return np.linalg.norm(encode(autoencoder, trial.images) - z_ref, axis=1)
 
 
 def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
-    """Distance ‖z_ref - z‖₂ of an image without cloth to a target mask `[H, W]` [s.d.
-    of z].
+    """Distance ‖z_ref - z‖₂ of an image without cloth to a target [s.d. of z].
+
+    The target is a mask `[H, W]`.
     """
-    nothing = np.zeros((HEIGHT, WIDTH), bool)
-    return float(
-        np.linalg.norm(
-            encode(autoencoder, check_mask(target)) - encode(autoencoder, nothing)
-        )
-    )
+    z_ref = encode(autoencoder, check_mask(target))
+    z = encode(autoencoder, np.zeros((HEIGHT, WIDTH), bool))
+    return float(np.linalg.norm(z_ref - z))
 
 
 def best_per_period(
     distances: ArrayLike, period: int = ControlSettings.period
 ) -> np.ndarray:
-    """Smallest distance within each whole period, `[T // period]`: a periodic motion
-    meets its target once in each.
+    """Smallest distance within each whole period of distances `[T]`.
 
-    The first period, in which the arm only swings up from rest, is left out.
+    A periodic motion meets its target once in each. The first period, in which the arm
+    only swings up from rest, is left out: there are `T // period - 1`.
     """
     distances = check_array("distances", distances, ("T",))
-    whole = len(distances) // check_number("period", period, int, at_least=1) * period
+    period = check_number("period", period, int, at_least=1)
+    whole = len(distances) // period * period
     return distances[:whole].reshape(-1, period).min(axis=1)[1:]
 
 
 def late_median(best: ArrayLike) -> float:
     """Median of the last ten periods of `best_per_period` `[P]`."""
-    return float(np.median(check_some("best", check_array("best", best, ("P",)))[LATE]))
+    best = check_some("best", check_array("best", best, ("P",)))
+    return float(np.median(best[LATE]))
 
 
 def difference_interval(
     differences: ArrayLike, *, resamples: int = 10_000, seed: int = 0
 ) -> tuple[float, float, float]:
-    """Mean, lower and upper end of the 95 % bootstrap interval of paired differences
-    `[trainings, runs]`.
+    """Mean, lower and upper end of a 95 % bootstrap interval of paired differences.
 
-    Trainings and then their runs are drawn anew each time: runs of one training
-    resemble each other, so that twenty runs of five trainings say less than twenty of
-    twenty.
+    They are `[trainings, runs]`. Trainings and then their runs are drawn anew each
+    time: runs of one training resemble each other, so that twenty runs of five
+    trainings say less than twenty of twenty.
     """
-    values = check_some(
-        "differences", check_array("differences", differences, ("K", "N"))
-    )
-    rng, (k, n) = np.random.default_rng(seed), values.shape
-    rows = rng.integers(k, size=(resamples, k, 1))
-    means = values[rows, rng.integers(n, size=(resamples, k, n))].mean(axis=(1, 2))
+    values = check_array("differences", differences, ("K", "N"))
+    k, n = check_some("differences", values).shape
+    rng = np.random.default_rng(seed)
+    trainings = rng.integers(k, size=(resamples, k, 1))
+    runs = rng.integers(n, size=(resamples, k, n))
+    means = values[trainings, runs].mean(axis=(1, 2))
     low, high = np.quantile(means, [0.025, 0.975])
     return float(values.mean()), float(low), float(high)
 
 
 def half_widths_from_zero(differences: ArrayLike) -> float:
-    """Mean of paired differences `[K, N]` over half the width of its interval: near or
-    within one, perhaps none.
+    """Mean of paired differences `[K, N]` over half the width of its interval.
+
+    Near or within one, there is perhaps no difference.
     """
     mean, low, high = difference_interval(differences)
     return 2 * mean / (high - low)
 
 
 def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
-    """Share of the episodes in which something held `[N]`, bool, and both ends of
-    Wilson's 95 % interval, 0 to 1.
+    """Share of the episodes in which something held, and Wilson's 95 % interval.
+
+    `held` is `[N]`, bool; the share and both ends of the interval are 0 to 1.
     """
     values = check_some("held", check_array("held", held, ("N",)))
     if not np.isin(values, (0, 1)).all():

@@ -1,5 +1,4 @@
-"""How sure an estimated p is, and whether its material is like any that the model was
-trained on.
+"""How sure an estimated p is, and whether its material is like any trained on.
 
 The curvature of the loss (`Linearisation`) says how far p scatters from run to run. The
 model's own faults shift the lowest loss, however long a run is, and only runs with
@@ -29,14 +28,13 @@ LENGTHS = (50, 100, 200)  # steps after which a calibration looks
 def inside(
     p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = _SHARE
 ) -> bool:
-    """Whether p `[D_p]` lies in the ellipse that a normal distribution fills with this
-    share.
+    """Whether p `[D_p]` lies in the ellipse around a centre `[D_p]`.
+
+    A normal distribution of this covariance `[D_p, D_p]` has this share in it.
     """
     gap = np.asarray(p) - np.asarray(centre)
-    return bool(
-        gap @ np.linalg.solve(np.asarray(covariance), gap)
-        <= _radius(share, len(gap)) ** 2
-    )
+    squared = gap @ np.linalg.solve(np.asarray(covariance), gap)
+    return bool(squared <= _radius(share, len(gap)) ** 2)
 
 
 def outline(
@@ -46,10 +44,8 @@ def outline(
     angle = np.linspace(0, 2 * np.pi, points)
     lengths, axes = np.linalg.eigh(np.asarray(covariance))
     halves = axes * np.sqrt(lengths.clip(0))
-    return (
-        np.asarray(centre)
-        + _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)]) @ halves.T
-    )
+    circle = _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(centre) + circle @ halves.T
 
 
 def _radius(share: float, size: int) -> float:
@@ -79,45 +75,49 @@ class Calibration:
     usual: np.ndarray  # log of their mean squared error in each sensor [K, D_s]
 
     def covariance(self, fit: Linearisation) -> np.ndarray:
-        """Covariance of an estimate `[D_p, D_p]`: what scatters and what the model does
-        wrong.
+        """Covariance of an estimate `[D_p, D_p]`.
+
+        It holds what scatters, and what the model does wrong.
         """
-        return np.interp(len(fit.errors), self.lengths, self.scale) * (
-            fit.covariance() + self.floor
-        )
+        scale = np.interp(len(fit.errors), self.lengths, self.scale)
+        return scale * (fit.covariance() + self.floor)
 
     def log_error_ratio(self, fit: Linearisation, p: ArrayLike) -> float:
-        """Log of the squared prediction error over what is usual for materials near p,
-        mean of the sensors.
+        """Log of the squared prediction error over what is usual for materials near p.
+
+        It is the mean of the sensors.
         """
         return _log_error_ratio(fit, np.asarray(p), self.biases, self.usual)
 
     def out_of_distribution(self, fit: Linearisation, p: ArrayLike) -> bool:
-        """Whether the material is predicted worse than any that the model was trained
-        on; too early, it is not.
+        """Whether the material is predicted worse than any that was trained on.
+
+        Too early, it is not.
         """
-        enough = len(fit.errors) >= self.lengths[0] - 1
-        return enough and self.log_error_ratio(fit, p) > float(
-            np.interp(len(fit.errors), self.lengths, self.limit)
-        )
+        if len(fit.errors) < self.lengths[0] - 1:
+            return False
+        limit = float(np.interp(len(fit.errors), self.lengths, self.limit))
+        return self.log_error_ratio(fit, p) > limit
 
     def outside_hull(
         self, p: ArrayLike, covariance: ArrayLike, share: float = _SHARE
     ) -> bool:
-        """Whether the region around p lies beyond a side of the trained p: predicted
-        well perhaps, but never seen.
+        """Whether the region around p lies beyond a side of the trained p.
+
+        Such a material is predicted well perhaps, but was never seen.
         """
         sides = ConvexHull(self.biases).equations
-        normals, offsets = sides[:, :-1], sides[:, -1]
-        widths = np.sqrt(
-            np.einsum("ki,ij,kj->k", normals, np.asarray(covariance), normals)
-        )
+        normals = sides[:, :-1]  # they point outwards
+        offsets = sides[:, -1]
+        squares = np.einsum("ki,ij,kj->k", normals, np.asarray(covariance), normals)
         gaps = normals @ np.asarray(p) + offsets
-        return bool((gaps > _radius(share, normals.shape[1]) * widths).any())
+        reach = _radius(share, normals.shape[1]) * np.sqrt(squares)
+        return bool((gaps > reach).any())
 
     def report(self, fit: Linearisation | None, p: ArrayLike) -> EstimateReport | None:
-        """All of this about an estimate p and how it predicts (`linearise`); None where
-        too little was seen.
+        """All of this about an estimate p and how it predicts (`linearise`).
+
+        None where too little was seen.
         """
         if fit is None:
             return None
@@ -125,17 +125,20 @@ class Calibration:
             covariance = self.covariance(fit)
         except np.linalg.LinAlgError:
             return None
-        ratio, beyond = self.log_error_ratio(fit, p), self.outside_hull(p, covariance)
         return EstimateReport(
-            covariance, ratio, self.out_of_distribution(fit, p), beyond
+            covariance=covariance,
+            log_error_ratio=self.log_error_ratio(fit, p),
+            out_of_distribution=self.out_of_distribution(fit, p),
+            outside_hull=self.outside_hull(p, covariance),
         )
 
 
 def _log_error_ratio(
     fit: Linearisation, p: np.ndarray, biases: np.ndarray, usual: np.ndarray
 ) -> float:
-    """See `Calibration.log_error_ratio`: what is usual passes smoothly from one
-    material to the next.
+    """See `Calibration.log_error_ratio`.
+
+    What is usual passes smoothly from one material to the next.
     """
     reach = 0.3 * np.sqrt(((biases - biases.mean(0)) ** 2).sum(1).mean())
     gaps = ((p - biases) ** 2).sum(1)
@@ -145,10 +148,14 @@ def _log_error_ratio(
 
 
 def _log_squares(fit: Linearisation) -> np.ndarray:
-    """Log of the mean squared error in each sensor `[D_s]`; a sensor that the model
-    leaves out has none at all.
+    """Log of the mean squared error in each sensor `[D_s]`.
+
+    A sensor that the model leaves out has none at all.
     """
     return np.log(np.maximum((fit.errors**2).mean(0), 1e-20))
+
+
+_Look = list[tuple[np.ndarray, Linearisation]]  # p and how it predicts, of each run
 
 
 def calibrate(
@@ -159,59 +166,82 @@ def calibrate(
     lengths: Sequence[int] = LENGTHS,
     settings: NewtonSettings | None = None,
 ) -> Calibration:
-    """Learn from runs with known materials how far estimates are off, and how well they
-    predict.
+    """Learn from known materials how far estimates are off, and how well they predict.
 
-    The runs begin at rest, at least two with each material, none of them trained on. Of
-    each the beginnings of rising `lengths` [step] are looked at.
+    Args:
+        model: whose estimates are calibrated.
+        biases: its trained p, `{material: [D_p]}`.
+        runs: that begin at rest, at least two with each material, none trained on.
+        lengths: rising; of each run the beginning of so many steps is looked at.
+        settings: of the estimation.
     """
+    # Which run has which material, and what is right for it
     runs = check_runs(runs)
     names = list(dict.fromkeys(run.material for run in runs))
     which = np.array([names.index(run.material) for run in runs])
     if not runs or (np.bincount(which) < 2).any():
         raise ValueError("a calibration needs at least two runs of each material")
-    known = np.array(
-        [choose("material", name, biases) for name in names], dtype=np.float64
-    )
-    lengths = [length for length in lengths if length <= min(map(len, runs))]
+    trained = [choose("material", name, biases) for name in names]
+    known = np.array(trained, dtype=np.float64)
+
+    # Estimates from the beginnings of the runs
+    shortest = min(map(len, runs))
+    lengths = [length for length in lengths if length <= shortest]
     if not lengths:
-        raise ValueError(
-            f"runs of {min(map(len, runs))} steps are too short to calibrate with"
-        )
-    looks = [
-        [
-            best_bias(model, run[:length], p, settings)
-            for run, p in zip(runs, known[which], strict=True)
-        ]
-        for length in lengths
-    ]
-    gaps = np.array(
-        [
-            [p - right for (p, _), right in zip(look, known[which], strict=True)]
-            for look in looks
-        ]
+        raise ValueError(f"runs of {shortest} steps are too short to calibrate with")
+    looks = [_look(model, runs, known[which], n, settings) for n in lengths]
+
+    # What stays of their errors where the curvature says that nothing scatters
+    floor, scale = _floor_and_scale(looks, known[which])
+
+    # How well the right materials are predicted
+    logs = [np.array([_log_squares(fit) for _, fit in look]) for look in looks]
+    limit = [_limit(looks[k], logs[k], which, known) for k in range(len(lengths))]
+    return Calibration(
+        floor=floor,
+        lengths=np.array(lengths),
+        scale=scale,
+        limit=np.array(limit),
+        biases=known,
+        usual=_means(logs[-1], which, len(names)),
     )
+
+
+def _look(
+    model: DPMPB,
+    runs: Sequence[Run],
+    right: np.ndarray,
+    length: int,
+    settings: NewtonSettings | None,
+) -> _Look:
+    """The best p of the first steps of each run, from the right one `[R, D_p]` on."""
+    pairs = zip(runs, right, strict=True)
+    return [best_bias(model, run[:length], p, settings) for run, p in pairs]
+
+
+def _floor_and_scale(
+    looks: Sequence[_Look], right: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is added to the covariance `[D_p, D_p]`, and how it then grows `[N]`."""
+    # Errors [N, R, D_p], and the covariances that the curvature gives [N, R, D_p, D_p]
+    estimates = np.array([[p for p, _ in look] for look in looks])
+    gaps = estimates - right
     scatter = np.array([[fit.covariance() for _, fit in look] for look in looks])
-    floor = _likeliest_floor(
-        gaps.reshape(-1, gaps.shape[-1]), scatter.reshape(-1, *scatter.shape[2:])
-    )
+
+    # All lengths have one floor, and each its own scale
+    size = gaps.shape[-1]
+    floor = _likeliest_floor(gaps.reshape(-1, size), scatter.reshape(-1, size, size))
     squares = np.einsum("nri,nrij,nrj->nr", gaps, np.linalg.inv(scatter + floor), gaps)
-    scale = (
-        np.array([_upper(each, _SHARE) for each in squares])
-        / _radius(_SHARE, gaps.shape[-1]) ** 2
-    )
-    logs = np.array([[_log_squares(fit) for _, fit in look] for look in looks])
-    limit = [
-        _limit(look, each, which, known) for look, each in zip(looks, logs, strict=True)
-    ]
-    usual = _means(logs[-1], which, len(names))
-    return Calibration(floor, np.array(lengths), scale, np.array(limit), known, usual)
+    held = np.array([_upper(each, _SHARE) for each in squares])
+    return floor, held / _radius(_SHARE, size) ** 2
 
 
 def _likeliest_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
-    """Covariance `[D_p, D_p]` that, added to each `scatter` `[N, D_p, D_p]`, makes
-    `gaps` `[N, D_p]` most likely.
+    """Covariance `[D_p, D_p]` with which gaps `[N, D_p]` are most likely.
+
+    It is added to the `scatter` `[N, D_p, D_p]` of each.
     """
+    # By its root, a lower triangle, so that it stays a covariance
     size = gaps.shape[1]
     lower = np.tril_indices(size)
 
@@ -225,37 +255,37 @@ def _likeliest_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:
         squares = np.einsum("ni,nij,nj->n", gaps, np.linalg.inv(total), gaps)
         return float((np.log(np.linalg.det(total)) + squares).mean())
 
-    start = np.linalg.cholesky(gaps.T @ gaps / len(gaps) / 2 + 1e-9 * np.eye(size))[
-        lower
-    ]
+    # From half of what the gaps themselves scatter
+    half = gaps.T @ gaps / len(gaps) / 2 + 1e-9 * np.eye(size)
+    start = np.linalg.cholesky(half)[lower]
     return floor_of(minimize(negative_log_likelihood, start, method="Nelder-Mead").x)
 
 
 def _upper(values: np.ndarray, share: float) -> float:
-    """What the next value stays below with this probability, of equally likely values
-    (conformal prediction).
+    """What the next value stays below with this probability (conformal prediction).
+
+    All values are equally likely. No quantile of NumPy's is the value of this rank for
+    every number of values.
     """
     rank = int(np.ceil((len(values) + 1) * share))
     return float(np.sort(values)[min(rank, len(values)) - 1])
 
 
 def _means(logs: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+    """Mean of each material's runs, `[R, D_s]` -> `[K, D_s]`."""
     return np.array([logs[which == k].mean(0) for k in range(count)])
 
 
 def _limit(
-    look: list[tuple[np.ndarray, Linearisation]],
-    logs: np.ndarray,
-    which: np.ndarray,
-    known: np.ndarray,
+    look: _Look, logs: np.ndarray, which: np.ndarray, known: np.ndarray
 ) -> float:
-    """Log error ratio that few runs exceed, each judged by what is usual in the others."""
+    """Log error ratio that few runs exceed, each judged by what is usual in the others.
+
+    `logs` are `[R, D_s]`, `which` names each run's material, `known` its p `[K, D_p]`.
+    """
     ratios = []
     for k, (p, fit) in enumerate(look):
         others = np.arange(len(look)) != k
-        ratios.append(
-            _log_error_ratio(
-                fit, p, known, _means(logs[others], which[others], len(known))
-            )
-        )
+        usual = _means(logs[others], which[others], len(known))
+        ratios.append(_log_error_ratio(fit, p, known, usual))
     return _upper(np.array(ratios), 1 - _FALSE_ALARMS)

@@ -1,8 +1,7 @@
-"""Figures that two notebooks, or a notebook and the lab, draw: each function takes
-arrays and returns a Figure.
+"""Figures that two notebooks, or a notebook and the lab, draw.
 
-Colours are Okabe and Ito's, which colour-blind readers can tell apart; where lines
-cross, their style differs too.
+Each function takes arrays and returns a Figure. Colours are Okabe and Ito's, which
+colour-blind readers can tell apart; where lines cross, their style differs too.
 """
 
 import html
@@ -14,9 +13,10 @@ import imageio_ffmpeg
 import IPython.display
 import mediapy
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clothlab.alt_text import describe
+from clothlab._alt_text import describe
 from clothlab.analysis import principal_axes
 from clothlab.calibration import outline
 from clothlab.simulation.cloth import DAMPINGS, Cloth
@@ -34,15 +34,18 @@ MARKERS = {
 
 
 class _Shown(Figure):
-    """A figure that a notebook shows although pyplot, whose back end would show it, has
-    never been used.
+    """A figure that a notebook shows although pyplot has never been used.
+
+    Its back end would show others.
     """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
-        """The picture, and the figure in words as its metadata: web pages take `alt`
-        from there.
+        """The picture, and the figure in words as its metadata.
+
+        Web pages take `alt` from there.
         """
-        png, words = io.BytesIO(), describe(self)
+        words = describe(self)
+        png = io.BytesIO()
         self.savefig(png, format="png")
         return png.getvalue(), {"alt": words.summary, "details": list(words.details)}
 
@@ -53,10 +56,12 @@ def new_axes(
     size: tuple[float, float] = (5.0, 3.2),
     **options: Any,
 ) -> tuple[Figure, np.ndarray]:
-    """Figure and its axes `[rows, columns]`, made without pyplot: widgets may then draw
-    in a thread of their own.
+    """Figure and its axes `[rows, columns]`; `size` is that of one, in inches.
+
+    It is made without pyplot: widgets may then draw in a thread of their own.
     """
-    figure = _Shown(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    width, height = size
+    figure = _Shown(figsize=(width * columns, height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
@@ -72,21 +77,18 @@ def _look(k: int) -> dict[str, Any]:
 def show_video(
     pictures: Sequence[np.ndarray], about: str, fps: int = 25, width: int = 480
 ) -> None:
-    """Play pictures `[h, w, 3]` uint8 in the notebook, `width` pixels wide; `about`
-    says what moves in them.
+    """Play pictures `[h, w, 3]` uint8 in the notebook, `width` pixels wide.
+
+    `about` says what moves in them, for who can't see it.
     """
     mediapy.set_ffmpeg(imageio_ffmpeg.get_ffmpeg_exe())
     page = mediapy.show_video(
         pictures, fps=fps, width=width, codec="h264", return_html=True
     )
-    label = html.escape(
-        f"{about}; a video of {len(pictures) / fps:.1f} s without sound"
-    )
-    IPython.display.display(
-        IPython.display.HTML(
-            str(page).replace("<video ", f'<video aria-label="{label}" ', 1)
-        )
-    )
+    seconds = len(pictures) / fps
+    label = html.escape(f"{about}; a video of {seconds:.1f} s without sound")
+    labelled = str(page).replace("<video ", f'<video aria-label="{label}" ', 1)
+    IPython.display.display(IPython.display.HTML(labelled))
 
 
 def image_grid(
@@ -95,22 +97,27 @@ def image_grid(
     columns: int = 6,
     width: float = 2.0,
 ) -> Figure:
-    """Images `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8 in rows, each `width`
-    inches wide.
+    """Images in rows, each `width` inches wide.
+
+    They are `[h, w]` (0 to 1 or bool) or `[h, w, 3]` uint8.
     """
     images = [np.asarray(image) for image in images]
     if not images:
         raise ValueError("there is no image to show")
     if any(image.ndim not in (2, 3) for image in images):
         raise ValueError(
-            "images are a list of [h, w] or [h, w, 3]: put a single one into a list, [image]"
+            "images are a list of [h, w] or [h, w, 3]: "
+            "put a single one into a list, [image]"
         )
+
+    # As high as the tallest image, with room for a title
     columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
     height = width * max(image.shape[0] / image.shape[1] for image in images)
     title_height = 0.25 if len(titles) else 0.05
-    figure, axes = new_axes(
-        -(-len(images) // columns), columns, size=(width, height + title_height)
-    )
+    figure, axes = new_axes(rows, columns, size=(width, height + title_height))
+
+    # Some places of the last row may stay empty
     for ax in axes.flat:
         ax.axis("off")
     for ax, image in zip(axes.flat, images, strict=False):
@@ -121,15 +128,16 @@ def image_grid(
 
 
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
-    """Several runs of masks, one below the other: `{label: masks [T, H, W]}`, and a
-    title for each of the T columns.
+    """Several runs of masks, one below the other: `{label: masks [T, H, W]}`.
+
+    Each of the T columns has a title.
     """
     figure, axes = new_axes(len(rows), len(titles), size=(1.3, 1.05))
     for line, (label, images) in zip(axes, rows.items(), strict=True):
         line[0].set_ylabel(label, fontsize=9)
         for ax, image, title in zip(line, images, titles, strict=True):
             ax.imshow(image, cmap="gray", vmin=0, vmax=1)
-            # The label is for `alt_text`
+            # The label is for `_alt_text`
             ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=9)
@@ -140,9 +148,8 @@ def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
     """Quantities over the control steps of a run: `{label: [T]}`."""
     figure, ((ax,),) = new_axes(size=(8.0, 2.8))
     for k, (label, values) in enumerate(series.items()):
-        ax.plot(
-            np.arange(len(values)) * CONTROL_PERIOD, values, label=label, **_look(k)
-        )
+        seconds = np.arange(len(values)) * CONTROL_PERIOD
+        ax.plot(seconds, values, label=label, **_look(k))
     ax.set(xlabel="time [s]", ylabel=ylabel)
     figure.legend(loc="outside upper right", ncols=min(len(series), 4))
     return figure
@@ -154,45 +161,59 @@ def material_map(
     trajectories: dict[str, np.ndarray] | None = None,
     covariances: dict[str, np.ndarray] | None = None,
 ) -> Figure:
-    """Parametric biases on their principal axes, with online trajectories (the paper's
-    figure on PB in simulation).
+    """Parametric biases on their principal axes (the paper's figure on PB).
 
-    `trajectories` are estimates over time `{label: [T, D_p]}`, the last one ringed,
-    with a 90 % region where there are `covariances` `{label: [D_p, D_p]}`. The size of
-    a marker is C_mass, its shape C_damp or the foam.
+    The size of a marker is C_mass, its shape C_damp or the foam.
+
+    Args:
+        biases: trained p, `{material: [D_p]}`.
+        cloths: of these the ones that are shown, `{material: cloth}`.
+        trajectories: estimates over time, `{label: [T, D_p]}`, the last one ringed.
+        covariances: `{label: [D_p, D_p]}` of last estimates, shown as 90 % regions.
     """
     pca = principal_axes(biases)
     figure, ((ax,),) = new_axes(size=(6.4, 5.0))
+
+    # The trained ones
     for name, cloth in cloths.items():
         (place,) = pca.transform(biases[name][None])
-        marker = MARKERS.get(cloth.foam or cloth.damping, "D")
-        ax.scatter(
-            *place,
-            s=900 * cloth.mass,
-            marker=marker,
-            color="0.75",
-            edgecolor="0.2",
-            zorder=2,
-        )
-        ax.annotate(
-            cloth.label, place, xytext=(8, 5), textcoords="offset points", fontsize=8
-        )
+        _mark(ax, cloth, place)
+
+    # Those that are estimated
     for k, (label, path) in enumerate((trajectories or {}).items()):
-        ways, colour = pca.transform(path), COLOURS[k % 7]
-        ax.plot(*ways.T, lw=1.5, label=label, zorder=3, **_look(k))
-        ax.scatter(*ways[-1], s=130, facecolor="none", edgecolor=colour, lw=2, zorder=4)
+        way = pca.transform(path)
+        colour = COLOURS[k % 7]
+        ax.plot(*way.T, lw=1.5, label=label, zorder=3, **_look(k))
+        ax.scatter(*way[-1], s=130, facecolor="none", edgecolor=colour, lw=2, zorder=4)
         if covariances and label in covariances:
             across = pca.components_ @ covariances[label] @ pca.components_.T
-            ax.fill(*outline(ways[-1], across).T, color=colour, alpha=0.25, zorder=1)
-    share = pca.explained_variance_ratio_
+            ax.fill(*outline(way[-1], across).T, color=colour, alpha=0.25, zorder=1)
+
+    # Words
+    first, second, *_ = pca.explained_variance_ratio_
     ax.margins(0.14)  # room for the labels
-    ax.set(
-        xlabel=f"PC1 ({share[0]:.0%} of the variance)", ylabel=f"PC2 ({share[1]:.0%})"
-    )
+    ax.set_xlabel(f"PC1 ({first:.0%} of the variance)")
+    ax.set_ylabel(f"PC2 ({second:.0%})")
     if not all(cloth.foam for cloth in cloths.values()):
         ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
     if trajectories:
-        figure.legend(
-            loc="outside lower center", fontsize=8, ncols=min(len(trajectories), 3)
-        )
+        columns = min(len(trajectories), 3)
+        figure.legend(loc="outside lower center", fontsize=8, ncols=columns)
     return figure
+
+
+def _mark(ax: Axes, cloth: Cloth, place: np.ndarray) -> None:
+    """A cloth's marker, and its label beside it."""
+    x, y = place
+    ax.scatter(
+        x,
+        y,
+        s=900 * cloth.mass,
+        marker=MARKERS.get(cloth.foam or cloth.damping, "D"),
+        color="0.75",
+        edgecolor="0.2",
+        zorder=2,
+    )
+    ax.annotate(
+        cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=8
+    )

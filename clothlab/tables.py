@@ -27,16 +27,14 @@ def load(name: str, *, data: Folder = None) -> pd.DataFrame:
 
 
 def _as_text(value: Any) -> Any:
-    if isinstance(value, np.ndarray | list | tuple):
-        array = np.asarray(value)
-        # By way of text, float32 keeps the few digits that it has: 0.1, not
-        # 0.10000000149.
-        return json.dumps(
-            (
-                array.astype(str).astype(float) if array.dtype == np.float32 else array
-            ).tolist()
-        )
-    return value
+    """An array, or a list of numbers, as JSON; all else as it is."""
+    if not isinstance(value, np.ndarray | list | tuple):
+        return value
+    array = np.asarray(value)
+    if array.dtype == np.float32:
+        # By way of text, it keeps the few digits that it has: 0.1, not 0.10000000149
+        array = array.astype(str).astype(float)
+    return json.dumps(array.tolist())
 
 
 def _as_array(text: str) -> np.ndarray:

@@ -20,8 +20,10 @@ from clothlab.simulation.trial import Trial
 
 __all__ = ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial", "to_run"]
 
-# Of trial files: 1 has the name of an arm, 2 an arm of one's own.
-_FORMATS = (1, 2)
+# Of trial files: 1 has the name of an arm, 2 an arm of one's own, 3 an outcome.
+_FORMATS = (1, 2, 3)
+# With that the policy's name ended in older files when the cloth lay spread afterwards.
+_SPREAD = ", spread"
 
 # The most bytes that the arrays in a file may take. Masks are packed eight to a byte:
 # that many hold 87,000 steps, nearly five hours.
@@ -68,6 +70,8 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     """
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
+
+    # All but the arrays, as JSON.
     arm = arm_data(trial.arm)
     about = {
         "format": 1 if isinstance(arm, str) else 2,
@@ -76,6 +80,10 @@ def save_trial(trial: Trial, path: str | Path) -> None:
         "policy": trial.policy,
         "seed": trial.seed,
     }
+    if trial.outcome:
+        about |= {"format": 3, "outcome": trial.outcome}
+
+    # The arrays, images eight pixels to a byte.
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -98,10 +106,13 @@ def load_trial(path: str | Path) -> Trial:
         about = json.loads(str(arrays["about"]))
         file_format = about.pop("format")
         if file_format not in _FORMATS:
-            known = " and ".join(map(str, _FORMATS))
+            known = f"{_FORMATS[0]} to {_FORMATS[-1]}"
             raise OtherKindError(
                 f"its format is {file_format}, this version reads {known}"
             )
+        if file_format < 3 and about["policy"].endswith(_SPREAD):
+            about["policy"] = about["policy"].removesuffix(_SPREAD)
+            about["outcome"] = "spread"
         about["cloth"] = Cloth(**about["cloth"])
         about["arm"] = arm_from_data(about["arm"])
         images = np.unpackbits(arrays["images"], axis=-1).view(bool)

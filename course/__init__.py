@@ -1,3 +1,1 @@
-"""What a class is given: editions of the notebooks, the book, the slides, and the
-grading.
-"""
+"""What a class is given: editions of the notebooks, a book, slides, and grading."""

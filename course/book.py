@@ -1,9 +1,9 @@
-"""The pages of `make book`, in `build/book/source`; with `--student` in
-`build/book-student/source`.
+"""`make book`: the pages of the web site, in `build/book/source`.
 
-The pages are the notebooks with the outputs of `make editions`, or of `make notebooks`
-with `--small`. Sphinx makes a site of them that opens from its folder, without a server
-and without a network.
+With `--student` they have no solutions, and lie in `build/book-student/source`. They
+are the notebooks with the outputs of `make editions`, or of `make notebooks` with
+`--small`. Sphinx makes a site of them that opens from its folder, without a server and
+without a network.
 """
 
 import argparse
@@ -17,13 +17,15 @@ from pathlib import Path
 import nbformat
 
 from clothlab._files import write_bytes
-from clothlab.lab.widget import REOPENED
+from clothlab.lab._widget import REOPENED
 from course.editions import ROOT, student_edition
-from course.solutions import solved, without
+from course.solutions import solved, tags, without
 
 BUILD = ROOT / "build"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 FOLDED = {"solution": "a solution", "plot": "the code of this figure"}
+# A video that starts by itself, or again and again
+STARTED = re.compile(r"(<video\b[^>]*?)((?:\s(?:autoplay|loop)\b)+)")
 PAGES = (
     "*.md",
     "LICENSE",
@@ -35,114 +37,131 @@ PAGES = (
 
 
 def executed(path: Path, *, small: bool) -> nbformat.NotebookNode:
-    """The solved notebook at `path` with the outputs of its run: `make editions`, or
-    `make notebooks` if small.
+    """The solved notebook at `path` with the outputs of its run.
+
+    That is the run of `make editions`, or of `make notebooks` if small.
     """
     notebook = solved(nbformat.read(path, as_version=4))
-    run = nbformat.read(
-        BUILD / ("small" if small else "instructor") / path.name, as_version=4
-    )
+    folder = BUILD / ("small" if small else "instructor")
+    run = nbformat.read(folder / path.name, as_version=4)
     for cell, ran in zip(notebook.cells, run.cells, strict=True):
         if cell.cell_type == "code":
-            cell.outputs, cell.execution_count = ran.outputs, ran.execution_count
+            cell.outputs = ran.outputs
+            cell.execution_count = ran.execution_count
     return notebook
 
 
 def web_page(
     notebook: nbformat.NotebookNode, name: str, *, student: bool
 ) -> nbformat.NotebookNode:
-    """A notebook with outputs as the site shows it, with the file of this name to
-    download.
+    """A notebook with outputs as the site shows it.
+
+    Below its title is a link to download the file of this name.
     """
-    page = without(
-        without_answers(notebook) if student else copy.deepcopy(notebook),
-        "claim",
-        "colab",
-    )
+    page = without_answers(notebook) if student else copy.deepcopy(notebook)
+    page = without(page, "claim", "colab")
     page.metadata.pop("widgets", None)  # or their library would be fetched
     for cell in page.cells:
-        if cell.cell_type != "code":
-            continue
-        tags = cell.metadata.setdefault("tags", [])
-        shown = cell.metadata.setdefault("mystnb", {})
-        if cell.metadata.get("jupyter", {}).get("source_hidden"):
-            folded = next((FOLDED[tag] for tag in FOLDED if tag in tags), "the code")
-            tags.append("hide-input")
-            shown |= {
-                "code_prompt_show": f"Show {folded}",
-                "code_prompt_hide": f"Hide {folded}",
-            }
-        words = [
-            output.get("metadata", {}).get("image/png", {}).get("alt")
-            for output in cell.outputs
-        ]
-        if alt := "; ".join(filter(None, words)) or cell.metadata.get("alt"):
-            shown["image"] = {"alt": alt}  # MyST-NB takes it from the cell only
-        cell.outputs = [each for output in cell.outputs for each in web_output(output)]
-    link = f"This page as a notebook to run: {{download}}`without solutions <../downloads/{name}>`."
+        if cell.cell_type == "code":
+            show(cell)
+    link = (
+        "This page as a notebook to run: "
+        f"{{download}}`without solutions <../downloads/{name}>`."
+    )
     page.cells.insert(1, nbformat.v4.new_markdown_cell(link))
     return page
 
 
+def show(cell: nbformat.NotebookNode) -> None:
+    """Say in a code cell's metadata how MyST-NB shows it, and prepare its outputs."""
+    marks = cell.metadata.setdefault("tags", [])
+    shown = cell.metadata.setdefault("mystnb", {})
+
+    # Code that is folded in JupyterLab is folded here
+    if cell.metadata.get("jupyter", {}).get("source_hidden"):
+        folded = next((FOLDED[tag] for tag in FOLDED if tag in marks), "the code")
+        marks.append("hide-input")
+        shown["code_prompt_show"] = f"Show {folded}"
+        shown["code_prompt_hide"] = f"Hide {folded}"
+
+    # What a figure shows, for those who don't see it; MyST-NB takes it from the cell
+    words = [about(output).get("alt") for output in cell.outputs]
+    alt = "; ".join(filter(None, words)) or cell.metadata.get("alt")
+    if alt:
+        shown["image"] = {"alt": alt}
+    cell.outputs = [each for output in cell.outputs for each in web_output(output)]
+
+
+def about(output: nbformat.NotebookNode) -> dict:
+    """What an output says of its figure, if it is one."""
+    return output.get("metadata", {}).get("image/png", {})
+
+
 def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """A copy without solutions; from a stub to the next text, nothing is left of what
-    came out with the solution.
+    """A copy without solutions.
+
+    From a stub to the next text, nothing is left of what came out with the solution.
     """
     edition = copy.deepcopy(notebook)
     answered = False
     for cell in edition.cells:
         if cell.cell_type != "code":
             answered = False
-        elif answered := answered or bool(
-            {"stub", "solution"} & set(cell.metadata.get("tags", []))
-        ):
+            continue
+        if {"stub", "solution"} & set(tags(cell)):
+            answered = True
+        if answered:
             cell.outputs = []
     return without(edition, "solution")
 
 
 def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]:
-    """An output as the site shows it, with a figure's numbers in words below it;
-    nothing of live controls.
+    """An output as the site shows it; nothing of live controls.
+
+    Below a figure are its numbers in words.
     """
-    output, data = copy.deepcopy(output), output.get("data", {})
+    output = copy.deepcopy(output)
+    data = output.get("data", {})
+    page = data.get("text/html", "")
     if "image/png" in data:
         output.data = {"image/png": data["image/png"]}
-    elif WIDGET in data or data.get("text/html") == REOPENED:
+    elif WIDGET in data or page == REOPENED:
         return
-    elif "<video" in data.get("text/html", ""):  # it waits until somebody starts it
-        output.data = {
-            "text/html": re.sub(
-                r"(<video\b[^>]*?)((?:\s(?:autoplay|loop)\b)+)",
-                r"\1",
-                data["text/html"],
-            )
-        }
+    elif "<video" in page:  # it waits until somebody starts it
+        output.data = {"text/html": STARTED.sub(r"\1", page)}
     yield output
-    if details := output.get("metadata", {}).get("image/png", {}).get("details"):
+
+    # For those who don't see it, or want to know it exactly
+    if details := about(output).get("details"):
         paragraphs = "".join(f"<p>{html.escape(each)}</p>" for each in details)
-        words = f'<details class="figure-in-words"><summary>In words</summary>{paragraphs}</details>'
+        words = (
+            '<details class="figure-in-words"><summary>In words</summary>'
+            f"{paragraphs}</details>"
+        )
         yield nbformat.v4.new_output("display_data", {"text/html": words})
 
 
 def lay_out(
     notebooks: dict[str, nbformat.NotebookNode], folder: Path, *, student: bool
 ) -> None:
-    """Write all that Sphinx reads into a folder: pages of the notebooks, by name,
-    downloads, and what they link to.
+    """Write all that Sphinx reads into a folder.
+
+    Pages of the notebooks, by name, downloads, and what they link to.
     """
+    # The site's own files, and pages that are no notebooks
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(ROOT / "docs" / "book", folder)
-    for path in [path for pattern in PAGES for path in ROOT.glob(pattern)]:
-        write_bytes(folder / path.relative_to(ROOT), path.read_bytes())
+    for pattern in PAGES:
+        for path in ROOT.glob(pattern):
+            write_bytes(folder / path.relative_to(ROOT), path.read_bytes())
+
+    # Each notebook as a page, and as a file to run
     for name, notebook in notebooks.items():
-        write_bytes(
-            folder / "notebooks" / name,
-            nbformat.writes(web_page(notebook, name, student=student)).encode(),
-        )
-        download = student_edition(
-            nbformat.read(ROOT / "notebooks" / name, as_version=4)
-        )
-        write_bytes(folder / "downloads" / name, nbformat.writes(download).encode())
+        page = web_page(notebook, name, student=student)
+        write_bytes(folder / "notebooks" / name, nbformat.writes(page).encode())
+        source = nbformat.read(ROOT / "notebooks" / name, as_version=4)
+        download = nbformat.writes(student_edition(source))
+        write_bytes(folder / "downloads" / name, download.encode())
     shutil.make_archive(str(folder / "notebooks"), "zip", folder / "downloads")
 
 
@@ -162,11 +181,8 @@ def main() -> None:
     arguments = parser.parse_args()
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
     notebooks = {path.name: executed(path, small=arguments.small) for path in paths}
-    lay_out(
-        notebooks,
-        BUILD / f"book{'-student' * arguments.student}" / "source",
-        student=arguments.student,
-    )
+    site = BUILD / ("book-student" if arguments.student else "book")
+    lay_out(notebooks, site / "source", student=arguments.student)
 
 
 if __name__ == "__main__":

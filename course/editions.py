@@ -1,10 +1,10 @@
-"""`make editions`: the notebooks for a class, in `build/`, about eight minutes for all
-of them on two cores.
+"""`make editions`: the notebooks for a class, in `build/`.
 
-`build/student` has the stubs and no solutions. `build/instructor` has the solutions,
-executed with the parameters that are written in them, with all outputs, and each
-notebook as a web page, too. So every claim is checked on what was measured; `--record`
-stores the figures (`make findings RECORD=1`).
+That takes about eight minutes for all of them on two cores. `build/student` has the
+stubs and no solutions. `build/instructor` has the solutions, executed with the
+parameters that are written in them, with all outputs, and each notebook as a web page,
+too. So every claim is checked on what was measured; `--record` stores the figures
+(`make findings RECORD=1`).
 """
 
 import argparse
@@ -26,8 +26,9 @@ CELL_SECONDS = 600  # [s] a cell that takes longer has hung
 
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The notebook without its solutions and claims: each check then finds the stub,
-    and says what to do.
+    """The notebook without its solutions and claims.
+
+    Each check then finds the stub, and says what to do.
     """
     return without(unsolved(portable(notebook)), "solution", "claim")
 
@@ -35,8 +36,9 @@ def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 def instructor_edition(
     notebook: nbformat.NotebookNode, folder: Path
 ) -> nbformat.NotebookNode:
-    """The notebook after a run in a folder, with solutions as unfolded code; an error
-    in a cell ends it.
+    """The notebook after a run in a folder, with solutions as unfolded code.
+
+    An error in a cell ends the run.
     """
     edition = solved(portable(notebook))
     for cell in edition.cells:
@@ -47,8 +49,9 @@ def instructor_edition(
 def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
     """The notebook itself after a run in a folder.
 
-    Raises: nbclient.exceptions.CellExecutionError: an error in a cell without the tag
-        `raises-exception`.
+    Raises:
+        nbclient.exceptions.CellExecutionError: an error in a cell without the tag
+            `raises-exception`.
     """
     # Each kernel would warn that it speaks TCP
     quiet = ["--IPKernelApp.log_level=ERROR"]
@@ -57,21 +60,28 @@ def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.Notebook
 
 
 def write_editions(path: Path, build: Path) -> nbformat.NotebookNode:
-    """Write both editions of the notebook at `path` into `build`, the second only if no
-    cell fails, and return it.
+    """Write both editions of the notebook at `path` into `build`.
+
+    The instructor's is written only if no cell fails, and returned.
     """
     notebook = nbformat.read(path, as_version=4)
-    write_bytes(
-        build / "student" / path.name,
-        nbformat.writes(student_edition(notebook)).encode(),
-    )
+    stubs = nbformat.writes(student_edition(notebook))
+    write_bytes(build / "student" / path.name, stubs.encode())
+
     edition = instructor_edition(notebook, path.parent)
-    page, _ = HTMLExporter().from_notebook_node(
-        edition, {"metadata": {"name": path.stem}}
-    )
-    write_bytes(build / "instructor" / f"{path.stem}.html", page.encode())
-    write_bytes(build / "instructor" / path.name, nbformat.writes(edition).encode())
+    title = {"metadata": {"name": path.stem}}
+    page, _ = HTMLExporter().from_notebook_node(edition, title)
+    folder = build / "instructor"
+    write_bytes(folder / f"{path.stem}.html", page.encode())
+    write_bytes(folder / path.name, nbformat.writes(edition).encode())
     return edition
+
+
+def claims_held(edition: nbformat.NotebookNode) -> int:
+    """How many claims a run has found to hold: each prints a line with a mark."""
+    outputs = [each for cell in edition.cells for each in cell.get("outputs", [])]
+    printed = "\n".join(output.get("text", "") for output in outputs)
+    return sum(line.startswith("✓") for line in printed.splitlines())
 
 
 def main() -> None:
@@ -86,22 +96,15 @@ def main() -> None:
         help="store what is measured as the new figures",
     )
     arguments = parser.parse_args()
-    os.environ |= {RECORD: "1"} if arguments.record else {}
+
+    # Kernels inherit the environment
+    if arguments.record:
+        os.environ[RECORD] = "1"
     for path in arguments.notebooks:
         start = time.perf_counter()
-        edition = write_editions(path.resolve(), ROOT / "build")
-        printed = [
-            output.get("text", "")
-            for cell in edition.cells
-            for output in cell.get("outputs", [])
-        ]
-        held = sum(
-            line.startswith("✓") for text in printed for line in text.splitlines()
-        )
-        print(
-            f"{path.stem}: {held} claims hold, {time.perf_counter() - start:.0f} s",
-            flush=True,
-        )
+        held = claims_held(write_editions(path.resolve(), ROOT / "build"))
+        seconds = time.perf_counter() - start
+        print(f"{path.stem}: {held} claims hold, {seconds:.0f} s", flush=True)
     if arguments.record:
         data.write_checksums()
 

@@ -1,10 +1,9 @@
-"""`make format`: what every notebook shares, and what the README says of them, written
-out of one place.
+"""`make format`: what every notebook shares, and what the README says of them.
 
-Every notebook begins, after its title, with the cell that sets up Google Colab, and its
-last text ends with a word on its kernel. The README's first line leads to where they
-run without an installation, and its tables say how long each one takes, as the
-notebook's own first cell does.
+Both are written out of one place. Every notebook begins, after its title, with the cell
+that sets up Google Colab, and its last text ends with a word on its kernel. The
+README's first line leads to where they run without an installation, and its tables say
+how long each one takes, as the notebook's own first cell does.
 """
 
 import re
@@ -39,24 +38,25 @@ TIMES = re.compile(
     r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
 )
 ROW = re.compile(
-    r"^(?P<start>\| \[[^]]*\]\(notebooks/(?P<name>[\w.]+)\) \| [^|]* \|) [^|]* \| [^|]* \|$",
+    r"^(?P<start>\| \[[^]]*\]\(notebooks/(?P<name>[\w.]+)\) \| [^|]* \|)"
+    r" [^|]* \| [^|]* \|$",
     re.MULTILINE,
 )
 OPEN = re.compile(r"(?<=<!-- open -->\n).*?(?=\n<!-- /open -->)", re.DOTALL)
 
 
 def colab_cell() -> nbformat.NotebookNode:
-    """The first code cell of every notebook, folded; it does nothing outside of Colab."""
-    cell = nbformat.v4.new_code_cell(
-        COLAB.replace("ADDRESS", address()), metadata=FOLDED
-    )
+    """The first code cell of every notebook, folded: nothing outside of Colab."""
+    code = COLAB.replace("ADDRESS", address())
+    cell = nbformat.v4.new_code_cell(code, metadata=FOLDED)
     cell.id = "colab"
     return cell
 
 
 def finish(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """The notebook itself, with the cell for Colab after its title and the sentence at
-    the end of its last text.
+    """The notebook itself, with what all of them share.
+
+    The cell for Colab after its title, and the sentence at the end of its last text.
     """
     cells = without(notebook, "colab").cells
     texts = [cell for cell in cells if cell.cell_type == "markdown"]
@@ -74,10 +74,9 @@ def open_elsewhere() -> str:
 
 
 def times(notebook: nbformat.NotebookNode) -> tuple[str, str]:
-    """How long a notebook takes to learn and to run, as its first cell says it, such as
-    `("90 min", "20 s")`.
+    """How long a notebook takes to learn and to run, such as `("90 min", "20 s")`.
 
-    A ValueError says that the cell names none.
+    Its first cell says it; a ValueError says that the cell names none.
     """
     found = TIMES.search(notebook.cells[0].source)
     if not found:
@@ -87,8 +86,9 @@ def times(notebook: nbformat.NotebookNode) -> tuple[str, str]:
 
 
 def with_times(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
-    """The README whose tables have the times of the notebooks, by file name, in their
-    last two columns.
+    """The README with the times of the notebooks in the last columns of its tables.
+
+    Notebooks are named as their files.
     """
 
     def row(line: re.Match[str]) -> str:
@@ -100,15 +100,16 @@ def with_times(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
 
 def finished() -> dict[Path, str]:
     """The text of each notebook and of the README as they should be."""
-    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    notebooks = {path: finish(nbformat.read(path, as_version=4)) for path in paths}
-    texts = {
-        path: nbformat.writes(notebook) + "\n" for path, notebook in notebooks.items()
-    }
+    texts = {}
+    notebooks = {}
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        notebook = finish(nbformat.read(path, as_version=4))
+        notebooks[path.name] = notebook
+        texts[path] = nbformat.writes(notebook) + "\n"
     readme = ROOT / "README.md"
     linked = OPEN.sub(lambda _: open_elsewhere(), readme.read_text("utf-8"))
-    by_name = {path.name: notebook for path, notebook in notebooks.items()}
-    return texts | {readme: with_times(linked, by_name)}
+    texts[readme] = with_times(linked, notebooks)
+    return texts
 
 
 def main() -> None:

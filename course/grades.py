@@ -1,9 +1,8 @@
-"""`make grades FOLDER=...`: nbgrader runs what a class handed in, and the checks of
-`clothlab.checks` give the points.
+"""`make grades FOLDER=...`: nbgrader runs what a class handed in.
 
-FOLDER has a folder for each student, with the student's notebooks in it at any depth.
-They are only read. All that is written goes to `build/grading`, a course of nbgrader
-that begins anew with each run:
+The checks of `clothlab.checks` give the points. FOLDER has a folder for each student,
+with the student's notebooks in it at any depth. They are only read. All that is written
+goes to `build/grading`, a course of nbgrader that begins anew with each run:
 
 - `source`, `release`: the student edition with a locked cell of nbgrader's behind each
   exercise, which calls its check,
@@ -30,6 +29,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import nbformat
 import pandas as pd
@@ -59,7 +59,10 @@ c.NbGrader.logfile = "nbgrader.log"
 c.Execute.timeout = {seconds}
 c.Execute.iopub_timeout = 60  # after an interrupt on a busy machine
 c.Execute.startup_timeout = 300
-c.Execute.extra_arguments = ["--HistoryManager.hist_file=:memory:", "--IPKernelApp.log_level=ERROR"]
+c.Execute.extra_arguments = [
+    "--HistoryManager.hist_file=:memory:",
+    "--IPKernelApp.log_level=ERROR",
+]
 """
 SCORES = """
 import json
@@ -75,16 +78,18 @@ with Gradebook("sqlite:///gradebook.db") as book:
     ]
 print(json.dumps(found))
 """
-STOPPED = "the run ended before its end: an answer stopped its process, or used up the memory (see nbgrader.log)"
+STOPPED = (
+    "the run ended before its end: an answer stopped its process, "
+    "or used up the memory (see nbgrader.log)"
+)
+COLUMNS = ("student", "notebook", "exercise", "points", "most", "words")
 
 
 @dataclass(frozen=True)
 class Lesson:
-    """A notebook of the series: its file's name without the ending, its exercises, and
-    how it is handed out.
-    """
+    """A notebook of the series: its exercises, and how it is handed out."""
 
-    stem: str
+    stem: str  # of its file's name
     points: Mapping[str, int]  # of each exercise, in order
     edition: NotebookNode
 
@@ -103,44 +108,51 @@ class Lesson:
 
 def exercises(cells: Iterable[NotebookNode]) -> list[str]:
     """Names of the functions that a notebook's stubs ask for, in order."""
-    stubs = [ast.parse(cell.source).body for cell in cells if "stub" in tags(cell)]
-    return [
-        node.name
-        for body in stubs
-        for node in body
-        if isinstance(node, ast.FunctionDef)
-    ]
+    found = []
+    for cell in cells:
+        if "stub" in tags(cell):
+            nodes = ast.parse(cell.source).body
+            found += [node for node in nodes if isinstance(node, ast.FunctionDef)]
+    return [function.name for function in found]
 
 
 def title(notebook: NotebookNode) -> str:
     """The first line of a notebook's first text."""
-    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
-    return texts[0].strip().splitlines()[0] if texts and texts[0].strip() else ""
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            lines = cell.source.strip().splitlines()
+            return lines[0] if lines else ""
+    return ""
 
 
 def with_tests(notebook: NotebookNode, points: Mapping[str, int]) -> NotebookNode:
-    """A copy with a locked cell for each exercise, behind its check; nothing else in it
-    counts for nbgrader.
+    """A copy with a locked cell for each exercise, behind its check.
+
+    Nothing else in it counts for nbgrader.
     """
     edition = copy.deepcopy(notebook)
     for cell in edition.cells:
         cell.metadata.pop("nbgrader", None)
-    edition.cells = [
-        cell
-        for cell in edition.cells
-        if cell.get("id") not in {_test_id(name) for name in points}
-    ]
+
+    # Those that came back with a student's notebook may have been changed
+    ours = {_test_id(name) for name in points}
+    edition.cells = [cell for cell in edition.cells if cell.get("id") not in ours]
     for name, most in points.items():
-        place = len(edition.cells)
-        for k, cell in enumerate(edition.cells):
-            if cell.cell_type == "code" and re.search(
-                rf"\b(checks\.|def ){name}\(", cell.source
-            ):
-                place = k + 1
-        edition.cells.insert(place, _test(name, most))
+        edition.cells.insert(_behind_check(edition, name), _test(name, most))
+
     # From which on cells have names
     edition.nbformat_minor = max(5, edition.get("nbformat_minor", 0))
     return edition
+
+
+def _behind_check(notebook: NotebookNode, name: str) -> int:
+    """Where a cell stands behind the last one that checks or defines an exercise."""
+    about = re.compile(rf"\b(checks\.|def ){name}\(")
+    place = len(notebook.cells)
+    for k, cell in enumerate(notebook.cells):
+        if cell.cell_type == "code" and about.search(cell.source):
+            place = k + 1
+    return place
 
 
 def _test_id(name: str) -> str:
@@ -160,9 +172,8 @@ def _test(name: str, most: int) -> NotebookNode:
         "schema_version": 3,
     }
     metadata = {"nbgrader": settings | {"grade_id": name, "points": most}}
-    return nbformat.v4.new_code_cell(
-        TEST.format(name=name), id=_test_id(name), metadata=metadata
-    )
+    code = TEST.format(name=name)
+    return nbformat.v4.new_code_cell(code, id=_test_id(name), metadata=metadata)
 
 
 def students(folder: Path, course: Path) -> dict[str, Path]:
@@ -176,79 +187,86 @@ def students(folder: Path, course: Path) -> dict[str, Path]:
         raise ValueError(
             f"FOLDER={folder} is no folder: it must have a folder for each student"
         )
-    here, there = folder.resolve(), course.resolve()
+    here = folder.resolve()
+    there = course.resolve()
     if here in (there, *there.parents) or there in here.parents:
         raise ValueError(
             f"FOLDER={folder} holds {course}, or lies in it: name the folder of a class"
         )
-    found = [
-        path
-        for path in sorted(folder.glob("[!.]*"))
-        if path.is_dir() and not path.is_symlink()
-    ]
+
+    # A link could lead anywhere
+    visible = sorted(folder.glob("[!.]*"))
+    found = [path for path in visible if path.is_dir() and not path.is_symlink()]
     if not found:
         raise ValueError(f"{folder} has no folder of a student in it")
-    names = [
-        re.sub(r"[^\w.@-]", "_", str(path.name).encode("utf-8", "replace").decode())
-        for path in found
-    ]
-    if twice := {name for name in names if names.count(name) > 1}:
-        raise ValueError(
-            f"the folders of two students would both be called {', '.join(sorted(twice))}"
-        )
+
+    # Names that nbgrader takes, of which no two may be the same
+    names = [re.sub(r"[^\w.@-]", "_", _shown(path)) for path in found]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        listed = ", ".join(sorted(twice))
+        raise ValueError(f"the folders of two students would both be called {listed}")
     return dict(zip(names, found, strict=True))
 
 
-def handed_in(
-    student: Path, lessons: list[Lesson]
-) -> tuple[dict[str, NotebookNode], dict[str, str]]:
-    """Notebooks of a student by lesson, and what is said of a lesson that has none or
-    was found elsewhere.
+class HandedIn(NamedTuple):
+    """What a student handed in."""
+
+    notebooks: dict[str, NotebookNode]  # by lesson
+    # Of a lesson that has none, or was found elsewhere: what there is to say
+    notes: dict[str, str]
+
+
+def handed_in(student: Path, lessons: list[Lesson]) -> HandedIn:
+    """The notebooks in a student's folder, at any depth.
 
     A notebook belongs to a lesson by its name, such as `04_predictive_model (1).ipynb`,
     or else by its heading.
     """
     read: dict[str, dict[str, NotebookNode]] = {lesson.stem: {} for lesson in lessons}
-    said: dict[str, str] = {}
-    for path in sorted(student.rglob("*.ipynb")):
-        if (
-            ".ipynb_checkpoints" in path.parts
-            or path.is_symlink()
-            or not path.is_file()
-        ):
-            continue
-        by_name = [
-            lesson.stem for lesson in lessons if path.name.startswith(lesson.stem)
-        ]
+    notes: dict[str, str] = {}
+    for path in _notebooks_in(student):
+        name = _shown(path)
+        stems = [each.stem for each in lessons if path.name.startswith(each.stem)]
         try:
             notebook = readable(path)
         except Exception as error:  # whatever a file may be
-            said |= {
-                stem: f"{_shown(path)} can't be read as a notebook: {type(error).__name__}"
-                for stem in by_name
-            }
+            kind = type(error).__name__
+            note = f"{name} can't be read as a notebook: {kind}"
+            notes |= dict.fromkeys(stems, note)
             continue
-        by_title = [
-            lesson.stem
-            for lesson in lessons
-            if lesson.title and title(notebook) == lesson.title
-        ]
-        for stem in by_name or by_title:
-            read[stem][_shown(path)] = notebook
+        for stem in stems or _lessons_called(title(notebook), lessons):
+            read[stem][name] = notebook
+
+    # Of each lesson exactly one counts
+    notebooks = {}
     for stem, found in read.items():
-        if len(found) > 1:
-            said[stem] = f"there are {len(found)}: {', '.join(found)}. Keep one"
-        elif not found:
-            said.setdefault(stem, "not handed in")
-        elif f"{stem}.ipynb" not in found:
-            said[stem] = f"found as {next(iter(found))}"
+        if len(found) == 1:
+            (name,) = found
+            notebooks[stem] = found[name]
+            notes.pop(stem, None)
+            if name != f"{stem}.ipynb":
+                notes[stem] = f"found as {name}"
+        elif found:
+            notes[stem] = f"there are {len(found)}: {', '.join(found)}. Keep one"
         else:
-            said.pop(stem, None)
-    return {
-        stem: next(iter(found.values()))
-        for stem, found in read.items()
-        if len(found) == 1
-    }, said
+            notes.setdefault(stem, "not handed in")
+    return HandedIn(notebooks, notes)
+
+
+def _notebooks_in(folder: Path) -> list[Path]:
+    """Files of notebooks at any depth; neither links nor JupyterLab's own copies."""
+    found = []
+    for path in sorted(folder.rglob("*.ipynb")):
+        copied = ".ipynb_checkpoints" in path.parts
+        if path.is_file() and not path.is_symlink() and not copied:
+            found.append(path)
+    return found
+
+
+def _lessons_called(heading: str, lessons: list[Lesson]) -> list[str]:
+    """Lessons with this heading; none has an empty one."""
+    return [lesson.stem for lesson in lessons if heading and lesson.title == heading]
 
 
 def readable(path: Path) -> NotebookNode:
@@ -268,8 +286,9 @@ def _shown(path: Path) -> str:
 
 
 def lay_out(lessons: list[Lesson], course: Path) -> None:
-    """Begin a course of nbgrader anew in a folder: its settings, and an assignment for
-    each lesson.
+    """Begin a course of nbgrader anew in a folder.
+
+    With its settings, and an assignment for each lesson.
     """
     course.mkdir(parents=True, exist_ok=True)
     for old in course.iterdir():
@@ -277,15 +296,15 @@ def lay_out(lessons: list[Lesson], course: Path) -> None:
     (course / "nbgrader_config.py").write_text(CONFIG.format(seconds=SECONDS))
     for lesson in lessons:
         text = nbformat.writes(with_tests(lesson.edition, lesson.points))
-        write_bytes(
-            course / "source" / lesson.stem / f"{lesson.stem}.ipynb", text.encode()
-        )
+        folder = course / "source" / lesson.stem
+        write_bytes(folder / f"{lesson.stem}.ipynb", text.encode())
         nbgrader(course, "generate_assignment", lesson.stem, "--create", check=True)
 
 
 def nbgrader(course: Path, *words: str, check: bool = False) -> bool:
-    """Run a command of nbgrader in a course, as a teacher would by hand; whether it
-    went well.
+    """Run a command of nbgrader in a course, as a teacher would by hand.
+
+    Returned is whether it went well; a RuntimeError if it did not and `check` is set.
     """
     command = [sys.executable, "-m", "nbgrader", *words]
     ended = subprocess.run(
@@ -304,101 +323,105 @@ def nbgrader(course: Path, *words: str, check: bool = False) -> bool:
 
 
 def settings() -> dict[str, str]:
-    """The environment in which nbgrader is found, and finds its own tools by their
-    names.
-    """
+    """The environment in which nbgrader is found, and finds its own tools."""
     added = {
         "PATH": [TOOLS / "bin", Path(sys.executable).parent],
         "PYTHONPATH": [TOOLS],
     }
-    paths = {
-        name: [*map(str, folders), os.environ.get(name, "")]
-        for name, folders in added.items()
-    }
-    return os.environ | {
-        name: os.pathsep.join(filter(None, each)) for name, each in paths.items()
-    }
+    environment = dict(os.environ)
+    for name, folders in added.items():
+        paths = [*map(str, folders), environment.get(name, "")]
+        environment[name] = os.pathsep.join(filter(None, paths))
+    return environment
 
 
 def grade(folder: Path, lessons: list[Lesson], course: Path) -> pd.DataFrame:
-    """A row for each exercise of each student, after nbgrader has run everything and
-    written its feedback.
+    """A row for each exercise of each student, after nbgrader has run everything.
+
+    It has written its feedback, too.
 
     Raises:
         ValueError: there is no folder of a student, or no notebook in any.
     """
-    handed, said = {}, {}
-    for student, path in students(folder, course).items():
-        handed[student], said[student] = handed_in(path, lessons)
-    if not any(handed.values()):
+    # What was handed in
+    folders = students(folder, course)
+    handed = {name: handed_in(path, lessons) for name, path in folders.items()}
+    if not any(each.notebooks for each in handed.values()):
         raise ValueError(
-            f"none of the {len(handed)} folders in {folder} has a notebook that is asked for"
+            f"none of the {len(handed)} folders in {folder} has a notebook "
+            "that is asked for"
         )
+
+    # Into a course of nbgrader, which runs it
     lay_out(lessons, course)
-    for student, notebooks in handed.items():
-        for lesson in lessons:
-            if lesson.stem in notebooks:
-                ready = with_tests(
-                    small(notebooks[lesson.stem], like=lesson.edition), lesson.points
-                )
-                path = (
-                    course
-                    / "submitted"
-                    / student
-                    / lesson.stem
-                    / f"{lesson.stem}.ipynb"
-                )
-                write_bytes(path, nbformat.writes(ready).encode())
-    for lesson in tqdm(
-        [lesson for lesson in lessons if lesson.points], unit="notebook"
-    ):
-        if any(lesson.stem in notebooks for notebooks in handed.values()):
+    for student, each in handed.items():
+        submit(course, student, each.notebooks, lessons)
+    for lesson in tqdm([each for each in lessons if each.points], unit="notebook"):
+        if any(lesson.stem in each.notebooks for each in handed.values()):
             # Not well where one student's run has ended it
             nbgrader(course, "autograde", lesson.stem, "--create")
             nbgrader(course, "generate_feedback", lesson.stem)
+
+    # And what came out of it
     scores = auto_scores(course)
-    pairs = [(student, lesson) for student in handed for lesson in lessons]
-    rows = [
-        row
-        for student, lesson in pairs
-        for row in judged(course, student, lesson, said[student], scores)
-    ]
-    return pd.DataFrame(
-        rows, columns=["student", "notebook", "exercise", "points", "most", "words"]
-    )
+    rows = []
+    for student, each in handed.items():
+        for lesson in lessons:
+            note = each.notes.get(lesson.stem, "")
+            rows += judged(course, student, lesson, note, scores)
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def submit(
+    course: Path,
+    student: str,
+    notebooks: Mapping[str, NotebookNode],
+    lessons: list[Lesson],
+) -> None:
+    """Put a student's notebooks where nbgrader looks for them, ready to be run."""
+    for lesson in lessons:
+        if lesson.stem in notebooks:
+            short = small(notebooks[lesson.stem], like=lesson.edition)
+            text = nbformat.writes(with_tests(short, lesson.points))
+            folder = course / "submitted" / student / lesson.stem
+            write_bytes(folder / f"{lesson.stem}.ipynb", text.encode())
 
 
 def judged(
     course: Path,
     student: str,
     lesson: Lesson,
-    said: Mapping[str, str],
+    note: str,
     scores: Mapping[tuple[str, str, str], float],
 ) -> list[tuple]:
-    """What nbgrader made of a student's lesson: a row for each exercise."""
-    path = course / "autograded" / student / lesson.stem / f"{lesson.stem}.ipynb"
-    note = said.get(lesson.stem, "")
-    if not path.exists():
-        submitted = (course / "submitted" / student / lesson.stem).exists()
+    """What nbgrader made of a student's lesson: a row for each exercise.
+
+    Args:
+        course: nbgrader's folder.
+        student: the student's name there.
+        lesson: the lesson.
+        note: what there is to say of how it was handed in.
+        scores: points by student, notebook and exercise.
+    """
+    stem = lesson.stem
+    path = course / "autograded" / student / stem / f"{stem}.ipynb"
+    if path.exists():
+        graded = {}
+        for cell in nbformat.read(path, as_version=4).cells:
+            if cell.metadata.get("nbgrader"):
+                graded[cell.metadata.nbgrader.grade_id] = cell
+        end = f" ({note})" if note else ""
+        words = {name: words_of(graded[name]) + end for name in lesson.points}
+        points = {name: scores.get((student, stem, name), 0.0) for name in words}
+    else:
+        # Nothing came out, or nothing went in
+        submitted = (course / "submitted" / student / stem).exists()
         words = dict.fromkeys(lesson.points, STOPPED if submitted else note)
         points = dict.fromkeys(lesson.points, 0.0)
-    else:
-        cells = nbformat.read(path, as_version=4).cells
-        graded = {
-            cell.metadata.nbgrader.grade_id: cell
-            for cell in cells
-            if cell.metadata.get("nbgrader")
-        }
-        points = {
-            name: scores.get((student, lesson.stem, name), 0.0)
-            for name in lesson.points
-        }
-        words = {name: words_of(graded[name]) for name in lesson.points}
-        words = {
-            name: f"{each} ({note})" if note else each for name, each in words.items()
-        }
+
+    # In the order of COLUMNS
     return [
-        (plain(student), lesson.stem, name, points[name], most, plain(words[name]))
+        (plain(student), stem, name, points[name], most, plain(words[name]))
         for name, most in lesson.points.items()
     ]
 
@@ -406,12 +429,11 @@ def judged(
 def auto_scores(course: Path) -> dict[tuple[str, str, str], float]:
     """The points in nbgrader's gradebook, by student, notebook and exercise."""
     command = [sys.executable, "-c", SCORES]
-    rows = json.loads(
-        subprocess.check_output(command, cwd=course, env=settings(), text=True)
-    )
-    return {
-        (student, stem, name): float(score or 0) for student, stem, name, score in rows
-    }
+    said = subprocess.check_output(command, cwd=course, env=settings(), text=True)
+    scores = {}
+    for student, stem, name, score in json.loads(said):
+        scores[student, stem, name] = float(score or 0)
+    return scores
 
 
 def words_of(cell: NotebookNode) -> str:
@@ -422,7 +444,8 @@ def words_of(cell: NotebookNode) -> str:
     for error in errors:
         if error.ename == "Unanswered":
             return error.evalue
-        return f"{'Not yet' if error.ename == 'CheckFailed' else error.ename}: {error.evalue}"
+        kind = "Not yet" if error.ename == "CheckFailed" else error.ename
+        return f"{kind}: {error.evalue}"
     return "".join(output.get("text", "") for output in cell.outputs) or "no answer"
 
 
@@ -442,9 +465,8 @@ def totals(grades: pd.DataFrame) -> pd.DataFrame:
 
 def main() -> None:
     """Grade the class in a folder."""
-    notebooks = {
-        path.stem[:2]: path for path in sorted((ROOT / "notebooks").glob("*.ipynb"))
-    }
+    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    notebooks = {path.stem[:2]: path for path in paths}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -457,18 +479,19 @@ def main() -> None:
         help="numbers of notebooks",
     )
     arguments = parser.parse_args()
+
+    # Notebooks without exercises have no points
     weights = tomllib.loads(POINTS.read_text("utf-8"))
-    lessons = [Lesson.read(notebooks[number], weights) for number in arguments.only]
+    chosen = [Lesson.read(notebooks[number], weights) for number in arguments.only]
+    lessons = [lesson for lesson in chosen if lesson.points]
     try:
         if not arguments.folder:
             raise ValueError("say which folder: make grades FOLDER=path/to/the/class")
-        grades = grade(
-            Path(arguments.folder),
-            [lesson for lesson in lessons if lesson.points],
-            COURSE,
-        )
+        grades = grade(Path(arguments.folder), lessons, COURSE)
     except ValueError as error:
         sys.exit(str(error))
+
+    # For a spreadsheet
     grades.to_csv(COURSE / "grades.csv", index=False)
     totals(grades).to_csv(COURSE / "totals.csv")
     print(f"{COURSE}: grades.csv, totals.csv, feedback/")

@@ -1,5 +1,6 @@
-"""Where the repository lies on the web, said once in `pyproject.toml`, and all that
-follows from it.
+"""Where the repository lies on the web, and all that follows from it.
+
+The address is said once, in `pyproject.toml`.
 """
 
 import base64
@@ -7,7 +8,7 @@ import copy
 import mimetypes
 import re
 import tomllib
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
@@ -19,7 +20,8 @@ START = "notebooks/00_start_here.ipynb"
 # A link or a picture of Markdown that leads from `notebooks/` to another folder of the
 # repository.
 OUTWARD = re.compile(
-    r"(?P<picture>!?)\[(?P<words>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)"
+    r"(?P<picture>!?)\[(?P<words>[^\]]*)\]"
+    r"\(\.\./(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)"
 )
 
 
@@ -41,33 +43,35 @@ def doors(notebook: str = START) -> dict[str, str]:
     Args:
         notebook: its path in the repository.
     """
-    owner_and_name = urlsplit(address()).path.strip("/")
+    name = urlsplit(address()).path.strip("/")  # with its owner
+    colab = "https://colab.research.google.com/github"
+    binder = "https://mybinder.org/v2/gh"
+    file = quote(notebook)
     return {
-        "Colab": f"https://colab.research.google.com/github/{owner_and_name}/blob/{BRANCH}/{quote(notebook)}",
-        "Binder": f"https://mybinder.org/v2/gh/{owner_and_name}/{BRANCH}?urlpath=lab/tree/{quote(notebook)}",
-        "Codespace": f"https://codespaces.new/{owner_and_name}",
+        "Colab": f"{colab}/{name}/blob/{BRANCH}/{file}",
+        "Binder": f"{binder}/{name}/{BRANCH}?urlpath=lab/tree/{file}",
+        "Codespace": f"https://codespaces.new/{name}",
     }
 
 
 def portable(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """A copy that is whole in any folder: pictures lie inside it, links to other
-    folders lead to the repository.
+    """A copy that is whole in any folder.
 
-    Links between notebooks stay, since editions are handed out side by side. A
+    Pictures lie inside it, and links to other folders lead to the repository. Links
+    between notebooks stay, since editions are handed out side by side. A
     FileNotFoundError names a link that leads nowhere already.
     """
     edition = copy.deepcopy(notebook)
     for cell in edition.cells:
         if cell.cell_type == "markdown":
-            cell.source = OUTWARD.sub(
-                lambda link, cell=cell: _anywhere(link, cell), cell.source
-            )
+            cell.source = OUTWARD.sub(partial(_anywhere, cell), cell.source)
     return edition
 
 
-def _anywhere(link: re.Match[str], cell: nbformat.NotebookNode) -> str:
-    """What stands for a link to another folder in a notebook that may lie anywhere;
-    `cell` gets its picture.
+def _anywhere(cell: nbformat.NotebookNode, link: re.Match[str]) -> str:
+    """What stands for a link to another folder in a notebook that may lie anywhere.
+
+    The cell gets a picture that it shows.
     """
     path = ROOT / link["path"]
     if not path.exists():

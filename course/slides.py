@@ -1,10 +1,9 @@
-"""The decks of `make slides` as notebooks in `build/slides`, of which nbconvert makes
-pages for a projector.
+"""`make slides`: decks as notebooks in `build/slides`.
 
-A heading begins a slide, text goes on where it does not fit, each figure has a slide of
-its own without its code, and exercises, things to change, code and checked claims are
-left to the notebook. So are cells about code, which JupyterLab marks under "Slide Type"
-as "Skip".
+Nbconvert makes pages for a projector of them. A heading begins a slide, text goes on
+where it does not fit, each figure has a slide of its own without its code, and
+exercises, things to change, code and checked claims are left to the notebook. So are
+cells about code, which JupyterLab marks under "Slide Type" as "Skip".
 """
 
 import argparse
@@ -15,55 +14,61 @@ from importlib.resources import files
 from pathlib import Path
 
 import nbformat
-from nbformat.v4 import new_markdown_cell
+from nbformat.v4 import new_code_cell, new_markdown_cell
 
 from clothlab._files import write_bytes
 from course.book import BUILD, executed, web_output
 from course.editions import ROOT
+from course.solutions import tags
 
 DECKS = ("03", "04", "05", "06", "07", "11")
 LETTERS = 900  # of text on a slide
+DETAILS = re.compile(r"<details>.*?</details>", re.DOTALL)
 LEFT_OUT = re.compile(r"#+ (Exercise|References)")
 # a paragraph that asks for the notebook
 ALONE = re.compile(r"\*\*(Exercise|Change this)|<details>")
 
 
 def deck_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
-    """A notebook with outputs as slides: text in pieces, figures without code,
-    `slide_type` in each cell's metadata.
+    """A notebook with outputs as slides: text in pieces, figures without code.
+
+    Each cell's metadata has a `slide_type`.
     """
     deck = copy.deepcopy(notebook)
     deck.metadata.pop("widgets", None)
-    deck.cells, left_out = [], False
+    deck.cells = []
+    left_out = False
     for cell in notebook.cells:
         if cell.metadata.get("slideshow", {}).get("slide_type") == "skip":
             continue
+
+        # Text: a heading says whether what follows is left out
         if cell.cell_type == "markdown":
             for piece in pieces(cell.source):
                 heading = piece.startswith("#")
-                left_out = bool(LEFT_OUT.match(piece)) if heading else left_out
-                text = new_markdown_cell(
-                    piece, metadata=_slide("slide" if heading else "subslide")
-                )
-                deck.cells += [] if left_out else [text]
-        elif not left_out and {"stub", "solution"}.isdisjoint(
-            cell.metadata.get("tags", [])
-        ):
-            outputs = [
-                each
-                for output in cell.outputs
-                for each in web_output(output)
-                if is_picture(each)
-            ]
-            figure = nbformat.v4.new_code_cell(
-                metadata=_slide("subslide"), outputs=outputs
-            )
-            deck.cells += [figure] if outputs else []
+                if heading:
+                    left_out = bool(LEFT_OUT.match(piece))
+                if not left_out:
+                    kind = _slide("slide" if heading else "subslide")
+                    deck.cells.append(new_markdown_cell(piece, metadata=kind))
+
+        # Code: only what it shows
+        elif not left_out and {"stub", "solution"}.isdisjoint(tags(cell)):
+            deck.cells += figures(cell)
     return deck
 
 
 def _slide(kind: str) -> dict:
     return {"slideshow": {"slide_type": kind}}
+
+
+def figures(cell: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
+    """A slide of what a code cell shows, without the code; none if it shows nothing."""
+    outputs = [each for output in cell.outputs for each in web_output(output)]
+    shown = [output for output in outputs if is_picture(output)]
+    if not shown:
+        return []
+    return [new_code_cell(metadata=_slide("subslide"), outputs=shown)]
 
 
 def is_picture(output: nbformat.NotebookNode) -> bool:
@@ -73,18 +78,17 @@ def is_picture(output: nbformat.NotebookNode) -> bool:
 
 
 def pieces(text: str) -> list[str]:
-    """Markdown in pieces that fit a slide: each heading begins one, paragraphs, lists
-    and tables stay whole.
+    """Markdown in pieces that fit a slide.
+
+    Each heading begins one; paragraphs, lists and tables stay whole.
     """
     found = [""]
-    whole = re.sub(
-        r"<details>.*?</details>", "<details>", text.strip(), flags=re.DOTALL
-    )
+    whole = DETAILS.sub("<details>", text.strip())
     paragraphs = [each for each in re.split(r"\n\s*\n", whole) if not ALONE.match(each)]
     for paragraph in paragraphs:
-        if found[-1] and (
-            paragraph.startswith("#") or len(found[-1]) + len(paragraph) > LETTERS
-        ):
+        heading = paragraph.startswith("#")
+        full = len(found[-1]) + len(paragraph) > LETTERS
+        if found[-1] and (heading or full):
             found.append("")
         # a heading right above its text
         found[-1] += re.sub(r"^(#.*)\n(?=.)", r"\1\n\n", paragraph) + "\n\n"
@@ -92,16 +96,16 @@ def pieces(text: str) -> list[str]:
 
 
 def lay_out(folder: Path) -> None:
-    """Put reveal.js and MathJax into `folder/reveal`, out of the packages that bring
-    them.
+    """Put reveal.js and MathJax into `folder/reveal`.
+
+    They come out of packages that bring them.
     """
+    target = folder / "reveal"
     revealjs = files("sphinx_revealjs") / "_static" / "revealjs"
     for part in ("dist", "plugin/notes"):
-        shutil.copytree(
-            str(revealjs / part), folder / "reveal" / part, dirs_exist_ok=True
-        )
+        shutil.copytree(str(revealjs / part), target / part, dirs_exist_ok=True)
     mathjax = files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg-full.js"
-    write_bytes(folder / "reveal" / "mathjax" / mathjax.name, mathjax.read_bytes())
+    write_bytes(target / "mathjax" / mathjax.name, mathjax.read_bytes())
 
 
 def main() -> None:

@@ -1,10 +1,9 @@
-"""DPMPB for a robot without cloth: Gymnasium's Reacher, which carries a payload against
-friction, both unknown to it.
+"""DPMPB for a robot without cloth: Gymnasium's Reacher with a payload and friction.
 
 Two motors turn an arm of two links in a plane. Neither the payload at its tip nor the
-friction of its joints is part of the state. `python examples/another_robot.py` trains
-five models of each kind, and writes the tables and the model that notebook 16 shows;
-trainings are kept in build/another_robot.
+friction of its joints is part of the state, and the arm knows of neither. `python
+examples/another_robot.py` trains five models of each kind, and writes the tables and
+the model that notebook 16 shows; trainings are kept in build/another_robot.
 
 What a researcher might take in place of p is here too: a model that is told both
 properties, one without p, whose memory may adapt, and an encoder that infers p from the
@@ -14,7 +13,7 @@ last steps (as in rapid motor adaptation, Kumar et al., 2021).
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import joblib
@@ -36,9 +35,9 @@ from clothlab import data
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.estimation import estimate_bias, prediction_loss
+from clothlab.method.estimation import prediction_loss
 from clothlab.method.fast_rollout import quicken
-from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
@@ -75,7 +74,7 @@ BETWEEN = [Material(*both) for both in itertools.product((35, 104), (8.5, 17))]
 
 
 def make_robot(material: Material) -> Any:
-    """Reacher with this payload and friction, and 0.05 s from one command to the next."""
+    """Reacher with this payload and friction, and a command every 0.05 s."""
     env: Any = gymnasium.make("Reacher-v5", frame_skip=5, max_episode_steps=-1)
     model = env.unwrapped.model
     model.body("fingertip").mass = material.payload
@@ -85,12 +84,16 @@ def make_robot(material: Material) -> Any:
 
 
 def see(observation: np.ndarray) -> np.ndarray:
-    """State `[8]`: cosines and sines of both angles, their speeds [rad/s], position of
-    the tip [m].
+    """State `[8]` of an observation `[10]`.
+
+    Cosines and sines of both angles, their speeds [rad/s], and where the tip is [m]:
+    Reacher says that from its own target.
     """
-    return np.concatenate(
-        [observation[:4], observation[6:8], observation[8:10] + observation[4:6]]
-    )
+    angles = observation[:4]
+    target = observation[4:6]
+    speeds = observation[6:8]
+    tip = observation[8:10] + target
+    return np.concatenate([angles, speeds, tip])
 
 
 def random_commands(seed: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -119,26 +122,23 @@ def record(material: Material, steps: int = STEPS, seed: int = 0) -> Run:
 
 
 def read_out() -> Pipeline:
-    """A smooth map from p to the logarithms of payload and friction, as in the study of
-    cloths.
+    """A smooth map from p to the logarithms of payload and friction.
+
+    It is that of the study of cloths.
     """
     kernel = DotProduct() + RBF(2.0) + WhiteKernel(0.01)
-    return make_pipeline(
-        StandardScaler(),
-        GaussianProcessRegressor(kernel, optimizer=None, normalize_y=True),
-    )
+    process = GaussianProcessRegressor(kernel, optimizer=None, normalize_y=True)
+    return make_pipeline(StandardScaler(), process)
 
 
 def r_squared(biases: dict[str, np.ndarray], readout: Any) -> np.ndarray:
-    """How well the logarithms of payload and friction follow from p, one material left
-    out at a time, `[2]`.
+    """How well the logarithms of payload and friction follow from p, `[2]`.
+
+    One material is left out at a time.
     """
     p, logs = columns(biases)
-    return r2_score(
-        logs,
-        cross_val_predict(readout, p, logs, cv=LeaveOneOut()),
-        multioutput="raw_values",
-    )
+    predicted = cross_val_predict(readout, p, logs, cv=LeaveOneOut())
+    return r2_score(logs, predicted, multioutput="raw_values")
 
 
 def columns(biases: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -148,8 +148,9 @@ def columns(biases: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ContextEncoder(nn.Module):
-    """The last steps to p, in place of p's training: `[B, CONTEXT, D_s + D_u]` to `[B,
-    D_p]`.
+    """The last steps to p, in place of p's training.
+
+    From `[B, CONTEXT, D_s + D_u]` to `[B, D_p]`.
     """
 
     def __init__(self, model: DPMPB):
@@ -161,23 +162,33 @@ class ContextEncoder(nn.Module):
             nn.Tanh(),
             nn.Linear(100, model.bias_size),
         )
-        self.mean, self.std = (
-            torch.cat([model.s_mean, model.u_mean]),
-            torch.cat([model.s_std, model.u_std]),
-        )
+        self.mean = torch.cat([model.s_mean, model.u_mean])
+        self.std = torch.cat([model.s_std, model.u_std])
 
     def forward(self, s: Tensor, u: Tensor) -> Tensor:
-        """p `[B, D_p]` of states `[B, CONTEXT, D_s]` and commands `[B, CONTEXT, D_u]`."""
-        return self.layers((torch.cat([s, u], dim=-1) - self.mean) / self.std)
+        """p of states `[B, CONTEXT, D_s]` and commands `[B, CONTEXT, D_u]`."""
+        steps = torch.cat([s, u], dim=-1)
+        return self.layers((steps - self.mean) / self.std)
+
+
+class TrainedRobot(NamedTuple):
+    """What one training gives."""
+
+    model: DPMPB
+    biases: dict[str, np.ndarray]  # of each material `[D_p]`
+    encoder: ContextEncoder | None = None
 
 
 def train_with_context(
     runs: list[Run], settings: ModelTraining, seed: int
 ) -> tuple[DPMPB, ContextEncoder]:
-    """The same network, loss and training; p is what the encoder makes of the steps
-    before a sequence.
+    """The same network, loss and training, with an encoder in place of p.
+
+    p is what it makes of the steps before a sequence.
     """
-    s, u, _ = windows(runs, CONTEXT + settings.sequence_length, settings.stride)
+    # Each sequence has those steps before it
+    length = CONTEXT + settings.sequence_length
+    s, u, _ = windows(runs, length, settings.stride)
     with seeded(seed):
         model = quicken(DPMPB(s.shape[-1], u.shape[-1], settings.bias_size))
         set_normalisation(model, runs)
@@ -191,6 +202,7 @@ def train_with_context(
         def batches() -> Sequence[Tensor]:
             return torch.randperm(len(s)).split(settings.batch_size)
 
+        # Both learn at once
         both = [*model.parameters(), *encoder.parameters()]
         list(minimise(both, loss, batches, settings.epochs, settings.learning_rate))
     return model.eval(), encoder.eval()
@@ -205,92 +217,108 @@ def encoded_bias(encoder: ContextEncoder, run: Run) -> np.ndarray:
 
 def train(
     kind: str, seed: int, steps: int = STEPS, settings: ModelTraining = TRAINING
-) -> dict[str, Any]:
+) -> TrainedRobot:
     """Train one model: of kind "p", "told both", "without p" or "context encoder"."""
     torch.set_num_threads(1)
     runs = [record(material, steps, 100 + k) for k, material in enumerate(MATERIALS)]
     if kind == "context encoder":
         model, encoder = train_with_context(runs, settings, seed)
         biases = {run.material: encoded_bias(encoder, run) for run in runs}
-        return {"model": model, "biases": biases, "encoder": encoder}
-    known = {"told both": {str(each): told(each) for each in MATERIALS}}.get(kind)
-    settings = replace(settings, bias_size=0) if kind == "without p" else settings
+        return TrainedRobot(model, biases, encoder)
+    known = None
+    if kind == "told both":
+        known = {str(material): told(material) for material in MATERIALS}
+    if kind == "without p":
+        settings = replace(settings, bias_size=0)
     model, biases, _ = train_dpmpb(
         runs, settings, known=known, seed=seed, progress=False
     )
-    return {"model": model, "biases": biases}
+    return TrainedRobot(model, biases)
 
 
 def told(material: Material) -> np.ndarray:
     """Both logarithms, in steps of the grid from its middle `[2]`."""
-    return (material.logs - MATERIALS[4].logs) / (MATERIALS[8].logs - MATERIALS[4].logs)
+    middle = MATERIALS[4].logs
+    return (material.logs - middle) / (MATERIALS[8].logs - middle)
 
 
 def vary(steps: int, bias_size: int, seed: int) -> dict[str, float]:
-    """R², and the squared error on new runs [s.d. of s], with so many recorded steps of
-    each material and this D_p.
+    """R², and the squared error on new runs [s.d. of s], of one training.
+
+    With so many recorded steps of each material and this D_p.
     """
     trained = train("p", seed, steps, replace(TRAINING, bias_size=bias_size))
+
+    # New runs of all materials, each predicted with its own p
     errors = []
     for k, material in enumerate(MATERIALS):
-        run, p = (
-            record(material, ESTIMATE, 9000 + k),
-            torch.as_tensor(trained["biases"][str(material)]),
-        )
+        run = record(material, ESTIMATE, 9000 + k)
+        s = torch.as_tensor(run.s)
+        u = torch.as_tensor(run.u)
+        p = torch.as_tensor(trained.biases[str(material)])
         with torch.no_grad():
-            errors.append(
-                prediction_loss(
-                    trained["model"], torch.as_tensor(run.s), torch.as_tensor(run.u), p
-                ).item()
-            )
+            errors.append(prediction_loss(trained.model, s, u, p).item())
+
+    # A row of the table
     row = {
         "steps": steps,
         "bias_size": bias_size,
         "seed": seed,
         "error": float(np.mean(errors)),
     }
-    return row | explained(trained["biases"])
+    return row | explained(trained.biases)
 
 
 def identify(
-    trained: dict[str, Any], seed: int, repeats: int = 10, steps: int = ESTIMATE
+    trained: TrainedRobot, seed: int, repeats: int = 10, steps: int = ESTIMATE
 ) -> list[dict[str, Any]]:
-    """Online estimates from p = 0 with new random commands: for materials trained on,
-    and for four between them.
+    """Online estimates from p = 0 with new random commands.
+
+    For materials trained on, and for four between them.
     """
     torch.set_num_threads(1)
-    p, logs = columns(trained["biases"])
-    readout, rows = read_out().fit(p, logs), []
+    p, logs = columns(trained.biases)
+    readout = read_out().fit(p, logs)
+    rows = []
     for material, repeat in itertools.product(MATERIALS + BETWEEN, range(repeats)):
+        # Estimate p of a run, and read it in two ways
         run = record(material, steps, 5000 + 100 * seed + repeat)
-        found, _ = estimate_bias(trained["model"], run, method="newton")
+        found, _ = estimate_bias(trained.model, run, method="newton")
         nearest = MATERIALS[int(np.linalg.norm(p - found, axis=1).argmin())]
         payload, friction = np.exp(readout.predict(found[None].astype(float))[0])
+
+        # What was true, and what was found
         rows.append(
             {
                 "seed": seed,
                 "payload": material.payload,
                 "friction": material.friction,
                 "repeat": repeat,
+                "trained": material in MATERIALS,
+                "right": nearest == material,
+                "found_payload": payload,
+                "found_friction": friction,
             }
         )
-        rows[-1] |= {
-            "trained": material in MATERIALS,
-            "right": nearest == material,
-            "found_payload": payload,
-            "found_friction": friction,
-        }
     return rows
 
 
 def search_plan(
     env: Any, goal: np.ndarray, seed: int, rounds: int = 15, count: int = 100
 ) -> np.ndarray:
-    """The oracle: the best commands `[ATTEMPT, 2]` that a search in the true simulation
-    finds from here.
+    """The oracle: the best commands `[ATTEMPT, 2]` that a search finds from here.
+
+    It searches in the true simulation, by the cross-entropy method.
+
+    Args:
+        env: the robot, which is afterwards where it was.
+        goal: where the tip should end `[2]` [m].
+        seed: of the plans that are drawn.
+        rounds: how often plans are drawn, around the best of the round before.
+        count: plans in a round, a tenth of which are the best.
     """
-    rng, data = np.random.default_rng(seed), env.unwrapped.data
-    start = data.qpos.copy(), data.qvel.copy()
+    data = env.unwrapped.data
+    start = (data.qpos.copy(), data.qvel.copy())
 
     def outcome(plan: np.ndarray) -> float:
         env.unwrapped.set_state(*start)
@@ -298,11 +326,16 @@ def search_plan(
             observation, *_ = env.step(u)
         return float(np.linalg.norm(see(observation)[TIP] - goal))
 
-    mean, deviation = np.zeros((ATTEMPT, 2)), np.full((ATTEMPT, 2), 0.7)
+    # Wide at first, then around what was good
+    rng = np.random.default_rng(seed)
+    mean = np.zeros((ATTEMPT, 2))
+    deviation = np.full((ATTEMPT, 2), 0.7)
     for _ in range(rounds):
         plans = np.clip(rng.normal(mean, deviation, (count, ATTEMPT, 2)), -1, 1)
-        best = plans[np.argsort([outcome(plan) for plan in plans])[: count // 10]]
-        mean, deviation = best.mean(0), best.std(0) + 0.01
+        order = np.argsort([outcome(plan) for plan in plans])
+        best = plans[order[: count // 10]]
+        mean = best.mean(0)
+        deviation = best.std(0) + 0.01
     env.unwrapped.set_state(*start)
     return best[0]
 
@@ -310,7 +343,8 @@ def search_plan(
 def draw_goals(seed: int, count: int = 10) -> np.ndarray:
     """Places for the tip `[count, 2]` [m], within its reach of 0.21 m."""
     rng = np.random.default_rng(seed)
-    angle, radius = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.08, 0.19, count)
+    angle = rng.uniform(-np.pi, np.pi, count)
+    radius = rng.uniform(0.08, 0.19, count)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
@@ -330,123 +364,149 @@ METHODS = {  # the kind of model that each needs; "" for none
 
 
 class Attempts:
-    """A policy of random commands for 10 s, then of ten attempts to bring the tip to a
-    goal, each of 0.6 s.
+    """Random commands for 10 s, then ten attempts to bring the tip to a goal.
 
-    It plans once when an attempt begins, or `replan`s in each step; the method says
-    with which p.
+    A policy; an attempt takes 0.6 s.
+
+    Args:
+        method: one of `METHODS` with a model: which p it has.
+        trained: that model, its p and perhaps its encoder.
+        material: of the robot.
+        replan: whether it plans in each step, or only when an attempt begins.
+        seed: of goals and random commands.
     """
 
     def __init__(
         self,
         method: str,
-        trained: dict[str, Any],
+        trained: TrainedRobot,
         material: Material,
         replan: bool,
         seed: int,
     ):
-        self.explore, self.goals, self.method, self.replan = (
-            random_commands(seed),
-            draw_goals(seed),
-            method,
-            replan,
-        )
-        self.model, self.encoder, self.t = trained["model"], trained.get("encoder"), 0
-        self.seen: list[tuple[np.ndarray, np.ndarray]] = []
-        biases = trained["biases"]
-        p = biases.get(str(material))
-        if method == "wrong p":
-            p = max(biases.values(), key=lambda other: float(np.linalg.norm(other - p)))
-        elif method in ("estimated p", "p = 0", "context encoder"):
-            p = np.zeros(self.model.bias_size)
-        self.estimator = (
-            NewtonEstimator(self.model) if method == "estimated p" else None
-        )
+        self.explore = random_commands(seed)
+        self.goals = draw_goals(seed)
+        self.replan = replan
+        self.encoder = trained.encoder
+        self.t = 0  # steps so far
+        self.states: list[np.ndarray] = []
+        self.commands: list[np.ndarray] = []
+
+        # With which p it begins, and whether that is estimated on the way
+        p = self._first_bias(method, trained, material)
+        self.estimator = None
+        if method == "estimated p":
+            self.estimator = NewtonEstimator(trained.model)
+
+        # Plans to start from, which are random commands, too
         drawn = random_commands(seed + 1)
         plans = np.array([[drawn(p) for _ in range(ATTEMPT)] for _ in range(200)])
-        settings = REPLANNING if replan else SETTINGS
         self.controller = Controller(
-            self.model,
+            trained.model,
             self.loss,
             p,
             [-1, -1],
             [1, 1],
-            settings,
+            REPLANNING if replan else SETTINGS,
             search=GradientSearch(plans),
         )
+
+    @staticmethod
+    def _first_bias(
+        method: str, trained: TrainedRobot, material: Material
+    ) -> np.ndarray:
+        """p at the start `[D_p]`."""
+        if method in ("estimated p", "p = 0", "context encoder"):
+            return np.zeros(trained.model.bias_size)
+        right = trained.biases[str(material)]
+        if method == "wrong p":
+            others = trained.biases.values()
+            return max(others, key=lambda p: float(np.linalg.norm(p - right)))
+        return right
 
     def loss(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
         """Distance of the tip to the goal at the attempt's end [m]."""
         attempt, step = divmod(t, ATTEMPT)
-        return torch.linalg.vector_norm(
-            states[:, ATTEMPT - 1 - step, TIP]
-            - torch.as_tensor(self.goals[attempt % 10]),
-            dim=1,
-        )
+        goal = torch.as_tensor(self.goals[attempt % 10])
+        at_end = states[:, ATTEMPT - 1 - step, TIP]
+        return torch.linalg.vector_norm(at_end - goal, dim=1)
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
         step = self.t - ESTIMATE
         begins = step >= 0 and step % ATTEMPT == 0
+
+        # An encoder takes all that was seen so far
         if begins and self.encoder is not None:
-            states, commands = (
-                np.array(column) for column in zip(*self.seen, strict=True)
-            )
-            self.controller.set_bias(
-                encoded_bias(self.encoder, Run(states, commands, ""))
-            )
+            seen = Run(np.array(self.states), np.array(self.commands), "")
+            self.controller.set_bias(encoded_bias(self.encoder, seen))
+
+        # Move
         if step < 0:
             u = self.explore(s)
             self.controller.follow(s, u)
         else:
             u = self.controller.act(s, solve=self.replan or begins)
+
+        # And learn from it
         if self.estimator is not None:
             self.controller.set_bias(self.estimator.update(s, u))
-        self.seen.append((s, u))
+        self.states.append(s)
+        self.commands.append(u)
         self.t += 1
         return u
 
 
 def control(
-    trained: Any, method: str, material: Material, replan: bool, seed: int
+    trained: TrainedRobot | None,
+    method: str,
+    material: Material,
+    replan: bool,
+    seed: int,
 ) -> np.ndarray:
-    """How far the tip ends from its goal in each of ten attempts `[10]` [m]."""
+    """How far the tip ends from its goal in each of ten attempts `[10]` [m].
+
+    Args:
+        trained: the model that the method needs; None for one that needs none.
+        method: one of `METHODS`.
+        material: of the robot.
+        replan: whether a controller plans in each step.
+        seed: of goals and random commands.
+    """
     torch.set_num_threads(1)
-    env, goals = make_robot(material), draw_goals(seed)
-    policy = (
-        Attempts(method, trained, material, replan, seed)
-        if trained
-        else without_model(method, env, seed)
-    )
-    run = rollout(
-        env,
-        policy,
-        ESTIMATE + ATTEMPT * len(goals) + 1,
-        seed=seed,
-        material=str(material),
-        observe=see,
-    )
-    return np.linalg.norm(run.s[ESTIMATE + ATTEMPT :: ATTEMPT, TIP] - goals, axis=1)
+    env = make_robot(material)
+    goals = draw_goals(seed)
+    policy: Callable[[np.ndarray], np.ndarray]
+    if trained is None:
+        policy = without_model(method, env, seed)
+    else:
+        policy = Attempts(method, trained, material, replan, seed)
+
+    # One step more: the state after the last attempt is seen before it
+    steps = ESTIMATE + ATTEMPT * len(goals) + 1
+    run = rollout(env, policy, steps, seed=seed, material=str(material), observe=see)
+    ends = run.s[ESTIMATE + ATTEMPT :: ATTEMPT, TIP]
+    return np.linalg.norm(ends - goals, axis=1)
 
 
 def without_model(
     method: str, env: Any, seed: int
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """A policy of the same shape that goes on with random commands, or searches in the
-    true simulation.
+    """A policy of the same shape without a model.
+
+    It goes on with random commands, or searches in the true simulation.
     """
-    goals, explore, t, plan = (
-        draw_goals(seed),
-        random_commands(seed),
-        itertools.count(-ESTIMATE),
-        [np.zeros(2)],
-    )
+    goals = draw_goals(seed)
+    explore = random_commands(seed)
+    t = itertools.count(-ESTIMATE)
+    plan = np.zeros((ATTEMPT, 2))  # of the present attempt
 
     def policy(s: np.ndarray) -> np.ndarray:
+        nonlocal plan
         attempt, step = divmod(next(t), ATTEMPT)
         if attempt < 0 or method == "random":
             return explore(s)
         if step == 0 and attempt < len(goals):
-            plan[:] = search_plan(env, goals[attempt], seed)
+            plan = search_plan(env, goals[attempt], seed)
         return plan[step]
 
     return policy
@@ -464,75 +524,87 @@ def side_by_side(
 
 def explained(biases: dict[str, np.ndarray]) -> dict[str, float]:
     """R² of both logarithms, by a smooth and by a straight map."""
-    smooth, straight = (
-        r_squared(biases, read_out()),
-        r_squared(biases, LinearRegression()),
-    )
-    return dict(
-        zip(
-            ("payload", "friction", "payload_straight", "friction_straight"),
-            [*smooth, *straight],
-            strict=True,
-        )
-    )
+    payload, friction = r_squared(biases, read_out())
+    straight = r_squared(biases, LinearRegression())
+    return {
+        "payload": payload,
+        "friction": friction,
+        "payload_straight": straight[0],
+        "friction_straight": straight[1],
+    }
+
+
+Trainings = dict[tuple[str, int], TrainedRobot]  # by kind and seed
+
+
+def train_all() -> Trainings:
+    """Five trainings of each kind, which are kept."""
+    kept = joblib.Memory("build/another_robot", verbose=0).cache(train)
+    cases = list(itertools.product(KINDS, SEEDS))
+    return dict(zip(cases, side_by_side("trainings", kept, cases), strict=True))
+
+
+def study_map(trained: Trainings) -> None:
+    """How p and the two properties hang together."""
+    rows = []
+    for kind, seed in itertools.product(("p", "context encoder"), SEEDS):
+        found = explained(trained[kind, seed].biases)
+        rows.append({"kind": kind, "seed": seed} | found)
+    save(pd.DataFrame(rows), "another_robot")
+
+
+def study_amounts() -> None:
+    """How many steps must be recorded, and how many numbers p needs."""
+    sizes = [(100, 2), (300, 2), (1000, 2), (1000, 1), (1000, 3), (1000, 4)]
+    cases = [(*size, seed) for size, seed in itertools.product(sizes, SEEDS)]
+    rows = side_by_side("amounts", vary, cases)
+    save(pd.DataFrame(rows), "another_robot_amount")
+
+
+def study_estimates(trained: Trainings) -> None:
+    """How well p is estimated online."""
+    cases = [(trained["p", seed], seed) for seed in SEEDS]
+    rows = itertools.chain(*side_by_side("estimates", identify, cases))
+    save(pd.DataFrame(rows), "another_robot_estimates")
+
+
+def study_control(trained: Trainings) -> None:
+    """How near each method brings the tip to its goals."""
+    # A method without a model has nothing to plan with
+    rows = []
+    cases = []
+    for seed, material, method in itertools.product(SEEDS, MATERIALS, METHODS):
+        kind = METHODS[method]
+        model = trained[kind, seed] if kind else None
+        for replan in (False, True) if kind else (False,):
+            cases.append((model, method, material, replan, seed))
+            rows.append(
+                {
+                    "method": method,
+                    "seed": seed,
+                    "payload": material.payload,
+                    "friction": material.friction,
+                    "replan": replan,
+                }
+            )
+
+    # Each case beside what came of it
+    distances = side_by_side("control", control, cases)
+    for row, distance in zip(rows, distances, strict=True):
+        row["distance"] = distance
+    save(pd.DataFrame(rows), "another_robot_control")
 
 
 def main() -> None:
     """Train five models of each kind, and write what they show."""
-    kept = joblib.Memory("build/another_robot", verbose=0).cache(train)
-    trainings = list(itertools.product(KINDS, SEEDS))
-    trained = dict(
-        zip(trainings, side_by_side("trainings", kept, trainings), strict=True)
-    )
-    rows = [
-        {"kind": kind, "seed": seed} | explained(trained[kind, seed]["biases"])
-        for kind, seed in itertools.product(("p", "context encoder"), SEEDS)
-    ]
-    save(pd.DataFrame(rows), "another_robot")
-
-    sizes = [(steps, 2) for steps in (100, 300, 1000)] + [
-        (1000, size) for size in (1, 3, 4)
-    ]
-    varied = [(*size, seed) for size, seed in itertools.product(sizes, SEEDS)]
-    save(pd.DataFrame(side_by_side("amounts", vary, varied)), "another_robot_amount")
-
-    rows = side_by_side(
-        "estimates", identify, [(trained["p", seed], seed) for seed in SEEDS]
-    )
-    save(pd.DataFrame(itertools.chain(*rows)), "another_robot_estimates")
-
-    cases = [
-        (
-            METHODS[method] and trained[METHODS[method], seed],
-            method,
-            material,
-            replan,
-            seed,
-        )
-        for seed, material, method, replan in itertools.product(
-            SEEDS, MATERIALS, METHODS, (False, True)
-        )
-        if METHODS[method] or not replan
-    ]
-    distances = side_by_side("control", control, cases)
-    rows = [
-        {
-            "method": method,
-            "seed": seed,
-            "payload": material.payload,
-            "friction": material.friction,
-            "replan": replan,
-        }
-        | {"distance": distance}
-        for (_, method, material, replan, seed), distance in zip(
-            cases, distances, strict=True
-        )
-    ]
-    save(pd.DataFrame(rows), "another_robot_control")
-    kept = trained["p", 0]
-    data.save_model(
-        Checkpoint(name="reacher", model=kept["model"], biases=kept["biases"])
-    )
+    trained = train_all()
+    study_map(trained)
+    study_amounts()
+    study_estimates(trained)
+    study_control(trained)
+    shown = trained["p", 0]
+    shared = Checkpoint(name="reacher", model=shown.model, biases=shown.biases)
+    data.save_model(shared)
     data.write_checksums()
 
 

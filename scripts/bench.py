@@ -1,9 +1,8 @@
-"""`make bench`: speed in one table of ratios, some minutes on two cores. `python
-scripts/bench.py solve` runs one part.
+"""`make bench`: speed in one table of ratios, some minutes on two cores.
 
 Both sides of a ratio are measured alternately in one run, since milliseconds vary from
-run to run on a shared machine. `--against CHECKOUT` measures the package of another
-checkout, too, and puts its ratios beside these.
+run to run on a shared machine. `--only solve` runs one part. `--against CHECKOUT`
+measures the package of another checkout, too, and puts its ratios beside these.
 """
 
 import argparse
@@ -14,10 +13,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import joblib
 import mujoco
@@ -39,7 +39,14 @@ from clothlab.simulation.env import ClothEnv
 from studies.datasets import DATASETS, record
 from studies.training_configs import TRAINING_CONFIGS
 
-Row = tuple[str, float, str, str]  # what was measured, figure, aim, the times behind it
+
+class Row(NamedTuple):
+    """One figure."""
+
+    measured: str  # what, in words
+    ratio: float
+    aim: str
+    time: str = ""  # the times behind it
 
 
 def alternate(
@@ -58,8 +65,9 @@ def alternate(
 
 
 def bench_step() -> Iterator[Row]:
-    """`env.step` against the bare MuJoCo step and bare rendering of the same scene,
-    under commands of the same kind.
+    """`env.step` against the bare MuJoCo step and bare rendering of the same scene.
+
+    Both under commands of the same kind.
     """
     env = ClothEnv()
     env.reset(seed=0)
@@ -77,20 +85,19 @@ def bench_step() -> Iterator[Row]:
         renderer.update_scene(env.data, "camera")
         renderer.render()
 
-    times = alternate({"bare": bare, "ours": lambda: env.step(command())}, 1000)
+    def ours() -> None:
+        env.step(command())
+
+    # In turn, each a thousand times
+    times = alternate({"bare": bare, "ours": ours}, 1000)
     env.close()
-    yield (
-        "env.step / bare step and rendering",
-        times["ours"] / times["bare"],
-        "≤ 1.05",
-        f"{1e3 * times['ours']:.2f} ms",
-    )
+    ratio = times["ours"] / times["bare"]
+    shown = f"{1e3 * times['ours']:.2f} ms"
+    yield Row("env.step / bare step and rendering", ratio, "≤ 1.05", shown)
 
 
 def bench_recording() -> Iterator[Row]:
-    """Recording what the paper recorded, and trials to evaluate, on two cores against
-    one.
-    """
+    """Recording on two cores against one: what the paper recorded, and evaluation."""
     todo = [dataset for dataset in DATASETS.values() if dataset.repeats == 1]
     cores = os.sched_getaffinity(0)
     seconds = {}
@@ -102,44 +109,46 @@ def bench_recording() -> Iterator[Row]:
             for dataset in todo:
                 record(dataset, data=folder, workers=used)
             seconds[used] = time.perf_counter() - start
+
+    # Later parts have all cores again
     os.sched_setaffinity(0, cores)
-    yield (
-        "recording, 1 core / 2 cores",
-        seconds[1] / seconds[2],
-        "≥ 1.7",
-        f"{seconds[1]:.0f} s / {seconds[2]:.0f} s",
-    )
+    shown = f"{seconds[1]:.0f} s / {seconds[2]:.0f} s"
+    yield Row("recording, 1 core / 2 cores", seconds[1] / seconds[2], "≥ 1.7", shown)
 
 
 def solves(name: str) -> dict[str, Callable[[], object]]:
-    """One solve of the controller for an arm, by the straightforward loop over
-    `nn.LSTM` and by ours.
-    """
-    learned, settings = data.load(f"{name}-0"), ControlSettings()
-    model, arm = learned.model, learned.arm
-    p = torch.as_tensor(next(iter(learned.biases.values())))
-    lower, upper = (
-        torch.as_tensor(end, dtype=torch.float32)
-        for end in (arm.command_lower, arm.command_upper)
-    )
+    """One solve of the controller for an arm, by a loop over `nn.LSTM` and by ours."""
+    # The arm's model and limits
+    learned = data.load(f"{name}-0")
+    model = learned.model
+    settings = ControlSettings()
+    lower = torch.as_tensor(learned.arm.command_lower, dtype=torch.float32)
+    upper = torch.as_tensor(learned.arm.command_upper, dtype=torch.float32)
+
+    # A state, a plan and a target as they may come
     torch.manual_seed(0)
     s = model.s_mean + model.s_std * torch.randn(model.state_size)
     u = lower + (upper - lower) * torch.rand(settings.horizon, model.command_size)
     memory = Memory(*0.3 * torch.randn(2, 2, 1, 30))
-    z_ref, mask = torch.randn(3), torch.as_tensor(period_mask(3, settings))
-    fast = FastDPMPB(model, p)
+    z_ref = torch.randn(3)
+    mask = torch.as_tensor(period_mask(3, settings))
+    tensions = learned.layout.tensions
 
-    tensions, weight = learned.layout.tensions, settings.tension_weight
+    def loss(states: torch.Tensor) -> torch.Tensor:
+        weight = settings.tension_weight
+        return control_loss(states, z_ref, mask, tensions, weight)
+
+    # The same descent over two rollouts
+    p = torch.as_tensor(next(iter(learned.biases.values())))
+    fast = FastDPMPB(model, p)
+    limits = Limits(lower, upper, model.u_std)
 
     def plain(plans: torch.Tensor) -> torch.Tensor:
-        states = predict(model, s, plans, p, memory)
-        return control_loss(states, z_ref, mask, tensions, weight)
+        return loss(predict(model, s, plans, p, memory))
 
     def ours(plans: torch.Tensor) -> torch.Tensor:
-        states = fast(s, plans, memory)
-        return control_loss(states, z_ref, mask, tensions, weight)
+        return loss(fast(s, plans, memory))
 
-    limits = Limits(lower, upper, model.u_std)
     return {
         "plain": lambda: optimise_commands(plain, u, limits, settings),
         "ours": lambda: optimise_commands(ours, u, limits, settings),
@@ -152,18 +161,16 @@ def bench_solve() -> Iterator[Row]:
     for name in ("torque", "muscle"):
         times = alternate(solves(name), 100)
         what = f"one solve of the {name} arm, loop over nn.LSTM / ours"
-        yield (
-            what,
-            times["plain"] / times["ours"],
-            "≥ 2",
-            f"{1e3 * times['ours']:.1f} ms",
-        )
+        ratio = times["plain"] / times["ours"]
+        yield Row(what, ratio, "≥ 2", f"{1e3 * times['ours']:.1f} ms")
 
 
 def bench_training() -> Iterator[Row]:
-    """Trainings side by side, one on each core, as `make train` runs them, against one
-    after the other.
+    """Trainings side by side, one on each core, against one after the other.
+
+    `make train` runs them side by side.
     """
+    # Made-up recordings, and short trainings of them
     cores = len(os.sched_getaffinity(0))
     images = np.random.default_rng(0).random((64 * 10, 96, 128)) > 0.9
     runs = [Run(np.zeros((2000, 7)), np.zeros((2000, 2)), "made up")] * 9
@@ -173,24 +180,16 @@ def bench_training() -> Iterator[Row]:
         "autoencoder": joblib.delayed(train_autoencoder)(images, eyes, progress=False),
         "DPMPB": joblib.delayed(train_dpmpb)(runs, model, progress=False),
     }
+
+    # One of them, and as many at once as there are cores
     with joblib.Parallel(n_jobs=cores, max_nbytes=None) as side_by_side:
         for name, job in jobs.items():
-            times = alternate(
-                {
-                    "one": partial(side_by_side, [job]),
-                    "all": partial(side_by_side, [job] * cores),
-                },
-                3,
-            )
-            what = (
-                f"{cores} trainings of the {name}, one after the other / side by side"
-            )
-            yield (
-                what,
-                cores * times["one"] / times["all"],
-                "≥ 1.5",
-                f"{times['one']:.1f} s each",
-            )
+            one = partial(side_by_side, [job])
+            several = partial(side_by_side, [job] * cores)
+            times = alternate({"one": one, "all": several}, 3)
+            what = f"{cores} trainings of the {name}, one after another / side by side"
+            ratio = cores * times["one"] / times["all"]
+            yield Row(what, ratio, "≥ 1.5", f"{times['one']:.1f} s each")
 
 
 def bench_lab() -> Iterator[Row]:
@@ -199,12 +198,11 @@ def bench_lab() -> Iterator[Row]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         lab = stack.enter_context(contextlib.closing(Lab(Path(folder))))
         lab.wait()
-        browser = stack.enter_context(sync_playwright()).chromium.launch(
-            **launch_options()
-        )
+        chromium = stack.enter_context(sync_playwright()).chromium
+        browser = chromium.launch(**launch_options())
         page = browser.new_page(viewport={"width": 1500, "height": 1100})
         seconds = Notebook(lab, page, "08_live_lab.ipynb").start_panel()
-    yield "live lab, from run all to a moving robot [s]", seconds, "≤ 15", ""
+    yield Row("live lab, from run all to a moving robot [s]", seconds, "≤ 15")
 
 
 BENCHES = {
@@ -216,33 +214,33 @@ BENCHES = {
 }
 
 
+def ratios_there(checkout: Path, names: Sequence[str]) -> pd.Series:
+    """The ratios of the package in another checkout, by this very script."""
+    command = [sys.executable, __file__, "--csv", "--only", *names]
+    path = {"PYTHONPATH": str(checkout.resolve())}
+    said = subprocess.check_output(command, env=os.environ | path, text=True)
+    return pd.read_csv(io.StringIO(said))["ratio"]
+
+
 def main() -> None:
     """Run all, or those named, and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "names", nargs="*", choices=[*BENCHES, []], help="which; all by default"
+        "--only", nargs="+", choices=BENCHES, default=list(BENCHES), help="which parts"
     )
     parser.add_argument(
         "--against", type=Path, metavar="CHECKOUT", help="measure that package, too"
     )
     parser.add_argument("--csv", action="store_true", help="print CSV")
     arguments = parser.parse_args()
-    names = arguments.names or list(BENCHES)
-    rows = [row for name in names for row in BENCHES[name]()]
-    table = pd.DataFrame(rows, columns=["measured", "ratio", "aim", "time"]).round(3)
+
+    # Ours, and beside them those of the other checkout
+    rows = [row for name in arguments.only for row in BENCHES[name]()]
+    table = pd.DataFrame(rows, columns=Row._fields).round(3)
     if arguments.against:
-        command = [sys.executable, __file__, *names, "--csv"]
-        path = {"PYTHONPATH": str(arguments.against.resolve())}
-        said = subprocess.run(
-            command,
-            env=os.environ | path,
-            check=True,
-            stdout=subprocess.PIPE,
-            text=True,
-        ).stdout
-        table["there"] = pd.read_csv(io.StringIO(said))["ratio"]
+        table["there"] = ratios_there(arguments.against, arguments.only)
     print(table.to_csv(index=False) if arguments.csv else table.to_string(index=False))
 
 

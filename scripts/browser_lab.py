@@ -1,5 +1,6 @@
-"""JupyterLab with the real notebooks, and Chromium to look at it: for the browser tests
-and for `make bench`.
+"""JupyterLab with the real notebooks, and Chromium to look at it.
+
+For the browser tests and for `make bench`.
 """
 
 import json
@@ -15,39 +16,41 @@ from pathlib import Path
 import nbformat
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
-from playwright.sync_api import BrowserType, Locator, Page
+from playwright.sync_api import BrowserType, ConsoleMessage, Locator, Page
 
 from course.solutions import small
 
 ROOT = Path(__file__).resolve().parents[1]
 # JupyterLab asks for a translation and a licence page that are not there
 HARMLESS = ("Failed to load resource",)
+NOTICES = "@jupyterlab/apputils-extension/notification.jupyterlab-settings"
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 
 
 def launch_options() -> dict:
-    """The system's Chromium for `playwright.chromium.launch`; without one, Playwright
-    takes its own.
+    """The system's Chromium for `playwright.chromium.launch`.
+
+    Without one, Playwright takes its own.
     """
-    path = next(
-        filter(
-            None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
-        ),
-        None,
-    )
-    return {"args": ["--no-sandbox"]} | ({"executable_path": path} if path else {})
+    options: dict = {"args": ["--no-sandbox"]}
+    for name in CHROMIUM:
+        if path := shutil.which(name):
+            return options | {"executable_path": path}
+    return options
 
 
 def lacks_chromium(chromium: BrowserType) -> str:
-    """Why no browser can be started, where neither the system nor Playwright has one;
-    empty if one can.
+    """Why no browser can be started; empty if one can.
+
+    It is where neither the system nor Playwright has one.
     """
-    found = (
-        "executable_path" in launch_options() or Path(chromium.executable_path).exists()
-    )
+    if "executable_path" in launch_options():
+        return ""
+    if Path(chromium.executable_path).exists():
+        return ""
     return (
-        ""
-        if found
-        else "NO CHROMIUM: apt-get install chromium, or .venv/bin/playwright install chromium"
+        "NO CHROMIUM: apt-get install chromium, "
+        "or .venv/bin/playwright install chromium"
     )
 
 
@@ -62,52 +65,48 @@ def slider(page: Page, name: str) -> Locator:
 
 
 class Lab:
-    """A running JupyterLab on copies of the notebooks, which it would otherwise save
-    over.
+    """A running JupyterLab on copies of the notebooks.
+
+    It would otherwise save over them.
     """
 
     def __init__(self, folder: Path):
         """Start it, with a folder for the copies, the settings and the log."""
-        (folder / "notebooks").mkdir()
+        notebooks = folder / "notebooks"
+        notebooks.mkdir()
         for path in (ROOT / "notebooks").glob("*.ipynb"):
             notebook = small(nbformat.read(path, as_version=4))
-            nbformat.write(notebook, folder / "notebooks" / path.name)
+            nbformat.write(notebook, notebooks / path.name)
+
+        # Or it asks whether to look for news, in front of the panel
+        settings = folder / "settings"
+        notices = settings / NOTICES
+        notices.parent.mkdir(parents=True)
+        notices.write_text('{"fetchNews": "false", "checkForUpdates": false}')
+
+        # At a port that nobody uses
         with socket.socket() as free:
             free.bind(("localhost", 0))
             self.port = free.getsockname()[1]
-        self.log = folder / "lab.log"
-        news = (
-            folder
-            / "settings"
-            / "@jupyterlab"
-            / "apputils-extension"
-            / "notification.jupyterlab-settings"
-        )
-        news.parent.mkdir(parents=True)
-        # Or it asks, in front of the panel
-        news.write_text('{"fetchNews": "false", "checkForUpdates": false}')
-        options = [
-            f"--LabApp.user_settings_dir={folder / 'settings'}",
-            f"--port={self.port}",
-            "--ServerApp.token=t",
-        ]
-        options += ["--ServerApp.password=", "--no-browser", "--allow-root"]
+        options = [f"--LabApp.user_settings_dir={settings}", f"--port={self.port}"]
+        options += ["--ServerApp.token=t", "--ServerApp.password="]
+        options += ["--no-browser", "--allow-root"]
         command = [sys.executable, "-m", "jupyter", "lab", *options]
+        self.log = folder / "lab.log"
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
-                command, cwd=folder / "notebooks", stdout=log, stderr=log
+                command, cwd=notebooks, stdout=log, stderr=log
             )
 
     def ask(self, path: str, method: str = "GET"):
-        """What the server's REST interface answers; None where it has nothing to say."""
+        """What the server's REST interface answers; None where that is nothing."""
         url = f"http://localhost:{self.port}/{path}?token=t"
-        with urllib.request.urlopen(
-            urllib.request.Request(url, method=method), timeout=10
-        ) as answer:
+        request = urllib.request.Request(url, method=method)
+        with urllib.request.urlopen(request, timeout=10) as answer:
             return json.loads(answer.read() or "null")
 
     def wait(self) -> None:
-        """Wait until it answers; a TimeoutError with the server's log if it does not."""
+        """Wait until it answers; a TimeoutError has its log if it does not."""
         for _ in range(120):
             try:
                 self.ask("api/status")
@@ -118,13 +117,15 @@ class Lab:
 
     def kernel(self, name: str) -> dict | None:
         """The kernel of a notebook, once it has one."""
-        return {
-            session["path"]: session["kernel"] for session in self.ask("api/sessions")
-        }.get(name)
+        for session in self.ask("api/sessions"):
+            if session["path"] == name:
+                return session["kernel"]
+        return None
 
     def stop_kernel(self, name: str) -> None:
-        """Stop the kernel of a notebook, which the next page with that notebook would
-        otherwise go on with.
+        """Stop the kernel of a notebook.
+
+        The next page with that notebook would otherwise go on with it.
         """
         self.ask(f"api/kernels/{self.kernel(name)['id']}", "DELETE")
 
@@ -135,30 +136,40 @@ class Lab:
 
 
 class Notebook:
-    """One notebook in the browser, and its kernel; `errors` is what appeared as an
-    error in the browser's console.
+    """One notebook in the browser, and its kernel.
+
+    `errors` is what appeared as an error in the browser's console.
     """
 
     def __init__(self, lab: Lab, page: Page, name: str):
         """Open it; nothing is run."""
-        self.lab, self.page, self.name, self.errors = lab, page, name, []
-        page.on(
-            "console",
-            lambda message: (
-                self._note(message.text) if message.type == "error" else None
-            ),
-        )
+        self.lab = lab
+        self.page = page
+        self.name = name
+        self.errors: list[str] = []
+        page.on("console", self._note_message)
         page.on("pageerror", lambda error: self._note(str(error)))
         page.goto(f"http://localhost:{lab.port}/lab/tree/{name}?token=t&reset")
         page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=60_000)
+        self._wait_for_kernel()
+
+    def _wait_for_kernel(self) -> None:
+        """Wait until the kernel is idle: before that, "run all" is ignored."""
         end = time.monotonic() + 60
-        while (lab.kernel(name) or {}).get(
-            "execution_state"
-        ) != "idle":  # before that, "run all" is ignored
+        while not self._is_idle():
             if time.monotonic() > end:
-                raise TimeoutError("the kernel does not start:\n" + lab.log.read_text())
-            page.wait_for_timeout(200)
-        page.wait_for_timeout(2000)  # and the page has to hear of it, too
+                log = self.lab.log.read_text()
+                raise TimeoutError(f"the kernel does not start:\n{log}")
+            self.page.wait_for_timeout(200)
+        self.page.wait_for_timeout(2000)  # and the page has to hear of it, too
+
+    def _is_idle(self) -> bool:
+        kernel = self.lab.kernel(self.name)
+        return kernel is not None and kernel.get("execution_state") == "idle"
+
+    def _note_message(self, message: ConsoleMessage) -> None:
+        if message.type == "error":
+            self._note(message.text)
 
     def _note(self, text: str) -> None:
         if not text.startswith(HARMLESS):
@@ -166,14 +177,15 @@ class Notebook:
 
     def run_all(self) -> None:
         """Choose "Run All Cells"."""
-        self.page.locator(".lm-MenuBar-itemLabel", has_text=re.compile("^Run$")).click()
-        self.page.locator(
-            ".lm-Menu-itemLabel", has_text=re.compile("^Run All Cells$")
-        ).click()
+        for place, words in ((".lm-MenuBar", "Run"), (".lm-Menu", "Run All Cells")):
+            exactly = re.compile(f"^{words}$")
+            self.page.locator(f"{place}-itemLabel", has_text=exactly).click()
 
     def start_panel(self) -> float:
-        """Run all of the live lab: the time from the click to the robot's first picture
-        after a step [s].
+        """Run all of the live lab.
+
+        Returned is the time from the click to the robot's first picture after a step
+        [s].
         """
         start = time.monotonic()
         self.run_all()
@@ -191,10 +203,8 @@ class Notebook:
 
     def connect(self) -> None:
         """Open a second line to the notebook's kernel."""
-        file = (
-            Path(jupyter_runtime_dir())
-            / f"kernel-{self.lab.kernel(self.name)['id']}.json"
-        )
+        name = f"kernel-{self.lab.kernel(self.name)['id']}.json"
+        file = Path(jupyter_runtime_dir()) / name
         self.client = BlockingKernelClient(connection_file=str(file))
         self.client.load_connection_file()
         # The kernel would keep the frames that this client never reads
@@ -202,22 +212,23 @@ class Notebook:
         self.client.kernel_info(reply=True, timeout=60)
 
     def evaluate(self, expression: str, code: str = "") -> str:
-        """What an expression is in the kernel, after some code; a RuntimeError if it
-        fails there.
+        """What an expression is in the kernel, after some code.
+
+        A RuntimeError if either fails there.
         """
+        asked = {"x": expression}
         reply = self.client.execute(
-            code, user_expressions={"x": expression}, reply=True, timeout=60
-        )
-        answer = reply["content"].get("user_expressions", {}).get("x", reply["content"])
-        if reply["content"]["status"] != "ok" or answer["status"] != "ok":
-            raise RuntimeError(
-                str(answer.get("evalue", reply["content"].get("evalue")))
-            )
+            code, user_expressions=asked, reply=True, timeout=60
+        )["content"]
+        answer = reply.get("user_expressions", {}).get("x", reply)
+        if reply["status"] != "ok" or answer["status"] != "ok":
+            raise RuntimeError(str(answer.get("evalue", reply.get("evalue"))))
         return answer["data"]["text/plain"]
 
     def until(self, expression: str, seconds: float = 15) -> None:
-        """Wait until an expression is true in the kernel; a TimeoutError if it stays
-        false.
+        """Wait until an expression is true in the kernel.
+
+        A TimeoutError if it stays false.
         """
         end = time.monotonic() + seconds
         while self.evaluate(f"bool({expression})") != "True":

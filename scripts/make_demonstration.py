@@ -1,64 +1,79 @@
-"""Record the run that the live lab plays back where a machine can't keep up: the
-demonstration of docs/course/demo.md.
+"""`make demonstration`: record the run that the live lab plays back.
 
-A panel does what its buttons do, without a browser and without waiting for the time to
+It plays it where a machine can't keep up; docs/course/demo.md follows its scenes. A
+panel does what its buttons do, without a browser and without waiting for the time to
 pass.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import trange
 
 from clothlab import data
 from clothlab.lab import LivePanel
-from clothlab.lab.playback import RECORDING, SessionRecording
-from clothlab.lab.views import MATERIAL
+from clothlab.lab._playback import RECORDING, SessionRecording
+from clothlab.lab._views import MATERIAL
 from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.env import CONTROL_PERIOD
 
 L = np.zeros((HEIGHT, WIDTH), bool)  # a letter, which no cloth looks like
-L[20:80, 30:42] = L[68:80, 30:80] = True
-# An action, by the name that the browser has for it, and its arguments
-Press = tuple[str, dict]
+L[20:80, 30:42] = True
+L[68:80, 30:80] = True
 
 
-def scenes(panel: LivePanel) -> list[tuple[float, str, list[Press]]]:
-    """How long [s], what to say meanwhile, and what is pressed before."""
-    cloth = panel.state["cloth"]
+class Press(NamedTuple):
+    """An action."""
+
+    do: str  # the name that the browser has for it
+    arguments: dict
+
+
+class Scene(NamedTuple):
+    """What is pressed, and what is to be seen then."""
+
+    seconds: float
+    caption: str
+    presses: list[Press]
+
+
+def scenes(panel: LivePanel) -> list[Scene]:
+    """The scenes of the demonstration, in order."""
+
+    def drive(driver: str) -> Press:
+        return Press("set driver", {"driver": driver})
+
+    # What the presses need of the panel: the farthest p, a heavy material, its cloth
+    here = panel.frame["at"]
     dots = [dot["at"] for dot in panel.about["map"]["dots"]]
-    far = max(dots, key=lambda at: np.linalg.norm(np.subtract(at, panel.frame["at"])))
+    far = max(dots, key=lambda at: np.linalg.norm(np.subtract(at, here)))
+    cloth = panel.state["cloth"]
     heavy = {"damping": cloth["material"][0], "mass": MATERIAL["C_mass [kg]"][1]}
-    last = [("pick", {"name": "target-2"}), ("set driver", {"driver": "iterative"})]
+    back = Press("set cloth", {"cloth": cloth["name"]})
+    draw = Press("draw", {"content": L})
+    easy = Press("pick", {"name": "target-2"})
+
+    # From a robot that waits to one that learns
+    question = "a robot holds a cloth; how should it move?"
+    descent = "predictive control descends the gradient on the commands"
+    learning = "iterative learning control learns from achieved distances"
     return [
-        (
-            4,
-            "a robot holds a cloth; how should it move?",
-            [("set driver", {"driver": "manual"})],
-        ),
-        (12, "random commands", [("set driver", {"driver": "random"})]),
-        (
-            18,
-            "predictive control descends the gradient on the commands",
-            [("set driver", {"driver": "control"})],
-        ),
-        (12, "the p of another material", [("set p", {"at": far})]),
-        (16, "p is estimated online", [("estimate", {"on": True})]),
-        (16, "another cloth in the hand", [("set material", heavy)]),
-        (
-            5,
-            "a target that no cloth looks like",
-            [("set cloth", {"cloth": cloth["name"]}), ("draw", {"content": L})],
-        ),
-        (27, "iterative learning control learns from achieved distances", last),
+        Scene(4, question, [drive("manual")]),
+        Scene(12, "random commands", [drive("random")]),
+        Scene(18, descent, [drive("control")]),
+        Scene(12, "the p of another material", [Press("set p", {"at": far})]),
+        Scene(16, "p is estimated online", [Press("estimate", {"on": True})]),
+        Scene(16, "another cloth in the hand", [Press("set material", heavy)]),
+        Scene(5, "a target that no cloth looks like", [back, draw]),
+        Scene(27, learning, [easy, drive("iterative")]),
     ]
 
 
 def press(panel: LivePanel, do: str, arguments: dict) -> None:
     """As a browser does, which sends pixels beside the message."""
-    content = (
-        [arguments.pop("content").astype(np.uint8).tobytes()]
-        if "content" in arguments
-        else []
-    )
+    content = []
+    if "content" in arguments:
+        content.append(arguments.pop("content").astype(np.uint8).tobytes())
     panel._handle_custom_msg({"do": do, "id": do, **arguments}, content)
     if panel.state["message"]["kind"] != "info":
         raise RuntimeError(f"{do}: {panel.state['message']['text']}")
@@ -71,17 +86,19 @@ def main() -> None:
     for seconds, caption, presses in scenes(panel):
         for do, arguments in presses:
             press(panel, do, arguments)
-        for _ in trange(round(seconds / CONTROL_PERIOD), desc=caption, unit="step"):
+        steps = round(seconds / CONTROL_PERIOD)
+        for _ in trange(steps, desc=caption, unit="step"):
             panel.step()
             reel.take(caption)
     panel.check()
     panel.close()
+
+    # Kept where the lab looks for it
     path = data.data_folder() / RECORDING
     reel.save(path)
     data.write_checksums()
-    print(
-        f"{path}: {len(reel.shots) * CONTROL_PERIOD:.0f} s in {path.stat().st_size / 1e6:.1f} MB"
-    )
+    length = len(reel.shots) * CONTROL_PERIOD
+    print(f"{path}: {length:.0f} s in {path.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":

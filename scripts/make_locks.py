@@ -1,15 +1,15 @@
-"""`make lock`: three locks out of the names in `pyproject.toml`, and a table of the
-machines that can install them.
+"""Three locks out of the names in `pyproject.toml`, and who can install them.
 
-| lock | who installs it |
-| --- | --- |
-| `environment.txt` | whoever runs the notebooks: JupyterLab, the method, the simulation, the widgets |
-| `environment-dev.txt` | developers, beside it: tests, linters, Dask, Playwright, this script's own tool |
-| `docs/requirements.txt` | `make book`, beside both |
+- `environment.txt`: for whoever runs the notebooks: JupyterLab, the method, the
+  simulation, the widgets,
+- `environment-dev.txt`: for developers, beside it: tests, linters, Dask, Playwright,
+  this script's own tool,
+- `docs/requirements.txt`: for `make book`, beside both.
 
-One version serves every platform and every Python from `OLDEST` on. A version that is
-locked stays until `--upgrade`. `--check` writes nothing, and only asks for every
-platform and Python whether each pin has a wheel there.
+One version serves every platform and every Python from `OLDEST` on. `make_locks.py
+write` makes them, and checks them (`make lock`); a version that is locked stays until
+`--upgrade`. `make_locks.py check` asks for every platform and Python whether each pin
+has a wheel there.
 """
 
 import argparse
@@ -45,9 +45,7 @@ PIN = re.compile(r"(?P<name>[\w.-]+)==(?P<version>[^\s;]+)")
 
 @dataclass(frozen=True)
 class Lock:
-    """One lock file, and what of `pyproject.toml` it holds that the locks before it
-    don't.
-    """
+    """A lock file: what of `pyproject.toml` it holds and the locks before it don't."""
 
     path: str
     purpose: str
@@ -81,12 +79,18 @@ LOCKS = (
 
 def pins(text: str) -> dict[str, str]:
     """The lines of a lock that pin a package, by the package's name."""
-    found = ((PIN.match(line), line) for line in text.splitlines())
-    return {match["name"]: line for match, line in found if match}
+    found = {}
+    for line in text.splitlines():
+        if match := PIN.match(line):
+            found[match["name"]] = line
+    return found
 
 
 def uv(*words: str) -> subprocess.CompletedProcess[str]:
-    """Run uv of this environment in the repository; the caller looks at how it ended."""
+    """Run uv of this environment in the repository.
+
+    The caller looks at how it ended.
+    """
     command = [sys.executable, "-m", "uv", *words]
     environment = os.environ | {"MACOSX_DEPLOYMENT_TARGET": OLDEST_MACOS}
     return subprocess.run(
@@ -95,40 +99,28 @@ def uv(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def resolve(locks: tuple[Lock, ...], known: str, *, upgrade: bool) -> dict[str, str]:
-    """Pins of all that these locks ask for, for every platform; versions in the text
-    `known` stay unless upgraded.
+    """Pins of all that these locks ask for, for every platform.
+
+    Versions in the text `known` stay unless upgraded.
 
     Raises:
         SystemExit: no set of versions fits, with uv's reason.
     """
-    asked = [
-        word for lock in locks for extra in lock.extras for word in ("--extra", extra)
-    ]
-    asked += [word for lock in locks if lock.group for word in ("--group", lock.group)]
+    # What is asked for, and how: one version for all machines
+    options = ["--universal", f"--python-version={OLDEST}", "--fork-strategy=fewest"]
+    options += ["--no-header", "--no-annotate", "--quiet"]
+    for lock in locks:
+        options += [f"--extra={extra}" for extra in lock.extras]
+        options += [f"--group={lock.group}"] if lock.group else []
+    if upgrade:
+        options.append("--upgrade")
+
+    # uv keeps the versions that it finds in the file which it writes
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "lock.txt"
         output.write_text(known)
-        options = [
-            "--universal",
-            "--python-version",
-            OLDEST,
-            "--fork-strategy",
-            "fewest",
-        ]
-        options += [
-            "--no-header",
-            "--no-annotate",
-            "--quiet",
-            *(["--upgrade"] if upgrade else []),
-        ]
         done = uv(
-            "pip",
-            "compile",
-            "pyproject.toml",
-            *asked,
-            *options,
-            "--output-file",
-            str(output),
+            "pip", "compile", "pyproject.toml", *options, f"--output-file={output}"
         )
         if done.returncode:
             raise SystemExit(done.stderr)
@@ -137,106 +129,105 @@ def resolve(locks: tuple[Lock, ...], known: str, *, upgrade: bool) -> dict[str, 
 
 
 def write_locks(*, upgrade: bool) -> None:
-    """Resolve all names together, then the first lock's alone and so on; each file has
-    what those before it lack.
+    """Resolve all names together, then the first lock's alone and so on.
+
+    Each file has what those before it lack.
     """
-    known = "\n".join(
-        line for lock in LOCKS for line in pins((ROOT / lock.path).read_text()).values()
-    )
     # All names together settle the versions, so that a later lock never contradicts an
     # earlier one.
-    settled = "\n".join(resolve(LOCKS, known, upgrade=upgrade).values())
+    known: list[str] = []
+    for lock in LOCKS:
+        known += pins((ROOT / lock.path).read_text()).values()
+    settled = "\n".join(resolve(LOCKS, "\n".join(known), upgrade=upgrade).values())
+
+    # Of those, each lock holds its own
     written: set[str] = set()
     for k, lock in enumerate(LOCKS):
         found = resolve(LOCKS[: k + 1], settled, upgrade=False)
         lines = [line for name, line in found.items() if name not in written]
         written |= set(found)
-        head = f"# {lock.purpose}, each package and its version: `make lock` makes it from pyproject.toml."
+        head = (
+            f"# {lock.purpose}, each package and its version: "
+            "`make lock` makes it from pyproject.toml."
+        )
         text = "\n".join([head, *lock.first_lines, *lines, *lock.last_lines]) + "\n"
         (ROOT / lock.path).write_text(text, newline="\n")
         print(f"{lock.path}: {len(lines)} packages", flush=True)
 
 
 def fault(lines: list[str], platform: str, python: str) -> str:
-    """Why these pins can't be installed from wheels on a platform with a Python; empty
-    if they can.
+    """Why these pins can't be installed from wheels; empty if they can.
+
+    On one platform with one Python.
     """
+    options = [f"--python-platform={platform}", f"--python-version={python}"]
+    options += ["--only-binary=:all:", "--quiet", "--no-header"]
     with tempfile.TemporaryDirectory() as folder:
         asked = Path(folder) / "asked.txt"
         asked.write_text("\n".join(lines))
-        options = [
-            "--python-platform",
-            platform,
-            "--python-version",
-            python,
-            "--only-binary",
-            ":all:",
-            "--quiet",
-        ]
-        done = uv(
-            "pip",
-            "compile",
-            str(asked),
-            *options,
-            "--no-header",
-            "--output-file",
-            str(Path(folder) / "out"),
-        )
+        output = Path(folder) / "out.txt"
+        done = uv("pip", "compile", str(asked), *options, f"--output-file={output}")
     return " ".join(done.stderr.split()) if done.returncode else ""
 
 
+Verdicts = dict[tuple[str, str], str]  # of platform and Python: what is at fault
+
+
+def verdicts_on(lines: list[str]) -> Verdicts:
+    """Whether these pins can be installed: of every platform and Python a reason."""
+    machines = [(platform, python) for python in PYTHONS for platform in PLATFORMS]
+
+    def verdict(machine: tuple[str, str]) -> str:
+        platform, python = machine
+        return fault(lines, PLATFORMS[platform], python)
+
+    with ThreadPoolExecutor(4) as pool:  # they wait for the network
+        return dict(zip(machines, pool.map(verdict, machines), strict=True))
+
+
+def show(title: str, verdicts: Verdicts) -> None:
+    """Print a table of Pythons and platforms."""
+    heads = "".join(f"{platform:18}" for platform in PLATFORMS)
+    print(f"\n{title}\n{'':28}{heads}")
+    for python, where in PYTHONS.items():
+        line = f"{python} ({where})".ljust(28)
+        for platform in PLATFORMS:
+            word = "FAULT" if verdicts[platform, python] else "all wheels"
+            line += f"{word:18}"
+        print(line, flush=True)
+
+
 def check_locks() -> list[str]:
-    """Print a table of Pythons and platforms, and return a line for each that can't
-    install one of the locks.
-    """
+    """Print a table for each lock, and return a line for each machine that can't."""
     faults = []
     lines: list[str] = []
-    machines = [(platform, python) for python in PYTHONS for platform in PLATFORMS]
     for lock in LOCKS:
+        # A lock is installed beside those before it
         lines += pins((ROOT / lock.path).read_text()).values()
-        with ThreadPoolExecutor(4) as pool:  # they wait for the network
-            asked = (
-                (lines, PLATFORMS[platform], python) for platform, python in machines
-            )
-            verdicts = dict(
-                zip(machines, pool.map(lambda each: fault(*each), asked), strict=True)
-            )
-        print(
-            f"\n{lock.path}\n{'':28}"
-            + "".join(f"{platform:18}" for platform in PLATFORMS)
-        )
-        for python, where in PYTHONS.items():
-            words = [
-                "FAULT" if verdicts[platform, python] else "all wheels"
-                for platform in PLATFORMS
-            ]
-            print(
-                f"{python} ({where})".ljust(28)
-                + "".join(f"{word:18}" for word in words),
-                flush=True,
-            )
+        verdicts = verdicts_on(lines)
+        show(lock.path, verdicts)
         for (platform, python), reason in verdicts.items():
-            faults += (
-                [f"{lock.path}, Python {python}, {platform}: {reason}"]
-                if reason
-                else []
-            )
+            if reason:
+                faults.append(f"{lock.path}, Python {python}, {platform}: {reason}")
     return faults
 
 
 def main() -> int:
-    """Write the locks and check them; the exit status says whether every machine can
-    install them.
+    """Write the locks and check them, or only check them.
+
+    The exit status says whether every machine can install them.
     """
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
+    write = commands.add_parser("write", help="make the locks, and check them")
+    write.add_argument(
         "--upgrade", action="store_true", help="take the newest versions that fit"
     )
-    parser.add_argument("--check", action="store_true", help="write nothing")
+    commands.add_parser("check", help="ask whether every machine can install them")
     arguments = parser.parse_args()
-    if not arguments.check:
+    if arguments.command == "write":
         write_locks(upgrade=arguments.upgrade)
     faults = check_locks()
     for line in faults:

@@ -1,8 +1,7 @@
-"""`make picture`: the README's moving picture, and its gallery from the run of `make
-notebooks`.
+"""`make picture`: the README's moving picture, and its gallery.
 
-The moving picture shows iterative learning control after 28 periods, what the camera
-sees, and the target.
+The gallery is from the run of `make notebooks`. The moving picture shows iterative
+learning control after 28 periods, what the camera sees, and the target.
 """
 
 import base64
@@ -21,44 +20,41 @@ from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
-CLOTH, STEPS, FIRST_STEP, PICTURES_PER_STEP = "damp0.07-mass0.15", 248, 224, 3
-HEIGHT, WIDTH = 288, 384  # [pixel]
+CLOTH = "damp0.07-mass0.15"
+STEPS = 248
+FIRST_STEP = 224  # that is shown
+PICTURES_PER_STEP = 3
+# [pixel] of the moving picture's larger part
+HEIGHT = 288
+WIDTH = 384
+SMALL = (WIDTH // 2, HEIGHT // 2)  # [pixel] of what stands beside it
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+GREY = (140, 140, 140)
 
 
 def labelled(mask: np.ndarray, text: str) -> np.ndarray:
     """A mask as a small grey picture, with a caption in its upper left corner."""
     grey = np.where(mask, 235, 40).astype(np.uint8)
-    grey = cv2.cvtColor(
-        cv2.resize(grey, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA),
-        cv2.COLOR_GRAY2RGB,
-    )
-    return cv2.putText(
-        grey,
-        text,
-        (8, 20),
-        cv2.FONT_HERSHEY_SIMPLEX,
-        0.5,
-        (140, 140, 140),
-        1,
-        cv2.LINE_AA,
-    )
+    grey = cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)
+    picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
+    return cv2.putText(picture, text, (8, 20), FONT, 0.5, GREY, 1, cv2.LINE_AA)
 
 
 def gallery() -> None:
-    """Write `docs/gallery/NN.png`, of each notebook the figure of its cell tagged
-    `gallery`, or its first.
+    """Write `docs/gallery/NN.png`: a figure of each notebook.
+
+    That is the one of its cell tagged `gallery`, or its first.
     """
     for path in sorted((ROOT / "build" / "small").glob("*.ipynb")):
         cells = nbformat.read(path, as_version=4).cells
         tagged = [cell for cell in cells if "gallery" in cell.metadata.get("tags", [])]
         outputs = [each for cell in tagged or cells for each in cell.get("outputs", [])]
-        first = next(
-            each.data["image/png"]
-            for each in outputs
-            if "image/png" in each.get("data", {})
-        )
+        shown = [each.get("data", {}) for each in outputs]
+        first = next(data["image/png"] for data in shown if "image/png" in data)
         picture = Image.open(io.BytesIO(base64.b64decode(first))).convert("RGB")
         picture.thumbnail(GALLERY_SIZE)
+
+        # Few colours: these pictures lie in the repository
         target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
         target.parent.mkdir(exist_ok=True)
         picture.quantize(64).save(target, optimize=True)
@@ -67,25 +63,33 @@ def gallery() -> None:
 
 def moving_picture() -> None:
     """Run 31 periods and write the last three to `docs/control.gif`."""
-    learned, target = data.load(), data.load_target("target-1")
+    # A controller that has learned for 28 periods
+    learned = data.load()
+    target = data.load_target("target-1")
     runs = [learned.to_run(trial) for trial in data.load_trials("train")]
+    policy = learned.iterative_controller(target, CLOTH, runs)
     env = ClothEnv(learned.arm, CLOTH, scene=Scene(picture_size=(HEIGHT, WIDTH)))
-    policy, pictures = learned.iterative_controller(target, CLOTH, runs), []
-    watch = {
-        "watch": lambda: pictures.append(env.picture()),
-        "samples": PICTURES_PER_STEP,
-    }
-    rollout(env, policy, STEPS, progress=True, **watch)
+    pictures: list[np.ndarray] = []
+    rollout(
+        env,
+        policy,
+        STEPS,
+        watch=lambda: pictures.append(env.picture()),
+        samples=PICTURES_PER_STEP,
+        progress=True,
+    )
+
+    # The scene, and beside it the target and what the camera sees of the cloth
     frames = []
     for picture in pictures[FIRST_STEP * PICTURES_PER_STEP :]:
         small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
-        side = np.vstack(
-            [labelled(target, "target"), labelled(cloth_mask(small), "seen")]
-        )
+        seen = labelled(cloth_mask(small), "seen")
+        side = np.vstack([labelled(target, "target"), seen])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
-    path = ROOT / "docs" / "control.gif"
+
     # GIF counts in hundredths of a second
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10
+    path = ROOT / "docs" / "control.gif"
     frames[0].save(
         path,
         save_all=True,

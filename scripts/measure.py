@@ -1,5 +1,4 @@
-"""`make measured`: what a student needs of a server, measured into
-`docs/course/measured.md`.
+"""`make measured`: what a student needs of a server, into `docs/course/measured.md`.
 
 Every notebook is run from top to bottom, one after the other, each in a kernel of its
 own; then the live lab for 30 s of control, and the server that each student has.
@@ -34,15 +33,21 @@ SAMPLE = 0.1  # [s] between two looks at the memory
 LIVE = 30  # [s] of control in the live lab
 DRAWN = """
 import asyncio
+
+def drawn(number):
+    panel._handle_custom_msg({"do": "drawn", "frame": number}, [])
+
 panel.observe(  # what a page does; without one, the panel pauses
-    lambda change: panel._handle_custom_msg({"do": "drawn", "frame": change["new"]["number"]}, []), "frame"
+    lambda change: drawn(change["new"]["number"]), "frame"
 )
-panel._handle_custom_msg({"do": "drawn", "frame": panel.frame["number"]}, [])
+drawn(panel.frame["number"])
 await asyncio.sleep(%d)
 panel.steps
 """
-CORES, MEMORY = 8, 32  # of the server that the page counts for: cores, and GB
-SYSTEM = 2  # [GB] for the operating system and the hub
+# The server that the page counts for
+CORES = 8
+MEMORY = 32  # [GB]
+SYSTEM = 2  # [GB] of it for the operating system and the hub
 
 
 @dataclass
@@ -64,14 +69,18 @@ def tree(process: psutil.Process) -> list[psutil.Process]:
 
 @contextmanager
 def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
-    """Watch the kernels that this process starts meanwhile, or another process and all
-    that it starts.
+    """Watch the kernels that this process starts meanwhile.
+
+    Or another process, and all that it starts.
     """
-    usage, over, spent = Usage(), threading.Event(), dict[int, float]()
+    usage = Usage()
+    over = threading.Event()
+    spent: dict[int, float] = {}  # processor time of each process [s]
 
     def watch() -> None:
         while not over.wait(SAMPLE):
-            found = tree(find or psutil.Process())[0 if find else 1 :]
+            # This process itself does not count
+            found = tree(find) if find else tree(psutil.Process())[1:]
             memory = 0.0
             for each in found:
                 try:
@@ -82,7 +91,9 @@ def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
                     continue
             usage.memory = max(usage.memory, memory)
 
-    start, watcher = time.perf_counter(), threading.Thread(target=watch)
+    # From here until the caller's work is done
+    start = time.perf_counter()
+    watcher = threading.Thread(target=watch)
     watcher.start()
     try:
         yield usage
@@ -94,23 +105,25 @@ def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
 
 
 def run(path: Path, *, small: bool, live: bool = False) -> Usage:
-    """Run a notebook from top to bottom; with `live` up to its panel, which then has
-    time to control.
+    """Run a notebook from top to bottom.
+
+    With `live` only up to its panel, which then has time to control.
     """
     notebook = solutions.solved(nbformat.read(path, as_version=4))
     if small:
         notebook = solutions.small(notebook)
+
+    # Behind the cell that makes the panel, one that plays a page
     if live:
-        (last,) = (
-            k
-            for k, cell in enumerate(notebook.cells)
-            if cell.source.startswith("panel = LivePanel(")
-        )
+        sources = [cell.source for cell in notebook.cells]
+        makes_panel = [each.startswith("panel = LivePanel(") for each in sources]
+        last = makes_panel.index(True)
         notebook.cells = [*notebook.cells[: last + 1], new_code_cell(DRAWN % LIVE)]
+
+    # In its own folder, as a student runs it
+    folder = {"metadata": {"path": str(path.parent)}}
     with watched() as usage:
-        NotebookClient(
-            notebook, timeout=None, resources={"metadata": {"path": str(path.parent)}}
-        ).execute()
+        NotebookClient(notebook, timeout=None, resources=folder).execute()
     if live:
         steps = int(notebook.cells[-1].outputs[0].data["text/plain"])
         assert steps > 2 * LIVE, f"the panel made {steps} steps in {LIVE} s"
@@ -130,41 +143,48 @@ def server() -> Usage:
 
 def page(rows: dict[str, Usage], *, small: bool) -> str:
     """The table, and what follows for a server."""
-    commit = subprocess.check_output(
-        ["git", "describe", "--always"], cwd=ROOT, text=True
-    ).strip()
+    describe = ["git", "describe", "--always"]
+    commit = subprocess.check_output(describe, cwd=ROOT, text=True).strip()
     sizes = "with CI's small sizes" if small else "at full size"
-    lines = [
-        f"Measured by `make measured` at commit {commit}, notebooks {sizes}, one after the other, on "
-        f"{os.cpu_count()} cores that had other work as well, Python {platform.python_version()}.",
-        "",
+    measured = (
+        f"Measured by `make measured` at commit {commit}, notebooks {sizes}, one after "
+        f"the other, on {os.cpu_count()} cores that had other work as well, Python "
+        f"{platform.python_version()}."
+    )
+
+    # Of each what it took
+    table = [
         "| at work | memory at most [MB] | processor time [s] | time [s] |",
         "| --- | --- | --- | --- |",
     ]
     for name, usage in rows.items():
-        lines.append(
-            f"| {name} | {usage.memory:.0f} | {usage.processor:.0f} | {usage.seconds:.0f} |"
-        )
-    return "\n".join([*lines, "", *rule(rows)]) + "\n"
+        figures = (usage.memory, usage.processor, usage.seconds)
+        cells = " | ".join(f"{figure:.0f}" for figure in figures)
+        table.append(f"| {name} | {cells} |")
+    return "\n".join([measured, "", *table, "", rule(rows)]) + "\n"
 
 
-def rule(rows: dict[str, Usage]) -> list[str]:
+def rule(rows: dict[str, Usage]) -> str:
     """How many students a server holds, from the table."""
-    notebooks = {
-        name: usage for name, usage in rows.items() if name.startswith("notebook")
-    }
-    largest = max(notebooks, key=lambda name: notebooks[name].memory)
-    own = rows["the server of a student"].memory
+    # A student: the largest notebook, and a server
+    notebooks = [name for name in rows if name.startswith("notebook")]
+    largest = max(notebooks, key=lambda name: rows[name].memory)
+    each = (rows["the server of a student"].memory + rows[largest].memory) / 1000
+
+    # A panel that runs: a part of a core
     live = rows[f"live lab, {LIVE} s of control"]
-    each = (own + notebooks[largest].memory) / 1000
     load = live.processor / live.seconds
-    by_memory, by_cores = int((MEMORY - SYSTEM) / each), int(CORES / load)
-    return [
-        f"**The rule**: a student needs the memory of the largest notebook ({largest}) and of the own server, together "
-        f"{each:.1f} GB, and a panel that runs needs {load:.1f} cores. So {CORES} cores and {MEMORY} GB, of which "
-        f"{SYSTEM} are the system's, hold {by_memory} students by memory, and {by_cores} panels at once by cores: "
-        f"**count {min(by_memory, by_cores)} students**."
-    ]
+
+    # Whichever is used up first
+    by_memory = int((MEMORY - SYSTEM) / each)
+    by_cores = int(CORES / load)
+    return (
+        f"**The rule**: a student needs the memory of the largest notebook ({largest}) "
+        f"and of the own server, together {each:.1f} GB, and a panel that runs needs "
+        f"{load:.1f} cores. So {CORES} cores and {MEMORY} GB, of which {SYSTEM} are "
+        f"the system's, hold {by_memory} students by memory, and {by_cores} panels at "
+        f"once by cores: **count {min(by_memory, by_cores)} students**."
+    )
 
 
 def main() -> None:
@@ -175,26 +195,30 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="CI's sizes")
     parser.add_argument("--only", nargs="+", default=[], help="numbers of notebooks")
     arguments = parser.parse_args()
+    small = arguments.small
     rows: dict[str, Usage] = {}
+
+    # What the page needs beside notebooks
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
     if arguments.only:
         paths = [path for path in paths if path.stem[:2] in arguments.only]
     else:
         rows["the server of a student"] = server()
         (live,) = (path for path in paths if path.stem.startswith("08"))
-        rows[f"live lab, {LIVE} s of control"] = run(
-            live, small=arguments.small, live=True
-        )
+        rows[f"live lab, {LIVE} s of control"] = run(live, small=small, live=True)
         print(rows, file=sys.stderr, flush=True)
+
+    # The notebooks, one after the other
     for path in paths:
-        rows[f"notebook {path.stem[:2]}, all cells"] = usage = run(
-            path, small=arguments.small
-        )
+        usage = run(path, small=small)
+        rows[f"notebook {path.stem[:2]}, all cells"] = usage
         print(f"{path.stem}: {usage}", file=sys.stderr, flush=True)
+
+    # A page of some would look like one of all
     if arguments.only:
         print(rows)
     else:
-        write_bytes(PAGE, page(rows, small=arguments.small).encode())
+        write_bytes(PAGE, page(rows, small=small).encode())
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The mutants of a Python file: small changes of what it computes, one at a time.
 
-A number grows, a sign or a comparison turns, a condition is negated, a call, an argument
-or a limit is left out. Texts, annotations, decorators, errors and progress bars stay.
+A number grows, a sign or a comparison turns, a condition is negated, a call, an
+argument or a limit is left out. Texts, annotations, decorators, errors and progress
+bars stay.
 """
 
 import ast
@@ -134,7 +135,8 @@ def _changed_calls(node: ast.Call) -> Iterator[tuple[ast.AST, ast.AST]]:
         if argument.arg not in _WORDS and not isinstance(word, str):
             others = [each for each in node.keywords if each is not argument]
             yield node, _with(node, keywords=others)
-    name, function = _name_of(node), node.func
+    name = _name_of(node)
+    function = node.func
     if isinstance(function, ast.Attribute):
         if name in RENAMED:
             yield node, _with(node, func=_with(function, attr=RENAMED[name]))
@@ -157,7 +159,8 @@ def _mutant(
 ) -> Mutant:
     """Write `new` in the place of `old`, and leave all other text as it is."""
     lines = source.encode().splitlines(keepends=True)
-    first, last = old.lineno - 1, old.end_lineno
+    first = old.lineno - 1
+    last = old.end_lineno
     before = b"".join(lines[first:last])
     head = before[: old.col_offset]
     tail = lines[last - 1][old.end_col_offset :]

@@ -207,7 +207,7 @@ def start(folder: Path, work: Callable[[], int]) -> int:
 
 
 def outcome(process: int, limit: float) -> str:
-    """Wait for a process: "survived" if all its tests passed, "killed", or "timeout"."""
+    """Wait for a process: "survived" if all tests passed, "killed", or "timeout"."""
     end = time.monotonic() + limit
     while time.monotonic() < end:
         done, status = os.waitpid(process, os.WNOHANG)
@@ -285,6 +285,7 @@ def judge_all(mutants: list[Mutant], folders: list[Path]) -> list[tuple[Mutant, 
 
 def main() -> int:
     """Draw, run and report."""
+    # What is asked for.
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--count", type=int, default=200, help="mutants to draw")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
@@ -299,6 +300,7 @@ def main() -> int:
     for name in HEAVY:
         importlib.import_module(name)
 
+    # Copies of the repository, one for each process; then all mutants.
     with tempfile.TemporaryDirectory() as temporary:
         folders = []
         for k in range(options.processes):

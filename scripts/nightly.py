@@ -1,11 +1,11 @@
-"""`make nightly`: what takes hours, in one command, with a summary in
-`build/nightly.md`.
+"""`make nightly`: what takes hours, in one command.
 
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
 every notebook at full size, a wheel of every pin for every platform, the student
-edition's site, speed, and 200 mutants of the method and the simulation. `python
-scripts/nightly.py --only soak` does one and writes nothing.
+edition's site, speed, and 200 mutants of the method and the simulation. A summary goes
+to `build/nightly.md`; `python scripts/nightly.py --only soak` does one part and writes
+nothing.
 """
 
 import argparse
@@ -36,7 +36,7 @@ PARTS = {  # what it is: command, and settings in the environment
     ),
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
-    "locks": ((sys.executable, "scripts/make_locks.py", "--check"), {}),
+    "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),
     "every page": (
         (sys.executable, "-m", "pytest", "-m", "book", "tests/book"),
@@ -52,24 +52,42 @@ SHOWN = re.compile(
 
 
 def run(name: str) -> tuple[bool, str]:
-    """Run one part and show what it prints: whether it went well, and its section of
-    the summary.
+    """Run one part and show what it prints.
+
+    Returned are whether it went well, and its section of the summary.
     """
     command, settings = PARTS[name]
-    start, lines = time.perf_counter(), []
-    environment, both = (
-        os.environ | settings,
-        {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT},
-    )
+    start = time.perf_counter()
+
+    # Printed as it comes, and kept
+    lines = []
     with subprocess.Popen(
-        command, cwd=ROOT, env=environment, text=True, **both
+        command,
+        cwd=ROOT,
+        env=os.environ | settings,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
     ) as process:
         for line in process.stdout or ():
             print(line, end="", flush=True)
             lines.append(line.rsplit("\r", 1)[-1].rstrip())  # the end of a progress bar
-    verdict = f"{'failed' if process.returncode else 'passed'}, {(time.perf_counter() - start) / 60:.1f} minutes"
-    return not process.returncode, "\n".join(
-        [f"## {name}: {verdict}", "", "```", *filter(SHOWN.match, lines), "```"]
+
+    # Of the summary only the lines that say what came out
+    well = process.returncode == 0
+    minutes = (time.perf_counter() - start) / 60
+    head = f"## {name}: {'passed' if well else 'failed'}, {minutes:.1f} minutes"
+    shown = filter(SHOWN.match, lines)
+    return well, "\n".join([head, "", "```", *shown, "```"])
+
+
+def where() -> str:
+    """Commit and machine, in words."""
+    describe = ["git", "describe", "--always", "--dirty"]
+    commit = subprocess.check_output(describe, cwd=ROOT, text=True).strip()
+    return (
+        f"Commit {commit}; {platform.platform()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}."
     )
 
 
@@ -83,18 +101,13 @@ def main() -> int:
     )
     names = parser.parse_args().only
     outcomes = [run(name) for name in names]
+
+    # A summary of a part would look like one of all
     if names == list(PARTS):
-        commit = subprocess.check_output(
-            ["git", "describe", "--always", "--dirty"], cwd=ROOT, text=True
-        ).strip()
         today = datetime.datetime.now(datetime.UTC).date().isoformat()
-        where = f"Commit {commit}; {platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}."
-        REPORT.write_text(
-            "\n\n".join(
-                [f"# Nightly run of {today}", where, *(text for _, text in outcomes)]
-            )
-            + "\n"
-        )
+        sections = [text for _, text in outcomes]
+        parts = [f"# Nightly run of {today}", where(), *sections]
+        REPORT.write_text("\n\n".join(parts) + "\n")
     return not all(well for well, _ in outcomes)
 
 

@@ -1,9 +1,8 @@
-"""What the first cell of each notebook does on Google Colab, once the repository is
-cloned there.
+"""What the first cell of each notebook does on Google Colab.
 
-Colab comes with its own PyTorch, NumPy and Jupyter, and its kernel is already running.
-What it has and `pyproject.toml` can live with stays; what it lacks comes in the version
-of `environment.txt`.
+That is once the repository is cloned there. Colab comes with its own PyTorch, NumPy and
+Jupyter, and its kernel is already running. What it has and `pyproject.toml` can live
+with stays; what it lacks comes in the version of `environment.txt`.
 """
 
 import subprocess
@@ -37,39 +36,39 @@ def needed() -> list[Requirement]:
 def lacking(
     needs: Iterable[Requirement], lock: str, installed: Mapping[str, str]
 ) -> dict[str, str]:
-    """What pip has to install: the pin in a lock's text, by canonical name, for each
-    need that is not met.
+    """What pip has to install, by canonical name: pins for each need that is not met.
 
     Args:
         needs: what is imported, perhaps with the oldest version that will do.
         lock: text of the lock.
         installed: versions by canonical name.
     """
-    lines = (Requirement(line) for line in pins(lock).values())
-    pinned = {
-        canonicalize_name(each.name): f"{each.name}{each.specifier}" for each in lines
-    }
-    names = {canonicalize_name(need.name): need for need in needs}
-    unmet = [
-        name
-        for name, need in names.items()
-        if name not in installed
-        or not need.specifier.contains(installed[name], prereleases=True)
-    ]
-    return {name: pinned[name] for name in unmet}
+    pinned = {}
+    for line in pins(lock).values():
+        pin = Requirement(line)
+        pinned[canonicalize_name(pin.name)] = f"{pin.name}{pin.specifier}"
+
+    unmet = {}
+    for need in needs:
+        name = canonicalize_name(need.name)
+        version = installed.get(name)
+        if version is None or not need.specifier.contains(version, prereleases=True):
+            unmet[name] = pinned[name]
+    return unmet
 
 
 def imported_already(names: Iterable[str]) -> list[str]:
-    """Which of these installed packages this process has imported, so that a new
-    version would come too late.
+    """Which of these installed packages this process has imported.
+
+    A new version would come too late for them.
     """
     wanted = set(names)
-    return [
-        module
-        for module, owners in packages_distributions().items()
-        if module in sys.modules
-        and wanted & {canonicalize_name(owner) for owner in owners}
-    ]
+    found = []
+    for module, owners in packages_distributions().items():
+        theirs = {canonicalize_name(owner) for owner in owners}
+        if module in sys.modules and wanted & theirs:
+            found.append(module)
+    return found
 
 
 def install() -> None:
@@ -79,21 +78,24 @@ def install() -> None:
         SystemExit: the kernel has to start anew, since a package in use got a newer
             version.
     """
-    subprocess.run(
-        ["sh", str(ROOT / "scripts" / "system_packages.sh"), "egl"], check=True
-    )
+    # What draws without a display
+    script = ROOT / "scripts" / "system_packages.sh"
+    subprocess.run(["sh", str(script), "egl"], check=True)
+
+    # Packages that are not there, or too old
     installed = {canonicalize_name(each.name): each.version for each in distributions()}
     unmet = lacking(needed(), (ROOT / "environment.txt").read_text("utf-8"), installed)
     stale = imported_already(set(unmet) & set(installed))
     if unmet:
-        subprocess.run(
-            [sys.executable, "-m", "pip", "install", "--quiet", *unmet.values()],
-            check=True,
-        )
+        pip = [sys.executable, "-m", "pip", "install", "--quiet"]
+        subprocess.run([*pip, *unmet.values()], check=True)
     if stale:
         raise SystemExit(
-            f"Choose Runtime, Restart session, then run all again: {', '.join(stale)} is in use here."
+            "Choose Runtime, Restart session, then run all again: "
+            f"{', '.join(stale)} is in use here."
         )
+
+    # Widgets of other makers are off by default
     from google.colab import output
 
     output.enable_custom_widget_manager()

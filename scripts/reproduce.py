@@ -1,19 +1,25 @@
-"""`make reproduce`: everything from nothing: recordings → autoencoders → DPMPBs →
-experiments → tables.
+"""Make recordings, trainings and results anew, or everything from nothing.
 
-Results lie in build/reproduce/data, laid out like `data/`. Each is kept as soon as it
-is there, so that the same command goes on where it was interrupted; when the code has
-changed, everything is made anew. More in docs/scaling.md.
+Four commands, each of which `make` calls under a name of its own:
 
-`make data`, `make train` and `make results` (`--record`, `--train`, `--results`) do one
-of these in `data/` itself, and replace what is there. Names after an option choose;
-experiments that take hours run only when they are named.
+    reproduce.py record [SET ...]           make data: trials and targets
+    reproduce.py train [WEIGHTS ...]        make train: autoencoders and DPMPBs
+    reproduce.py results [EXPERIMENT ...]   make results: every figure of the tables
+    reproduce.py everything [OPTIONS]       make reproduce: all of these from nothing
+
+The first three work in `data/` itself, and replace what is there. Names choose;
+experiments that take hours run only when they are named. `everything` writes into
+build/reproduce/data, laid out like `data/`: recordings → autoencoders → DPMPBs →
+experiments → tables. Each is kept as soon as it is there, so that the same command goes
+on where it was interrupted; when the code has changed, everything is made anew. More in
+docs/scaling.md.
 """
 
 import argparse
+import inspect
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -47,13 +53,11 @@ FOLDER = Path("build") / "reproduce"
 class Plan:
     """How much of everything is made."""
 
-    seeds: int = (
-        5  # trainings of each DPMPB: the paper repeats learning and control five times
-    )
+    # Trainings of each DPMPB: the paper repeats learning and control five times
+    seeds: int = 5
     paper_only: bool = False  # only what the paper's amount of recordings teaches
-    small: bool = (
-        False  # tiny sizes, in which everything takes part and nothing is learned
-    )
+    # Tiny sizes, in which everything takes part and nothing is learned
+    small: bool = False
 
     @property
     def endings(self) -> tuple[str, ...]:
@@ -62,36 +66,19 @@ class Plan:
 
     def configs(self) -> list[TrainingConfig]:
         """What is trained."""
-        configs = [
-            TRAINING_CONFIGS[arm + ending]
-            for arm in ("torque", "muscle")
-            for ending in self.endings
-        ]
-        if not self.small:
-            return configs
-        once = AutoencoderTraining(epochs=1)
-        return [
-            replace(
-                c, autoencoder=once, model=replace(c.model, epochs=2, sequence_length=8)
-            )
-            for c in configs
-        ]
+        names = [arm + end for arm in ("torque", "muscle") for end in self.endings]
+        configs = [TRAINING_CONFIGS[name] for name in names]
+        return [_shortened(each) for each in configs] if self.small else configs
 
     def datasets(self) -> list[Dataset]:
         """What is recorded."""
         names = [name for config in self.configs() for name in config.recordings]
-        datasets = [
-            DATASETS[name]
-            for name in dict.fromkeys([*names, "evaluation", "muscle-evaluation"])
-        ]
+        names += ["evaluation", "muscle-evaluation"]
+        datasets = [DATASETS[name] for name in dict.fromkeys(names)]
         if not self.small:
             return datasets
-        return [
-            replace(
-                each, steps=24, repeats=min(each.repeats, 2), policies=("operator",)
-            )
-            for each in datasets
-        ]
+        short: dict[str, Any] = {"steps": 24, "policies": ("operator",)}
+        return [replace(d, repeats=min(d.repeats, 2), **short) for d in datasets]
 
     def cases(self, name: str) -> list[dict[str, Any]]:
         """Those of an experiment, with the trainings that there are."""
@@ -104,65 +91,81 @@ class Plan:
         return experiment.cases(**sizes)[:2]
 
 
+def _shortened(config: TrainingConfig) -> TrainingConfig:
+    """The same training, of a minute, in which nothing is learned."""
+    return replace(
+        config,
+        autoencoder=AutoencoderTraining(epochs=1),
+        model=replace(config.model, epochs=2, sequence_length=8),
+    )
+
+
 def train(
     configs: Sequence[TrainingConfig], seeds: Iterable[int], **options: Any
 ) -> None:
-    """Train the autoencoder and the DPMPBs of each configuration, and save them;
-    options as `run_jobs` has them.
+    """Train the autoencoder and the DPMPBs of each configuration, and save them.
+
+    Options are those of `run_jobs`.
     """
+    # Autoencoders first: DPMPBs learn from what they see
     jobs = [
-        Job(TrainingConfig.train_autoencoder, {"self": each}, each.inputs)
-        for each in configs
+        Job(TrainingConfig.train_autoencoder, {"self": config}, config.inputs)
+        for config in configs
     ]
-    for config, (model, losses) in zip(
-        configs, run_jobs("autoencoders", jobs, **options), strict=True
-    ):
+    done = run_jobs("autoencoders", jobs, **options)
+    for config, (model, losses) in zip(configs, done, strict=True):
         data.save_autoencoder(model, losses, config.name, overwrite=True)
     data.write_checksums()
-    jobs = [
-        Job(
-            TrainingConfig.train_model,
-            {"self": c, "seed": seed},
-            (*c.inputs, f"weights/autoencoder-{c.name}."),
-        )
-        for c, seed in product(configs, seeds)
-    ]
+
+    # And several DPMPBs on top of each
+    jobs = []
+    for config, seed in product(configs, seeds):
+        inputs = (*config.inputs, f"weights/autoencoder-{config.name}.")
+        arguments = {"self": config, "seed": seed}
+        jobs.append(Job(TrainingConfig.train_model, arguments, inputs))
     for trained in run_jobs("models", jobs, **options):
         data.save(trained, overwrite=True)
     data.write_checksums()
 
 
 def reproduce(plan: Plan, **options: Any) -> None:
-    """Make everything, in the data folder that `CLOTHLAB_DATA` names; options as
-    `run_jobs` has them.
+    """Make everything, in the data folder that `CLOTHLAB_DATA` names.
+
+    Options are those of `run_jobs`.
     """
+    # Recordings and targets
     for dataset in plan.datasets():
         record(dataset, **options)
     short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
     record_targets([Job(find_targets, short if plan.small else {})], **options)
     data.write_checksums()
+
+    # What learns from them, and is put to the test
     train(plan.configs(), range(plan.seeds), **options)
     for experiment, ending in product(studies.EXPERIMENTS.values(), plan.endings):
         if not experiment.slow and (experiment.paper or not ending):
             name = experiment.name + ending
-            studies.save(studies.get(name).run(plan.cases(name), **options), name)
+            table = studies.get(name).run(plan.cases(name), **options)
+            studies.save(table, name)
     data.write_checksums()
-    if not plan.small:  # a few cases give no results
+
+    # The page; a few cases give no results
+    if not plan.small:
         (data.data_folder().parent / "results.md").write_text(results())
 
 
 def results() -> str:
     """The results as `docs/results.md` has them, from the tables in the data folder."""
-    asked, papers = (report.questions(report.stored(ending)) for ending in ("", PAPER))
-    return report.in_docs(
-        asked or papers, {row.key: row for rows in papers.values() for row in rows}
-    )
+    asked = report.questions(report.stored())
+    papers = report.questions(report.stored(PAPER))
+    return report.in_docs(asked or papers, report.by_key(papers))
 
 
 @contextmanager
 def workers_of(address: str | None, data: Path) -> Iterator[None]:
-    """Inside, workers of a Dask scheduler do all jobs, also those that join later; else
-    processes of this machine.
+    """Inside, the workers of a Dask scheduler do all jobs, also those that join later.
+
+    Without an address, processes of this machine do them.
     """
     if address is None:
         yield
@@ -174,12 +177,11 @@ def workers_of(address: str | None, data: Path) -> Iterator[None]:
         client.wait_for_workers(1, timeout=60)
     except (ImportError, OSError) as error:
         sys.exit(
-            f"{error}: --scheduler needs clothlab[cluster] installed, `dask scheduler` and `dask worker ADDRESS`"
+            f"{error}: --scheduler needs clothlab[cluster] installed, "
+            "`dask scheduler` and `dask worker ADDRESS`"
         )
-    with (
-        client,
-        joblib.parallel_config("dask", client=client, wait_for_workers_timeout=60),
-    ):
+    dask = joblib.parallel_config("dask", client=client, wait_for_workers_timeout=60)
+    with client, dask:
         client.register_worker_callbacks(partial(_use, str(data)))
         yield
 
@@ -189,134 +191,166 @@ def _use(data: str) -> None:
 
 
 def record_again(names: Sequence[str], **options: Any) -> None:
-    """Record these sets of trials, or all trials and targets, into `data/`; what was
-    there is replaced.
+    """Record these sets of trials, or all trials and targets, into `data/`.
+
+    What was there is replaced.
     """
-    files = [
-        file for name in names or DATASETS for file in record(DATASETS[name], **options)
-    ]
+    files = []
+    for name in names or DATASETS:
+        files += record(DATASETS[name], **options)
     if not names:
-        jobs = [
-            Job(find_targets, {}),
-            *(Job(find_target_set, {"targets": each}) for each in TARGET_SETS),
-        ]
+        jobs = [Job(find_targets, {})]
+        jobs += [Job(find_target_set, {"targets": each}) for each in TARGET_SETS]
         files += record_targets(jobs, **options)
     say_what_repeats(files)
     data.write_checksums()
 
 
 def say_what_repeats(files: list[str]) -> None:
-    """Say how many of these files of `data/` are the recorded ones bit for bit, before
-    new hashes are written.
+    """Say how many files of `data/` are the recorded ones bit for bit.
 
-    The simulation is chaotic: another machine, or another version of MuJoCo or OpenGL,
-    may give other bits.
+    That is before new hashes are written. The simulation is chaotic: another machine,
+    or another version of MuJoCo or OpenGL, may give other bits.
     """
     verdict = data.check_data()
-    same, known = (
-        sum(verdict[file] in words for file in files)
-        for words in (("ok",), ("ok", "altered"))
-    )
+    same = sum(verdict[file] == "ok" for file in files)
+    altered = sum(verdict[file] == "altered" for file in files)
     print(
-        f"{same} of the {known} whose hash was recorded are the same bit for bit; new hashes are written now"
+        f"{same} of the {same + altered} whose hash was recorded are the same "
+        "bit for bit; new hashes are written now"
     )
 
 
 def train_again(names: Sequence[str], **options: Any) -> None:
     """Train these weights, or all, from the recordings in `data/`."""
-    train(
-        [TRAINING_CONFIGS[name] for name in names or TRAINING_CONFIGS],
-        range(Plan.seeds),
-        **options,
-    )
+    configs = [TRAINING_CONFIGS[name] for name in names or TRAINING_CONFIGS]
+    train(configs, range(Plan.seeds), **options)
 
 
 def run_again(names: Sequence[str], **options: Any) -> None:
-    """Run these experiments, or all that do not take hours, and write the results into
-    README and `docs/results.md`.
+    """Run these experiments, or all that do not take hours, and write their results.
+
+    They go into `data/results`, README and `docs/results.md`.
     """
-    for name in names or [
-        name for name, each in studies.EXPERIMENTS.items() if not each.slow
-    ]:
-        for ending in ("", PAPER) if studies.EXPERIMENTS[name].paper else ("",):
-            table = studies.run(
-                name + ending, **options, keep=ROOT / "build" / "experiments"
-            )
+    usual = [name for name, each in studies.EXPERIMENTS.items() if not each.slow]
+    keep = ROOT / "build" / "experiments"
+    for name in names or usual:
+        endings = ("", PAPER) if studies.EXPERIMENTS[name].paper else ("",)
+        for ending in endings:
+            table = studies.run(name + ending, **options, keep=keep)
             studies.save(table, name + ending)
             data.write_checksums()
+    marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
-        print(
-            f"{ {True: '✓', False: '✗', None: ' '}[row.met] } {row.label}: {row.here} (aim {row.aim})"
-        )
+        print(f"{marks[row.met]} {row.label}: {row.here} (aim {row.aim})")
 
 
-STAGES = {"record": (record_again, DATASETS), "train": (train_again, TRAINING_CONFIGS)}
-STAGES["results"] = (run_again, studies.EXPERIMENTS)
+def from_nothing(arguments: argparse.Namespace) -> int:
+    """Everything from nothing, in a folder of its own.
 
-
-def main() -> int:
-    """Make what was asked for; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--folder",
-        type=Path,
-        help=f"of all results: {FOLDER}, or with --small {FOLDER}-small",
-    )
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        default=Plan.seeds,
-        help="trainings of each DPMPB, by default 5",
-    )
-    parser.add_argument(
-        "--small",
-        action="store_true",
-        help="tiny sizes, a minute, to see whether it works here",
-    )
-    parser.add_argument(
-        "--paper-only",
-        action="store_true",
-        help="only what the paper's amount of recordings teaches",
-    )
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count(), help="processes in this machine"
-    )
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="of a Dask scheduler, whose workers do the work",
-    )
-    for stage, (function, choices) in STAGES.items():
-        parser.add_argument(
-            f"--{stage}",
-            nargs="*",
-            choices=choices,
-            metavar="NAME",
-            help=function.__doc__,
-        )
-    arguments = parser.parse_args()
-    options = {"workers": arguments.workers, "progress": True}
-    for stage, (function, _) in STAGES.items():
-        if (names := getattr(arguments, stage)) is not None:
-            function(names, **options)
-            return 0
-    folder = (
-        arguments.folder or FOLDER.with_name(FOLDER.name + "-small" * arguments.small)
-    ).absolute()
+    Returned is the exit status.
+    """
+    name = f"{FOLDER.name}-small" if arguments.small else FOLDER.name
+    folder = (arguments.folder or FOLDER.with_name(name)).absolute()
     data = folder / "data"
     data.mkdir(parents=True, exist_ok=True)
     os.environ["CLOTHLAB_DATA"] = str(data)
     plan = Plan(arguments.seeds, arguments.paper_only, arguments.small)
+    options = {"workers": arguments.workers, "progress": True, "keep": folder / "kept"}
     try:
         with workers_of(arguments.scheduler, data):
-            reproduce(plan, keep=folder / "kept", **options)
+            reproduce(plan, **options)
     except KeyboardInterrupt:
         print(f"\ninterrupted: the same command goes on from what lies in {folder}")
         return 130
     print(f"everything lies in {folder}")
     return 0
+
+
+def _again(function: Callable[..., None], arguments: argparse.Namespace) -> int:
+    """One of the first three commands; returns the exit status."""
+    function(arguments.names, workers=arguments.workers, progress=True)
+    return 0
+
+
+def command_line() -> argparse.ArgumentParser:
+    """A parser with a command for each of the four programs."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _again_command(commands, "record", record_again, DATASETS)
+    _again_command(commands, "train", train_again, TRAINING_CONFIGS)
+    _again_command(commands, "results", run_again, studies.EXPERIMENTS)
+
+    # And all of them, which has sizes and a folder of its own
+    everything = _command(commands, "everything", from_nothing)
+    everything.set_defaults(run=from_nothing)
+    everything.add_argument(
+        "--folder",
+        type=Path,
+        help=f"of all results: {FOLDER}, or with --small {FOLDER}-small",
+    )
+    everything.add_argument(
+        "--seeds",
+        type=int,
+        default=Plan.seeds,
+        help=f"trainings of each DPMPB, by default {Plan.seeds}",
+    )
+    everything.add_argument(
+        "--small",
+        action="store_true",
+        help="tiny sizes, a minute, to see whether it works here",
+    )
+    everything.add_argument(
+        "--paper-only",
+        action="store_true",
+        help="only what the paper's amount of recordings teaches",
+    )
+    everything.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask scheduler, whose workers do the work",
+    )
+    return parser
+
+
+def _again_command(
+    commands: Any, name: str, function: Callable[..., None], choices: Collection[str]
+) -> None:
+    """A command that works in `data/` itself, and takes names."""
+    command = _command(commands, name, function)
+    command.set_defaults(run=partial(_again, function))
+    listed = ", ".join(choices)
+
+    def known(word: str) -> str:
+        # Not argparse's `choices`, which refuse that nothing is named
+        if word not in choices:
+            raise argparse.ArgumentTypeError(f"unknown {word!r}; choose from {listed}")
+        return word
+
+    command.add_argument(
+        "names", nargs="*", type=known, metavar="NAME", help=f"by default all: {listed}"
+    )
+
+
+def _command(
+    commands: Any, name: str, function: Callable[..., Any]
+) -> argparse.ArgumentParser:
+    """A command that says of itself what its function's docstring says."""
+    about = inspect.getdoc(function) or ""
+    summary, _, _ = about.partition("\n")
+    command = commands.add_parser(name, help=summary, description=about)
+    command.add_argument(
+        "--workers", type=int, default=os.cpu_count(), help="processes in this machine"
+    )
+    return command
+
+
+def main() -> int:
+    """Make what was asked for; returns the exit status."""
+    arguments = command_line().parse_args()
+    return arguments.run(arguments)
 
 
 if __name__ == "__main__":

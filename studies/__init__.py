@@ -1,15 +1,17 @@
-"""Experiments, which Part II and the results stand on: a function from one case to one
-row, a grid of cases, a table.
+"""Experiments, on which Part II and the results stand.
 
-`make results` runs them at full size, notebooks read the stored tables or run a few
-cases, tests run tiny ones.
+Each is a function from one case to one row, a grid of cases, and so a table. `make
+results` runs them at full size, notebooks read the stored tables or run a few cases,
+tests run tiny ones.
 
     import studies
-    table = studies.load("control")                                  # the stored,
-      full-size table
-    small = studies.run("control", model=0, steps=24)                # a few cases, now
-      studies.recompute("control", target="target-1", cloth="damp0.03-mass0.05",
-      model=0)  # stored beside here
+
+    table = studies.load("control")  # the stored, full-size table
+    small = studies.run("control", model=0, steps=24)  # a few cases, now
+
+    # A stored row beside the same one, made here
+    task = {"target": "target-1", "cloth": "damp0.03-mass0.05"}
+    both = studies.recompute("control", **task, model=0)
 
 To add one, write a module like `control.py` and name it here.
 """
@@ -43,32 +45,34 @@ from studies import (
 from studies._grid import PAPER, Experiment
 from studies._rows import Row
 
-EXPERIMENTS = {  # by name, in the order of docs/results.md
-    each.name: each
-    for module in (
-        autoencoder_quality,
-        self_organisation,
-        estimation,
-        control,
-        joint_estimation_control,
-        stiffness,
-        iterative_control,
-        oracle,
-        transfer,
-        material_change,
-        identifiability,
-        sysid_benchmark,
-        calibration_test,
-        camera_recalibration,
-        table_setting,
-    )
-    for each in module.EXPERIMENTS
+_MODULES = (  # in the order of docs/results.md
+    autoencoder_quality,
+    self_organisation,
+    estimation,
+    control,
+    joint_estimation_control,
+    stiffness,
+    iterative_control,
+    oracle,
+    transfer,
+    material_change,
+    identifiability,
+    sysid_benchmark,
+    calibration_test,
+    camera_recalibration,
+    table_setting,
+)
+EXPERIMENTS: dict[str, Experiment] = {
+    experiment.name: experiment
+    for module in _MODULES
+    for experiment in module.EXPERIMENTS
 }
 
 
 def get(name: str) -> Experiment:
-    """An experiment by its name, with `-paper` behind it where it is about the paper's
-    amount of recordings.
+    """An experiment by its name.
+
+    With `-paper` behind it, it is about the paper's amount of recordings.
     """
     experiment = choose("experiment", name.removesuffix(PAPER), EXPERIMENTS)
     return replace(experiment, name=name)
@@ -94,19 +98,19 @@ def run(
         sizes: which cases, such as `model=0`; all else is at full size.
     """
     experiment = get(name)
-    sizes = (dict(experiment.paper) if name.endswith(PAPER) else {}) | sizes
-    return experiment.run(
-        experiment.cases(**sizes), workers=workers, progress=progress, keep=keep
-    )
+    if name.endswith(PAPER):
+        sizes = dict(experiment.paper) | sizes
+    cases = experiment.cases(**sizes)
+    return experiment.run(cases, workers=workers, progress=progress, keep=keep)
 
 
 def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFrame:
-    """Make one stored row anew, chosen such as by `cloth="hard-1", model=0`: a table of
-    two rows, "stored" and "here".
+    """Make one stored row anew: a table of two rows, "stored" and "here".
 
-    On the machine where the table was made, or one like it, all numbers are the same to
-    the last digit of single precision. Other graphics or another processor change the
-    last digits; a closed loop then makes more of that with every step.
+    It is chosen such as by `cloth="hard-1", model=0`. On the machine where the table
+    was made, or one like it, all numbers are the same to the last digit of single
+    precision. Other graphics or another processor change the last digits; a closed loop
+    then makes more of that with every step.
     """
     return get(name).recompute(data=data, **which)
 

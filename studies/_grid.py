@@ -1,10 +1,11 @@
-"""One shape for all experiments: a function from one case to one row, a grid of cases,
-a tidy table.
+"""One shape for all experiments: a function from a case to a row, a grid, a table.
 
-    control = Experiment("control", run_one, over(target=TARGETS, model=range(5)),
-      seconds=13, rows=rows)
-    table = control.run(control.cases(model=0, steps=24))                       # a
-      pandas.DataFrame, one row a case table.groupby(["target", "cloth"]).agg(...)
+    cases = over(target=TARGETS, model=range(5))
+    control = Experiment("control", run_one, cases, seconds=13, rows=rows)
+
+    # A pandas.DataFrame, one row a case
+    table = control.run(control.cases(model=0, steps=24))
+    table.groupby(["target", "cloth"]).agg(...)
 
 A row holds the case's own parameters and what was measured: numbers, words, and arrays
 such as a distance at each step. So any row can be made anew: `run_one(**case)`. Tables
@@ -41,23 +42,22 @@ _kept: Path | None = None  # where the process that computes a row keeps what ro
 
 
 def grid(**axes: Any) -> list[Case]:
-    """All combinations of the values of each parameter, the last one running fastest;
-    words and numbers are one value.
+    """All combinations of the values of each parameter, the last one running fastest.
 
+    Words and numbers are one value:
     `grid(cloth=["hard-1", "soft-1"], model=range(5), steps=250)` has ten cases.
     """
-    lists = [
-        [values]
-        if isinstance(values, str) or not isinstance(values, Iterable)
-        else values
-        for values in axes.values()
-    ]
+    lists = []
+    for values in axes.values():
+        several = isinstance(values, Iterable) and not isinstance(values, str)
+        lists.append(values if several else [values])
     return [dict(zip(axes, each, strict=True)) for each in itertools.product(*lists)]
 
 
 def over(**axes: Any) -> Callable[..., list[Case]]:
-    """The function from sizes to cases of a full grid: `over(cloth=CLOTHS,
-    model=range(5))(model=0, steps=24)`.
+    """The function from sizes to cases of a full grid.
+
+    Such as `over(cloth=CLOTHS, model=range(5))(model=0, steps=24)`.
     """
     return lambda **sizes: grid(**(axes | sizes))
 
@@ -75,8 +75,8 @@ class Experiment:
             name.
         paper: the sizes with which it also runs on the paper's amount of recordings;
             none where it does not.
-        rows: stored tables → its rows in `docs/results.md`, under the module's
-            docstring: a question, then a paragraph.
+        rows: stored tables → its rows in `docs/results.md`.
+        about: what stands above these rows: a question, then a paragraph.
     """
 
     name: str
@@ -86,6 +86,7 @@ class Experiment:
     slow: bool = False
     paper: Mapping[str, Any] = field(default_factory=dict)
     rows: Callable[[Tables], list[Row]] | None = None
+    about: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cases", self._refusing_typos(self.cases))
@@ -93,15 +94,14 @@ class Experiment:
     def _refusing_typos(
         self, cases: Callable[..., list[Case]]
     ) -> Callable[..., list[Case]]:
-        """The same function for sizes that a case or the function itself knows; a
-        ValueError lists them.
+        """The same function for sizes that a case or the function itself knows.
+
+        For others a ValueError lists those.
         """
-        named = [
-            each.name
-            for each in inspect.signature(cases).parameters.values()
-            if each.kind != each.VAR_KEYWORD
-        ]
-        known = list(dict.fromkeys([*self.keys, *named]))
+        known = dict.fromkeys(self.keys)
+        for each in inspect.signature(cases).parameters.values():
+            if each.kind != each.VAR_KEYWORD:
+                known[each.name] = None
 
         @functools.wraps(cases)
         def checked(**sizes: Any) -> list[Case]:
@@ -127,54 +127,50 @@ class Experiment:
         progress: bool = False,
         keep: Path | None = None,
     ) -> pd.DataFrame:
-        """One row for each case, by default for all; parameters that a case leaves out
-        have their defaults.
+        """One row for each case, by default for all.
 
-        A `joblib.parallel_config` around the call chooses another backend than
-        processes, such as Dask.
+        Parameters that a case leaves out have their defaults. A
+        `joblib.parallel_config` around the call chooses another backend than processes,
+        such as Dask.
         """
-        cases = [
-            self.defaults | case for case in (self.cases() if cases is None else cases)
-        ]
-        jobs = [
-            Job(functools.partial(_compute, self.run_one, keep), case, _INPUTS)
-            for case in cases
-        ]
+        chosen = self.cases() if cases is None else cases
+        cases = [self.defaults | case for case in chosen]
+        compute = functools.partial(_compute, self.run_one, keep)
+        jobs = [Job(compute, case, _INPUTS) for case in cases]
         rows = run_jobs(self.name, jobs, workers=workers, progress=progress, keep=keep)
         return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
         """Make one stored row anew: a table of two rows, "stored" and "here"."""
-        table = load(self.name, data=data)
+        table = self._find(load(self.name, data=data), which)
+        case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
+        (row,) = run_jobs(self.name, [Job(self.run_one, case)])
+        here = pd.DataFrame([case | row])
+        both = pd.concat([table, here[table.columns]], keys=["stored", "here"])
+        return both.droplevel(1)
+
+    def _find(self, table: pd.DataFrame, which: Case) -> pd.DataFrame:
+        """The one row of a table that fits; a ValueError says how to choose one."""
         for column, value in which.items():
             if column not in self.keys:
                 raise ValueError(
                     f"{self.name} has no {column!r}; choose by {', '.join(self.keys)}"
                 )
-            table = table[
-                table[column].isna() if value is None else table[column] == value
-            ]
-        if len(table) != 1:
-            varied = (
-                [key for key in self.keys if table[key].nunique() > 1]
-                if len(table)
-                else self.keys
-            )
-            choices = (
-                f":\n{table[varied].head(20).to_string(index=False)}"
-                if len(table)
-                else ""
-            )
-            raise ValueError(
-                f"{len(table)} rows of {self.name} fit; choose by {', '.join(varied)}{choices}"
-            )
-        case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
-        here = pd.DataFrame(
-            [case | row for row in run_jobs(self.name, [Job(self.run_one, case)])]
+            fits = table[column].isna() if value is None else table[column] == value
+            table = table[fits]
+        if len(table) == 1:
+            return table
+
+        # By what those that fit differ, and what there is
+        varied = self.keys
+        choices = ""
+        if len(table):
+            varied = [key for key in self.keys if table[key].nunique() > 1]
+            choices = f":\n{table[varied].head(20).to_string(index=False)}"
+        raise ValueError(
+            f"{len(table)} rows of {self.name} fit; "
+            f"choose by {', '.join(varied)}{choices}"
         )
-        return pd.concat(
-            [table, here[table.columns]], keys=["stored", "here"]
-        ).droplevel(1)
 
     @property
     def defaults(self) -> Case:
@@ -188,8 +184,9 @@ class Experiment:
 
 
 def shared(function: Callable[..., _T]) -> Callable[..., _T]:
-    """Decorate work that several cases share, such as a training: done once, and kept
-    where their rows are kept.
+    """Decorate work that several cases share, such as a training.
+
+    It is done once, and kept where their rows are kept.
     """
 
     @functools.cache
@@ -214,7 +211,8 @@ def _compute(
     run_one: Callable[..., dict], keep: Path | None, **case: Any
 ) -> dict[str, Any]:
     global _kept
-    before, _kept = _kept, keep
+    before = _kept
+    _kept = keep
     try:
         return run_one(**case)
     finally:

@@ -1,5 +1,6 @@
-"""Jobs side by side, each on one core, in this machine or on many, and kept so that an
-interrupted run goes on.
+"""Jobs side by side, each on one core, in this machine or on many.
+
+Results are kept, so that an interrupted run goes on.
 """
 
 import hashlib
@@ -27,11 +28,8 @@ class Job:
 
     function: Callable[..., Any]
     arguments: Mapping[str, Any]  # by name
-    inputs: tuple[
-        str, ...
-        # How the names of the files of `data/` begin that it reads, such as
-        # `trials/train/`
-    ] = ()
+    # How the names of the files of `data/` begin that it reads, such as `trials/train/`
+    inputs: tuple[str, ...] = ()
 
 
 def run_jobs(
@@ -42,17 +40,22 @@ def run_jobs(
     progress: bool = False,
     keep: Path | None = None,
 ) -> Iterator[Any]:
-    """Call each job, in so many processes, and yield what they return, in their order.
+    """Call each job, and yield what they return, in their order.
 
-    A `joblib.parallel_config` around the loop chooses another backend, such as Dask. In
-    the folder `keep`, results are kept under `name`: a job whose code, arguments and
-    inputs are the same is not done again.
+    A `joblib.parallel_config` around the loop chooses another backend than processes,
+    such as Dask.
+
+    Args:
+        name: of these jobs: results are kept under it, and progress is shown.
+        jobs: what to call.
+        workers: processes.
+        progress: whether a bar shows it.
+        keep: a folder for results: a job whose code, arguments and inputs are the same
+            is not done again.
     """
-    call = cached(_call, keep, ignore=["function"])
+    call = joblib.delayed(cached(_call, keep, ignore=["function"]))
     calls = (
-        joblib.delayed(call)(
-            job.function, name, dict(job.arguments), version(*job.inputs)
-        )
+        call(job.function, name, dict(job.arguments), version(*job.inputs))
         for job in jobs
     )
     results = joblib.Parallel(n_jobs=workers, return_as="generator")(calls)
@@ -62,14 +65,13 @@ def run_jobs(
 def cached(
     function: Callable[..., Any], keep: Path | None, ignore: list[str]
 ) -> Callable[..., Any]:
-    """The function, whose results are kept in a folder, if there is one, by all
-    arguments that are not ignored.
+    """The function, whose results are kept in a folder, if there is one.
+
+    They are found again by all arguments that are not ignored.
     """
-    return (
-        function
-        if keep is None
-        else joblib.Memory(keep, verbose=0).cache(function, ignore=ignore)
-    )
+    if keep is None:
+        return function
+    return joblib.Memory(keep, verbose=0).cache(function, ignore=ignore)
 
 
 def _call(
@@ -77,7 +79,8 @@ def _call(
 ) -> Any:
     if not version.startswith(code_version()):
         raise RuntimeError(
-            f"{platform.node()} has other versions of clothlab, or of what it needs: install the same"
+            f"{platform.node()} has other versions of clothlab, or of what it needs: "
+            "install the same"
         )
     with one_thread():
         return function(**arguments)
@@ -85,8 +88,9 @@ def _call(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute on one core inside: matrices here are too small to gain from a second,
-    and results repeat bit for bit.
+    """Compute on one core inside.
+
+    Matrices here are too small to gain from a second, and results repeat bit for bit.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -98,20 +102,21 @@ def one_thread() -> Iterator[None]:
 
 
 def version(*inputs: str) -> str:
-    """Hash of the code; and of the files of `data/` whose names begin like one of the
-    inputs, by their checksums.
+    """Hash of the code, and of the files of `data/` that are inputs.
+
+    Inputs are how the names of files begin. Their checksums stand for them.
     """
-    recorded = data.data_folder() / data.CHECKSUMS if inputs else None
-    lines = recorded.read_text().splitlines() if recorded and recorded.exists() else []
+    recorded = data.data_folder() / data.CHECKSUMS
+    lines = []
+    if inputs and recorded.exists():
+        lines = recorded.read_text().splitlines()
     used = "\n".join(line for line in lines if line[66:].startswith(inputs))
     return f"{code_version()}-{hashlib.sha256(used.encode()).hexdigest()}"
 
 
 @cache
 def code_version() -> str:
-    """Hash of the package and of these studies, and of the versions of those that they
-    compute with.
-    """
+    """Hash of the package, of these studies, and of what versions they compute with."""
     digest = hashlib.sha256()
     for folder in (Path(clothlab.__file__).parent, Path(__file__).parent):
         for path in sorted(folder.rglob("*")):

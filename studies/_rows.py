@@ -1,6 +1,4 @@
-"""Rows of the results: numbers with a key, put into words only where they are written
-down.
-"""
+"""Rows of the results: numbers with a key, put into words only where they are shown."""
 
 from dataclasses import KW_ONLY, dataclass
 
@@ -21,9 +19,8 @@ class Row:
     paper: str = "–"  # the paper's figure, or what it says
     at_least: float | None = None  # smallest value that this project aims at
     at_most: float | None = None  # largest value that it aims at
-    above: float | None = (
-        None  # what the paper says holds where the value is above this
-    )
+    # What the paper says holds where the value is above this
+    above: float | None = None
     below: float | None = None  # the same, below this
     note: str = ""  # in brackets behind the figure
 
@@ -38,17 +35,16 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """Whether what the paper says holds: "not significant" where the 95 % interval
-        leaves it open.
+        """Whether what the paper says holds.
+
+        "not significant" where the 95 % interval leaves it open.
         """
         if self.above is None and self.below is None:
             return "–"
-        ends = {self._holds(end) for end in self.interval or (self.value,)}
-        return (
-            "not significant"
-            if len(ends) > 1
-            else {True: "holds", False: "does not hold"}[ends.pop()]
-        )
+        holds = [self._holds(end) for end in self.interval or (self.value,)]
+        if all(holds):
+            return "holds"
+        return "not significant" if any(holds) else "does not hold"
 
     def _holds(self, value: float) -> bool:
         return (self.above is None or value > self.above) and (
@@ -71,8 +67,9 @@ class Row:
         if self.spread is not None:
             text += f" ± {self.spread:.2f}"
         if self.interval is not None:
+            low, high = self.interval
             digits = 0 if self.unit == " %" else 2
-            text += f" ({self.interval[0]:.{digits}f} to {self.interval[1]:.{digits}f}{self.unit})"
+            text += f" ({low:.{digits}f} to {high:.{digits}f}{self.unit})"
         return text
 
     @property

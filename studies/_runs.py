@@ -1,8 +1,9 @@
-"""What several experiments need: cloths and tasks, trained weights, loaded once, and
-trials on fresh scenes.
+"""What several experiments need: cloths, tasks, trained weights, trials, figures.
+
+Weights and recordings are loaded once in each process, trials are on fresh scenes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cache
@@ -16,11 +17,12 @@ from clothlab._validation import check_array, choose
 from clothlab.analysis import best_per_period, spread, target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
-from clothlab.method.autoencoder import Autoencoder
+from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.iterative import nearest_plans
 from clothlab.method.policy import Policy
-from clothlab.policies import RandomPolicy
+from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
@@ -34,11 +36,9 @@ RECORDINGS = {
 }
 # Trials that no training sees
 EVALUATION = {"torque": "evaluation", "muscle": "muscle-evaluation"}
-LIGHT, MIDDLE, HEAVY = (
-    cloth_name(0.03, 0.05),
-    cloth_name(0.05, 0.10),
-    cloth_name(0.07, 0.15),
-)
+LIGHT = cloth_name(0.03, 0.05)
+MIDDLE = cloth_name(0.05, 0.10)
+HEAVY = cloth_name(0.07, 0.15)
 TASKS = (  # arm, target, cloth
     *(
         ("torque", target, cloth)
@@ -50,38 +50,39 @@ TASKS = (  # arm, target, cloth
 # C_damp [N s/m], C_mass [kg] of cloths that no training saw: six between the trained
 # ones, two beyond
 _MATERIALS = (
-    *(
-        (0.045, 0.07),
-        (0.06, 0.13),
-        (0.036, 0.11),
-        (0.055, 0.065),
-        (0.065, 0.085),
-        (0.04, 0.125),
-    ),
-    *((0.026, 0.055), (0.075, 0.16)),
+    (0.045, 0.07),
+    (0.06, 0.13),
+    (0.036, 0.11),
+    (0.055, 0.065),
+    (0.065, 0.085),
+    (0.04, 0.125),
+    (0.026, 0.055),
+    (0.075, 0.16),
 )
 _SHEETS = (  # kind, number, thickness [mm]; the last two are extremes
-    *(
-        ("soft", 2, 4),
-        ("soft", 3, 5),
-        ("hard", 1, 3),
-        ("hard", 2, 1.5),
-        ("hard", 2, 2.5),
-        ("hard", 3, 1.5),
-    ),
-    *(("soft", 1, 7), ("hard", 4, 2)),
+    ("soft", 2, 4),
+    ("soft", 3, 5),
+    ("hard", 1, 3),
+    ("hard", 2, 1.5),
+    ("hard", 2, 2.5),
+    ("hard", 3, 1.5),
+    ("soft", 1, 7),
+    ("hard", 4, 2),
 )
+
+
+def _new_foam(kind: str, number: int, thickness: float) -> Cloth:
+    """A foam of another thickness [mm]."""
+    sheet = replace(SHEETS[kind], thickness=thickness / 1e3)
+    return replace(foam(kind, number, sheet), name=f"{kind}-{number}-{thickness}mm")
+
+
 NEW = {
     "torque": [Cloth(f"damp{c}-mass{m}", damping=c, mass=m) for c, m in _MATERIALS],
-    "muscle": [
-        replace(
-            foam(kind, n, replace(SHEETS[kind], thickness=t / 1e3)),
-            name=f"{kind}-{n}-{t}mm",
-        )
-        for kind, n, t in _SHEETS
-    ],
+    "muscle": [_new_foam(*sheet) for sheet in _SHEETS],
 }
 SAMPLES = 50  # of the hand's motion in each step
+_LONGEST = 100  # periods that a plan is replayed
 
 
 @cache
@@ -97,35 +98,53 @@ def _encoded(autoencoder_name: str, recordings: str) -> list[Run]:
 
 
 def recorded_runs(learned: ClothCheckpoint) -> list[Run]:
-    """The recordings that weights learned from, as their model sees them, encoded once
-    in each process.
+    """The recordings that weights learned from, as their model sees them.
+
+    They are encoded once in each process.
     """
-    return [
-        run
-        for name in config_of(learned).recordings
-        for run in _encoded(learned.autoencoder_name, name)
-    ]
+    runs: list[Run] = []
+    for name in config_of(learned).recordings:
+        runs += _encoded(learned.autoencoder_name, name)
+    return runs
 
 
 def find_cloth(name: str) -> Cloth:
     """A new cloth, or a recorded one."""
-    return {each.name: each for each in chain(*NEW.values())}.get(name) or get_cloth(
-        name
-    )
+    new = {each.name: each for each in chain(*NEW.values())}
+    return new[name] if name in new else get_cloth(name)
 
 
 def own_cloth(target: str) -> str:
-    """The recorded cloth with which a target of a set is tried: its own, which its name
-    says, or the middle one.
+    """The recorded cloth with which a target of a set is tried.
+
+    That is its own, or the middle one for targets that somebody drew.
     """
-    # It is called SET/ARM_CLOTH_NUMBER
-    return MIDDLE if target.startswith("drawn/") else target.split("_")[1]
+    if target.startswith("drawn/"):
+        return MIDDLE
+    _, cloth, _ = target.split("_")  # it is called SET/ARM_CLOTH_NUMBER
+    return cloth
+
+
+def replay_nearest(
+    runs: Sequence[Run], autoencoder: Autoencoder, target: ArrayLike
+) -> Policy:
+    """The plan of some runs that came nearest to a target, again and again."""
+    plan = nearest_plans(runs, encode(autoencoder, target), count=1).u[0]
+    return ReplayPolicy(np.tile(plan, (_LONGEST, 1)))
 
 
 def new_trial(
     policy: Policy, arm: Arm | str, cloth: Cloth | str, steps: int, seed: int
 ) -> Trial:
-    """A policy on a fresh scene."""
+    """A policy on a fresh scene.
+
+    Args:
+        policy: chooses the commands.
+        arm: the arm, or its name.
+        cloth: the cloth, or its name.
+        steps: control steps.
+        seed: of the policy's random numbers.
+    """
     with closing(ClothEnv(arm, cloth)) as env:
         return rollout(env, policy, steps, seed=seed)
 
@@ -138,19 +157,19 @@ def random_trial(arm: str, cloth: Cloth | str, steps: int, seed: int) -> Trial:
 def estimate_at_random(
     learned: ClothCheckpoint, cloth: Cloth | str, steps: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate p of a cloth from 0 while it is moved at random: the final p `[D_p]`,
-    and its trace `[T, D_p]`.
+    """Estimate p of a cloth from 0 while it is moved at random.
+
+    Returned are the final p `[D_p]`, and its trace `[T, D_p]`.
     """
     trial = random_trial(learned.arm.name, cloth, steps, seed)
     return estimate_bias(learned.model, learned.to_run(trial))
 
 
 def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> float:
-    """Distance of `p` `[D_p]` to the trained p of a material, over the `spread` of all."""
+    """Distance of p `[D_p]` to the trained p of a material, over the spread of all."""
     right = choose("material", material, biases)
-    return float(np.linalg.norm(check_array("p", p, np.shape(right)) - right)) / spread(
-        biases
-    )
+    distance = np.linalg.norm(check_array("p", p, np.shape(right)) - right)
+    return float(distance) / spread(biases)
 
 
 def chamfer_against_z(
@@ -161,12 +180,10 @@ def chamfer_against_z(
     Steps with no cloth in view, or exactly the target's image, have no logarithm and
     are left out.
     """
-    chamfer = np.array(
-        [
-            chamfer_distance(image, target) if image.any() else np.nan
-            for image in trial.images
-        ]
-    )
+    chamfer = np.full(len(trial), np.nan)
+    for k, image in enumerate(trial.images):
+        if image.any():
+            chamfer[k] = chamfer_distance(image, target)
     seen = chamfer > 0
     return np.log(chamfer[seen]), target_distance(autoencoder, trial, target)[seen]
 
@@ -184,7 +201,8 @@ def median_best(runs: Iterable[ArrayLike]) -> float:
 
 
 def config_of(learned: ClothCheckpoint) -> TrainingConfig:
-    """The configuration with which stored weights were trained, or others on top of the
-    same autoencoder.
+    """The configuration with which stored weights were trained.
+
+    Or others on top of the same autoencoder.
     """
     return choose("training configuration", learned.autoencoder_name, TRAINING_CONFIGS)

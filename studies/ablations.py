@@ -1,5 +1,6 @@
-"""Models with less or more knowledge of the material: one without p, and one that is
-given C_damp and C_mass.
+"""Models with less or with more knowledge of the material.
+
+One is without p, one is given C_damp and C_mass in its place.
 """
 
 from dataclasses import replace
@@ -17,23 +18,32 @@ KINDS = ("none", "known")
 
 @shared
 def train(kind: str, arm: str, seed: int) -> ClothCheckpoint:
-    """A model with D_p = 0 ("none"), or whose p is log C_damp and log C_mass of each
-    cloth, standardised ("known").
+    """A model that was trained in the usual way, on all recordings of an arm.
 
-    ClothCheckpoint on all recordings of an arm, in the usual way.
+    Args:
+        kind: "none" for D_p = 0, "known" for a p that is log C_damp and log C_mass of
+            each cloth, standardised.
+        arm: whose recordings it learns from.
+        seed: of the training.
     """
-    learned, known = trained(f"{arm}-{seed}"), None
+    learned = trained(f"{arm}-{seed}")
     settings = config_of(learned).model
+    known = None
     if kind == "none":
         settings = replace(settings, bias_size=0)
     else:
-        cloths = [get_cloth(name) for name in learned.biases]
-        logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths])
-        known = dict(
-            zip(learned.biases, (logs - logs.mean(0)) / logs.std(0), strict=True)
-        )
+        known = _constants([*learned.biases])
+
     runs = recorded_runs(learned)
     model, biases, trace = train_dpmpb(
         runs, settings, known=known, seed=seed, progress=False
     )
     return replace(learned, model=model, biases=biases, losses=trace.losses)
+
+
+def _constants(names: list[str]) -> dict[str, np.ndarray]:
+    """Standardised log C_damp and log C_mass of cloths, `{name: [2]}`."""
+    cloths = [get_cloth(name) for name in names]
+    logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths])
+    standardised = (logs - logs.mean(0)) / logs.std(0)
+    return dict(zip(names, standardised, strict=True))

@@ -1,8 +1,7 @@
 """Does z describe the cloth?
 
-Images of recordings that no training has seen, and their reconstructions, by the size
-of z; and two distances of an image to a target: the chamfer distance of the outlines
-and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
+Three experiments: how well images are reconstructed, the same where the size of z
+varies, and whether distances of z to a target order images as their outlines do.
 """
 
 from typing import Any
@@ -22,20 +21,20 @@ from studies._grid import Experiment, Tables, over
 from studies._rows import Row
 from studies._runs import MIDDLE, chamfer_against_z, random_trial
 
+_NEIGHBOURS = 16  # images of nearest z that stand in for the decoder
+
 
 def _reconstruct(weights: str = "torque", trials: str = "evaluation") -> dict[str, Any]:
     """Intersection over union of recorded images and their reconstructions."""
     autoencoder, _ = data.load_autoencoder(weights)
     images = _images(trials)
-    overlap, visible = (
-        iou(decode(autoencoder, encode(autoencoder, images)) > 0.5, images),
-        images.any(axis=(1, 2)),
-    )
+    z = encode(autoencoder, images)
+    overlap = iou(decode(autoencoder, z) > 0.5, images)
+    visible = images.any(axis=(1, 2))
     return {
         "iou": float(overlap.mean()),
-        "iou_visible": float(
-            overlap[visible].mean()
-        ),  # over the images in which cloth is visible
+        # Over the images in which cloth is visible
+        "iou_visible": float(overlap[visible].mean()),
         "iou_deviation": float(overlap.std()),
     }
 
@@ -47,38 +46,46 @@ def _images(recordings: str) -> np.ndarray:
 def _train(
     latent_size: int, epochs: int = 30, train: str = "train", test: str = "evaluation"
 ) -> dict[str, Any]:
-    """Intersection over union by size of z: with the decoder, and with the 16 images of
-    nearest z in its place.
+    """Intersection over union by size of z.
+
+    With the decoder, and with the images of nearest z in its place: what limits the
+    reconstruction, the decoder or how much z can hold?
     """
     settings = AutoencoderTraining(epochs=epochs, latent_size=latent_size)
-    known, images = _images(train), _images(test)[::3]
+    known = _images(train)
+    images = _images(test)[::3]
     model, _ = train_autoencoder(known, settings, device="cpu", progress=False)
-    z, probability = encode(model, images), decode(model, encode(model, images))
-    _, near = KDTree(encode(model, known)).query(z, k=16)
-    overlap, area = iou(probability > 0.5, images), images.mean(axis=(1, 2))
-    nearest = np.stack([known[each].mean(0) > 0.5 for each in near])
+
+    # By the decoder
+    z = encode(model, images)
+    probability = decode(model, z)
+    overlap = iou(probability > 0.5, images)
+    overlap_low = iou(probability > 0.4, images)  # a threshold that is best for most
+    area = images.mean(axis=(1, 2))
+    thin = (area > 0) & (area < np.median(area))
+
+    # By the images of nearest z
+    _, near = KDTree(encode(model, known)).query(z, k=_NEIGHBOURS)
+    nearest = np.stack([known[numbers].mean(0) > 0.5 for numbers in near])
     return {
         "iou": float(overlap.mean()),
-        "iou_low": float(
-            iou(probability > 0.4, images).mean()
-        ),  # with a threshold of 0.4, which is best for most
-        "iou_thin": float(overlap[(area > 0) & (area < np.median(area))].mean()),
+        "iou_low": float(overlap_low.mean()),
+        "iou_thin": float(overlap[thin].mean()),
         "iou_nearest": float(iou(nearest, images).mean()),
     }
 
 
 def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str, Any]:
-    """Log chamfer distance [log pixel] and distance of z [s.d. of z] to a target, both
-    `[N]`, and their correlation.
+    """Two distances to a target and their correlation.
+
+    The log chamfer distance [log pixel] and the distance of z [s.d. of z], both `[N]`.
     """
     autoencoder, _ = data.load_autoencoder(weights)
     trial = random_trial("torque", MIDDLE, steps, seed=5000)
-    log_chamfer, z_distance = chamfer_against_z(
-        autoencoder, trial, data.load_target(target)
-    )
-    correlation = float(np.corrcoef(log_chamfer, z_distance)[0, 1])
+    mask = data.load_target(target)
+    log_chamfer, z_distance = chamfer_against_z(autoencoder, trial, mask)
     return {
-        "correlation": correlation,
+        "correlation": float(np.corrcoef(log_chamfer, z_distance)[0, 1]),
         "log_chamfer": log_chamfer.round(4),
         "z_distance": z_distance.round(4),
     }
@@ -86,29 +93,55 @@ def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str
 
 def _reconstruction_rows(tables: Tables) -> list[Row]:
     (overlap,) = tables["reconstruction"]["iou"]
-    label = "image and reconstruction, recordings not trained on: intersection over union, mean"
-    return [Row("reconstruction", label, overlap, at_least=0.88)]
+    row = Row(
+        "reconstruction",
+        "image and reconstruction, recordings not trained on: intersection over "
+        "union, mean",
+        overlap,
+        at_least=0.88,
+    )
+    return [row]
 
 
 def _latent_rows(tables: Tables) -> list[Row]:
     """What limits the reconstruction: the decoder, or how much z can hold."""
     sizes = tables["latent_size"].set_index("latent_size")
-    label = "the same for the paper's recordings, the mean of the 16 images of nearest z in place of the decoder"
-    note = "; ".join(
-        f"D_z {size}: {row.iou_nearest:.2f}, decoder {row.iou_low:.2f}"
-        for size, row in sizes.iterrows()
+    notes = []
+    for size, measured in sizes.iterrows():
+        nearest = measured.iou_nearest
+        notes.append(f"D_z {size}: {nearest:.2f}, decoder {measured.iou_low:.2f}")
+    row = Row(
+        "latent_size",
+        "the same for the paper's recordings, the mean of the 16 images of nearest z "
+        "in place of the decoder",
+        float(sizes.loc[3, "iou_nearest"]),
+        note="; ".join(notes),
     )
-    return [Row("latent_size", label, float(sizes.loc[3, "iou_nearest"]), note=note)]
+    return [row]
 
 
 def _chamfer_rows(tables: Tables) -> list[Row]:
     """Whether z orders images as their outlines do."""
     (correlation,) = tables["chamfer"].query("target == 'target-2'")["correlation"]
-    label = "correlation of z distance and log chamfer distance, target-2"
-    return [Row("chamfer", label, correlation, paper="0.811", above=0.7, at_least=0.85)]
+    row = Row(
+        "chamfer",
+        "correlation of z distance and log chamfer distance, target-2",
+        correlation,
+        paper="0.811",
+        above=0.7,
+        at_least=0.85,
+    )
+    return [row]
 
 
-_PAPER, _TARGETS = {"weights": "torque-paper"}, ("target-1", "target-2")
+_ABOUT = """
+Does z describe the cloth?
+
+Images of recordings that no training has seen, and their reconstructions, by the size
+of z; and two distances of an image to a target: the chamfer distance of the outlines
+and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
+"""
+_PAPER = {"weights": "torque-paper"}
 EXPERIMENTS = (
     Experiment(
         "reconstruction",
@@ -117,6 +150,7 @@ EXPERIMENTS = (
         seconds=10,
         paper=_PAPER,
         rows=_reconstruction_rows,
+        about=_ABOUT,
     ),
     Experiment(
         "latent_size",
@@ -125,13 +159,15 @@ EXPERIMENTS = (
         seconds=300,
         slow=True,
         rows=_latent_rows,
+        about=_ABOUT,
     ),
     Experiment(
         "chamfer",
         _compare,
-        over(target=_TARGETS),
+        over(target=("target-1", "target-2")),
         seconds=8,
         paper=_PAPER,
         rows=_chamfer_rows,
+        about=_ABOUT,
     ),
 )

@@ -1,12 +1,13 @@
-"""What is recorded, and from which seeds: sets of trials, and targets that are chosen
-from runs of their own.
+"""What is recorded, and from which seeds.
+
+Sets of trials, and targets that are chosen from runs of their own.
 """
 
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.cluster import KMeans
@@ -40,7 +41,20 @@ _POLICIES = {
 # Hard-2 is kept for the estimation of an unknown foam
 _TRAINED_FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")
 _REPEATED_SEED = 1_000_000  # added to a throw's seed each time that it is repeated
-_Moment = tuple[float, np.ndarray]  # of an operator's run: reach of the cloth [m], mask
+
+
+class _Moment(NamedTuple):
+    """One of an operator's run."""
+
+    reach: float  # how far the free edge is from the hand [m]
+    mask: np.ndarray  # [H, W]
+
+
+class _OperatorRun(NamedTuple):
+    """What was seen of an operator's run, and where the cloth was then."""
+
+    images: np.ndarray  # [T, H, W]
+    points: np.ndarray  # of the cloth [T, rows, columns, 3] [m]
 
 
 @dataclass(frozen=True)
@@ -54,41 +68,37 @@ class Dataset:
     first_seed: int  # no two trials share a seed
     repeats: int = 1  # with each cloth and policy
     policies: tuple[str, ...] = ("random", "operator")
-    # Onto the table; the trial's policy says whether the cloth came to lie spread there
+    # Onto the table; a trial's outcome says whether the cloth came to lie spread there
     throws: bool = False
-    again: int = (
-        0  # so often is a throw repeated that spread the cloth, from other starts
-    )
+    # So often is a throw repeated that spread the cloth, from other starts
+    again: int = 0
 
     def runs(self) -> dict[str, dict[str, Any]]:
-        """Cloth, policy and seed of each trial, by the name of its file; the repeat
-        changes slowest.
+        """Cloth, policy and seed of each trial, by the name of its file.
+
+        The repeat changes slowest.
         """
         found = {}
-        for k, (repeat, cloth, policy) in enumerate(
-            product(range(self.repeats), self.cloths, self.policies)
+        seed = self.first_seed
+        for repeat, cloth, policy in product(
+            range(self.repeats), self.cloths, self.policies
         ):
-            file = (
-                f"{repeat:02}_{cloth}_{policy}"
-                if self.repeats > 1
-                else f"{cloth}_{policy}"
-            )
-            found[file] = {
-                "cloth": cloth,
-                "policy": policy,
-                "seed": self.first_seed + k,
-            }
+            file = f"{cloth}_{policy}"
+            if self.repeats > 1:
+                file = f"{repeat:02}_{file}"
+            found[file] = {"cloth": cloth, "policy": policy, "seed": seed}
+            seed += 1
         return found
 
 
-_ALL, _HAND = tuple(CLOTHS), "muscle-hand"
+_ALL = tuple(CLOTHS)
+_HAND = "muscle-hand"
 _SETS = (
     Dataset("train", "torque", _ALL, 250, 1000),  # 50 s, as in the paper
     Dataset("train-more", "torque", _ALL, 250, 100_000, repeats=19),
     Dataset("evaluation", "torque", _ALL, 200, 2000),
-    Dataset(
-        "muscle-train", "muscle", _TRAINED_FOAMS, 400, 11000
-    ),  # 80 s, as in the paper
+    # 80 s, as in the paper
+    Dataset("muscle-train", "muscle", _TRAINED_FOAMS, 400, 11000),
     Dataset("muscle-train-more", "muscle", _TRAINED_FOAMS, 400, 200_000, repeats=19),
     Dataset("muscle-evaluation", "muscle", _TRAINED_FOAMS, 200, 12000),
     # Short: a cloth that was let go does not come back.
@@ -121,45 +131,50 @@ DATASETS = {each.name: each for each in _SETS}
 
 
 def record(dataset: Dataset, *, data: Folder = None, **options: Any) -> list[str]:
-    """Record a set of trials and save each as soon as it is made; options as `run_jobs`
-    has them. Returns the files.
+    """Record a set of trials and save each as soon as it is made.
+
+    Options are those of `run_jobs`. Returned are the files, from the data folder.
     """
-    runs, files = dataset.runs(), []
+    runs = dataset.runs()
+    folder = f"trials/{dataset.name}"
     jobs = [Job(record_run, {"dataset": dataset, **run}) for run in runs.values()]
-    for name, trials in zip(
-        runs, run_jobs(f"trials/{dataset.name}", jobs, **options), strict=True
-    ):
+    files = []
+    for name, trials in zip(runs, run_jobs(folder, jobs, **options), strict=True):
         for k, trial in enumerate(trials):
-            files.append(f"trials/{dataset.name}/{name}{f'_again{k}' if k else ''}.npz")
-            save_trial(trial, data_folder(data) / files[-1])
+            again = f"_again{k}" if k else ""
+            file = f"{folder}/{name}{again}.npz"
+            save_trial(trial, data_folder(data) / file)
+            files.append(file)
     return files
 
 
 def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Trial]:
-    """Record one trial; and behind it, of a throw that spread the cloth, its
-    repetitions.
+    """Record one trial.
+
+    Behind it come, of a throw that spread the cloth, its repetitions.
     """
     check_kind("dataset", dataset, Dataset)
-    choose("policy", policy, _POLICIES)
+    policy_of = choose("policy", policy, _POLICIES)
     check_seed(seed)
+
+    # In the air one trial is all
     if not dataset.throws:
         with closing(ClothEnv(dataset.arm, cloth)) as env:
-            return [rollout(env, _POLICIES[policy](env.arm), dataset.steps, seed=seed)]
+            return [rollout(env, policy_of(env.arm), dataset.steps, seed=seed)]
+
+    # Onto the table
     with closing(TableEnv(dataset.arm, cloth, start_in="hand")) as env:
-        trials = [_throw(env, _POLICIES[policy](env.arm), dataset, seed)]
-        for k in range(1, dataset.again + 1) if was_spread(trials[0]) else ():
-            trials.append(
-                _throw(
-                    env,
-                    ReplayPolicy(trials[0].commands),
-                    dataset,
-                    _REPEATED_SEED * k + seed,
-                )
-            )
+        first = _throw(env, policy_of(env.arm), dataset, seed)
+        trials = [first]
+        if was_spread(first):
+            for k in range(1, dataset.again + 1):
+                replay = ReplayPolicy(first.commands)
+                trials.append(_throw(env, replay, dataset, _REPEATED_SEED * k + seed))
         return trials
 
 
 def _throw(env: TableEnv, policy: Policy, dataset: Dataset, seed: int) -> Trial:
+    """Record one throw, and look how the cloth lies after it."""
     trial = rollout(env, policy, dataset.steps, seed=seed)
     # The scene with the table starts the arm in a posture of its own. That makes it no
     # other arm.
@@ -180,8 +195,8 @@ class TargetSet:
     spread: bool = False  # and the median of those at which it is spread, if it ever is
 
 
-_TABLES = cloth_name(0.03, 0.05), cloth_name(0.07, 0.15)
-_OTHERS = cloth_name(0.05, 0.10), cloth_name(0.03, 0.15), cloth_name(0.07, 0.05)
+_TABLES = (cloth_name(0.03, 0.05), cloth_name(0.07, 0.15))
+_OTHERS = (cloth_name(0.05, 0.10), cloth_name(0.03, 0.15), cloth_name(0.07, 0.05))
 TARGET_SETS = (
     TargetSet("held-out", "torque", _TABLES, 3200, varied=10),
     # Methods of control were chosen on these, and no table has them.
@@ -194,14 +209,13 @@ _RUNS = 4  # of the operator with each cloth
 
 
 def record_targets(jobs: Sequence[Job], **options: Any) -> list[str]:
-    """Find targets by `find_targets` or `find_target_set` and save them; options as
-    `run_jobs` has them.
+    """Find targets by `find_targets` or `find_target_set`, and save them.
+
+    Options are those of `run_jobs`. Returned are the files, from the data folder.
     """
-    found = {
-        name: mask
-        for part in run_jobs("targets", jobs, **options)
-        for name, mask in part.items()
-    }
+    found: dict[str, np.ndarray] = {}
+    for part in run_jobs("targets", jobs, **options):
+        found |= part
     for name, mask in found.items():
         save_target(mask, name)
     return [f"targets/{name}.png" for name in found]
@@ -212,138 +226,141 @@ def find_targets(
     seeds: Sequence[int] = range(3000, 3004),
     foams: Sequence[str] = _TRAINED_FOAMS,
 ) -> dict[str, np.ndarray]:
-    """Choose target-1, target-2 and the muscle arm's by geometry alone, from an
-    operator's runs that nothing else uses.
+    """Choose target-1, target-2 and the muscle arm's by geometry alone.
 
-    Target-1 (hard) and the muscle arm's target are the median of all moments at which
-    the cloth is spread. Target-2 (easier) swings half as far, its free edge below the
-    hand.
+    They are from an operator's runs that nothing else uses. Target-1 (hard) and the
+    muscle arm's target are the median of all moments at which the cloth is spread.
+    Target-2 (easier) swings half as far, its free edge below the hand.
     """
-    runs = [
-        _record_operator("torque", "damp0.05-mass0.10", seed, steps) for seed in seeds
-    ]
-    found = [_spread_and_swinging("torque", *run) for run in runs]
-    spread, swinging = (
-        [moment for run in found for moment in run[kind]] for kind in (0, 1)
-    )
-    reach, target_1 = _median(spread)
-    _, target_2 = min(swinging, key=lambda moment: abs(moment[0] - reach / 2))
-    held = [
-        _spread_and_swinging("muscle", *_record_operator("muscle", foam, 13000, steps))
-        for foam in foams
-    ]
-    # a near camera cuts some
-    whole = [moment for spread, _ in held for moment in spread if _in_view(moment[1])]
-    return {"target-1": target_1, "target-2": target_2, "muscle": _median(whole)[1]}
+    # The torque arm's
+    spread: list[_Moment] = []
+    swinging: list[_Moment] = []
+    for seed in seeds:
+        run = _record_operator("torque", "damp0.05-mass0.10", seed, steps)
+        spread += _spread_moments("torque", run)
+        swinging += _swinging_moments("torque", run)
+    hard = _median(spread)
+    easy = min(swinging, key=lambda moment: abs(moment.reach - hard.reach / 2))
+
+    # The muscle arm's, whose near camera cuts some pictures
+    held: list[_Moment] = []
+    for foam in foams:
+        run = _record_operator("muscle", foam, 13000, steps)
+        held += _spread_moments("muscle", run)
+    whole = [moment for moment in held if _in_view(moment.mask)]
+    return {"target-1": hard.mask, "target-2": easy.mask, "muscle": _median(whole).mask}
 
 
 def find_target_set(targets: TargetSet) -> dict[str, np.ndarray]:
-    """Targets `{SET/ARM_CLOTH_K: mask}`, out of all moments at which the whole cloth is
-    in the picture.
+    """Targets `{SET/ARM_CLOTH_K: mask}` out of an operator's runs.
+
+    From all moments at which the whole cloth is in the picture.
     """
     found: dict[str, np.ndarray] = {}
-    for k, cloth in enumerate(targets.cloths):
-        seeds = range(
-            targets.first_seed + _RUNS * k, targets.first_seed + _RUNS * (k + 1)
-        )
+    first_seed = targets.first_seed
+    for cloth in targets.cloths:
+        # Each cloth has seeds of its own
+        seeds = range(first_seed, first_seed + _RUNS)
+        first_seed += _RUNS
         runs = [_record_operator(targets.arm, cloth, seed) for seed in seeds]
-        whole = np.array(
-            [image for images, _ in runs for image in images if _in_view(image)]
-        )
-        chosen = list(choose_varied(whole, targets.varied))
-        spread = [
-            each
-            for run in runs
-            for each in _spread_and_swinging(targets.arm, *run)[0]
-            if _in_view(each[1])
-        ]
-        if targets.spread and spread:
-            chosen.append(_median(spread)[1])
-        found |= {
-            f"{targets.name}/{targets.arm}_{cloth}_{number}": mask
-            for number, mask in enumerate(chosen)
-        }
+
+        # Masks that stand for all
+        images = np.concatenate([run.images for run in runs])
+        whole = images[[_in_view(image) for image in images]]
+        chosen = [*choose_varied(whole, targets.varied)]
+
+        # And one of a spread cloth
+        if targets.spread:
+            moments = [m for run in runs for m in _spread_moments(targets.arm, run)]
+            spread = [moment for moment in moments if _in_view(moment.mask)]
+            chosen += [_median(spread).mask] if spread else []
+        for number, mask in enumerate(chosen):
+            found[f"{targets.name}/{targets.arm}_{cloth}_{number}"] = mask
     return found
 
 
-def _record_operator(
-    arm: str, cloth: str, seed: int, steps: int = 250
-) -> tuple[np.ndarray, np.ndarray]:
-    """An operator's run: images `[T, H, W]`, and where the points are then `[T, rows,
-    columns, 3]` [m].
-    """
+def _record_operator(arm: str, cloth: str, seed: int, steps: int = 250) -> _OperatorRun:
     points: list[np.ndarray] = []
     with closing(ClothEnv(arm, cloth)) as env:
-        watch = lambda: points.append(env.cloth_points())  # noqa: E731
         # One more, since the image after a step is the one that the next step sees.
         trial = rollout(
-            env, OperatorPolicy(env.arm), steps + 1, seed=seed, watch=watch, samples=1
+            env,
+            OperatorPolicy(env.arm),
+            steps + 1,
+            seed=seed,
+            watch=lambda: points.append(env.cloth_points()),
+            samples=1,
         )
-    return trial.images[1:], np.array(points[:-1])
+    return _OperatorRun(trial.images[1:], np.array(points[:-1]))
 
 
-def _spread_and_swinging(
-    arm: str, images: np.ndarray, points: np.ndarray
-) -> tuple[list[_Moment], list[_Moment]]:
-    """Moments of an operator's run at which the cloth is spread in the air, and at
-    which it swings.
+def _moments(arm: str, run: _OperatorRun) -> list[tuple[_Moment, float]]:
+    """Moments of a run, and how far the free edge is above the hand then [m].
 
-    Reach is how far the free edge is from the hand, towards the side on which the front
-    faces up. The cloth is spread where that is more than 0.3 m and the edge is level
-    with the hand to 0.1 m; it swings where the edge is below. In both the front is in
-    view and the hand at least 0.3 m in front of the shoulder, so that the arm hides
-    little.
+    Reach is towards the side on which the front faces up. Only moments at which the
+    front is in view and the hand at least 0.3 m in front of the shoulder, so that the
+    arm hides little.
     """
-    side = np.sign(get_arm(arm).camera.position[0] - points[0, 0, :, 0].mean())
-    spread, swinging = [], []
-    for after, image in zip(points, images, strict=True):
-        forward, _, up = after[-1].mean(axis=0) - after[0].mean(axis=0)
-        if image.any() and after[0, :, 0].mean() > 0.3:
-            moment = (side * forward, image)
-            if side * forward > 0.3 and abs(up) < 0.1:
-                spread.append(moment)
-            elif up < -0.1:
-                swinging.append(moment)
-    return spread, swinging
+    hand = run.points[0, 0, :, 0].mean()
+    side = np.sign(get_arm(arm).camera.position[0] - hand)
+    found = []
+    for points, image in zip(run.points, run.images, strict=True):
+        if image.any() and points[0, :, 0].mean() > 0.3:
+            forward, _, up = points[-1].mean(axis=0) - points[0].mean(axis=0)
+            found.append((_Moment(side * forward, image), up))
+    return found
+
+
+def _is_spread(moment: _Moment, up: float) -> bool:
+    """Whether the edge is more than 0.3 m away, and level with the hand to 0.1 m."""
+    return moment.reach > 0.3 and abs(up) < 0.1
+
+
+def _spread_moments(arm: str, run: _OperatorRun) -> list[_Moment]:
+    """Moments at which the cloth is spread in the air."""
+    return [moment for moment, up in _moments(arm, run) if _is_spread(moment, up)]
+
+
+def _swinging_moments(arm: str, run: _OperatorRun) -> list[_Moment]:
+    """Moments at which the cloth swings, its free edge below the hand."""
+    return [moment for moment, up in _moments(arm, run) if up < -0.1]
 
 
 def _median(moments: list[_Moment]) -> _Moment:
-    """The moment of the median reach: not the widest, which even the operator hardly
-    repeats.
+    """The moment of the median reach.
+
+    Not the widest, which even the operator hardly repeats.
     """
-    return sorted(moments, key=lambda moment: moment[0])[len(moments) // 2]
+    return sorted(moments, key=lambda moment: moment.reach)[len(moments) // 2]
 
 
 def _in_view(mask: np.ndarray) -> bool:
-    """Whether the front of the cloth is in view, and the picture's border cuts nothing
-    off.
-    """
-    return bool(mask.any() and not (mask[[0, -1]].any() or mask[:, [0, -1]].any()))
+    """Whether the cloth's front is in view, and no border of the picture cuts it."""
+    border = mask[[0, -1]].any() or mask[:, [0, -1]].any()
+    return bool(mask.any() and not border)
 
 
 def choose_varied(masks: np.ndarray, number: int) -> np.ndarray:
-    """Choose masks `[number, H, W]` that stand for all `[N, H, W]` by area and place,
-    from small to large.
+    """Choose masks `[number, H, W]` that stand for all `[N, H, W]`.
 
-    Area, column and row of the centre are standardised, k-means makes groups of what is
-    alike, and of each group the mask nearest to its mean is taken.
+    By area and place, from small to large: area, column and row of the centre are
+    standardised, k-means makes groups of what is alike, and of each group the mask
+    nearest to its mean is taken.
     """
     features = _area_and_centre(masks)
+    standardised = (features - features.mean(axis=0)) / features.std(axis=0)
     groups = KMeans(number, n_init=10, random_state=0)
-    # [N, number]
-    distance = groups.fit_transform(
-        (features - features.mean(axis=0)) / features.std(axis=0)
-    )
+    distance = groups.fit_transform(standardised)  # [N, number]
+
     # Of its own group, so that none is taken twice
     distance[groups.labels_[:, None] != np.arange(number)] = np.inf
     chosen = distance.argmin(axis=0)
-    return masks[chosen[np.argsort(features[chosen, 0], kind="stable")]]
+    from_small = np.argsort(features[chosen, 0], kind="stable")
+    return masks[chosen[from_small]]
 
 
 def _area_and_centre(masks: np.ndarray) -> np.ndarray:
-    """Area [pixel] of each mask `[N, H, W]`, and column and row [pixel] of its centre:
-    `[N, 3]`.
-    """
+    """Area of masks `[N, H, W]`, column and row of their centres: `[N, 3]` [pixel]."""
     area = masks.sum(axis=(1, 2))
     column = (masks.sum(axis=1) * np.arange(masks.shape[2])).sum(axis=1) / area
     row = (masks.sum(axis=2) * np.arange(masks.shape[1])).sum(axis=1) / area

@@ -3,7 +3,7 @@
 The same commands are sent to scenes whose cloths differ in one constant by a factor
 exp(±0.05). The differences of what is sensed are its sensitivities, and the Cramér-Rao
 bound follows from them: that of an observer who knows all of the simulator but the two
-constants.
+constants. What varies is the cloth and the motion.
 
 The noise of z is measured: each scene is run four times with a camera that is turned by
 parts of a pixel and commands that are disturbed by 1e-6 rad, and what scatters beyond
@@ -13,9 +13,10 @@ its noise: the bound of an observer who knows no better than the network how a c
 moves.
 """
 
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,11 @@ from clothlab.masks import HEIGHT
 from clothlab.method.autoencoder import encode
 from clothlab.method.estimation import EstimationSettings
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation.arm import Camera, TorqueArm
+from clothlab.simulation.arm import Arm, Camera, TorqueArm
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.vision import focal_length
-from clothlab.trials import rollout
+from clothlab.trials import Trial, rollout
 from studies._grid import Experiment, over
 from studies._runs import EVALUATION, trained
 from studies.estimation import BETWEEN
@@ -56,6 +57,7 @@ _SENSOR_SETS = {"z": ("z",), "z + joints": ("z", "joints"), PREDICTED: (PREDICTE
 _JOINT_NOISE = [5e-4, 5e-4, 0.02, 0.02]  # [rad] [rad/s]
 _STEP = 0.05  # half the difference of the logarithms
 _REPEATS = 4  # of each scene: a mean and two slopes are fitted
+_TURN = 0.5  # of the camera, at most [pixel]
 _DISTURBANCE = 1e-6  # [rad] of start and commands
 # Share of the best direction's information below which a measured one counts as none
 _LEAST = 1e-5
@@ -67,135 +69,151 @@ def vary(cloth: Cloth, constant: str, step: float) -> Cloth:
 
 
 def _run_one(cloth: str, motion: str, seed: int, steps: int = 200) -> dict[str, Any]:
-    """Fisher information of the logarithms in each sensor, up to each of `_TIMES` `[N,
-    2, 2]`, and the noise of z.
+    """Fisher information of the logarithms in each sensor, and the noise of z.
+
+    The information is that of all steps up to each of `_TIMES`, `[N, 2, 2]`.
     """
-    autoencoder, arm = trained(_WEIGHTS).autoencoder, TorqueArm()
-    held, mover = (CLOTHS | BETWEEN)[cloth], _MOTIONS[motion](arm)
+    arm = TorqueArm()
+    held = (CLOTHS | BETWEEN)[cloth]
+
+    # Commands, which do not depend on what is seen
+    mover = _MOTIONS[motion](arm)
     mover.reset(seed)
-    moves = [mover({}) for _ in range(steps)]  # which do not depend on what is seen
+    moves = [mover({}) for _ in range(steps)]
     commands = np.array([*moves, moves[-1]])
-    turns, z, joints = [], [], []
+
+    # What each repeat senses of each of its four scenes
+    turns = []
+    z = []
+    joints = []
     for repeat in range(_REPEATS):
         rng = np.random.default_rng(repeat)
-        turns.append(rng.uniform(-0.5, 0.5, 2))  # [pixel]
-        home = tuple(arm.home + rng.normal(0, _DISTURBANCE, len(arm.home)))
-        disturbed = commands.copy()
-        angles = disturbed[:, arm.angle_command]
-        angles += np.random.default_rng([repeat, 1]).normal(
-            0.0, _DISTURBANCE, angles.shape
-        )
-        policy = ReplayPolicy(np.clip(disturbed, arm.command_lower, arm.command_upper))
-        env = ClothEnv(
-            replace(arm, camera=_turned(arm.camera, *turns[-1]), home=home), held
-        )
-        for constant, sign in product(_CONSTANTS, (-1, 1)):
-            env.hold(vary(held, constant, sign * _STEP))
-            trial = rollout(env, policy, steps + 1, seed=repeat)
+        turn = rng.uniform(-_TURN, _TURN, 2)
+        turns.append(turn)
+        for trial in _varied_trials(arm, held, commands, turn, rng, repeat):
             # After each command: the first look is before the first
-            z.append(encode(autoencoder, trial.images[1:]))
+            z.append(encode(trained(_WEIGHTS).autoencoder, trial.images[1:]))
             joints.append(trial.robot[1:])
-        env.close()
+
+    # Sensitivities and noise of each sensor
+    slopes, noise = _slopes_and_noise(z, np.array(turns))
+    of_joints = _slopes_and_noise(joints, np.array(turns), _JOINT_NOISE)
+    f_of = {
+        "z": unbiased_information(slopes, noise),
+        PREDICTED: unbiased_information(slopes, _prediction_noise()),
+        "joints": unbiased_information(*of_joints),
+    }
+
     times = _TIMES[steps * CONTROL_PERIOD + 1e-9 >= _TIMES]
     index = np.round(times / CONTROL_PERIOD).astype(int) - 1
-    slopes, noise = _slopes_and_noise(z, np.array(turns))
-    measured = {"z": (slopes, noise), PREDICTED: (slopes, _prediction_noise())}
-    measured["joints"] = _slopes_and_noise(joints, np.array(turns), _JOINT_NOISE)
-    found = {
-        sensor: unbiased_information(*each)[index].round(3)
-        for sensor, each in measured.items()
-    }
+    found = {sensor: f[index].round(3) for sensor, f in f_of.items()}
     return {"time": times, **found, "noise": noise.deviations}
+
+
+def _varied_trials(
+    arm: Arm,
+    held: Cloth,
+    commands: np.ndarray,
+    turn: np.ndarray,
+    rng: np.random.Generator,
+    repeat: int,
+) -> Iterator[Trial]:
+    """Runs with less and with more of each constant, all disturbed in the same way."""
+    # A scene that differs by almost nothing
+    camera = _turned(arm.camera, *turn)
+    home = tuple(arm.home + rng.normal(0, _DISTURBANCE, len(arm.home)))
+
+    # Commands that do
+    disturbed = commands.copy()
+    angles = disturbed[:, arm.angle_command]
+    rng_of_commands = np.random.default_rng([repeat, 1])
+    angles += rng_of_commands.normal(0.0, _DISTURBANCE, angles.shape)
+    policy = ReplayPolicy(np.clip(disturbed, arm.command_lower, arm.command_upper))
+
+    with closing(ClothEnv(replace(arm, camera=camera, home=home), held)) as env:
+        for constant in _CONSTANTS:
+            for sign in (-1, 1):
+                env.hold(vary(held, constant, sign * _STEP))
+                yield rollout(env, policy, len(commands), seed=repeat)
 
 
 def _turned(camera: Camera, across: float, up: float) -> Camera:
     """The camera turned by parts of a pixel of its image."""
     distance = np.linalg.norm(np.subtract(camera.target, camera.position))
     pixel = distance / focal_length(camera.fovy, HEIGHT)  # [m] at the target
-    return replace(
-        camera,
-        target=tuple(camera.target + pixel * np.array([across, up]) @ camera.axes[:2]),
-    )
+    moved = camera.target + pixel * np.array([across, up]) @ camera.axes[:2]
+    return replace(camera, target=tuple(moved))
 
 
 def _slopes_and_noise(
     runs: list[np.ndarray], turns: np.ndarray, stated: ArrayLike = 0.0
 ) -> tuple[np.ndarray, Noise]:
-    """Sensitivities of a sensor in each repeat `[R, T, D, 2]`, and its noise, from the
-    runs of all scenes.
+    """Sensitivities of a sensor in each repeat `[R, T, D, 2]`, and its noise.
+
+    From what it sensed in all runs, as `_varied_trials` gives them `[T, D]`.
     """
     values = np.array(runs, np.float64)
-    # [2, 2, R, T, D]
-    values = np.moveaxis(
-        values.reshape(_REPEATS, len(_CONSTANTS), 2, *values.shape[1:]), 0, 2
-    )
-    noise = Noise.measured(
-        _residuals(values.reshape(-1, *values.shape[2:]), turns), stated
-    )
-    return np.moveaxis(values[:, 1] - values[:, 0], 0, -1) / (2 * _STEP), noise
+    values = values.reshape(_REPEATS, len(_CONSTANTS), 2, *values.shape[1:])
+    values = np.moveaxis(values, 0, 2)  # [2 constants, 2 signs, R, T, D]
+
+    scenes = values.reshape(-1, *values.shape[2:])
+    noise = Noise.measured(_residuals(scenes, turns), stated)
+    less = values[:, 0]
+    more = values[:, 1]
+    return np.moveaxis(more - less, 0, -1) / (2 * _STEP), noise
 
 
 def _residuals(repeats: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """What scatters over repeats `[S, R, T, D]` beyond what is proportional to the
-    turns `[R, 2]`: `[S R, T, D]`.
+    """What scatters beyond what is proportional to the turns, `[S R, T, D]`.
 
-    It is enlarged for what the means and the slopes have fitted.
+    Of repeats `[S, R, T, D]` with turns `[R, 2]`. It is enlarged for what the means and
+    the slopes have fitted.
     """
-    fitted = np.column_stack([np.ones(len(turns)), turns])
-    residuals = np.tensordot(
-        np.eye(len(turns)) - fitted @ np.linalg.pinv(fitted), repeats, axes=(1, 1)
-    ).swapaxes(0, 1)
-    left = len(turns) - np.linalg.matrix_rank(fitted)
-    return np.sqrt(len(turns) / left) * residuals.reshape(-1, *repeats.shape[2:])
+    count = len(turns)
+    fitted = np.column_stack([np.ones(count), turns])
+    rest = np.eye(count) - fitted @ np.linalg.pinv(fitted)
+    residuals = np.tensordot(rest, repeats, axes=(1, 1)).swapaxes(0, 1)
+    left = count - np.linalg.matrix_rank(fitted)
+    return np.sqrt(count / left) * residuals.reshape(-1, *repeats.shape[2:])
 
 
 @cache
 def _prediction_noise() -> Noise:
-    """How far the network's z, a step ahead and with the right p, is from the z that
-    comes.
-    """
-    learned, errors = trained(_WEIGHTS), []
+    """How far the network's z, a step ahead, is from what comes, with the right p."""
+    learned = trained(_WEIGHTS)
+    errors = []
     for trial in data.load_trials(EVALUATION["torque"]):
-        run, p = (
-            learned.to_run(trial),
-            torch.as_tensor(learned.biases[trial.cloth.name]),
-        )
-        s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+        run = learned.to_run(trial)
+        s = torch.as_tensor(run.s)
+        u = torch.as_tensor(run.u)
+        p = torch.as_tensor(learned.biases[trial.cloth.name])
         with torch.no_grad():
             predicted, _ = learned.model(s[None, :-1], u[None, :-1], p[None])
-        errors.append(
-            (predicted[0] - s[1:])[
-                EstimationSettings.warmup :, learned.layout.z
-            ].numpy()
-        )
+        missed = predicted[0] - s[1:]
+        errors.append(missed[EstimationSettings.warmup :, learned.layout.z].numpy())
     shortest = min(map(len, errors))
     return Noise.measured(np.array([each[:shortest] for each in errors], np.float64))
 
 
 def information(table: pd.DataFrame, sensors: str) -> np.ndarray:
-    """F in one of `_SENSOR_SETS` `[rows, N, 2, 2]`: a sum, since the noises of sensors
-    are independent.
+    """F in one of `_SENSOR_SETS` `[rows, N, 2, 2]`.
+
+    It is a sum, since the noises of sensors are independent.
     """
-    return np.sum(
-        [
-            np.stack([*table[each]])
-            for each in choose("set of sensors", sensors, _SENSOR_SETS)
-        ],
-        axis=0,
-    )
+    together = choose("set of sensors", sensors, _SENSOR_SETS)
+    return np.sum([np.stack([*table[sensor]]) for sensor in together], axis=0)
 
 
 def bounds(table: pd.DataFrame, sensors: str) -> pd.DataFrame:
-    """Cramér-Rao bounds: the least standard deviation of the logarithm of each of
-    `QUANTITIES`; infinite if unknown.
+    """Cramér-Rao bounds: the least standard deviation of each logarithm.
 
     A row for each row of the table and each time, with `cloth`, `motion`, `seed`,
-    `time` [s] and the quantities.
+    `time` [s] and `QUANTITIES`; infinite if unknown.
     """
-    # [rows, N, 4]
-    found = cramer_rao(
-        information(table, sensors), [*QUANTITIES.values()], tolerance=_LEAST
-    )
+    combinations = [*QUANTITIES.values()]
+    f = information(table, sensors)
+    found = cramer_rao(f, combinations, tolerance=_LEAST)  # [rows, N, 4]
+
     keys = table[["cloth", "motion", "seed"]]
     long = keys.loc[keys.index.repeat(found.shape[1])].reset_index(drop=True)
     long["time"] = np.concatenate([*table["time"]])

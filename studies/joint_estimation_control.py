@@ -1,7 +1,7 @@
 """Do estimation and control work at the same time?
 
-Control starts with the p of a wrong cloth, and p is estimated while the robot works
-(paper, "Simulation Experiment": the last two figures).
+Control starts with the p of a wrong cloth, and p is estimated while the robot works.
+What varies is the training.
 """
 
 from typing import Any
@@ -28,62 +28,80 @@ def _run_one(
     believed: str = HEAVY,
     steps: int = 250,
 ) -> dict[str, Any]:
-    """Estimate and control at once, from the p of a cloth that is not `held`; cloths
-    and steps are the paper's.
+    """Estimate and control at once, from the p of a cloth that is not in the hand.
+
+    Args:
+        model: seed of the training.
+        weights: name of the training.
+        target: what is to be seen, by name.
+        held: cloth in the hand; as steps and the other cloth, the paper's.
+        believed: cloth whose p control starts with.
+        steps: control steps.
     """
-    learned, mask = trained(f"{weights}-{model}"), data.load_target(target)
-    start, goal = learned.biases[believed], learned.biases[held]
+    learned = trained(f"{weights}-{model}")
+    mask = data.load_target(target)
+    right = learned.biases[held]
+    start = learned.biases[believed]
+
+    # A controller that is told p by an estimator
     estimator = BiasEstimator(learned.model, start)
-    policy = EstimatingPolicy(
-        learned.controller(mask, start), estimator, learned.autoencoder
-    )
+    controller = learned.controller(mask, start)
+    policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
     trial = new_trial(policy, learned.arm, held, steps, model)
+
+    left = np.linalg.norm(policy.trace[-1] - right)
+    distance = target_distance(learned.autoencoder, trial, mask)
     return {
         "trace": np.round(policy.trace, 4),  # p after each step [T, D_p]
-        "distance": target_distance(learned.autoencoder, trial, mask).round(
-            4
-        ),  # at each step [T] [s.d. of z]
-        # Distance to the right p in the end, over that of the start.
-        "ratio": float(
-            np.linalg.norm(policy.trace[-1] - goal) / np.linalg.norm(start - goal)
-        ),
+        "distance": distance.round(4),  # at each step [T] [s.d. of z]
+        # Distance to the right p in the end, over that of the start
+        "ratio": float(left / np.linalg.norm(start - right)),
     }
 
 
 def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Median of the periods' best in the first and in the last third of each run,
-    `[models]` each [s.d. of z].
+    """How near a run comes in its first and in its last third, `[models]` each.
+
+    Median of the periods' best distances [s.d. of z].
     """
     bests = np.array([best_per_period(distance) for distance in table["distance"]])
     third = bests.shape[1] // 3
-    return np.median(bests[:, :third], axis=1), np.median(bests[:, -third:], axis=1)
+    first = np.median(bests[:, :third], axis=1)
+    last = np.median(bests[:, -third:], axis=1)
+    return first, last
 
 
 def _rows(tables: Tables) -> list[Row]:
     """How near p comes to the right one."""
     table = tables["joint_estimation_control"]
     seconds = table["steps"].iloc[0] * CONTROL_PERIOD
-    return [
-        Row(
-            "joint_estimation_control",
-            f"control from a wrong p: distance to the right p after {seconds:g} s, over that of the start",
-            table["ratio"].mean(),
-            spread=table["ratio"].std(ddof=0),
-            paper="approaches",
-            below=1,
-            at_most=1 / 3,
-        )
-    ]
+    row = Row(
+        "joint_estimation_control",
+        f"control from a wrong p: distance to the right p after {seconds:g} s, over "
+        "that of the start",
+        table["ratio"].mean(),
+        spread=table["ratio"].std(ddof=0),
+        paper="approaches",
+        below=1,
+        at_most=1 / 3,
+    )
+    return [row]
 
 
-_PAPER = {"weights": "torque-paper"}
+_ABOUT = """
+Do estimation and control work at the same time?
+
+Control starts with the p of a wrong cloth, and p is estimated while the robot works
+(paper, "Simulation Experiment": the last two figures).
+"""
 EXPERIMENTS = (
     Experiment(
         "joint_estimation_control",
         _run_one,
         over(model=range(5)),
         seconds=10,
-        paper=_PAPER,
+        paper={"weights": "torque-paper"},
         rows=_rows,
+        about=_ABOUT,
     ),
 )

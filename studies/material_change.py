@@ -1,8 +1,8 @@
 """Does estimation help when the material changes in the middle of a run?
 
-Iterative learning control with a recorded cloth; then its mass, and its drag or
-stiffness, become those of a cloth that was never recorded, while it moves. p stays the
-old one, or is estimated on the way.
+Iterative learning control begins with a recorded cloth, whose material becomes another
+one while it moves. What varies is whether p is estimated on the way, and from which
+material to which it changes.
 """
 
 from collections.abc import Iterable
@@ -28,18 +28,24 @@ from studies._rows import Row
 from studies._runs import HEAVY, LIGHT, NEW, find_cloth, recorded_runs, trained
 from studies.transfer import TARGETS
 
-_BEFORE, _AFTER = 12, 20  # [period] with each material
+_BEFORE = 12  # [period] with the first material
+_AFTER = 20  # [period] with the second one
 _OLD = slice(-5, None)  # periods before the change by which the old distance is judged
+_GOOD_AGAIN = 1.5  # times the old distance
 # [step] of the estimation, from development cloths: a longer one sees the old material
 # for longer
 _WINDOW = 30
+# Cloths at the light and at the heavy end of what was recorded
+_ENDS = {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-3")}
 
 
 class _Change(Wrapper):
-    """Another material in the hand from a step on, where the cloth is and as it moves."""
+    """Another material in the hand from a step on: the cloth moves on as it does."""
 
     def __init__(self, policy: Policy, env: ClothEnv, cloth: Cloth, at: int):
-        self._env, self._cloth, self._at = env, cloth, at
+        self._env = env
+        self._cloth = cloth
+        self._at = at
         super().__init__(policy)
 
     def reset(self, seed: int = 0) -> None:
@@ -65,113 +71,162 @@ def _run_one(
     before: int = _BEFORE,
     after: int = _AFTER,
 ) -> dict[str, Any]:
-    """Best distance of each period but the first `[P]`, and p at the end of each step
-    of the estimation `[T, D_p]`.
+    """Best distance of each period but the first `[P]`, and how long recovery took.
+
+    Args:
+        estimated: whether p is estimated on the way, or stays that of `first`.
+        arm, target: of the task, by name.
+        first, second: cloths whose materials are in the hand.
+        model: seed of the training.
+        repeat: number of the run.
+        before, after: periods with each material.
     """
-    learned, mask = trained(f"{arm}-{model}"), data.load_target(target)
+    learned = trained(f"{arm}-{model}")
+    mask = data.load_target(target)
+
+    # Iterative learning control with the p of the first material
     p = learned.biases[first]
     policy: Policy = learned.iterative_controller(mask, p, recorded_runs(learned))
     if estimated:
         estimator = NewtonEstimator(learned.model, p, NewtonSettings(window=_WINDOW))
         policy = EstimatingPolicy(policy, estimator, learned.autoencoder)
-    period = ControlSettings.period
+
+    # A run in which the second material comes
+    change_at = before * ControlSettings.period
+    steps = (before + after) * ControlSettings.period
+    seed = 52_000 + 100 * model + repeat
     with closing(ClothEnv(arm, first)) as env:
-        change = _Change(policy, env, find_cloth(second), before * period)
-        trial = rollout(
-            env, change, (before + after) * period, seed=52_000 + 100 * model + repeat
-        )
+        change = _Change(policy, env, find_cloth(second), change_at)
+        trial = rollout(env, change, steps, seed=seed)
+
     best = best_per_period(target_distance(learned.autoencoder, trial, mask))
     return {"best": best.round(4), "recovery": recovery(best, before)}
 
 
 def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
-    """Periods after a change until the old distance times 1.5 is reached again; all of
-    them and one more if never.
+    """Periods after a change until the old distance times 1.5 is reached again.
 
     It is reached where the median of three periods in a row is below: one of them may
     be near by luck. The first period of all is not in `best`; and the last plan with
-    the old material is seen at its end, in the next.
+    the old material is seen at its end, in the next. Where it is never reached, all
+    periods and one more count.
     """
-    old, new = best[:before], best[before:]
-    near = np.flatnonzero(
-        np.median(sliding_window_view(new, 3), axis=1) <= 1.5 * np.median(old[_OLD])
-    )
+    new = best[before:]
+    medians = np.median(sliding_window_view(new, 3), axis=1)
+    near = np.flatnonzero(medians <= _good_again(best, before))
     return int(near[0]) + 1 if len(near) else len(new) + 1
+
+
+def _good_again(best: np.ndarray, before: int) -> float:
+    """The distance below which control is as good as before the change."""
+    return _GOOD_AGAIN * np.median(best[:before][_OLD])
 
 
 def _cases(
     model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any
 ) -> list[Case]:
-    """From both ends of the recorded scale to the new cloths in the other half, which
-    take turns, as targets do.
+    """With and without estimation, from both ends of the recorded scale.
+
+    The material becomes that of a new cloth in the other half of the scale. Changes
+    take turns over trainings and repeats, as targets do.
     """
-    found = []
-    for arm, (light, heavy) in {
-        "torque": (LIGHT, HEAVY),
-        "muscle": ("soft-1", "hard-3"),
-    }.items():
-        new = [
-            cloth.name for cloth in sorted(NEW[arm], key=lambda cloth: cloth.point_mass)
-        ]
-        changes = [
-            change
-            for pair in zip(new[4:], new[:4], strict=True)
-            for change in zip((light, heavy), pair, strict=True)
-        ]
+    cases = []
+    for arm, targets in TARGETS.items():
+        changes = _changes(arm)
         for turn in grid(model=model, repeat=repeat):
-            k, targets = 4 * turn["model"] + turn["repeat"], TARGETS[arm]
-            first, second = changes[k % len(changes)]
-            axes = {
-                "target": targets[k // len(changes) % len(targets)],
-                "first": first,
-                "second": second,
-            }
-            found += grid(estimated=(True, False), arm=arm, **axes, **turn, **same)
-    return found
+            number = 4 * turn["model"] + turn["repeat"]
+            first, second = changes[number % len(changes)]
+            target = targets[number // len(changes) % len(targets)]
+            cases += grid(
+                estimated=(True, False),
+                arm=arm,
+                target=target,
+                first=first,
+                second=second,
+                **turn,
+                **same,
+            )
+    return cases
+
+
+def _changes(arm: str) -> list[tuple[str, str]]:
+    """Pairs of a recorded cloth and a new one in the other half of the scale."""
+    light, heavy = _ENDS[arm]
+    by_mass = sorted(NEW[arm], key=lambda cloth: cloth.point_mass)
+    changes = []
+    for lighter, heavier in zip(by_mass[:4], by_mass[4:], strict=True):
+        changes.append((light, heavier.name))
+        changes.append((heavy, lighter.name))
+    return changes
 
 
 def _rows(tables: Tables) -> list[Row]:
     """Periods until control is good again, with estimation over without."""
-    found, search = (
-        [],
-        tables["oracle_transfer"]
-        .query("not overlap")
-        .set_index(["target", "cloth"])["best"]
-        .map(np.min),
-    )
+    rows = []
     for arm, runs in tables["material_change"].groupby("arm", sort=False):
-        aims = [1.5 * np.median(best[:_BEFORE][_OLD]) for best in runs["best"]]
-        possible = np.mean(
-            search[zip(runs["target"], runs["second"], strict=True)].to_numpy() <= aims
+        recoveries = runs.pivot_table("recovery", ["model", "repeat"], "estimated")
+        ratio, low, high = _ratio(recoveries)
+        row = Row(
+            f"material_change/{arm}",
+            f"{arm} arm, material changed in mid-run: periods until the old distance "
+            "× 1.5, estimated over kept p",
+            ratio,
+            interval=(low, high),
+            at_most=0.5,
+            note=_note(runs, recoveries, tables["oracle_transfer"]),
         )
-        later = runs.assign(after=runs["best"].map(lambda best: best[_BEFORE:].mean()))
-        distance = _ratio(later.pivot_table("after", ["model", "repeat"], "estimated"))
-        both = runs.pivot_table("recovery", ["model", "repeat"], "estimated")
-        ratio, low, high = _ratio(both)
-        note = f"{both[True].mean():.1f} in place of {both[False].mean():.1f} periods; the oracle with the second cloth "
-        note += f"gets there in {possible:.0%}; mean distance after the change "
-        note += "{:.2f} times that of the kept p, {:.2f} to {:.2f}".format(*distance)
-        label = f"{arm} arm, material changed in mid-run: periods until the old distance × 1.5, estimated over kept p"
-        found.append(
-            Row(
-                f"material_change/{arm}",
-                label,
-                ratio,
-                interval=(low, high),
-                at_most=0.5,
-                note=note,
-            )
-        )
-    return found
+        rows.append(row)
+    return rows
+
+
+def _note(runs: pd.DataFrame, recoveries: pd.DataFrame, search: pd.DataFrame) -> str:
+    """What stands behind the ratio: its parts, and what the oracle can do."""
+    # How often the oracle comes as near with the second cloth
+    aims = [_good_again(best, _BEFORE) for best in runs["best"]]
+    nearest = search.query("not overlap").set_index(["target", "cloth"])["best"]
+    nearest = nearest.map(np.min)
+    of_second = nearest[zip(runs["target"], runs["second"], strict=True)]
+    possible = np.mean(of_second.to_numpy() <= aims)
+
+    # The mean distance after the change
+    later = runs.assign(after=runs["best"].map(lambda best: best[_BEFORE:].mean()))
+    after = later.pivot_table("after", ["model", "repeat"], "estimated")
+    ratio, low, high = _ratio(after)
+
+    with_p = recoveries[True].mean()
+    without = recoveries[False].mean()
+    return (
+        f"{with_p:.1f} in place of {without:.1f} periods; the oracle with the second "
+        f"cloth gets there in {possible:.0%}; mean distance after the change "
+        f"{ratio:.2f} times that of the kept p, {low:.2f} to {high:.2f}"
+    )
 
 
 def _ratio(both: pd.DataFrame) -> tuple[float, float, float]:
-    """Mean of one column over that of the other, by way of their logarithms."""
+    """Mean of one column over that of the other, by way of their logarithms.
+
+    With the ends of its 95 % interval.
+    """
     gaps = np.log(both[True] / both[False]).unstack().to_numpy()
-    mean, low, high = (float(np.exp(each)) for each in difference_interval(gaps))
-    return mean, low, high
+    mean, low, high = difference_interval(gaps)
+    return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
 
 
+_ABOUT = """
+Does estimation help when the material changes in the middle of a run?
+
+Iterative learning control with a recorded cloth; then its mass, and its drag or
+stiffness, become those of a cloth that was never recorded, while it moves. p stays the
+old one, or is estimated on the way.
+"""
 EXPERIMENTS = (
-    Experiment("material_change", _run_one, _cases, seconds=120, slow=True, rows=_rows),
+    Experiment(
+        "material_change",
+        _run_one,
+        _cases,
+        seconds=120,
+        slow=True,
+        rows=_rows,
+        about=_ABOUT,
+    ),
 )

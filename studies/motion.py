@@ -1,5 +1,6 @@
-"""How fast an arm moves: watched within the control steps, or in a trial that is sent
-again.
+"""How fast an arm moves, watched within the control steps.
+
+In a run, or in a trial that is sent again.
 """
 
 import numpy as np
@@ -10,8 +11,9 @@ from clothlab.trials import Trial
 
 
 class MotionWatch:
-    """How an arm moves within the steps: pass it as `watch` to `rollout` or
-    `ClothEnv.advance`.
+    """How an arm moves within the steps.
+
+    Pass it as `watch` to `rollout` or `ClothEnv.advance`.
     """
 
     def __init__(self, env: ClothEnv):
@@ -20,9 +22,9 @@ class MotionWatch:
 
     def __call__(self) -> None:
         data = self._env.data
-        self._rows.append(
-            (data.time, *self._env.arm.angles(data), *data.site("hand").xpos)
-        )
+        theta = self._env.arm.angles(data)
+        hand = data.site("hand").xpos
+        self._rows.append((data.time, *theta, *hand))
 
     @property
     def time(self) -> np.ndarray:
@@ -46,21 +48,26 @@ class MotionWatch:
 
 
 def replay(trial: Trial, *, arm: Arm | None = None, samples: int = 50) -> MotionWatch:
-    """Send the commands of a trial again, to its own arm or another one, and watch the
-    arm `samples` times a step.
+    """Send the commands of a trial again, and watch the arm.
 
-    A ValueError if its own arm does not move again as recorded, as after a random
-    start.
+    Args:
+        trial: whose commands are sent.
+        arm: another arm than its own.
+        samples: of the motion in each step.
+
+    Raises:
+        ValueError: its own arm does not move again as recorded, as after a random
+            start.
     """
     env = ClothEnv(arm or trial.arm, trial.cloth)
     watch = MotionWatch(env)
     env.start(seed=trial.seed)
     for u, recorded in zip(trial.commands, trial.robot, strict=True):
-        if arm is None and not np.allclose(
-            env.arm.state(env.data), recorded, atol=1e-6
-        ):
+        here = env.arm.state(env.data)
+        if arm is None and not np.allclose(here, recorded, atol=1e-6):
             raise ValueError(
-                "the replay leaves the recorded run: it started elsewhere, or with another arm"
+                "the replay leaves the recorded run: it started elsewhere, or with "
+                "another arm"
             )
         env.advance(u, watch, samples)
     return watch

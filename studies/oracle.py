@@ -2,7 +2,9 @@
 
 Cross-entropy search on the true simulator: an oracle, which tries 220 plans in a copy
 of the scene before it sends one. It tells whether a controller falls short or the arm
-does, and what variable stiffness is good for at best.
+does, and what variable stiffness is good for at best. Its four experiments vary the
+task and the held stiffness, the cloth that a plan is sent with, and what the hand's
+speed may depend on.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -47,23 +49,21 @@ class SearchSettings:
     """How many plans are tried, and how widely they are drawn."""
 
     starts: int = 60  # plans that are tried first
-    remembered: int = (
-        8  # of these: the best of the search before; the others are recorded ones
-    )
+    remembered: int = 8  # of these: the best of the last search; others are recorded
     rounds: int = 4
     tries: int = 40  # plans drawn in each round
     elite: int = 8  # the best so far, around which a round draws
-    first_width: float = (
-        0.1  # least standard deviation of the first round [range of the command]
-    )
-    least_width: float = 0.02  # and of the others
+    # Least standard deviation of what a round draws [range of the command]
+    first_width: float = 0.1  # of the first round
+    least_width: float = 0.02  # of the others
 
 
 _SPEED_SEARCH = SearchSettings(
     starts=80, rounds=20, tries=48, elite=10, least_width=0.03
 )
 _GAIN_SEARCH = SearchSettings(starts=40, rounds=6, tries=24, elite=8, least_width=0.03)
-_MORE_TENSIONS = (10.0, 20.0, 30.0, 50.0, 70.0)
+_GAIN_TENSIONS = (10.0, 20.0, 30.0, 50.0, 70.0)  # [N]
+_RECORDED_PLANS = 400  # stretches of commands from which searches draw their starts
 
 
 def cross_entropy(
@@ -75,58 +75,74 @@ def cross_entropy(
     *,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw plans around the best ones so far, again and again, and keep the best (the
-    cross-entropy method).
+    """Look for plans of low cost by the cross-entropy method.
 
+    Plans are drawn around the best ones so far, again and again, and the best are kept.
     The first round draws around the single best start, since starts that are good in
     different ways have a mean that is good in none. A command whose range is a point
     stays there.
 
-    `cost` says what plans `[N, T, D_u]` cost `[N]`. Returns the best plans found, best
-    first `[elite, T, D_u]`, and the lowest cost after the starts and after each round
-    `[rounds + 1]`.
+    Args:
+        cost: what plans `[N, T, D_u]` cost, `[N]`.
+        starts: plans to begin with `[N, T, D_u]`.
+        lower: least commands `[D_u]`.
+        upper: largest commands `[D_u]`.
+        settings: how many plans are drawn, and how widely.
+        rng: draws them.
+
+    Returns: the best plans found, best first `[elite, T, D_u]`, and the lowest cost
+        after the starts and after each round `[rounds + 1]`.
     """
-    settings, lower, upper = (
-        settings or SearchSettings(),
-        np.asarray(lower),
-        np.asarray(upper),
-    )
+    settings = settings or SearchSettings()
+    lower = np.asarray(lower)
+    upper = np.asarray(upper)
+
     plans = np.clip(starts, lower, upper)
-    costs, trace = cost(plans), []
-    for left in reversed(range(settings.rounds + 1)):
-        best = np.argsort(costs, kind="stable")[: settings.elite]
-        plans, costs = plans[best], costs[best]
+    costs = cost(plans)
+    plans, costs = _elite(plans, costs, settings.elite)
+    trace = [costs[0]]
+    for round_ in range(settings.rounds):
+        # Around the best plan at first, then around the mean of the best
+        centre = plans[0] if round_ == 0 else plans.mean(axis=0)
+        width = settings.first_width if round_ == 0 else settings.least_width
+        deviation = np.maximum(plans.std(axis=0), width * (upper - lower))
+        drawn = rng.normal(centre, deviation, (settings.tries, *centre.shape))
+        drawn = np.clip(drawn, lower, upper)
+
+        # The best of the old and of the new ones go on
+        plans = np.concatenate([plans, drawn])
+        costs = np.concatenate([costs, cost(drawn)])
+        plans, costs = _elite(plans, costs, settings.elite)
         trace.append(costs[0])
-        if left:
-            first = left == settings.rounds
-            centre = plans[0] if first else plans.mean(axis=0)
-            width = (settings.first_width if first else settings.least_width) * (
-                upper - lower
-            )
-            deviation = np.maximum(plans.std(axis=0), width)
-            drawn = np.clip(
-                rng.normal(centre, deviation, (settings.tries, *centre.shape)),
-                lower,
-                upper,
-            )
-            plans, costs = (
-                np.concatenate([plans, drawn]),
-                np.concatenate([costs, cost(drawn)]),
-            )
     return plans, np.array(trace)
+
+
+def _elite(
+    plans: np.ndarray, costs: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The plans of lowest cost and their costs, best first."""
+    best = np.argsort(costs, kind="stable")[:count]
+    return plans[best], costs[best]
 
 
 @dataclass(eq=False)
 class SimulatorMPC(Policy):
-    """Tries plans in a copy of the scene at the beginning of each period, and sends the
-    one that ends nearest.
+    """Tries plans in a copy of the scene each period, and sends the best one.
 
     A plan is judged by its last step alone, since each picture takes as long as four
     steps of physics. Each search starts from the best plans of the one before, and for
-    the rest from recorded `plans` `[N, period, D_u]`, drawn at random. Another `arm`
-    than the scene's may have other limits, such as `env.arm.with_stiffness(10)`.
-    `trace` has the lowest distances [s.d. of z] of each search since the reset,
-    `[rounds + 1]`.
+    the rest from recorded ones, drawn at random. `trace` has the lowest distances
+    [s.d. of z] of each search since the reset, `[rounds + 1]`.
+
+    Args:
+        env: the scene that is controlled.
+        autoencoder: sees z.
+        target: mask `[H, W]`.
+        plans: recorded ones `[N, period, D_u]`.
+        settings: of the search.
+        arm: whose limits the commands keep, such as `env.arm.with_stiffness(10)`.
+        overlap: whether plans are judged by 1 - IoU of image and target in place of the
+            distance of z.
     """
 
     env: ClothEnv
@@ -135,8 +151,6 @@ class SimulatorMPC(Policy):
     plans: np.ndarray
     settings: SearchSettings
     arm: Arm
-    # Whether plans are judged by 1 - IoU of image and target in place of the distance
-    # of z
     overlap: bool = False
 
     name = "simulator MPC"
@@ -161,24 +175,29 @@ class SimulatorMPC(Policy):
         return u
 
     def search(self) -> np.ndarray:
-        """Look for the plan `[period, D_u]` that brings the scene as it is now nearest
-        to the target.
-        """
+        """The plan `[period, D_u]` that brings the scene nearest to the target."""
+        # Start from what the last search found, and from recorded plans
         remembered = self._elite[: min(self.settings.remembered, self.settings.starts)]
-        drawn = min(self.settings.starts - len(remembered), len(self.plans))
-        starts = np.concatenate(
-            [remembered, self._rng.choice(self.plans, drawn, replace=False)]
-        )
-        lower, upper = self.arm.command_lower, self.arm.command_upper
+        count = min(self.settings.starts - len(remembered), len(self.plans))
+        recorded = self._rng.choice(self.plans, count, replace=False)
+        starts = np.concatenate([remembered, recorded])
+
+        # Keep the best for the next search
         self._elite, trace = cross_entropy(
-            self.distances, starts, lower, upper, self.settings, rng=self._rng
+            self.distances,
+            starts,
+            self.arm.command_lower,
+            self.arm.command_upper,
+            self.settings,
+            rng=self._rng,
         )
         self.trace.append(trace)
         return self._elite[0].copy()
 
     def distances(self, plans: np.ndarray) -> np.ndarray:
-        """Distance ‖z_ref - z‖₂ to the target after each of the plans `[N, T, D_u]` is
-        sent from here, `[N]`.
+        """Distance to the target after each of some plans is sent from here, `[N]`.
+
+        It is ‖z_ref - z‖₂ [s.d. of z], or 1 - IoU, of plans `[N, T, D_u]`.
         """
         images = []
         for plan in plans:
@@ -186,11 +205,11 @@ class SimulatorMPC(Policy):
             for u in plan:
                 self._copy.advance(u)
             images.append(self._copy.observe()["image"])
+
+        last = np.stack(images)
         if self.overlap:
-            return 1 - iou(np.stack(images), self.target)
-        return np.linalg.norm(
-            encode(self.autoencoder, np.stack(images)) - self._z_ref, axis=1
-        )
+            return 1 - iou(last, self.target)
+        return np.linalg.norm(encode(self.autoencoder, last) - self._z_ref, axis=1)
 
     def close(self) -> None:
         """Release the copy's OpenGL context."""
@@ -210,19 +229,34 @@ def search_trial(
     overlap: bool = False,
     seed: int = 0,
 ) -> tuple[Trial, np.ndarray]:
-    """Realise a target with the simulator known; arguments as `SimulatorMPC`, `f_const`
-    held [N] where it is given.
+    """Realise a target with the simulator known.
 
-    Returns: The run of `periods` periods, and the predicted distances `[periods, rounds
-        + 1]` (`SimulatorMPC.trace`).
+    Args:
+        autoencoder: sees z.
+        arm: of the scene.
+        cloth: in its hand.
+        target: mask `[H, W]`.
+        plans: recorded ones, from which searches start `[N, period, D_u]`.
+        periods: searches, and plans that are sent.
+        f_const: held [N] where it is given.
+        search: settings; its defaults where left out.
+        overlap: whether plans are judged by IoU in place of the distance of z.
+        seed: of the run and of what is drawn.
+
+    Returns: the run, and the predicted distances `[periods, rounds + 1]`
+        (`SimulatorMPC.trace`).
     """
+    settings = search or SearchSettings()
     with closing(ClothEnv(arm, cloth)) as env:
+        # The search keeps the limits of an arm that may be another one than the scene's
         limited = env.arm if f_const is None else env.arm.with_stiffness(f_const)
-        search = search or SearchSettings()
-        with closing(
-            SimulatorMPC(env, autoencoder, target, plans, search, limited, overlap)
-        ) as policy:
-            trial = rollout(env, policy, periods * policy.plans.shape[1], seed=seed)
+        policy = SimulatorMPC(
+            env, autoencoder, target, plans, settings, limited, overlap
+        )
+
+        # Each search sends one plan
+        with closing(policy):
+            trial = rollout(env, policy, periods * plans.shape[1], seed=seed)
             return trial, np.array(policy.trace)
 
 
@@ -236,16 +270,29 @@ def _run_one(
     periods: int = 16,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """Distance at each step `[T]`, and its predictions; without memory each search
-    starts from recorded plans alone.
+    """Distance at each step `[T]`, and what each search predicted.
+
+    Args:
+        arm, target, cloth: of the task, by name.
+        f_const: tension that every command has to send [N]; None: it is free, or the
+            arm has none.
+        remembers: whether a search begins with what the last one found; otherwise
+            each one begins with recorded plans alone.
+        seed: of the run and of what is drawn.
+        periods: of the run.
+        search: settings; its defaults where left out.
     """
     autoencoder, _ = data.load_autoencoder(arm)
-    # Of these recorded stretches each search draws its starts.
+    mask = data.load_target(target)
+    recordings = data.load_trials(RECORDINGS[arm])
     plans = recorded_plans(
-        data.load_trials(RECORDINGS[arm]), ControlSettings.period, 400, seed=seed
+        recordings, ControlSettings.period, _RECORDED_PLANS, seed=seed
     )
-    settings, mask = search or SearchSettings(), data.load_target(target)
-    settings = settings if remembers else replace(settings, remembered=0)
+    settings = search or SearchSettings()
+    if not remembers:
+        settings = replace(settings, remembered=0)
+
+    # Search and send
     trial, trace = search_trial(
         autoencoder,
         arm,
@@ -263,6 +310,37 @@ def _run_one(
     }
 
 
+def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
+    """Every task: with free stiffness, with held stiffness, and without memory.
+
+    Stiffness is held on the muscle arm alone; without memory there is one seed.
+    """
+    cases = []
+
+    def add_tasks(f_const: tuple, remembers: bool, seed: Iterable[int]) -> None:
+        for arm, target, cloth in TASKS:
+            if f_const == TENSIONS and not get_arm(arm).has_stiffness:
+                continue
+            task = {"arm": arm, "target": target, "cloth": cloth}
+            how = {"f_const": f_const, "remembers": remembers, "seed": seed}
+            cases.extend(grid(**task, **how, **same))
+
+    add_tasks((None,), True, seeds)
+    add_tasks(TENSIONS, True, seeds)
+    add_tasks((None,), False, (0,))
+    return cases
+
+
+def best_possible(table: pd.DataFrame) -> pd.Series:
+    """Distance that the oracle reaches with free stiffness, by target and cloth.
+
+    The best of a period, median of the last ten periods, mean over seeds.
+    """
+    free = table[table["f_const"].isna() & table["remembers"]]
+    last = free["distance"].map(lambda distance: late_median(best_per_period(distance)))
+    return last.groupby([free["target"], free["cloth"]], sort=False).mean()
+
+
 def _run_transfer(
     arm: str,
     target: str,
@@ -272,89 +350,75 @@ def _run_transfer(
     periods: int = 3,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """The best plans for a cloth, searched by distance or by IoU, sent with it and with
-    another cloth `[P]`.
+    """The best plans for a cloth, sent with it and with another one, `[P]`.
+
+    Args:
+        arm, target: of the task, by name.
+        cloth: for which plans are searched.
+        other: with which they are sent besides.
+        overlap: whether plans are judged by IoU in place of the distance of z.
+        periods: of the run.
+        search: settings; its defaults where left out.
     """
     autoencoder, _ = data.load_autoencoder(arm)
-    plans, mask = (
-        recorded_plans(data.load_trials(RECORDINGS[arm]), ControlSettings.period, 400),
-        data.load_target(target),
-    )
-    held, given = find_cloth(cloth), find_cloth(other)
+    mask = data.load_target(target)
+    recordings = data.load_trials(RECORDINGS[arm])
+    plans = recorded_plans(recordings, ControlSettings.period, _RECORDED_PLANS)
+    held = find_cloth(cloth)
+    given = find_cloth(other)
+
+    # Search with the one cloth, and send the same to the other
     trial, _ = search_trial(
         autoencoder, arm, held, mask, plans, periods, search=search, overlap=overlap
     )
     elsewhere = new_trial(ReplayPolicy(trial.commands), arm, given, len(trial), 0)
+    distance = target_distance(autoencoder, trial, mask)
+    distance_elsewhere = target_distance(autoencoder, elsewhere, mask)
     return {
-        "best": best_per_period(target_distance(autoencoder, trial, mask)).round(4),
-        "elsewhere": best_per_period(
-            target_distance(autoencoder, elsewhere, mask)
-        ).round(4),
+        "best": best_per_period(distance).round(4),
+        "elsewhere": best_per_period(distance_elsewhere).round(4),
         "iou": best_iou(trial, mask).round(4),
     }
 
 
 def _transfer_cases(**same: Any) -> list[Case]:
-    """New cloths and recorded targets; new targets with the cloths at both ends of the
-    range; by IoU with their own.
+    """Each new cloth with a recorded target; new targets, with new and with own cloths.
+
+    Plans for a new cloth are sent with the lightest or the heaviest one besides.
     """
-    found = []
-    for arm, cloths in NEW.items():
+    cases = []
+
+    def add(overlap: bool, **task: str) -> None:
+        cases.append(task | {"overlap": overlap} | same)
+
+    for arm, new_cloths in NEW.items():
+        # With each cloth, one from the other end of the range
+        names = [cloth.name for cloth in new_cloths]
+        light = names[-2]
+        heavy = names[-1]
+        others = {name: light if name == heavy else heavy for name in names}
+
+        # Recorded targets with every new cloth
         targets = [target for each, target, _ in TASKS if each == arm]
-        *_, light, heavy = names = [cloth.name for cloth in cloths]
-        pairs = [(name, light if name == heavy else heavy) for name in names]
-        found += [
-            (arm, target, *pair, False)
-            for target in dict.fromkeys(targets)
-            for pair in pairs
-        ]
-        if arm == "torque":
-            held, drawn = (
-                list(data.load_targets(name)) for name in ("held-out", "drawn")
-            )
-            found += [
-                (arm, target, *pair, False)
-                for target in [*held[::2], *drawn]
-                for pair in pairs[-2:]
-            ]
-            found += [
-                (arm, target, own_cloth(target), own_cloth(target), True)
-                for target in [*held, *drawn]
-            ]
-    axes = ("arm", "target", "cloth", "other", "overlap")
-    return [dict(zip(axes, case, strict=True)) | same for case in found]
+        for target in dict.fromkeys(targets):
+            for name, other in others.items():
+                add(False, arm=arm, target=target, cloth=name, other=other)
+        if arm != "torque":
+            continue
 
+        # New targets with the cloths at both ends, every second of the held-out ones
+        held_out = list(data.load_targets("held-out"))
+        drawn = list(data.load_targets("drawn"))
+        for target in [*held_out[::2], *drawn]:
+            for name in (light, heavy):
+                other = others[name]
+                add(False, arm=arm, target=target, cloth=name, other=other)
 
-def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
-    """Every task with free stiffness, on the muscle arm with held stiffness too; one
-    seed without memory.
-    """
-    found = []
-    for tensions, remembers, chosen in (
-        ((None,), True, seeds),
-        (TENSIONS, True, seeds),
-        ((None,), False, (0,)),
-    ):
-        for arm, target, cloth in TASKS:
-            if tensions == (None,) or get_arm(arm).has_stiffness:
-                axes = {
-                    "arm": arm,
-                    "target": target,
-                    "cloth": cloth,
-                    "f_const": tensions,
-                    "remembers": remembers,
-                }
-                found += grid(**axes, seed=chosen, **same)
-    return found
-
-
-def best_possible(table: pd.DataFrame) -> pd.Series:
-    """Best distance of a period with free stiffness, median of the last ten, mean over
-    seeds, by target and cloth.
-    """
-    free = table[table["f_const"].isna() & table["remembers"]]
-    last = free["distance"].map(lambda distance: late_median(best_per_period(distance)))
-    return last.groupby([free["target"], free["cloth"]], sort=False).mean()
+        # By IoU with the cloth that belongs to the target
+        for target in [*held_out, *drawn]:
+            own = own_cloth(target)
+            add(True, arm=arm, target=target, cloth=own, other=own)
+    return cases
 
 
 def _run_speed(
@@ -363,42 +427,39 @@ def _run_speed(
     steps: int = 16,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """Peak speeds of the hand [m/s] from rest, with f_const held at 10, 30 and 70 N and
-    free, and the commands for it.
+    """Peak speeds of the hand [m/s] from rest, and the commands for it.
 
-    The free search starts from the best plans of the others too: it may do all that
-    they do.
+    f_const is held at 10, 30 and 70 N, and free. The free search starts from the best
+    plans of the others too: it may do all that they do.
     """
-    return _peak_speeds(
-        get_arm("muscle"),
-        get_cloth(foam),
-        TENSIONS,
-        seed,
-        steps,
-        search or _SPEED_SEARCH,
-    )
+    arm = get_arm("muscle")
+    settings = search or _SPEED_SEARCH
+    return _peak_speeds(arm, get_cloth(foam), TENSIONS, seed, steps, settings)
 
 
 def _run_gain(
     motor_speed: float, load: float, softness: float, seed: int, steps: int = 12
 ) -> dict[str, Any]:
-    """The same at a motor speed [m/s], with so many times the cloth's mass, and springs
-    so many times as soft.
+    """The same with another arm and another cloth.
+
+    Args:
+        motor_speed: at most [m/s].
+        load: mass of the cloth over what it is.
+        softness: of the springs over what it is.
+        seed: of what is drawn.
+        steps: in which the hand may speed up.
     """
-    arm, cloth = MuscleArm(), get_cloth("hard-1")
-    linear, cubic = arm.spring_linear / softness, arm.spring_cubic / softness
+    usual = MuscleArm()
     arm = replace(
-        arm, motor_speed=motor_speed, spring_linear=linear, spring_cubic=cubic
+        usual,
+        motor_speed=motor_speed,
+        spring_linear=usual.spring_linear / softness,
+        spring_cubic=usual.spring_cubic / softness,
     )
-    found = _peak_speeds(
-        arm,
-        replace(cloth, mass=load * cloth.mass),
-        _MORE_TENSIONS,
-        seed,
-        steps,
-        _GAIN_SEARCH,
-    )
-    del found["commands"], found["trace"]
+    cloth = get_cloth("hard-1")
+    cloth = replace(cloth, mass=load * cloth.mass)
+    found = _peak_speeds(arm, cloth, _GAIN_TENSIONS, seed, steps, _GAIN_SEARCH)
+    del found["commands"], found["trace"]  # of so many cases they fill a table
     return found
 
 
@@ -410,7 +471,43 @@ def _peak_speeds(
     steps: int,
     search: SearchSettings,
 ) -> dict[str, Any]:
-    home, env = ClothEnv(arm, cloth), ClothEnv(arm, cloth)
+    """The fastest plans with each held tension [N], then with a free one."""
+    slowness = _slowness(arm, cloth)
+
+    def fastest(limited: Arm, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The best plans within an arm's limits, and the peak speed by round."""
+        lower = limited.command_lower
+        upper = limited.command_upper
+        rng = np.random.default_rng(seed)
+        plans, trace = cross_entropy(slowness, starts, lower, upper, search, rng=rng)
+        return plans, -trace
+
+    # With each held tension, from recorded plans
+    recordings = data.load_trials(RECORDINGS["muscle"])
+    recorded = recorded_plans(recordings, steps, search.starts, seed=seed)
+    searches = [fastest(arm.with_stiffness(f_const), recorded) for f_const in tensions]
+
+    # With a free one, from all that the others found, too
+    held = [plans for plans, _ in searches]
+    searches.append(fastest(arm, np.concatenate([recorded, *held])))
+
+    commands = np.array([plans[0] for plans, _ in searches])
+    traces = np.array([trace for _, trace in searches])
+    return {
+        "f_const": np.array([*tensions, np.nan]),
+        "peak": traces[:, -1],
+        "trace": traces.round(4),
+        "commands": commands.round(4),
+    }
+
+
+def _slowness(arm: Arm, cloth: Cloth) -> Callable[[np.ndarray], np.ndarray]:
+    """The function from plans `[N, T, D_u]` to minus the hand's peak speed `[N]`.
+
+    Each plan begins with the cloth hanging still.
+    """
+    home = ClothEnv(arm, cloth)
+    env = ClothEnv(arm, cloth)
 
     def slowness(plans: np.ndarray) -> np.ndarray:
         peaks = []
@@ -422,40 +519,18 @@ def _peak_speeds(
             peaks.append(watch.hand_speed.max())
         return -np.array(peaks)
 
-    starts = recorded_plans(
-        data.load_trials(RECORDINGS["muscle"]), steps, search.starts, seed=seed
-    )
-    best, traces = [starts], []
-    for f_const in (*tensions, None):
-        limited = arm if f_const is None else arm.with_stiffness(f_const)
-        lower, upper, rng = (
-            limited.command_lower,
-            limited.command_upper,
-            np.random.default_rng(seed),
-        )
-        begin = np.concatenate(best) if f_const is None else starts
-        plans, trace = cross_entropy(slowness, begin, lower, upper, search, rng=rng)
-        best.append(plans)
-        traces.append(-trace)
-    return {
-        "f_const": np.array([*tensions, np.nan]),
-        "peak": np.array(traces)[:, -1],
-        "trace": np.array(traces).round(4),
-        "commands": np.array([plans[0] for plans in best[1:]]).round(4),
-    }
+    return slowness
 
 
-_GAINS: dict[str, Any] = {
-    "motor_speed": (0.05, 0.1, 0.4),
-    "load": (1, 5),
-    "softness": (1, 5),
-    "seed": (0, 1),
-}
+_SPEED_CASES = over(seed=range(3))
+_GAIN_CASES = over(
+    motor_speed=(0.05, 0.1, 0.4), load=(1, 5), softness=(1, 5), seed=(0, 1)
+)
 EXPERIMENTS = (
     Experiment("oracle", _run_one, _cases, seconds=120, slow=True),
     Experiment(
         "oracle_transfer", _run_transfer, _transfer_cases, seconds=30, slow=True
     ),
-    Experiment("peak_speed", _run_speed, over(seed=range(3)), seconds=600, slow=True),
-    Experiment("stiffness_gain", _run_gain, over(**_GAINS), seconds=250, slow=True),
+    Experiment("peak_speed", _run_speed, _SPEED_CASES, seconds=600, slow=True),
+    Experiment("stiffness_gain", _run_gain, _GAIN_CASES, seconds=250, slow=True),
 )

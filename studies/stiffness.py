@@ -1,9 +1,8 @@
 """What is variable stiffness good for?
 
-The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams,
-whose springs, motors and material values are assumptions. Each period of the control
-starts from the best predicted of 200 recorded stretches of commands: with the paper's
-warm start alone the arm hardly moves.
+The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams.
+Four experiments vary the co-contraction of the arm, the recorded trial and the foam
+whose p is estimated, and the condition under which a foam is controlled.
 """
 
 from dataclasses import replace
@@ -14,7 +13,8 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import empty_distance, nearest_material, target_distance
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.policy import Policy
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
@@ -44,22 +44,20 @@ _SPRINGS = {
 }
 ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
 HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
-# The paper's
-CORRECT, WRONG, FIXED, RANDOM = PAPERS = (
-    "Correct",
-    "Wrong",
-    "Correct w/o stiffness",
-    "Random",
-)
+# The paper's conditions
+CORRECT = "Correct"
+WRONG = "Wrong"
+FIXED = "Correct w/o stiffness"
+RANDOM = "Random"
+PAPERS = (CORRECT, WRONG, FIXED, RANDOM)
 # The others also try recorded commands at the start of each period
 WARM = "Correct, warm start only"
 _CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 # Sign of Correct minus another
 QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}
 _THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
-VARIANTS: dict[
-    str, dict[str, Any]
-] = {  # what the hand's speed may depend on, and the paper does not publish
+# What the hand's speed may depend on, and the paper does not publish
+VARIANTS: dict[str, dict[str, Any]] = {
     "as assumed": {},
     "motor speed 0.05 m/s": {"motor_speed": 0.05},
     "motor speed 0.20 m/s": {"motor_speed": 0.20},
@@ -69,32 +67,30 @@ VARIANTS: dict[
 
 
 def _push(spring: str, f_const: float) -> dict[str, Any]:
-    """Stiffness ellipse of the hand at a co-contraction [N]: area [m²] for a push of 1
-    N, semi-axes [m].
+    """Stiffness ellipse of the hand at a co-contraction [N], for a push of 1 N.
+
+    Its area [m²] and its semi-axes [m].
     """
     displacements = stiffness_ellipse(_SPRINGS[spring], POSTURE, f_const)
-    axes = np.linalg.svd(displacements, compute_uv=False) * np.sqrt(
-        2 / len(displacements)
-    )
+    lengths = np.linalg.svd(displacements, compute_uv=False)
+    axes = lengths * np.sqrt(2 / len(displacements))
     return {"area": ellipse_area(displacements), "semi_axes": axes}
 
 
 def _estimate_recorded(
     model: int, number: int, weights: str = "muscle"
 ) -> dict[str, Any]:
-    """Estimate p from a recorded trial that the training has not seen, by its number."""
-    learned, trial = (
-        trained(f"{weights}-{model}"),
-        data.load_trials(EVALUATION["muscle"])[number],
-    )
+    """Estimate p from a recorded trial that the training has not seen."""
+    learned = trained(f"{weights}-{model}")
+    trial = data.load_trials(EVALUATION["muscle"])[number]
+    cloth = trial.cloth.name
     p, _ = estimate_bias(learned.model, learned.to_run(trial))
     return {
-        "cloth": trial.cloth.name,
+        "cloth": cloth,
         "policy": trial.policy,
         "nearest": nearest_material(p, learned.biases),
-        "distance": bias_error(
-            p, trial.cloth.name, learned.biases
-        ),  # to the right p [spreads of the trained p]
+        # To the right p [spreads of the trained p]
+        "distance": bias_error(p, cloth, learned.biases),
     }
 
 
@@ -103,17 +99,15 @@ def _estimate_moved(
 ) -> dict[str, Any]:
     """Estimate p of a foam from 0 while it is moved at random, 30 s."""
     learned = trained(f"{weights}-{model}")
-    p, trace = estimate_at_random(
-        learned, cloth, steps, 16000 + 100 * model + ESTIMATED.index(cloth)
-    )
-    first, last = (learned.biases[ESTIMATED[end]] for end in (0, -1))
-    # Where the last p lies from hard-1 (0) to hard-3 (1).
-    return {
-        "trace": trace.round(4),
-        "place": float(
-            (p - first) @ (last - first) / ((last - first) @ (last - first))
-        ),
-    }
+    seed = 16000 + 100 * model + ESTIMATED.index(cloth)
+    p, trace = estimate_at_random(learned, cloth, steps, seed)
+
+    # Where the last p lies from hard-1 (0) to hard-3 (1)
+    first = learned.biases[ESTIMATED[0]]
+    last = learned.biases[ESTIMATED[-1]]
+    scale = last - first
+    place = (p - first) @ scale / (scale @ scale)
+    return {"trace": trace.round(4), "place": float(place)}
 
 
 def _control_one(
@@ -125,215 +119,243 @@ def _control_one(
     fixed_tension: float = 10.0,
     speed_steps: int = 100,
 ) -> dict[str, Any]:
-    """Distances to the target, commands and the arm's motion under one of the paper's
-    conditions; 25 s.
+    """Distances to the target, commands and motion under one condition.
 
-    The paper's "w/o stiffness" is a `fixed_tension` [N]; the hand's peak speed is
-    looked for in the first `speed_steps`, 20 s.
+    Args:
+        condition: one of the paper's, or `WARM`.
+        cloth: a foam of `HELD`.
+        model: seed of the training.
+        weights: name of the training.
+        steps: control steps; 25 s.
+        fixed_tension: what "w/o stiffness" means [N].
+        speed_steps: in which the hand's peak speed is looked for; 20 s.
     """
-    learned, mask = trained(f"{weights}-{model}"), data.load_target("muscle")
+    learned = trained(f"{weights}-{model}")
+    mask = data.load_target("muscle")
     if condition == RANDOM:
         trial = random_trial(learned.arm.name, cloth, steps, 17000 + model)
     else:
-        trial = _controlled(condition, cloth, model, weights, steps, fixed_tension)
+        policy = _controller(condition, cloth, model, weights, fixed_tension)
+        trial = new_trial(policy, learned.arm, cloth, steps, model)
+
+    # Of model 0: commands as sent [T, 3] [rad] [rad] [N], and joint angles ten times a
+    # step [10 T, 2] [rad]
+    commands: Any = []
+    theta: Any = []
+    if model == 0:
+        commands = trial.commands.round(4)
+        theta = replay(trial, samples=10).theta.round(4)
+
+    # The hand's speed, where the controller knows the right p
+    speeds: list[float] = []
+    if condition in (CORRECT, FIXED, WARM):
+        speeds = _peak_speeds(trial[:speed_steps])
+
     distance = target_distance(learned.autoencoder, trial, mask)
-    watched = VARIANTS if condition in (CORRECT, FIXED, WARM) else {}
     return {
         "empty": empty_distance(learned.autoencoder, mask),
-        "distance": distance.round(
-            4
-        ),  # [T] [s.d. of z]; the first is that of the foam hanging still
+        # [T] [s.d. of z]; the first is that of the foam hanging still
+        "distance": distance.round(4),
         "rate": float((distance < _THRESHOLD).mean()),
-        # For each of VARIANTS [m/s].
-        "peak_hand_speed": [
-            float(
-                replay(trial[:speed_steps], arm=replace(ARM, **change)).hand_speed.max()
-            )
-            for change in watched.values()
-        ],
-        # Of model 0: as sent [T, 3] [rad] [rad] [N], and joint angles ten times a step
-        # [10 T, 2] [rad].
-        "commands": trial.commands.round(4) if model == 0 else [],
-        "theta": replay(trial, samples=10).theta.round(4) if model == 0 else [],
+        "peak_hand_speed": speeds,
+        "commands": commands,
+        "theta": theta,
     }
 
 
-def _controlled(
-    condition: str,
-    cloth: str,
-    model: int,
-    weights: str,
-    steps: int,
-    fixed_tension: float,
-) -> Trial:
-    learned, mask = trained(f"{weights}-{model}"), data.load_target("muscle")
-    other = next(each for each in HELD if each != cloth)
-    plans = (
-        None
-        if condition == WARM
-        else recorded_plans(data.load_trials(RECORDINGS["muscle"]), seed=model)
-    )
-    arm = (
-        learned.arm.with_stiffness(fixed_tension) if condition == FIXED else learned.arm
-    )
-    policy = learned.controller(
-        mask, other if condition == WRONG else cloth, plans=plans, arm=arm
-    )
-    return new_trial(policy, learned.arm, cloth, steps, model)
+def _peak_speeds(trial: Trial) -> list[float]:
+    """Peak speeds of the hand if the arm were another one, by `VARIANTS` [m/s]."""
+    speeds = []
+    for change in VARIANTS.values():
+        watch = replay(trial, arm=replace(ARM, **change))
+        speeds.append(float(watch.hand_speed.max()))
+    return speeds
+
+
+def _controller(
+    condition: str, cloth: str, model: int, weights: str, fixed_tension: float
+) -> Policy:
+    """The controller of one condition, for a foam of `HELD`."""
+    learned = trained(f"{weights}-{model}")
+    mask = data.load_target("muscle")
+    told = cloth
+    if condition == WRONG:
+        told = next(each for each in HELD if each != cloth)
+    plans = None
+    if condition != WARM:
+        recordings = data.load_trials(RECORDINGS["muscle"])
+        plans = recorded_plans(recordings, seed=model)
+    arm = learned.arm
+    if condition == FIXED:
+        arm = arm.with_stiffness(fixed_tension)
+    return learned.controller(mask, told, plans=plans, arm=arm)
 
 
 def with_quantities(table: pd.DataFrame) -> pd.DataFrame:
     """`foam_control` with the paper's three quantities, by `QUANTITIES`."""
-    columns = (
-        table["rate"],
-        table["distance"].map(np.min),
-        table["distance"].map(np.max),
-    )
-    return table.assign(**dict(zip(QUANTITIES, columns, strict=True)))
+    rate, minimum, maximum = QUANTITIES
+    columns = {
+        rate: table["rate"],
+        minimum: table["distance"].map(np.min),
+        maximum: table["distance"].map(np.max),
+    }
+    return table.assign(**columns)
 
 
 def gap(table: pd.DataFrame, quantity: str, cloth: str, other: str) -> np.ndarray:
-    """A column of `foam_control` under Correct minus that under another condition, for
-    each training `[models]`.
+    """How much more a column of `foam_control` is under Correct, `[models]`.
+
+    Args:
+        table: rows of `foam_control`.
+        quantity: the column.
+        cloth: a foam of `HELD`.
+        other: the condition that is compared.
     """
-    foam = table[table["cloth"] == cloth].pivot(
-        index="model", columns="condition", values=quantity
-    )
+    of_cloth = table[table["cloth"] == cloth]
+    foam = of_cloth.pivot(index="model", columns="condition", values=quantity)
     return (foam[CORRECT] - foam[other]).to_numpy()
 
 
 def speed_gains(table: pd.DataFrame) -> np.ndarray:
-    """Peak hand speed with optimised stiffness over that without, minus one, `[foams,
-    models, variants]`.
+    """What optimised stiffness gains in peak hand speed, `[foams, models, variants]`.
+
+    The speed with it over that without, minus one.
     """
-    speeds = [
-        np.stack(table[table["condition"] == name]["peak_hand_speed"])
-        for name in (CORRECT, FIXED)
-    ]
-    return np.divide(*speeds).reshape(len(HELD), -1, len(VARIANTS)) - 1
+    by_condition = table.set_index("condition")["peak_hand_speed"]
+    free = np.stack(by_condition[CORRECT])
+    fixed = np.stack(by_condition[FIXED])
+    return (free / fixed).reshape(len(HELD), -1, len(VARIANTS)) - 1
 
 
 def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
-    """p over time of each foam of `foam_estimation` by one training, from p = 0 on `[T
-    + 1, D_p]`, by a label.
+    """p over time of each foam of `foam_estimation`, from p = 0 on, by a label.
+
+    By one training, `[T + 1, D_p]`.
     """
-    found = table[table["model"] == model].set_index("cloth")["trace"].items()
-    return {
-        f"estimate of {get_cloth(str(cloth)).label}": np.pad(trace, ((1, 0), (0, 0)))
-        for cloth, trace in found
-    }
+    of_model = table[table["model"] == model]
+    found = {}
+    for cloth, trace in zip(of_model["cloth"], of_model["trace"], strict=True):
+        label = f"estimate of {get_cloth(str(cloth)).label}"
+        found[label] = np.pad(trace, ((1, 0), (0, 0)))
+    return found
 
 
 def _push_rows(tables: Tables) -> list[Row]:
     """How much co-contraction changes the stiffness."""
-    areas = tables["stiffness_ellipse"].pivot(
-        index="spring", columns="f_const", values="area"
+    table = tables["stiffness_ellipse"]
+    areas = table.pivot(index="spring", columns="f_const", values="area")
+    nonlinear = areas.loc["nonlinear"]
+    linear = areas.loc["linear"]
+    row = Row(
+        "stiffness_ellipse",
+        "stiffness ellipse: area at 10 N over that at 70 N",
+        nonlinear[10] / nonlinear[70],
+        paper="changes greatly",
+        above=2,
+        at_least=5,
+        note=f"with linear springs, 30 N over 70 N: {linear[30] / linear[70]:.2f}",
     )
-    nonlinear, linear = areas.loc["nonlinear"], areas.loc["linear"]
-    return [
-        Row(
-            "stiffness_ellipse",
-            "stiffness ellipse: area at 10 N over that at 70 N",
-            nonlinear[10] / nonlinear[70],
-            paper="changes greatly",
-            above=2,
-            at_least=5,
-            note=f"with linear springs, 30 N over 70 N: {linear[30] / linear[70]:.2f}",
-        )
-    ]
+    return [row]
 
 
 def _recorded_rows(tables: Tables) -> list[Row]:
     """How often the nearest trained p is that of the foam in the hand."""
     table = tables["foam_recorded"]
-    label = "foams, recordings not trained on: the nearest trained p is the right one"
-    return [
-        Row(
-            "foam_recorded",
-            label,
-            100 * (table["nearest"] == table["cloth"]).mean(),
-            " %",
-            at_least=80,
-        )
-    ]
+    row = Row(
+        "foam_recorded",
+        "foams, recordings not trained on: the nearest trained p is the right one",
+        100 * (table["nearest"] == table["cloth"]).mean(),
+        " %",
+        at_least=80,
+    )
+    return [row]
 
 
 def _moved_rows(tables: Tables) -> list[Row]:
     """Whether a foam that was never trained on lies where it belongs."""
     places = tables["foam_estimation"].query("cloth == 'hard-2'")["place"]
-    label = f"hard-2, never trained on, lies between hard-1 and hard-3: trainings of {len(places)}"
-    count, most = places.between(0, 1, inclusive="neither").sum(), len(places)
-    return [
-        Row(
-            "foam_estimation",
-            label,
-            count,
-            paper="yes",
-            above=most / 2,
-            at_least=4 / 5 * most,
-        )
-    ]
+    most = len(places)
+    row = Row(
+        "foam_estimation",
+        "hard-2, never trained on, lies between hard-1 and hard-3: trainings of "
+        f"{most}",
+        places.between(0, 1, inclusive="neither").sum(),
+        paper="yes",
+        above=most / 2,
+        at_least=4 / 5 * most,
+    )
+    return [row]
 
 
 def _control_rows(tables: Tables) -> list[Row]:
     """Distance, and share of near steps under each condition, for each foam."""
-    return [
-        row
-        for cloth, runs in tables["foam_control"].groupby("cloth", sort=False)
-        for row in _foam(cloth, runs)
-    ]
+    by_foam = tables["foam_control"].groupby("cloth", sort=False)
+    return [_control_row(cloth, runs) for cloth, runs in by_foam]
 
 
-def _foam(cloth: Any, runs: pd.DataFrame) -> list[Row]:
+def _control_row(cloth: Any, runs: pd.DataFrame) -> Row:
     by_condition = dict([*runs.groupby("condition", sort=False)])
-    correct, random = (
-        median_best(by_condition[name]["distance"]) for name in (CORRECT, RANDOM)
+    correct = median_best(by_condition[CORRECT]["distance"])
+    random = median_best(by_condition[RANDOM]["distance"])
+    rates = []
+    for name in _CONDITIONS:
+        rates.append(f"{name} {by_condition[name]['rate'].mean():.0%}")
+    return Row(
+        f"foam_control/{cloth}/distance",
+        f"foam {cloth}: best distance a period, median, Correct over Random",
+        correct / random,
+        paper="Correct better",
+        below=1,
+        at_most=0.4,
+        note=f"{correct:.2f} / {random:.2f}; steps nearer than {_THRESHOLD}: "
+        f"{', '.join(rates)}",
     )
-    rates = ", ".join(
-        f"{name} {by_condition[name]['rate'].mean():.0%}" for name in _CONDITIONS
-    )
-    return [
-        Row(
-            f"foam_control/{cloth}/distance",
-            f"foam {cloth}: best distance a period, median, Correct over Random",
-            correct / random,
-            paper="Correct better",
-            below=1,
-            at_most=0.4,
-            note=f"{correct:.2f} / {random:.2f}; steps nearer than {_THRESHOLD}: {rates}",
-        )
-    ]
 
 
-_PAPER, _MODELS = {"weights": "muscle-paper"}, range(5)
-_ELLIPSES = over(spring=_SPRINGS, f_const=TENSIONS)
-_RECORDED = over(model=_MODELS, number=range(8))  # as many as the evaluation has
-_MOVED = over(cloth=ESTIMATED, model=_MODELS)
-_CONTROLLED = over(condition=_CONDITIONS, cloth=HELD, model=_MODELS)
+_ABOUT = """
+What is variable stiffness good for?
+
+The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams,
+whose springs, motors and material values are assumptions. Each period of the control
+starts from the best predicted of 200 recorded stretches of commands: with the paper's
+warm start alone the arm hardly moves.
+"""
+_PAPER = {"weights": "muscle-paper"}
+_MODELS = range(5)
 EXPERIMENTS = (
-    Experiment("stiffness_ellipse", _push, _ELLIPSES, seconds=2, rows=_push_rows),
+    Experiment(
+        "stiffness_ellipse",
+        _push,
+        over(spring=_SPRINGS, f_const=TENSIONS),
+        seconds=2,
+        rows=_push_rows,
+        about=_ABOUT,
+    ),
     Experiment(
         "foam_recorded",
         _estimate_recorded,
-        _RECORDED,
+        over(model=_MODELS, number=range(8)),  # as many as the evaluation has
         seconds=7,
         paper=_PAPER,
         rows=_recorded_rows,
+        about=_ABOUT,
     ),
     Experiment(
         "foam_estimation",
         _estimate_moved,
-        _MOVED,
+        over(cloth=ESTIMATED, model=_MODELS),
         seconds=4,
         paper=_PAPER,
         rows=_moved_rows,
+        about=_ABOUT,
     ),
     Experiment(
         "foam_control",
         _control_one,
-        _CONTROLLED,
+        over(condition=_CONDITIONS, cloth=HELD, model=_MODELS),
         seconds=9,
         paper=_PAPER,
         rows=_control_rows,
+        about=_ABOUT,
     ),
 )

@@ -1,5 +1,6 @@
-"""System identification without p: log C_damp and log C_mass by a fitted simulation,
-and by a network.
+"""System identification without p: by a fitted simulation, and by a network.
+
+Both find log C_damp and log C_mass of a cloth.
 """
 
 import io
@@ -26,12 +27,10 @@ from clothlab.trials import rollout, to_run
 
 # Of the trained range
 MIDDLE = np.log([DAMPINGS[0] * DAMPINGS[-1], MASSES[0] * MASSES[-1]]) / 2
-_WARMUP, _BATCH = (
-    10,
-    36,
-    # Steps of a run that say too little of its cloth, and runs in each batch of a
-    # training
-)
+_WARMUP = 10  # steps of a run that say too little of its cloth
+_BATCH = 36  # runs in each batch of a training
+_COARSE = 25  # steps of a run by which most cells of the coarse search are left out
+_COARSE_KEPT = 4  # cells that are judged by the whole run
 
 # (log C_damp, log C_mass), commands → states
 _Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -46,10 +45,10 @@ def logs(cloth: Cloth) -> np.ndarray:
 def simulator(
     arm: Arm, autoencoder: Autoencoder, cloth: Cloth | None = None
 ) -> Iterator[_Simulate]:
-    """The simulation as a function from (log C_damp, log C_mass) and commands `[T,
-    D_u]` to states `[T, D_s]`.
+    """The simulation as a function from constants and commands to states.
 
-    All other constants are those of `cloth`, which hangs still at the beginning.
+    That is from (log C_damp, log C_mass) and `[T, D_u]` to `[T, D_s]`. All other
+    constants are those of `cloth`, which hangs still at the beginning.
     """
     cloth = cloth or Cloth("simulated")
     with closing(ClothEnv(arm, cloth)) as env:
@@ -57,9 +56,25 @@ def simulator(
         def simulate(constants: np.ndarray, u: np.ndarray) -> np.ndarray:
             damping, mass = np.exp(constants)
             env.hold(replace(cloth, damping=damping, mass=mass))
-            return to_run(autoencoder, rollout(env, ReplayPolicy(u), len(u))).s
+            trial = rollout(env, ReplayPolicy(u), len(u))
+            return to_run(autoencoder, trial).s
 
         yield simulate
+
+
+# Of `mujoco.sysid.optimize`. Finite differences (`eps`) are wider than the small
+# valleys. An uphill step shortens the next by much (`mu_factor`), since each costs a
+# simulation; by how much at the most must not depend on the states' units (`x_scale`).
+_OPTIONS = {
+    "max_iters": 8,
+    "eps": 0.05,
+    "xtol": 1e-3,
+    "verbose": False,
+    "mu_min": 1e-3,
+    "mu_factor": 4.0,
+    "mu_max": 1e2,
+    "x_scale": "jac",
+}
 
 
 def fit_simulation(
@@ -71,12 +86,12 @@ def fit_simulation(
     cells: int = 7,
     **options: Any,
 ) -> np.ndarray:
-    """Fit (log C_damp, log C_mass) `[2]` of a simulation to a run with `mujoco.sysid`;
-    states are compared as sensed.
+    """Fit (log C_damp, log C_mass) `[2]` of a simulation to a run with `mujoco.sysid`.
 
-    From the middle of the range alone, Gauss-Newton stops in one of many small valleys:
-    where a cloth folds, a thousandth of C_damp can move z by a tenth of its deviation.
-    So a coarse search over the start of a run comes first.
+    States are compared as sensed. From the middle of the range alone, Gauss-Newton
+    stops in one of many small valleys: where a cloth folds, a thousandth of C_damp can
+    move z by a tenth of its deviation. So a coarse search over the start of a run comes
+    first.
 
     Args:
         simulate: constants and commands to states, as a `simulator` gives.
@@ -87,54 +102,48 @@ def fit_simulation(
         cells: of the coarse search, along each axis.
         options: of `mujoco.sysid.optimize`.
     """
-    if not hasattr(
-        sysid, "optimize"
-    ):  # MuJoCo leaves it empty where a package that it needs is missing
+    # MuJoCo leaves the module empty where a package that it needs is missing
+    if not hasattr(sysid, "optimize"):
         raise ImportError(
-            "mujoco.sysid needs further packages: `pip install absl-py colorama pyyaml tabulate`"
+            "mujoco.sysid needs further packages: "
+            "`pip install absl-py colorama pyyaml tabulate`"
         )
-    bound, scale = float(np.log(reach)), scale.astype(np.float64)
+    bound = float(np.log(reach))
+    scale = scale.astype(np.float64)
 
     def error(x: np.ndarray, part: Run) -> np.ndarray:
-        return ((simulate(MIDDLE + x, part.u) - part.s) / scale).ravel() / len(
-            part
-        ) ** 0.5
+        """Errors of all states, whose sum of squares is a mean over the steps."""
+        missed = simulate(MIDDLE + x, part.u) - part.s
+        return (missed / scale).ravel() / len(part) ** 0.5
 
     def residual(x: np.ndarray, _: Any) -> tuple[list[np.ndarray], None, None]:
+        """The same as the optimiser wants it, for constants `[2]` or `[2, N]`."""
         columns = np.stack([error(each, run) for each in x.reshape(2, -1).T], axis=-1)
         return [columns.reshape(-1, *x.shape[1:])], None, None
 
+    # From the best cell of the coarse search
+    start = _coarse_search(error, run, bound, cells)
     parameters = sysid.ParameterDict()
-    for name, value in zip(
-        ("log C_damp", "log C_mass"),
-        _coarse_search(error, run, bound, cells),
-        strict=True,
-    ):
+    for name, value in zip(("log C_damp", "log C_mass"), start, strict=True):
         parameters.add(sysid.Parameter(name, value, -bound, bound))
-    # Finite differences are wider than the small valleys. An uphill step shortens the
-    # next by much, since each costs a simulation; by how much at the most must not
-    # depend on the states' units.
-    usual = {
-        "max_iters": 8,
-        "eps": 0.05,
-        "xtol": 1e-3,
-        "verbose": False,
-        "output": io.StringIO(),
-    }
-    usual |= {"mu_min": 1e-3, "mu_factor": 4.0, "mu_max": 1e2, "x_scale": "jac"}
-    found, _ = sysid.optimize(parameters, residual, "mujoco", **usual | options)
+
+    silent = {"output": io.StringIO()}
+    found, _ = sysid.optimize(
+        parameters, residual, "mujoco", **_OPTIONS | silent | options
+    )
     return MIDDLE + found.as_vector()
 
 
 def _coarse_search(
     error: Callable[[np.ndarray, Run], np.ndarray], run: Run, bound: float, cells: int
 ) -> np.ndarray:
-    """The best cell of a grid over the whole range `[2]`, of the four best over the
-    first 25 steps.
+    """The best cell of a grid over the whole range, `[2]`.
+
+    The start of the run chooses the few best ones, the whole run the best of them.
     """
     axis = (np.arange(cells) + 0.5) / cells * 2 * bound - bound
     centres = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    for part, kept in ((run[:25], 4), (run, 1)):
+    for part, kept in ((run[:_COARSE], _COARSE_KEPT), (run, 1)):
         if len(centres) > kept:
             costs = [(error(x, part) ** 2).sum() for x in centres]
             centres = centres[np.argsort(costs)[:kept]]
@@ -142,40 +151,52 @@ def _coarse_search(
 
 
 class Regressor(nn.Module):
-    """s, u → GRU → its mean since the start → tanh layer → (log C_damp, log C_mass),
-    after each step.
+    """s, u → GRU → its mean since the start → tanh layer → (log C_damp, log C_mass).
+
+    It answers after each step.
     """
 
-    mean: Tensor
+    mean: Tensor  # of s and u [D_s + D_u]
     std: Tensor
-    label_mean: Tensor
+    label_mean: Tensor  # of the labels [2]
     label_std: Tensor
 
     def __init__(self, state_size: int, command_size: int, hidden_size: int = 64):
         super().__init__()
-        self.gru = nn.GRU(state_size + command_size, hidden_size, batch_first=True)
+        input_size = state_size + command_size
+        self.gru = nn.GRU(input_size, hidden_size, batch_first=True)
         self.head = nn.Sequential(
             nn.Linear(hidden_size, hidden_size), nn.Tanh(), nn.Linear(hidden_size, 2)
         )
-        for name, size in (("", state_size + command_size), ("label_", 2)):
-            self.register_buffer(f"{name}mean", torch.zeros(size))
-            self.register_buffer(f"{name}std", torch.ones(size))
+        self.register_buffer("mean", torch.zeros(input_size))
+        self.register_buffer("std", torch.ones(input_size))
+        self.register_buffer("label_mean", torch.zeros(2))
+        self.register_buffer("label_std", torch.ones(2))
+
+    def set_normalisation(
+        self, s: Sequence[Tensor], u: Sequence[Tensor], labels: Tensor
+    ) -> None:
+        """Take mean and deviation from runs `[T, D_s]`, `[T, D_u]` and labels."""
+        x = torch.cat([torch.cat(list(s)), torch.cat(list(u))], dim=1)
+        self.mean.copy_(x.mean(0))
+        self.std.copy_(x.std(0, correction=0).clamp_min(1e-6))
+        self.label_mean.copy_(labels.mean(0))
+        self.label_std.copy_(labels.std(0, correction=0).clamp_min(1e-6))
 
     def forward(self, s: Tensor, u: Tensor) -> Tensor:
         """Answers after each step of runs `[B, T, D_s]`, `[B, T, D_u]`: `[B, T, 2]`."""
         x = (torch.cat([s, u], dim=-1) - self.mean) / self.std
         h, _ = self.gru(x)
         count = torch.arange(1, h.shape[1] + 1)[:, None]
-        return self.head(h.cumsum(dim=1) / count) * self.label_std + self.label_mean
+        answers = self.head(h.cumsum(dim=1) / count)
+        return answers * self.label_std + self.label_mean
 
     @torch.no_grad()
     def identify(self, run: Run) -> np.ndarray:
         """(log C_damp, log C_mass) after a run, `[2]`."""
-        return (
-            self(torch.as_tensor(run.s)[None], torch.as_tensor(run.u)[None])[0, -1]
-            .double()
-            .numpy()
-        )
+        s = torch.as_tensor(run.s)[None]
+        u = torch.as_tensor(run.u)[None]
+        return self(s, u)[0, -1].double().numpy()
 
 
 def train_regressor(
@@ -188,50 +209,50 @@ def train_regressor(
     hidden_size: int = 64,
     learning_rate: float = 3e-3,
 ) -> tuple[Regressor, np.ndarray]:
-    """Train a network on runs with cloths whose (log C_damp, log C_mass) are known,
-    `{name: [2]}`.
+    """Train a network on runs with cloths whose constants are known.
 
-    In each update it answers after every step of `window` steps from a random place in
-    some runs. The learning rate falls to zero along a cosine. Besides the network: the
-    loss of each update `[updates]`, mean squared error in standard deviations of the
-    labels.
+    In each update it answers after every step of a window, from a random place in some
+    runs. The learning rate falls to zero along a cosine.
+
+    Args:
+        runs: what was sensed and sent, with the name of the cloth.
+        constants: (log C_damp, log C_mass) of each cloth, `{name: [2]}`.
+        seed: of the first weights and of what is drawn.
+        updates: of the weights.
+        window: its length [step], or that of the shortest run.
+        hidden_size: of GRU and layer.
+        learning_rate: at the beginning.
+
+    Returns: the network, and the loss of each update `[updates]`: mean squared error in
+        standard deviations of the labels.
     """
-    labels = torch.as_tensor(
-        np.array(
-            [choose("material", run.material, constants) for run in runs], np.float32
-        )
-    )
-    s, u = (
-        [torch.as_tensor(getattr(run, name)) for run in runs] for name in ("s", "u")
-    )
+    known = [choose("material", run.material, constants) for run in runs]
+    labels = torch.as_tensor(np.array(known, np.float32))
+    s = [torch.as_tensor(run.s) for run in runs]
+    u = [torch.as_tensor(run.u) for run in runs]
     length = min(window, min(map(len, runs)))
+
     with seeded(seed):
         model = Regressor(s[0].shape[1], u[0].shape[1], hidden_size)
-        for name, values in (
-            ("", torch.cat([torch.cat(s), torch.cat(u)], dim=1)),
-            ("label_", labels),
-        ):
-            getattr(model, f"{name}mean").copy_(values.mean(0))
-            getattr(model, f"{name}std").copy_(
-                values.std(0, correction=0).clamp_min(1e-6)
-            )
+        model.set_normalisation(s, u, labels)
 
         def loss(index: Tensor) -> Tensor:
+            """Of the runs of a batch `[B]`, each from a random place."""
             starts = [int(torch.randint(len(runs[k]) - length + 1, ())) for k in index]
-            pairs = [*zip(index.tolist(), starts, strict=True)]
-            batch = (
-                torch.stack([each[k][t : t + length] for k, t in pairs])
-                for each in (s, u)
-            )
-            answers = model(*batch)[:, _WARMUP:]
-            return (((answers - labels[index][:, None]) / model.label_std) ** 2).mean()
+            places = [*zip(index.tolist(), starts, strict=True)]
+            s_batch = torch.stack([s[k][t : t + length] for k, t in places])
+            u_batch = torch.stack([u[k][t : t + length] for k, t in places])
+            answers = model(s_batch, u_batch)[:, _WARMUP:]
+            errors = (answers - labels[index][:, None]) / model.label_std
+            return (errors**2).mean()
 
         def batches() -> list[Tensor]:
+            """One batch is one round: every run is as likely as any other."""
             return [torch.randperm(len(runs))[:_BATCH]]
 
-        losses = [
-            *minimise(
-                model.parameters(), loss, batches, updates, learning_rate, fused=False
-            )
-        ]
+        # Each step of it is one update
+        steps = minimise(
+            model.parameters(), loss, batches, updates, learning_rate, fused=False
+        )
+        losses = list(steps)
     return model.eval().requires_grad_(False), np.array(losses)

@@ -1,21 +1,19 @@
 """Which method finds C_damp and C_mass of a cloth, and how soon?
 
-p is compared with the simulation fitted by `mujoco.sysid`, once with the true springs
-and once with springs 30 % too soft in stretch and 50 % too stiff in bending, and with a
-network trained on the constants of the recorded cloths. All get the same runs with
-random commands, without the name of the cloth.
+What varies is the method and the cloth: p read off by a smooth map, a fitted simulation
+with the true springs and with rough ones, or a trained network.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from clothlab.method.data import Run
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies._grid import Case, Experiment, Tables, over, shared
@@ -36,25 +34,33 @@ _OUTSIDE = {  # the trained range, by a factor of 1.5
 }
 _GROUPS = {"trained": CLOTHS, "between": BETWEEN, "outside": _OUTSIDE}
 _ALL = CLOTHS | BETWEEN | _OUTSIDE
+# Too soft in stretch and too stiff in bending
 _ROUGH = Cloth("rough", stiffness=0.7 * Cloth.stiffness, bending=1.5 * Cloth.bending)
 
 _Identify = Callable[[Run], np.ndarray]  # a run → (log C_damp, log C_mass)
 
 
-def _by_p(model: int, rule: str = "newton") -> _Identify:
-    """p, estimated online from 0, and read off by a smooth map fitted to the trained
-    cloths.
-    """
+def _by_p(model: int, method: str = "newton") -> _Identify:
+    """p, estimated online from 0, and read off by a smooth map."""
     learned = trained(f"{_ARM}-{model}")
     readout = MaterialReadout.fit(learned.biases, CLOTHS)
-    return lambda run: np.log(
-        readout(estimate_bias(learned.model, run, method=rule)[0])
-    )
+
+    def identify(run: Run) -> np.ndarray:
+        p, _ = estimate_bias(learned.model, run, method=method)
+        return np.log(readout(p))
+
+    return identify
+
+
+def _by_momentum(model: int) -> _Identify:
+    """The same with the paper's gradient descent."""
+    return _by_p(model, "sgd")
 
 
 def _by_fit(model: int, cloth: Cloth | None = None) -> _Identify:
-    """The simulation, fitted to the same states that the model sees, each in its
-    standard deviation.
+    """The simulation, fitted to the same states that the model sees.
+
+    Each state counts in its standard deviation.
     """
     learned = trained(f"{_ARM}-{model}")
 
@@ -65,50 +71,56 @@ def _by_fit(model: int, cloth: Cloth | None = None) -> _Identify:
     return identify
 
 
+def _by_rough_fit(model: int) -> _Identify:
+    """The same with springs that are wrong."""
+    return _by_fit(model, _ROUGH)
+
+
+def _by_network(model: int) -> _Identify:
+    return _network(model).identify
+
+
 @shared
 def _network(model: int) -> Regressor:
-    """A network trained on the same recordings as the model and the constants of their
-    cloths.
-    """
+    """A network trained on the constants of the cloths, and the model's recordings."""
+    runs = recorded_runs(trained(f"{_ARM}-{model}"))
     constants = {name: logs(cloth) for name, cloth in CLOTHS.items()}
-    return train_regressor(
-        recorded_runs(trained(f"{_ARM}-{model}")), constants, seed=model
-    )[0]
+    network, _ = train_regressor(runs, constants, seed=model)
+    return network
 
 
 _METHODS: dict[str, Callable[[int], _Identify]] = {  # by the number of a training
     "p": _by_p,
-    "p by momentum": partial(_by_p, rule="sgd"),
+    "p by momentum": _by_momentum,
     "sysid": _by_fit,
-    "sysid-rough": partial(_by_fit, cloth=_ROUGH),
-    "network": lambda model: _network(model).identify,
+    "sysid-rough": _by_rough_fit,
+    "network": _by_network,
 }
 
 
 @lru_cache(maxsize=2)
 def _sensed(cloth: str, model: int, steps: int) -> Run:
-    """A run with random commands, the same for all methods, without the name of the
-    cloth.
-    """
+    """A run with random commands, the same for all methods, without a cloth's name."""
     seed = 31_000 + 100 * model + [*_ALL].index(cloth)
-    run = trained(f"{_ARM}-{model}").to_run(
-        random_trial(_ARM, _ALL[cloth], steps, seed)
-    )
+    trial = random_trial(_ARM, _ALL[cloth], steps, seed)
+    run = trained(f"{_ARM}-{model}").to_run(trial)
     return replace(run, material="unknown")
 
 
 def _run_one(method: str, cloth: str, model: int, steps: int = 200) -> dict[str, Any]:
-    """Errors of log C_damp and log C_mass after an eighth, a quarter, half and all of a
-    run `[4, 2]`.
+    """Errors of log C_damp and log C_mass `[4, 2]`.
+
+    After an eighth, a quarter, half and all of a run.
     """
-    identify, run = _METHODS[method](model), _sensed(cloth, model, steps)
+    identify = _METHODS[method](model)
+    run = _sensed(cloth, model, steps)
+    right = logs(_ALL[cloth])
     counts = steps // np.array([8, 4, 2, 1])
+    missed = np.array([identify(run[:count]) - right for count in counts])
     return {
         "group": next(group for group, cloths in _GROUPS.items() if cloth in cloths),
         "time": counts * CONTROL_PERIOD,
-        "error": np.array(
-            [identify(run[:count]) - logs(_ALL[cloth]) for count in counts]
-        ).round(5),
+        "error": missed.round(5),
     }
 
 
@@ -120,70 +132,94 @@ def errors(table: pd.DataFrame, quantity: str) -> np.ndarray:
 def over_bound(
     table: pd.DataFrame, identifiability: pd.DataFrame, sensors: str, quantity: str
 ) -> np.ndarray:
-    """Errors in the end over the Cramér-Rao bounds of the same cloths under random
-    commands, where there are any.
+    """Errors in the end over the Cramér-Rao bounds of the same cloths.
+
+    The bounds are those under random commands; cloths that have none are left out.
+
+    Args:
+        table: rows of one method.
+        identifiability: the stored table.
+        sensors: that an observer has.
+        quantity: one of `QUANTITIES`.
     """
-    known = bounds(identifiability[identifiability.motion == "random"], sensors)
-    known = (
-        known[known.time == table["time"].iloc[0][-1]]
-        .groupby("cloth")[quantity]
-        .median()
-    )
-    ratios = errors(table, quantity)[:, -1] / table.cloth.map(known).to_numpy()
+    at_random = identifiability[identifiability.motion == "random"]
+    known = bounds(at_random, sensors)
+    end = table["time"].iloc[0][-1]
+    by_cloth = known[known.time == end].groupby("cloth")[quantity].median()
+    ratios = errors(table, quantity)[:, -1] / table.cloth.map(by_cloth).to_numpy()
     return ratios[~np.isnan(ratios)]
 
 
 def _cases(**sizes: Any) -> list[Case]:
-    """Every cloth with every training by every method; fitting a simulation takes
-    minutes, and has one training.
+    """Every cloth with every training by every method.
+
+    Fitting a simulation takes minutes, and has one training.
     """
-    every = over(cloth=_ALL, model=range(5), method=_METHODS)(**sizes)
-    return [
-        case
-        for case in every
-        if case["model"] == 0 or not case["method"].startswith("sysid")
-    ]
+    cases = []
+    for case in over(cloth=_ALL, model=range(5), method=_METHODS)(**sizes):
+        if case["model"] == 0 or not case["method"].startswith("sysid"):
+            cases.append(case)
+    return cases
+
+
+_RATIO = "C_damp / C_mass"  # on which alone the motion of a free point in air depends
 
 
 def _rows(tables: Tables) -> list[Row]:
     """How far p is from the bound, and how the methods compare."""
-    table, ratio, found = tables["sysid_benchmark"], "C_damp / C_mass", []
-    start, *_, end = table["time"].iloc[0]
-    limits = [
-        float(
-            np.median(
-                over_bound(
-                    table[table.method == "p"],
-                    tables["identifiability"],
-                    sensors,
-                    ratio,
-                )
-            )
-        )
-        for sensors in (PREDICTED, "z + joints")
-    ]
-    label = f"p after {end:g} s: error of {ratio} over the Cramér-Rao bound of an observer who predicts as the network"
-    note = f"of one who knows the simulator {limits[1]:.2f}"
-    found.append(
-        Row(
-            "sysid_benchmark/over-bound",
-            f"{label}, median",
-            limits[0],
-            at_most=3,
-            note=note,
-        )
-    )
+    table = tables["sysid_benchmark"]
+    rows = [_bound_row(table, tables["identifiability"])]
     for method in ("p", "sysid", "network"):
-        runs = table[(table.group == "trained") & (table.method == method)]
-        early, late = 100 * np.median(errors(runs, ratio)[:, [0, -1]], axis=0)
-        label, note = (
-            f"{method}: median error of {ratio} after {end:g} s",
-            f"{early:.1f} % after {start:g} s",
-        )
-        found.append(Row(f"sysid_benchmark/{method}", label, late, " %", note=note))
-    return found
+        rows.append(_method_row(table, method))
+    return rows
 
 
+def _bound_row(table: pd.DataFrame, identifiability: pd.DataFrame) -> Row:
+    """Errors of p over what an observer could know at best."""
+    by_p = table[table.method == "p"]
+    over_network = over_bound(by_p, identifiability, PREDICTED, _RATIO)
+    over_simulator = over_bound(by_p, identifiability, "z + joints", _RATIO)
+    end = table["time"].iloc[0][-1]
+    return Row(
+        "sysid_benchmark/over-bound",
+        f"p after {end:g} s: error of {_RATIO} over the Cramér-Rao bound of an "
+        "observer who predicts as the network, median",
+        float(np.median(over_network)),
+        at_most=3,
+        note=f"of one who knows the simulator {float(np.median(over_simulator)):.2f}",
+    )
+
+
+def _method_row(table: pd.DataFrame, method: str) -> Row:
+    """Errors of a method on trained cloths, early and late."""
+    runs = table[(table.group == "trained") & (table.method == method)]
+    median = 100 * np.median(errors(runs, _RATIO), axis=0)
+    times = table["time"].iloc[0]
+    return Row(
+        f"sysid_benchmark/{method}",
+        f"{method}: median error of {_RATIO} after {times[-1]:g} s",
+        median[-1],
+        " %",
+        note=f"{median[0]:.1f} % after {times[0]:g} s",
+    )
+
+
+_ABOUT = """
+Which method finds C_damp and C_mass of a cloth, and how soon?
+
+p is compared with the simulation fitted by `mujoco.sysid`, once with the true springs
+and once with springs 30 % too soft in stretch and 50 % too stiff in bending, and with a
+network trained on the constants of the recorded cloths. All get the same runs with
+random commands, without the name of the cloth.
+"""
 EXPERIMENTS = (
-    Experiment("sysid_benchmark", _run_one, _cases, seconds=30, slow=True, rows=_rows),
+    Experiment(
+        "sysid_benchmark",
+        _run_one,
+        _cases,
+        seconds=30,
+        slow=True,
+        rows=_rows,
+        about=_ABOUT,
+    ),
 )

@@ -1,14 +1,12 @@
 """Can a robot set a table, and does throwing the cloth beat laying it down slowly?
 
-Three methods spread the cloth in the same episodes, with the same places of rack and
-basket: the throw that the model chooses, a slow hand, and the best recorded throw with
-this very cloth. Besides: which foam is in the hand after one motion of four seconds,
-and how far away the table may be until slow laying stops working, and throwing.
+Three experiments: the whole task, where the method that spreads the cloth varies; which
+foam is in the hand, where the foam varies; and how far away the table may be until slow
+laying stops working, and throwing, where the foam and the place of the table vary.
 """
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from clothlab._validation import choose
 from clothlab.analysis import difference_interval, nearest_material, rate_interval
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.policies import ReplayPolicy
 from clothlab.trials import rollout
 from studies._grid import Case, Experiment, Tables, grid, over
@@ -44,12 +42,9 @@ _FOAMS = ("soft-1", "soft-2", "hard-1", "hard-3")
 # [m] of the table's edge ahead of the shoulder
 _PLACES = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50)
 _BORDER_THROWS = 200  # of an operator who knows nothing of where the table is
-_CHOOSING, _JUDGING = (
-    3,
-    20,
-    # Starts by which the best margin and the best throw are chosen, and others that
-    # judge them
-)
+_CHOOSING = 3  # starts by which the best margin and the best throw are chosen
+_JUDGING = 20  # other starts, which judge them
+_SETTLING = 8  # [step] with the hand open until the cloth lies
 
 _Notes = dict[str, Any]  # columns that only some methods fill
 
@@ -57,13 +52,13 @@ _Notes = dict[str, Any]  # columns that only some methods fill
 def _dynamic(learned: ClothCheckpoint, driver: RobotDriver) -> _Notes:
     """Estimate p, then throw as the model says."""
     p, policy = excite_and_throw(driver, learned)
+    expected = [each.expected for each in policy.attempts]
+    before_release = [each.before_release for each in policy.attempts]
     return {
         "foam": nearest_material(p, learned.biases),
         "bias": p.round(4),
-        "expected": np.array([each.expected for each in policy.attempts]).round(4),
-        "before_release": np.array(
-            [each.before_release for each in policy.attempts]
-        ).round(4),
+        "expected": np.array(expected).round(4),
+        "before_release": np.array(before_release).round(4),
     }
 
 
@@ -82,33 +77,44 @@ _METHODS = {"dynamic": _dynamic, "slow": _slow, "best recorded": _best_recorded}
 
 
 def _commands_of_best(learned: ClothCheckpoint, foam: str) -> np.ndarray:
-    """Commands `[T, D_u]` of the recorded throw after which a foam lay nearest to the
-    target, mean of its trials.
+    """Commands `[T, D_u]` of the recorded throw that spread a foam best.
+
+    It is the one after which the foam lay nearest to the target, mean of its trials.
     """
-    steps, z_ref = ThrowSettings.steps, encode(learned.autoencoder, spread_target(foam))
+    steps = ThrowSettings.steps
+    z_ref = encode(learned.autoencoder, spread_target(foam))
     runs = [run for run in successful_throws(learned) if run.material == foam]
-    distances = dict[bytes, list[float]]()
+
+    # A throw was recorded several times: its commands say which one it is
+    distances: dict[bytes, list[float]] = {}
     for run in runs:
-        distances.setdefault(run.u.tobytes(), []).append(
-            float(np.linalg.norm(run.s[steps, : len(z_ref)] - z_ref))
-        )
+        z = run.s[steps, : len(z_ref)]
+        trials_of_throw = distances.setdefault(run.u.tobytes(), [])
+        trials_of_throw.append(float(np.linalg.norm(z - z_ref)))
     nearest = min(distances, key=lambda u: np.mean(distances[u]))
-    return next(run.u[:steps] for run in runs if run.u.tobytes() == nearest).astype(
-        np.float64
-    )
+
+    best = next(run for run in runs if run.u.tobytes() == nearest)
+    return best.u[:steps].astype(np.float64)
 
 
 def _run_one(method: str, model: int, seed: int) -> dict[str, Any]:
-    """Set the table once, with the cloth spread by one of the methods; rack and basket
-    stand where the seed says.
+    """Set the table once, with the cloth spread by one of the methods.
+
+    Rack and basket stand where the seed says.
     """
-    spread, learned, notes = (
-        choose("method", method, _METHODS),
-        trained(f"table-{model}"),
-        _Notes(),
-    )
-    outcome = run_task(lambda driver: notes.update(spread(learned, driver)), seed)
-    pose, stands = outcome.pose, outcome.placement
+    spread = choose("method", method, _METHODS)
+    learned = trained(f"table-{model}")
+    notes: _Notes = {"foam": "", "bias": [], "expected": [], "before_release": []}
+
+    def spread_and_note(driver: RobotDriver) -> None:
+        notes.update(spread(learned, driver))
+
+    outcome = run_task(spread_and_note, seed)
+
+    # How the cloth lies, and how the basket stands, where they were ever seen
+    pose = outcome.pose
+    basket = outcome.placement
+    dragged = outcome.dragged
     return {
         "failed": outcome.failed,  # the phase, empty where the robot noticed nothing
         "cause": outcome.cause,
@@ -119,14 +125,12 @@ def _run_one(method: str, model: int, seed: int) -> dict[str, Any]:
         "area": round(pose.area, 3) if pose else 0.0,
         "angle": round(pose.angle, 1) if pose else 0.0,  # [degree]
         "placed": outcome.placed,  # the basket
-        "tilt": round(stands.tilt, 2) if stands else None,  # of the basket [degree]
-        "off_centre": round(stands.off_centre, 4) if stands else None,  # [m]
-        "dragged": round(outcome.dragged, 4)
-        if outcome.dragged is not None
-        else None,  # the cloth [m]
+        "tilt": round(basket.tilt, 2) if basket else None,  # [degree]
+        "off_centre": round(basket.off_centre, 4) if basket else None,  # [m]
+        "dragged": None if dragged is None else round(dragged, 4),  # the cloth [m]
         # Of a throw: the foam whose p is nearest to the estimate, and distances when
         # each attempt began [s.d. of z].
-        **({"foam": "", "bias": [], "expected": [], "before_release": []} | notes),
+        **notes,
         "steps": outcome.steps,
     }
 
@@ -137,32 +141,33 @@ def _cases(
     episodes: int = 50,
 ) -> list[Case]:
     """The same episodes for every method; the trainings take turns."""
+    methods = grid(method=method)
     trainings = grid(model=model)
-    turns = [
-        trainings[k % len(trainings)] | {"seed": FIRST_SEED + k}
-        for k in range(episodes)
-    ]
-    return [each | turn for turn in turns for each in grid(method=method)]
+    cases = []
+    for episode in range(episodes):
+        training = trainings[episode % len(trainings)]
+        for each in methods:
+            cases.append(each | training | {"seed": FIRST_SEED + episode})
+    return cases
 
 
 def _run_material(foam: str, model: int, repeat: int) -> dict[str, Any]:
-    """Excite a foam in the hand, whose hold and rest before are drawn, and estimate its
-    p: `nearest` trained p.
+    """Excite a foam in the hand and estimate its p: the `nearest` trained p.
+
+    How it is held, and how long it rests before, is drawn.
     """
     learned = trained(f"table-{model}")
+    seed = FIRST_SEED + repeat
     with closing(TableEnv(ARM, foam, start_in="hand")) as env:
-        trial = rollout(
-            env, ExcitationPolicy(env.arm), EXCITATION, seed=FIRST_SEED + repeat
-        )
+        trial = rollout(env, ExcitationPolicy(env.arm), EXCITATION, seed=seed)
     p, _ = estimate_bias(learned.model, learned.to_run(trial), method="newton")
     return {"nearest": nearest_material(p, learned.biases), "bias": p.round(4)}
 
 
 def _run_border(foam: str, near: float) -> dict[str, Any]:
-    """Slow laying and an operator's throws on a table whose edge is `near` [m], each
-    the best of many.
+    """Slow laying and an operator's throws on a table whose edge is `near` [m].
 
-    Neither has a model or a camera. A few starts choose the best of them, and others
+    Neither has a model or a camera. A few starts choose the best of many, and others
     judge it.
 
     Returns: `slow`: from which of the first starts each margin spread the cloth
@@ -170,48 +175,25 @@ def _run_border(foam: str, near: float) -> dict[str, Any]:
         start `[_BORDER_THROWS]`; `best_slow` and `best_thrown`: from which of the other
         starts the best of them did `[_JUDGING]`.
     """
-    with closing(
-        TableEnv(ARM, foam, start_in="hand", furniture=Furniture(near=near))
-    ) as env:
+    choosing = range(_CHOOSING)
+    judging = range(_CHOOSING, _CHOOSING + _JUDGING)
+    furniture = Furniture(near=near)
+    with closing(TableEnv(ARM, foam, start_in="hand", furniture=furniture)) as env:
+        # Slowly: every margin from some starts, the best one from others
+        slow = np.array([_laid(env, margin, choosing) for margin in MARGINS])
+        best_margin = MARGINS[middle_of_best(slow)]
+        best_slow = _laid(env, best_margin, judging)
 
-        def spreads(attempt: Callable[[], None], start: int) -> bool:
-            env.start(seed=FIRST_SEED + start)
-            attempt()
-            u = env.arm.home_command
-            u[env.arm.closed_command] = 0.0
-            for _ in range(8):
-                env.advance(u)
-            return env.cloth_pose().spread
-
-        def throws(number: int) -> None:
-            operator = OperatorThrow(env.arm)
-            operator.reset(FIRST_SEED + number)
-            for _ in range(ThrowSettings.steps):
-                env.advance(operator({}))
-
-        def lays(margin: float) -> None:
-            lay_slowly(RobotDriver(env, samples=1), margin=margin)
-
-        def from_starts(attempt: Callable[[], None], starts: range) -> np.ndarray:
-            return np.array([spreads(attempt, start) for start in starts])
-
-        choosing, judging = range(_CHOOSING), range(_CHOOSING, _CHOOSING + _JUDGING)
-        slow = np.array(
-            [from_starts(partial(lays, margin), choosing) for margin in MARGINS]
-        )
-        best_slow = from_starts(partial(lays, MARGINS[middle_of_best(slow)]), judging)
-        thrown = np.array(
-            [spreads(partial(throws, number), 0) for number in range(_BORDER_THROWS)]
-        )
+        # Thrown: every throw from one start, those that worked from some more
+        numbers = range(_BORDER_THROWS)
+        thrown = np.array([_thrown(env, number, range(1))[0] for number in numbers])
         best_thrown = np.zeros(_JUDGING, bool)
         if thrown.any():
             worked = np.flatnonzero(thrown).tolist()
-            again = np.array(
-                [from_starts(partial(throws, number), choosing) for number in worked]
-            )
-            best_thrown = from_starts(
-                partial(throws, worked[middle_of_best(again)]), judging
-            )
+            again = np.array([_thrown(env, number, choosing) for number in worked])
+            best_throw = worked[middle_of_best(again)]
+            best_thrown = _thrown(env, best_throw, judging)
+
     return {
         "slow": slow,
         "thrown": thrown,
@@ -220,19 +202,54 @@ def _run_border(foam: str, near: float) -> dict[str, Any]:
     }
 
 
+def _laid(env: TableEnv, margin: float, starts: range) -> np.ndarray:
+    """From which starts slow laying with a margin [m] spreads the cloth."""
+
+    def lay() -> None:
+        lay_slowly(RobotDriver(env, samples=1), margin=margin)
+
+    return np.array([_spreads(env, lay, start) for start in starts])
+
+
+def _thrown(env: TableEnv, number: int, starts: range) -> np.ndarray:
+    """From which starts an operator's throw of that number spreads the cloth."""
+
+    def throw_it() -> None:
+        operator = OperatorThrow(env.arm)
+        operator.reset(FIRST_SEED + number)
+        for _ in range(ThrowSettings.steps):
+            env.advance(operator({}))
+
+    return np.array([_spreads(env, throw_it, start) for start in starts])
+
+
+def _spreads(env: TableEnv, attempt: Callable[[], None], start: int) -> bool:
+    """Whether the cloth is spread when the hand has opened after an attempt."""
+    env.start(seed=FIRST_SEED + start)
+    attempt()
+    u = env.arm.home_command
+    u[env.arm.closed_command] = 0.0
+    for _ in range(_SETTLING):
+        env.advance(u)
+    return env.cloth_pose().spread
+
+
 def middle_of_best(worked: np.ndarray) -> int:
-    """Which one worked most often `[N, starts]`; of several, the middle one: its
-    neighbours are good, too.
+    """Which one worked most often `[N, starts]`; of several, the middle one.
+
+    Its neighbours are good, too.
     """
-    (best,) = np.nonzero(worked.sum(axis=1) == worked.sum(axis=1).max())
+    counts = worked.sum(axis=1)
+    (best,) = np.nonzero(counts == counts.max())
     return int(best[len(best) // 2])
 
 
 def difference(
     runs: pd.DataFrame, first: str, second: str
 ) -> tuple[float, float, float]:
-    """How much more often one method spreads the cloth than another: mean and 95 %
-    interval.
+    """How much more often one method spreads the cloth than another.
+
+    The mean, and the ends of its 95 % interval.
     """
     held = runs.pivot_table(
         index=["model", "seed"], columns="method", values="spread", aggfunc="first"
@@ -242,61 +259,79 @@ def difference(
 
 
 def _rows(tables: Tables) -> list[Row]:
-    """Of throws each part of the task; how often the cloth is spread slowly; and the
-    foam in the hand.
-    """
-    runs, materials = tables["table_setting"], tables["table_setting_material"]
-    dynamic, slow = (runs[runs["method"] == name] for name in ("dynamic", "slow"))
-    success = dynamic["spread"] & dynamic["placed"]
-    mean, low, high = (100 * each for each in difference(runs, "dynamic", "slow"))
-    over_slow = "cloth spread: by a throw minus slowly"
-    right = materials["nearest"] == materials["foam"]
-    foam = f"p after the first swing: nearest of {materials['foam'].nunique()} foams is the right one"
+    """Each part of the task with throws, the same slowly, and the foam in the hand."""
+    runs = tables["table_setting"]
+    dynamic = runs[runs["method"] == "dynamic"]
+    slow = runs[runs["method"] == "slow"]
+
+    # The task with throws, which the paper shows once
     once: dict[str, Any] = {"paper": "in one run", "above": 50}
-    return [
-        _rate(
-            "table_setting/grasped",
-            "cloth grasped",
-            dynamic["grasped"],
-            at_least=96,
-            **once,
-        ),
-        _rate(
-            "table_setting/spread",
-            "cloth spread by a throw",
-            dynamic["spread"],
-            at_least=80,
-            **once,
-        ),
-        _rate(
-            "table_setting/success",
-            "table set, the whole run",
-            success,
-            at_least=70,
-            **once,
-        ),
-        _rate("table_setting/spread/slow", "cloth spread, slow", slow["spread"]),
-        Row("table_setting/difference", over_slow, mean, " %", interval=(low, high)),
-        _rate("table_setting/material", foam, right, at_least=75),
+    grasped = dynamic["grasped"]
+    spread = dynamic["spread"]
+    success = dynamic["spread"] & dynamic["placed"]
+    whole = "table set, the whole run"
+    rows = [
+        _rate("grasped", "cloth grasped", grasped, at_least=96, **once),
+        _rate("spread", "cloth spread by a throw", spread, at_least=80, **once),
+        _rate("success", whole, success, at_least=70, **once),
     ]
+
+    # Slowly
+    mean, low, high = (100 * each for each in difference(runs, "dynamic", "slow"))
+    rows.append(_rate("spread/slow", "cloth spread, slow", slow["spread"]))
+    over_slow = Row(
+        "table_setting/difference",
+        "cloth spread: by a throw minus slowly",
+        mean,
+        " %",
+        interval=(low, high),
+    )
+    rows.append(over_slow)
+
+    # The foam in the hand
+    materials = tables["table_setting_material"]
+    right = materials["nearest"] == materials["foam"]
+    count = materials["foam"].nunique()
+    foam = f"p after the first swing: nearest of {count} foams is the right one"
+    rows.append(_rate("material", foam, right, at_least=75))
+    return rows
 
 
 def _rate(key: str, label: str, held: pd.Series, **about: Any) -> Row:
+    """How often something held, with its interval."""
     rate, low, high = (100 * each for each in rate_interval(held))
     return Row(
-        key, f"{label}, of {len(held)}", rate, " %", interval=(low, high), **about
+        f"table_setting/{key}",
+        f"{label}, of {len(held)}",
+        rate,
+        " %",
+        interval=(low, high),
+        **about,
     )
 
 
-_MATERIALS = over(foam=_FOAMS, model=range(5), repeat=range(5))
+_ABOUT = """
+Can a robot set a table, and does throwing the cloth beat laying it down slowly?
+
+Three methods spread the cloth in the same episodes, with the same places of rack and
+basket: the throw that the model chooses, a slow hand, and the best recorded throw with
+this very cloth. Besides: which foam is in the hand after one motion of four seconds,
+and how far away the table may be until slow laying stops working, and throwing.
+"""
+_MATERIAL_CASES = over(foam=_FOAMS, model=range(5), repeat=range(5))
+_BORDER_CASES = over(foam=_FOAMS, near=_PLACES)
 EXPERIMENTS = (
-    Experiment("table_setting", _run_one, _cases, seconds=30, slow=True, rows=_rows),
-    Experiment("table_setting_material", _run_material, _MATERIALS, seconds=3),
     Experiment(
-        "table_setting_border",
-        _run_border,
-        over(foam=_FOAMS, near=_PLACES),
-        seconds=200,
+        "table_setting",
+        _run_one,
+        _cases,
+        seconds=30,
         slow=True,
+        rows=_rows,
+        about=_ABOUT,
+    ),
+    Experiment("table_setting_material", _run_material, _MATERIAL_CASES, seconds=3),
+    Experiment(
+        "table_setting_border", _run_border, _BORDER_CASES, seconds=200, slow=True
     ),
 )

@@ -1,4 +1,4 @@
-"""What each set of stored weights is trained on, and how; and the trainings themselves."""
+"""What each set of stored weights is trained on and how, and the trainings."""
 
 from dataclasses import dataclass, replace
 
@@ -33,10 +33,14 @@ class TrainingConfig:
         return tuple(f"trials/{name}/" for name in self.recordings)
 
     def load_trials(self) -> list[Trial]:
-        """All trials to learn from; those beyond the paper's amount have to be made
-        first, with `make data`.
+        """All trials to learn from.
+
+        Those beyond the paper's amount have to be made first, with `make data`.
         """
-        return [trial for name in self.recordings for trial in data.load_trials(name)]
+        trials: list[Trial] = []
+        for name in self.recordings:
+            trials += data.load_trials(name)
+        return trials
 
     def train_autoencoder(self) -> tuple[Autoencoder, list[float]]:
         """The autoencoder of all images, and its loss of each epoch [nat per pixel]."""

@@ -1,14 +1,12 @@
 """What is p worth?
 
 Throws with cloths that were never recorded, and towards targets that were not chosen by
-their results. p is estimated from 40 s of random commands before the first throw.
-Distances are the best of a period over that of random commands; in the first period,
-which is left out, the arm swings up.
+their results. What varies is the controller, and which p it is told: the right one, one
+that was estimated from 40 s of random commands, that of another cloth, zero, or none.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,11 +22,9 @@ from clothlab.analysis import (
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode, known_target
 from clothlab.method.control import ControlSettings
-from clothlab.method.data import Run
-from clothlab.method.estimation import estimate_bias
-from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
+from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
-from clothlab.policies import ReplayPolicy
 from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
 from studies._rows import Row
@@ -43,111 +39,154 @@ from studies._runs import (
     own_cloth,
     random_trial,
     recorded_runs,
+    replay_nearest,
     trained,
 )
 from studies.oracle import best_possible
 
 _EXCITED = 200  # [step] of random commands from which p is estimated
+_CHANCE_PERIODS = 31  # of random commands with which throws are compared
 NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
 # Its figures on control have these
 PAPERS_CLOTHS = {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-1")}
 TARGETS = {"torque": ("target-1", "target-2"), "muscle": ("muscle",)}
-# Which recordings are asked for the nearest one: (their cloths' p, this one's name, its
-# p) → whether
-REPLAYS = {
-    "replay, this cloth": lambda biases, cloth, p: {cloth},
-    "replay, any other cloth": lambda biases, cloth, p: {*biases} - {cloth},
-    "replay, nearest p": lambda biases, cloth, p: {_by_distance(biases, cloth, p)[0]},
-}
+
+# Methods: replay of a recording of some cloths, and controllers
+THIS_CLOTH = "replay, this cloth"
+ANY_OTHER = "replay, any other cloth"
+NEAREST_P = "replay, nearest p"
+PAPERS = "paper's controller"
+PERIODIC = "periodic warm start"
+PREDICTED = "best predicted recording"
+ALONE = "iterative learning control alone"
 AS_ENCODED = "iterative learning control, target as encoded"
-PAPERS, PERIODIC, PREDICTED = (
-    "paper's controller",
-    "periodic warm start",
-    "best predicted recording",
-)
-ALONE, CHOSEN = "iterative learning control alone", "iterative learning control"
-_CONTROLLERS: dict[str, Callable[[ClothCheckpoint, np.ndarray, np.ndarray], Policy]] = {
-    PAPERS: lambda learned, mask, p: learned.controller(mask, p),
-    PERIODIC: lambda learned, mask, p: learned.controller(
-        mask, p, ControlSettings(warm_start="periodic")
-    ),
-    PREDICTED: lambda learned, mask, p: _iterative(learned, mask, p, trust=1e-9),
-    ALONE: lambda learned, mask, p: _iterative(learned, mask, p, trust=0),
-    **dict.fromkeys(
-        (AS_ENCODED, CHOSEN), lambda learned, mask, p: _iterative(learned, mask, p)
-    ),
-}
+CHOSEN = "iterative learning control"
+
+
+def _this_cloth(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[str]:
+    return {cloth}
+
+
+def _any_other(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[str]:
+    return {*biases} - {cloth}
+
+
+def _nearest_p(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[str]:
+    return {_by_distance(biases, cloth, p)[0]}
+
+
+# Whose recordings are asked for the nearest one: (trained p of all cloths, name of the
+# one in the hand, its p) → names
+REPLAYS = {THIS_CLOTH: _this_cloth, ANY_OTHER: _any_other, NEAREST_P: _nearest_p}
+
+
+def _papers(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
+    return learned.controller(mask, p)
+
+
+def _periodic(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
+    return learned.controller(mask, p, ControlSettings(warm_start="periodic"))
 
 
 def _iterative(
     learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray, trust: float = 1.0
 ) -> Policy:
-    return learned.iterative_controller(
-        mask, p, recorded_runs(learned), IterativeLearningSettings(trust=trust)
-    )
+    settings = IterativeLearningSettings(trust=trust)
+    return learned.iterative_controller(mask, p, recorded_runs(learned), settings)
+
+
+def _predicted(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
+    """So little trust that a plan stays what was recorded."""
+    return _iterative(learned, mask, p, trust=1e-9)
+
+
+def _alone(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
+    return _iterative(learned, mask, p, trust=0)
+
+
+_CONTROLLERS: dict[str, Callable[[ClothCheckpoint, np.ndarray, np.ndarray], Policy]] = {
+    PAPERS: _papers,
+    PERIODIC: _periodic,
+    PREDICTED: _predicted,
+    ALONE: _alone,
+    AS_ENCODED: _iterative,
+    CHOSEN: _iterative,
+}
 
 
 @cache
 def _aim(arm: str, target: str) -> np.ndarray:
-    """The target, or of every fourth recorded image the most similar one, where that is
-    `known_target`.
+    """The target as the autoencoder knows it (`known_target`), `[H, W]`.
+
+    That is the target itself, or the most similar one of every fourth recorded image.
     """
     learned = trained(f"{arm}-0")
-    recorded = [
-        trial
-        for name in config_of(learned).recordings
-        for trial in data.load_trials(name)
-    ]
-    images = np.concatenate([trial.images[::4] for trial in recorded])
-    return known_target(learned.autoencoder, data.load_target(target), images)
+    images = []
+    for name in config_of(learned).recordings:
+        images += [trial.images[::4] for trial in data.load_trials(name)]
+    target_image = data.load_target(target)
+    return known_target(learned.autoencoder, target_image, np.concatenate(images))
 
 
 def _replay(learned: ClothCheckpoint, mask: np.ndarray, among: set[str]) -> Policy:
-    """The recorded plan that came nearest with these cloths, again and again."""
-    runs: list[Run] = [run for run in recorded_runs(learned) if run.material in among]
-    return ReplayPolicy(
-        np.tile(
-            nearest_plans(runs, encode(learned.autoencoder, mask), count=1).u[0],
-            (31, 1),
-        )
-    )
+    """The recorded plan that came nearest with these cloths."""
+    runs = [run for run in recorded_runs(learned) if run.material in among]
+    return replay_nearest(runs, learned.autoencoder, mask)
 
 
 def _by_distance(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> list[str]:
     """Names of the other cloths, the one of the nearest p first."""
-    return sorted(
-        {*biases} - {cloth}, key=lambda name: float(np.linalg.norm(biases[name] - p))
-    )
+
+    def distance(name: str) -> float:
+        return float(np.linalg.norm(biases[name] - p))
+
+    return sorted({*biases} - {cloth}, key=distance)
 
 
 @shared
 def _estimated(arm: str, cloth: str, model: int, repeat: int) -> np.ndarray:
     """p from 40 s of random commands."""
-    learned, seed = trained(f"{arm}-{model}"), 50_000 + 100 * model + repeat
+    learned = trained(f"{arm}-{model}")
+    seed = 50_000 + 100 * model + repeat
     run = learned.to_run(random_trial(arm, find_cloth(cloth), _EXCITED, seed))
-    return estimate_bias(learned.model, run, method="newton")[0]
+    p, _ = estimate_bias(learned.model, run, method="newton")
+    return p
 
 
 @shared
 def _random_z(arm: str, cloth: str, repeat: int) -> np.ndarray:
     """z of 31 periods of random commands `[T, D_z]`."""
-    return encode(
-        trained(f"{arm}-0").autoencoder,
-        random_trial(arm, find_cloth(cloth), 248, 58_000 + repeat).images,
-    )
+    steps = _CHANCE_PERIODS * ControlSettings.period
+    trial = random_trial(arm, find_cloth(cloth), steps, 58_000 + repeat)
+    return encode(trained(f"{arm}-0").autoencoder, trial.images)
 
 
 def bias(p: str, arm: str, cloth: str, model: int, repeat: int) -> np.ndarray:
-    """p of a kind: "right" of a recorded cloth, "estimated", trained p of the "nearest"
-    or "farthest" other, "zero".
+    """p of a kind, `[D_p]`.
+
+    Args:
+        p: "right" of a recorded cloth, "estimated", the trained p of another cloth that
+            is "nearest" or "farthest", or "zero".
+        arm, cloth: what is held by what, by name.
+        model: seed of the training.
+        repeat: number of the run.
     """
     biases = trained(f"{arm}-{model}").biases
     if p == "zero":
         return np.zeros_like(next(iter(biases.values())))
-    known = p != "estimated" and cloth in biases
-    centre = biases[cloth] if known else _estimated(arm, cloth, model, repeat)
+
+    # A cloth that was never recorded has no right p: its estimate stands for it
+    if p == "estimated" or cloth not in biases:
+        centre = _estimated(arm, cloth, model, repeat)
+    else:
+        centre = biases[cloth]
+
     others = _by_distance(biases, cloth, centre)
-    return {"nearest": biases[others[0]], "farthest": biases[others[-1]]}.get(p, centre)
+    if p == "nearest":
+        return biases[others[0]]
+    if p == "farthest":
+        return biases[others[-1]]
+    return centre
 
 
 def _run_one(
@@ -160,141 +199,164 @@ def _run_one(
     repeat: int,
     periods: int = 2,
 ) -> dict[str, Any]:
-    """Best distance and best IoU in each period but the first `[P]`."""
-    learned, mask = trained(f"{arm}-{model}"), data.load_target(target)
+    """Best distance and best IoU in each period but the first `[P]`.
+
+    Args:
+        method: one of `REPLAYS` or of the controllers.
+        p: as `bias` has it, or "none": a model that was trained without p.
+        arm, target, cloth: of the task, by name.
+        model: seed of the training.
+        repeat: number of the run.
+        periods: of the run, the first one included.
+    """
+    # The model, and the p that it is told
+    learned = trained(f"{arm}-{model}")
+    mask = data.load_target(target)
     if p == "none":
-        learned, value = ablations.train("none", arm, model), np.zeros(0)
+        learned = ablations.train("none", arm, model)
+        value = np.zeros(0)
     else:
         value = bias(p, arm, cloth, model, repeat)
+
+    # Throw, or replay what was thrown
     if method in REPLAYS:
-        policy = _replay(learned, mask, REPLAYS[method](learned.biases, cloth, value))
+        among = REPLAYS[method](learned.biases, cloth, value)
+        policy = _replay(learned, mask, among)
     else:
-        policy = _CONTROLLERS[method](
-            learned, _aim(arm, target) if method == CHOSEN else mask, value
-        )
-    trial = new_trial(
-        policy,
-        arm,
-        find_cloth(cloth),
-        periods * ControlSettings.period,
-        51_000 + 100 * model + repeat,
-    )
-    by_chance = np.linalg.norm(
-        _random_z(arm, cloth, repeat) - encode(learned.autoencoder, mask), axis=1
-    )
+        aim = _aim(arm, target) if method == CHOSEN else mask
+        policy = _CONTROLLERS[method](learned, aim, value)
+    steps = periods * ControlSettings.period
+    seed = 51_000 + 100 * model + repeat
+    trial = new_trial(policy, arm, find_cloth(cloth), steps, seed)
+
+    # What random commands with this cloth reach
+    z_ref = encode(learned.autoencoder, mask)
+    by_chance = np.linalg.norm(_random_z(arm, cloth, repeat) - z_ref, axis=1)
+
+    distance = target_distance(learned.autoencoder, trial, mask)
     return {
-        "best": best_per_period(
-            target_distance(learned.autoencoder, trial, mask)
-        ).round(4),
+        "best": best_per_period(distance).round(4),
         "iou": best_iou(trial, mask).round(4),
         "random": float(np.median(best_per_period(by_chance))),
     }
 
 
-_FIRST_OTHERS = ("replay, any other cloth", "replay, nearest p")
-_FIRST = (  # methods of first throws, p: on new cloths
-    *((method, "estimated") for method in (*_FIRST_OTHERS, PREDICTED)),
-    *((CHOSEN, p) for p in ("estimated", "nearest", "farthest", "zero", "none")),
-    *((PAPERS, "estimated"), (PERIODIC, "estimated")),
-)
-_FIRST_RECORDED = (
-    ("replay, this cloth", "right"),
-    (CHOSEN, "right"),
+# Methods and p of first throws with new cloths, and with recorded ones
+_FIRST = (
+    (ANY_OTHER, "estimated"),
+    (NEAREST_P, "estimated"),
+    (PREDICTED, "estimated"),
+    (CHOSEN, "estimated"),
+    (CHOSEN, "nearest"),
     (CHOSEN, "farthest"),
+    (CHOSEN, "zero"),
+    (CHOSEN, "none"),
+    (PAPERS, "estimated"),
+    (PERIODIC, "estimated"),
 )
-_LONG = {
-    (CHOSEN, "estimated"): 31,
-    (ALONE, "estimated"): 11,
-    (PAPERS, "estimated"): 11,
-    (PERIODIC, "estimated"): 11,
-}
+_FIRST_RECORDED = ((THIS_CLOTH, "right"), (CHOSEN, "right"), (CHOSEN, "farthest"))
+# Periods of longer runs with new cloths, whose p is estimated
+_LONG = {CHOSEN: 31, ALONE: 11, PAPERS: 11, PERIODIC: 11}
 
 
 def _cases(
-    model: Iterable[int] = range(5), repeat: Iterable[int] = range(4), **same: Any
+    model: Iterable[int] = range(5),
+    repeat: Iterable[int] = range(4),
+    periods: int | None = None,
 ) -> list[Case]:
-    """First throws of all cloths; in longer runs, cloths and new targets take turns
-    over trainings and repeats.
+    """First throws of all cloths, and longer runs.
+
+    In longer runs cloths and new targets take turns over trainings and repeats.
     """
-    found, turns = (
-        [],
-        [
-            (4 * each["model"] + each["repeat"], each)
-            for each in grid(model=model, repeat=repeat)
-        ],
+    cases: list[Case] = []
+    for arm in TARGETS:
+        cases += _first_throws(arm, model, repeat)
+        cases += _longer_runs(arm, model, repeat)
+    cases += _throws_at_new_targets(model)
+    cases += _longer_runs_to_new_targets(model, repeat)
+    if periods is not None:
+        cases = [case | {"periods": periods} for case in cases]
+    return cases
+
+
+def _first_throws(
+    arm: str, model: Iterable[int], repeat: Iterable[int]
+) -> Iterator[Case]:
+    """All targets and cloths of an arm."""
+    new = [cloth.name for cloth in NEW[arm]]
+    recorded = [*trained(f"{arm}-0").biases]
+    task = {"arm": arm, "target": TARGETS[arm]}
+    for method, p in _FIRST:
+        run = {"cloth": new, "model": model, "repeat": repeat, "periods": 2}
+        yield from grid(method=method, p=p, **task, **run)
+    for method, p in _FIRST_RECORDED:  # nothing is drawn where p is known
+        run = {"cloth": recorded, "model": model, "repeat": 0, "periods": 2}
+        yield from grid(method=method, p=p, **task, **run)
+
+
+def _longer_runs(
+    arm: str, model: Iterable[int], repeat: Iterable[int]
+) -> Iterator[Case]:
+    """For each training and repeat one target, and one new and one recorded cloth."""
+    new = [cloth.name for cloth in NEW[arm]]
+    recorded = [*trained(f"{arm}-0").biases]
+    targets = TARGETS[arm]
+    for number, turn in _turns(model, repeat):
+        target = targets[number // len(new) % len(targets)]
+        task = {"arm": arm, "target": target}
+        new_cloth = new[number % len(new)]
+        for method, periods in _LONG.items():
+            run = {"cloth": new_cloth, **turn, "periods": periods}
+            yield {"method": method, "p": "estimated", **task, **run}
+        known_cloth = recorded[number % len(recorded)]
+        run = {"cloth": known_cloth, **turn, "periods": 31}
+        yield {"method": CHOSEN, "p": "right", **task, **run}
+
+
+def _throws_at_new_targets(model: Iterable[int]) -> list[Case]:
+    """First throws with the cloths that `oracle_transfer` has for these targets."""
+    held_out = data.load_targets("held-out")
+    drawn = data.load_targets("drawn")
+    return grid(
+        method=CHOSEN,
+        p=("estimated", "farthest"),
+        arm="torque",
+        target=[*held_out, *drawn],
+        cloth=[cloth.name for cloth in NEW["torque"][-2:]],
+        model=model,
+        repeat=0,
+        periods=2,
     )
 
-    def add(method: tuple[str, str], periods: int, arm: str, **axes: Any) -> None:
-        found.extend(
-            grid(
-                method=method[0],
-                p=method[1],
-                arm=arm,
-                **axes,
-                **({"periods": periods} | same),
-            )
-        )
 
-    for arm, targets in TARGETS.items():
-        new, recorded = (
-            [cloth.name for cloth in NEW[arm]],
-            [*trained(f"{arm}-0").biases],
-        )
-        for method in _FIRST:
-            add(method, 2, arm, target=targets, cloth=new, model=model, repeat=repeat)
-        for method in _FIRST_RECORDED:  # nothing is drawn where p is known
-            add(method, 2, arm, target=targets, cloth=recorded, model=model, repeat=0)
-        for k, turn in turns:
-            for method, periods in _LONG.items():
-                add(
-                    method,
-                    periods,
-                    arm,
-                    target=targets[k // len(new) % len(targets)],
-                    cloth=new[k % len(new)],
-                    **turn,
-                )
-            add(
-                (CHOSEN, "right"),
-                31,
-                arm,
-                target=targets[k // len(new) % len(targets)],
-                cloth=recorded[k % len(recorded)],
-                **turn,
-            )
-    pair = [cloth.name for cloth in NEW["torque"][-2:]]  # as oracle_transfer has them
-    new_targets = [*data.load_targets("held-out"), *data.load_targets("drawn")]
-    for p in ("estimated", "farthest"):
-        add(
-            (CHOSEN, p),
-            2,
-            "torque",
-            target=new_targets,
-            cloth=pair,
-            model=model,
-            repeat=0,
-        )
-    for k, turn in turns:
-        names = [list(data.load_targets(name)) for name in ("held-out", "drawn")]
-        for target in (each[k % len(each)] for each in names):
-            for name in (CHOSEN, AS_ENCODED):
-                add(
-                    (name, "right"),
-                    11,
-                    "torque",
-                    target=target,
-                    cloth=own_cloth(target),
-                    **turn,
-                )
-                add(
-                    (name, "estimated"),
-                    11,
-                    "torque",
-                    target=target,
-                    cloth=NEW["torque"][k % 8].name,
-                    **turn,
-                )
-    return found
+def _longer_runs_to_new_targets(
+    model: Iterable[int], repeat: Iterable[int]
+) -> Iterator[Case]:
+    """For each training and repeat a held-out and a drawn target.
+
+    With the cloth that belongs to it, whose p is known, and with a new one.
+    """
+    held_out = list(data.load_targets("held-out"))
+    drawn = list(data.load_targets("drawn"))
+    new = [cloth.name for cloth in NEW["torque"]]
+    for number, turn in _turns(model, repeat):
+        new_cloth = new[number % len(new)]
+        for names in (held_out, drawn):
+            target = names[number % len(names)]
+            task = {"arm": "torque", "target": target}
+            for method in (CHOSEN, AS_ENCODED):
+                run = {"cloth": own_cloth(target), **turn, "periods": 11}
+                yield {"method": method, "p": "right", **task, **run}
+                run = {"cloth": new_cloth, **turn, "periods": 11}
+                yield {"method": method, "p": "estimated", **task, **run}
+
+
+def _turns(
+    model: Iterable[int], repeat: Iterable[int]
+) -> Iterator[tuple[int, dict[str, int]]]:
+    """Each training and repeat, and its number."""
+    for turn in grid(model=model, repeat=repeat):
+        yield 4 * turn["model"] + turn["repeat"], turn
 
 
 def over_random(table: pd.DataFrame, period: int = 0) -> pd.Series:
@@ -305,165 +367,218 @@ def over_random(table: pd.DataFrame, period: int = 0) -> pd.Series:
 def select(
     table: pd.DataFrame, method: str, p: str, *, new: bool = True, least: int = 2
 ) -> pd.DataFrame:
-    """Runs of a method towards recorded targets, with new or recorded cloths, at least
-    so many periods long.
+    """Runs of a method towards recorded targets.
+
+    Args:
+        table: stored rows of `transfer`.
+        method: one of `REPLAYS` or of the controllers.
+        p: its kind, as in the table.
+        new: whether the cloths are new ones, or recorded ones.
+        least: periods of the runs at the least.
     """
-    about = (
-        (table["method"] == method) & (table["p"] == p) & (table["periods"] >= least)
-    )
-    return table[
-        about
-        & (table["cloth"].isin(NEW_NAMES) == new)
-        & ~table["target"].str.contains("/")
-    ]
+    by_method = (table["method"] == method) & (table["p"] == p)
+    long_enough = table["periods"] >= least
+    by_cloth = table["cloth"].isin(NEW_NAMES) == new
+    recorded_target = ~table["target"].str.contains("/")
+    return table[by_method & long_enough & by_cloth & recorded_target]
 
 
 def difference(first: pd.DataFrame, second: pd.DataFrame) -> tuple[float, float, float]:
-    """First throws of one method minus another's, over random commands: mean, and the
-    ends of its 95 % interval.
+    """First throws of one method minus another's, over random commands.
+
+    The mean, and the ends of its 95 % interval.
     """
-    keys = ["target", "cloth", "model", "repeat"]
-    both = [
-        each.query("periods == 2").set_index(keys).pipe(over_random)
-        for each in (first, second)
-    ]
-    return difference_interval(
-        (both[0] - both[1]).groupby(["model", "repeat"]).mean().unstack().to_numpy()
-    )
+    gaps = _first_of(first) - _first_of(second)
+    by_run = gaps.groupby(["model", "repeat"]).mean().unstack()
+    return difference_interval(by_run.to_numpy())
 
 
-_WRONG = {"farthest": "the farthest p", "zero": "p = 0", "none": "no p at all"}
+def _first_of(runs: pd.DataFrame) -> pd.Series:
+    """Distances of first throws over random commands, by what two methods share."""
+    throws = runs.query("periods == 2")
+    return over_random(throws.set_index(["target", "cloth", "model", "repeat"]))
+
+
+def _mean(
+    table: pd.DataFrame,
+    method: str,
+    p: str = "estimated",
+    *,
+    period: int = 1,
+    new: bool = True,
+) -> float:
+    """Mean distance over random commands' in a period; the first throw is 1."""
+    if period == 1:
+        runs = select(table, method, p, new=new).query("periods == 2")
+    else:
+        runs = select(table, method, p, new=new, least=3)
+    return float(over_random(runs, period - 1).mean())
 
 
 def _rows(tables: Tables) -> list[Row]:
     """Means over cloths, targets, trainings and runs."""
     table = tables["transfer"]
-    of_arms = (_arm_rows(arm, runs) for arm, runs in table.groupby("arm", sort=False))
-    return [*chain(*of_arms), *_new_targets(table), *_over_oracle(tables)]
+    rows = []
+    for arm, runs in table.groupby("arm", sort=False):
+        rows.append(_first_row(arm, runs))
+        rows += _wrong_p_rows(arm, runs)
+        rows.append(_replay_row(arm, runs))
+        rows.append(_recorded_row(arm, runs))
+    rows.append(_new_targets_row(table))
+    rows.append(_oracle_row(table, tables["oracle_transfer"], tables["oracle"]))
+    rows.append(_overlap_row(table, tables["oracle_transfer"]))
+    return rows
 
 
-def _arm_rows(arm: str, table: pd.DataFrame) -> list[Row]:
-    def mean(
-        method: str, p: str = "estimated", period: int = 1, **chosen: bool
-    ) -> float:
-        runs = select(table, method, p, least=3 if period > 1 else 2, **chosen)
-        return float(
-            over_random(
-                runs if period > 1 else runs.query("periods == 2"), period - 1
-            ).mean()
-        )
+def _first_row(arm: str, table: pd.DataFrame) -> Row:
+    """First throws with new cloths; other methods and later periods beside them."""
+    notes = []
+    for method in (ANY_OTHER, NEAREST_P, PREDICTED, PAPERS, PERIODIC):
+        notes.append(f"{method} {_mean(table, method):.2f}")
+    notes.append(f"nearest trained p {_mean(table, CHOSEN, 'nearest'):.2f}")
+    for period in (3, 10, 30):
+        notes.append(f"period {period}: {_mean(table, CHOSEN, period=period):.2f}")
+    for method in (ALONE, PAPERS, PERIODIC):
+        notes.append(f"{method}, period 10: {_mean(table, method, period=10):.2f}")
+    return Row(
+        f"transfer/{arm}/first",
+        f"{arm} arm, new cloths, first throw: distance over random commands'",
+        _mean(table, CHOSEN),
+        at_most=0.25,
+        note="; ".join(notes),
+    )
 
-    where, best = f"{arm} arm, new cloths, first throw", mean(CHOSEN)
-    others = [
-        f"{name} {mean(name):.2f}"
-        for name in (*_FIRST_OTHERS, PREDICTED, PAPERS, PERIODIC)
-    ]
-    others += [f"nearest trained p {mean(CHOSEN, 'nearest'):.2f}"]
-    later = [f"period {k}: {mean(CHOSEN, period=k):.2f}" for k in (3, 10, 30)]
-    later += [
-        f"{name}, period 10: {mean(name, period=10):.2f}"
-        for name in (ALONE, PAPERS, PERIODIC)
-    ]
-    label, note = f"{where}: distance over random commands'", "; ".join(others + later)
-    found = [Row(f"transfer/{arm}/first", label, best, at_most=0.25, note=note)]
+
+_WRONG = {"farthest": "the farthest p", "zero": "p = 0", "none": "no p at all"}
+_AIMS = {"farthest": -0.25}
+
+
+def _wrong_p_rows(arm: str, table: pd.DataFrame) -> list[Row]:
+    """What it costs to know p wrongly, or not at all."""
+    estimated = select(table, CHOSEN, "estimated")
+    rows = []
     for p, name in _WRONG.items():
-        gap, low, high = difference(
-            select(table, CHOSEN, "estimated"), select(table, CHOSEN, p)
+        gap, low, high = difference(estimated, select(table, CHOSEN, p))
+        row = Row(
+            f"transfer/{arm}/{p}",
+            f"{arm} arm, new cloths, first throw: estimated p minus {name}",
+            gap,
+            interval=(low, high),
+            paper="Correct better",
+            below=0.0,
+            at_most=_AIMS.get(p),
         )
-        label, aim = (
-            f"{where}: estimated p minus {name}",
-            -0.25 if p == "farthest" else None,
-        )
-        key, says = f"transfer/{arm}/{p}", "Correct better"
-        found.append(
-            Row(
-                key,
-                label,
-                gap,
-                interval=(low, high),
-                paper=says,
-                below=0.0,
-                at_most=aim,
-            )
-        )
-    label = f"{where}: over the nearest recording of another cloth"
-    found.append(
-        Row(f"transfer/{arm}/replay", label, best / mean(_FIRST_OTHERS[0]), at_most=0.5)
+        rows.append(row)
+    return rows
+
+
+def _replay_row(arm: str, table: pd.DataFrame) -> Row:
+    """What a model adds to a recording."""
+    return Row(
+        f"transfer/{arm}/replay",
+        f"{arm} arm, new cloths, first throw: over the nearest recording of another "
+        "cloth",
+        _mean(table, CHOSEN) / _mean(table, ANY_OTHER),
+        at_most=0.5,
     )
-    label = f"{arm} arm, recorded cloths, first throw: distance over random commands'"
-    known = ((CHOSEN, "right"), ("replay, this cloth", "right"))
-    value, replay = (mean(*method, new=False) for method in known)
+
+
+def _recorded_row(arm: str, table: pd.DataFrame) -> Row:
+    """First throws with cloths whose p is known."""
+    replay = _mean(table, THIS_CLOTH, "right", new=False)
     of_paper = table[table["cloth"].isin(PAPERS_CLOTHS[arm])]
-    theirs = (
-        float(
-            over_random(select(of_paper, *each, new=False).query("periods == 2")).mean()
-        )
-        for each in known
+    theirs = _mean(of_paper, CHOSEN, "right", new=False)
+    their_replay = _mean(of_paper, THIS_CLOTH, "right", new=False)
+    tenth = _mean(table, CHOSEN, "right", period=10, new=False)
+    thirtieth = _mean(table, CHOSEN, "right", period=30, new=False)
+    return Row(
+        f"transfer/{arm}/recorded",
+        f"{arm} arm, recorded cloths, first throw: distance over random commands'",
+        _mean(table, CHOSEN, "right", new=False),
+        at_most=0.06,
+        note=f"replay {replay:.2f}; the paper's two cloths {theirs:.2f}, replay "
+        f"{their_replay:.2f}; period 10: {tenth:.2f}; period 30: {thirtieth:.2f}",
     )
-    note = "replay {:.2f}; the paper's two cloths {:.2f}, replay {:.2f}; ".format(
-        replay, *theirs
+
+
+def _new_targets_row(table: pd.DataFrame) -> Row:
+    """Targets that no recording shows, with new and with recorded cloths."""
+    new_target = table["target"].str.contains("/")
+    drawn = table["target"].str.startswith("drawn/")
+    long = (table["periods"] > 2) & (table["method"] == CHOSEN)
+    runs = table[new_target & ~drawn & long]
+    new = runs["cloth"].isin(NEW_NAMES)
+    first = over_random(runs, 0).groupby(new).mean()
+    tenth = over_random(runs, 9).groupby(new).mean()
+    return Row(
+        "transfer/held-out",
+        "held-out targets, new cloths, after ten periods: distance over random "
+        "commands'",
+        float(tenth[True]),
+        at_most=0.1,
+        note=f"first throw {first[True]:.2f}; recorded cloths {tenth[False]:.2f}, "
+        f"first throw {first[False]:.2f}",
     )
-    note += "; ".join(
-        f"period {k}: {mean(CHOSEN, 'right', period=k, new=False):.2f}"
-        for k in (10, 30)
-    )
-    found.append(Row(f"transfer/{arm}/recorded", label, value, at_most=0.06, note=note))
-    return found
 
 
-def _new_targets(table: pd.DataFrame) -> list[Row]:
-    runs = table[
-        table["target"].str.contains("/")
-        & (table["periods"] > 2)
-        & (table["method"] == CHOSEN)
-    ]
-    new, drawn = runs["cloth"].isin(NEW_NAMES), runs["target"].str.startswith("drawn/")
-    first, tenth = (over_random(runs[~drawn], k).groupby(new).mean() for k in (0, 9))
-    label = "held-out targets, new cloths, after ten periods: distance over random commands'"
-    note = f"first throw {first[True]:.2f}; recorded cloths {tenth[False]:.2f}, first throw {first[False]:.2f}"
-    return [Row("transfer/held-out", label, float(tenth[True]), at_most=0.1, note=note)]
+_KEYS = ["target", "cloth"]  # which a run and a search have in common
 
 
-def _over_oracle(tables: Tables) -> list[Row]:
+def _oracle_row(table: pd.DataFrame, search: pd.DataFrame, oracle: pd.DataFrame) -> Row:
     """How near the search on the true simulator is, which knows the cloth."""
-    table, search, keys = (
-        tables["transfer"],
-        tables["oracle_transfer"],
-        ["target", "cloth"],
+    recorded = select(table, CHOSEN, "right", new=False, least=31)
+    over_oracle = _over(recorded, best_possible(oracle))
+
+    # Of new cloths there are shorter searches only
+    by_distance = search[~search["overlap"]].set_index(_KEYS)
+    short = by_distance["best"].map(np.min)
+    new = select(table, CHOSEN, "estimated", least=31)
+    over_short = _over(new, short)
+    return Row(
+        "transfer/oracle",
+        "the paper's cloths and targets, last ten of thirty periods: distance over the "
+        "oracle's, median of them",
+        float(over_oracle),
+        at_most=2,
+        note=f"new cloths over a search of three periods {over_short:.2f}",
     )
-    short = search[~search["overlap"]].set_index(keys)["best"].map(np.min)
-    ratios = []
-    for runs, least in (
-        (
-            select(table, CHOSEN, "right", new=False, least=31),
-            best_possible(tables["oracle"]),
-        ),
-        (select(table, CHOSEN, "estimated", least=31), short),
-    ):
-        over = (
-            runs["best"].map(late_median)
-            / runs.join(least.rename("least"), on=keys)["least"]
-        )
-        ratios.append(over.groupby([runs["target"], runs["cloth"]]).mean().median())
-    label = "the paper's cloths and targets, last ten of thirty periods: distance over the oracle's, median of them"
-    note = f"new cloths over a search of three periods {ratios[1]:.2f}"
-    found = Row("transfer/oracle", label, float(ratios[0]), at_most=2, note=note)
-    largest = (
-        search[search["overlap"]].set_index(keys)["iou"].map(np.max).rename("largest")
-    )
-    shapes = table[(table["method"] == CHOSEN) & (table["periods"] > 2)].join(
-        largest, on=keys
-    )
+
+
+def _over(runs: pd.DataFrame, least: pd.Series) -> float:
+    """Late distances over the least possible ones: median of targets and cloths."""
+    possible = runs.join(least.rename("least"), on=_KEYS)["least"]
+    over = runs["best"].map(late_median) / possible
+    return over.groupby([runs["target"], runs["cloth"]]).mean().median()
+
+
+def _overlap_row(table: pd.DataFrame, search: pd.DataFrame) -> Row:
+    """How much of the shape that is possible is shown."""
+    by_overlap = search[search["overlap"]].set_index(_KEYS)
+    largest = by_overlap["iou"].map(np.max).rename("largest")
+    long = (table["method"] == CHOSEN) & (table["periods"] > 2)
+    shapes = table[long].join(largest, on=_KEYS)
     share = shapes["iou"].map(np.max) / shapes["largest"]
-    drawn = float(share[shapes["target"].str.startswith("drawn/")].median())
-    label = "drawn and held-out targets, ten periods: best IoU over that of an oracle which searches for IoU, median"
-    note = f"drawn shapes {drawn:.2f}"
-    return [
-        found,
-        Row("transfer/iou", label, float(share.median()), at_least=0.9, note=note),
-    ]
+    drawn = share[shapes["target"].str.startswith("drawn/")]
+    return Row(
+        "transfer/iou",
+        "drawn and held-out targets, ten periods: best IoU over that of an oracle "
+        "which searches for IoU, median",
+        float(share.median()),
+        at_least=0.9,
+        note=f"drawn shapes {float(drawn.median()):.2f}",
+    )
 
 
+_ABOUT = """
+What is p worth?
+
+Throws with cloths that were never recorded, and towards targets that were not chosen by
+their results. p is estimated from 40 s of random commands before the first throw.
+Distances are the best of a period over that of random commands; in the first period,
+which is left out, the arm swings up.
+"""
 EXPERIMENTS = (
-    Experiment("transfer", _run_one, _cases, seconds=6, slow=True, rows=_rows),
+    Experiment(
+        "transfer", _run_one, _cases, seconds=6, slow=True, rows=_rows, about=_ABOUT
+    ),
 )

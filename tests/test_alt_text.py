@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clothlab import plots
-from clothlab.alt_text import describe
+from clothlab._alt_text import describe
 from clothlab.simulation.cloth import CLOTHS, FOAMS
 
 RNG = np.random.default_rng(0)

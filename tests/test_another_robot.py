@@ -16,7 +16,7 @@ import torch
 from clothlab import data
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings
-from clothlab.method.estimation import estimate_bias
+from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import EpisodeEnded, rollout
 from clothlab.method.training import ModelTraining, train_dpmpb

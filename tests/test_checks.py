@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import clothlab
 from clothlab import checks
 from clothlab.checks._check import array, check, number
-from clothlab.checks.cloth_simulation import acceleration
+from clothlab.checks._cloth_simulation import acceleration
 from course.solutions import solved
 
 NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
@@ -115,7 +115,7 @@ def test_an_exercise_has_stub_solution_and_check(path):
         assert check.startswith(f"checks.{name}({name})"), (
             f"the check of {name} is clothlab.checks.{name}"
         )
-        assert getattr(checks, name).__module__ == f"clothlab.checks.{path.stem[3:]}"
+        assert getattr(checks, name).__module__ == f"clothlab.checks._{path.stem[3:]}"
 
 
 def test_every_check_belongs_to_an_exercise():

@@ -71,6 +71,21 @@ def test_a_claim_needs_bounds_and_arrays(findings):
         findings.stored("near", mean, below=1)
 
 
+@pytest.mark.parametrize(
+    ("figure", "given"),
+    [
+        (lambda below: below.mean(), {"below": DISTANCES, "at_most": 1}),
+        (lambda below: float(below), {"below": 0.2, "at_most": 1}),
+        (lambda **arrays: 0.3, {"below": DISTANCES, "a": DISTANCES}),
+        (mean, {"below": [0.5], "distances": DISTANCES}),
+    ],
+)
+def test_an_array_with_the_name_of_a_bound_is_refused(findings, figure, given):
+    with pytest.raises(ValueError, match="'near': below is a bound, one number") as no:
+        findings.stored("near", figure, **given)
+    assert "\n" not in str(no.value)
+
+
 def test_a_small_run_is_judged_by_the_stored_figures_and_a_full_one_by_its_own_too(
     recorded, capsys
 ):

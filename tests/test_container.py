@@ -72,9 +72,7 @@ def docker():
 
 @pytest.mark.container
 def test_notebook_00_passes_in_it_without_a_network(docker):
-    solve = (
-        "python course/solutions.py --into /tmp/solved notebooks/00_start_here.ipynb"
-    )
+    solve = "python course/solutions.py solve --into /tmp/solved notebooks/00_start_here.ipynb"
     run = "jupyter nbconvert --execute --to=notebook --output-dir=/tmp /tmp/solved/00_start_here.ipynb"
     docker(
         "run",

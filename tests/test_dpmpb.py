@@ -7,8 +7,7 @@ import torch
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.estimation import estimate_bias
-from clothlab.method.gauss_newton import NewtonSettings
+from clothlab.method.gauss_newton import NewtonSettings, estimate_bias
 from clothlab.method.model import DPMPB, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.trials import to_run

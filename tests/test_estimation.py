@@ -10,13 +10,13 @@ from clothlab.method.data import Run
 from clothlab.method.estimation import (
     BiasEstimator,
     EstimationSettings,
-    estimate_bias,
     prediction_loss,
 )
 from clothlab.method.gauss_newton import (
     Linearisation,
     NewtonEstimator,
     NewtonSettings,
+    estimate_bias,
     linearise,
 )
 from clothlab.method.model import predict

@@ -140,3 +140,11 @@ def test_the_method_runs_on_what_pip_install_clothlab_brings():
     code = f"import runpy; runpy.run_path({str(ALONE)!r}, run_name='__main__')"
     block = BLOCK.replace("{blocked}", repr(FOREIGN))
     assert run(block + code, PYTHONPATH=os.pathsep.join(sys.path)) == "\n"
+
+
+def test_gymnasium_without_a_simulation_is_no_fault():
+    block = BLOCK.replace("{blocked}", repr({"mujoco"}))
+    assert (
+        run(block + "import gymnasium, clothlab; print(clothlab.iou.__name__)")
+        == "iou\n"
+    )

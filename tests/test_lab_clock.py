@@ -5,7 +5,7 @@ from threading import get_ident
 
 import pytest
 
-from clothlab.lab.clock import _RECENT, Clock, LoopCallbacks
+from clothlab.lab._clock import _RECENT, Clock, LoopCallbacks
 
 
 class JumpingLoop(asyncio.SelectorEventLoop):

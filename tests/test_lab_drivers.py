@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.lab.drivers import DRIVERS, Choice, Drivers
+from clothlab.lab._drivers import DRIVERS, Choice, Drivers
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
@@ -41,6 +41,11 @@ def drive(drivers, env, driver, steps, **options):
     return choices
 
 
+def learned(drivers):
+    policy = drivers._controllers["iterative"]
+    return policy.controller.learned.attempts
+
+
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_only_controllers_predict_and_have_periods(drivers, env, driver):
     choices = drive(drivers, env, driver, 9)
@@ -69,9 +74,9 @@ def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(
     assert drive(drivers, env, "iterative", 8, solve=False)[
         0
     ].solved  # a period begins, and there is no plan for it
-    assert len(drivers._iterative.attempts) == 1
+    assert len(learned(drivers)) == 1
     drivers.reset(0)
-    assert drivers._iterative.attempts == []
+    assert learned(drivers) == ()
 
 
 def periods(drivers, driver, predictions, distances):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from clothlab.lab import LivePanel
-from clothlab.lab.messages import MOST_ERRORS, Messages
+from clothlab.lab._messages import MOST_ERRORS, Messages
 
 pytestmark = pytest.mark.slow  # each panel starts a session
 

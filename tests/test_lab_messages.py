@@ -2,7 +2,7 @@
 
 import pytest
 
-from clothlab.lab.messages import KNOWN_ERRORS, Messages
+from clothlab.lab._messages import KNOWN_ERRORS, Messages
 
 
 def fail(error):

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel, panel as panel_module
-from clothlab.lab.actions import stick_command
-from clothlab.lab.targets import LARGEST_FILE
+from clothlab.lab import LivePanel, _panel as panel_module
+from clothlab.lab._actions import stick_command
+from clothlab.lab._targets import LARGEST_FILE
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial
@@ -362,7 +362,7 @@ def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_kno
     assert [len(each) for each in shown] == [2] * 7 + [4] * 2
     moment = panel.history[7]
     assert shown[8][2].endswith(f"{moment.distance:.2f}")
-    assert np.linalg.norm(moment.began - panel.session._z_ref) == pytest.approx(
+    assert np.linalg.norm(moment.began - panel.session.aim.z) == pytest.approx(
         moment.period.predicted, abs=1e-5
     )
     assert np.array_equal(moment.began, panel.history[0].foreseen)

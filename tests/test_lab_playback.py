@@ -4,7 +4,7 @@ import pytest
 
 from clothlab import data
 from clothlab.lab import LivePanel, RecordedRun
-from clothlab.lab.playback import _SHOWN, RECORDING, SessionRecording, load_recording
+from clothlab.lab._playback import _SHOWN, RECORDING, SessionRecording, load_recording
 
 pytestmark = pytest.mark.slow  # a panel starts a session
 

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from clothlab.lab import recorder
-from clothlab.lab.recorder import Recorder
+from clothlab.lab import _recorder as recorder
+from clothlab.lab._recorder import Recorder
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import load_trial
 
@@ -60,7 +60,7 @@ DYING = """
 import os, sys
 import numpy as np
 from pathlib import Path
-from clothlab.lab.recorder import Recorder
+from clothlab.lab._recorder import Recorder
 from clothlab.simulation.cloth import get_cloth
 
 about = {"cloth": get_cloth("damp0.03-mass0.05"), "arm": "torque", "seed": 3}

@@ -5,9 +5,9 @@ refuses.
 import numpy as np
 import pytest
 
-from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.session import LiveSession
-from clothlab.lab.views import MATERIAL
+from clothlab.lab._drivers import DRIVERS
+from clothlab.lab._session import LiveSession
+from clothlab.lab._views import MATERIAL
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import SimulationError
@@ -40,7 +40,8 @@ def drive(session, periods):
 
 
 def learned(session):
-    return session._drivers._iterative.attempts
+    policy = session._drivers._controllers["iterative"]
+    return policy.controller.learned.attempts
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
@@ -153,7 +154,21 @@ def test_a_fixed_stiffness_is_sent_by_every_driver(session, muscle):
         muscle.set_tension(5.0)
     assert muscle.tension == 55.0
     muscle.set_tension(None)
-    assert muscle._drivers._iterative.attempts == []  # another arm
+    assert learned(muscle) == ()  # another arm
+
+
+def test_a_fixed_stiffness_leaves_the_aim_of_the_control_as_it_is(session, monkeypatch):
+    monkeypatch.setattr("secrets.randbits", lambda count: 7)
+    session.set_target(CHECKERS)
+    assert not np.array_equal(session.aim.known, CHECKERS)
+    predicted = []
+    for aim_again in (True, False):
+        session.reset()
+        session.set_tension(None)
+        if aim_again:
+            session.set_target(CHECKERS)
+        predicted.append(session.step().predicted)
+    assert predicted[0] == predicted[1]
 
 
 def test_another_cloth_starts_from_rest_and_keeps_p(session):

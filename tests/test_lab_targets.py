@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import targets
+from clothlab.lab import _targets as targets
 from clothlab.method.autoencoder import Autoencoder
 
 

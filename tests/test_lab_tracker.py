@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from clothlab import data
-from clothlab.lab import tracker
-from clothlab.lab.tracker import _REPORT_EVERY, BiasTracker, _calibration
+from clothlab.lab import _tracker as tracker
+from clothlab.lab._tracker import _REPORT_EVERY, BiasTracker, _calibration
 
 pytestmark = pytest.mark.slow  # a calibration takes seconds
 

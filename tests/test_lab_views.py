@@ -11,9 +11,12 @@ import pytest
 import studies
 from clothlab import data
 from clothlab.calibration import EstimateReport, inside
-from clothlab.lab import views
-from clothlab.lab.drivers import Period
-from clothlab.lab.session import SETUPS, LiveSession
+from clothlab.lab import _views as views
+from clothlab.lab._drivers import Period
+from clothlab.lab._equipment import SETUPS
+from clothlab.lab._pictures import ellipse_at_hand, encoded
+from clothlab.lab._plane import Plane
+from clothlab.lab._session import LiveSession
 from clothlab.method.autoencoder import decode, encode
 from clothlab.simulation.arm import MuscleArm
 
@@ -58,7 +61,7 @@ def plain(value):
 
 def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
     plane, covariance = (
-        views.Plane(BIASES, {"a": "first"}),
+        Plane(BIASES, {"a": "first"}),
         np.array([[0.04, 0.01], [0.01, 0.09]]),
     )
     for p in BIASES.values():
@@ -115,7 +118,13 @@ def test_a_frame_has_pictures_and_traces_as_long_as_the_history(
 ):
     for steps in ([], history):
         frame = plain(shown.frame(steps))
-        assert all(frame[name] for name in ("scene", "seen", "decoded"))
+        assert frame["scene"]
+        image = steps[-1].image if steps else session.observation["image"]
+        autoencoder = session.trained.autoencoder
+        decoded = decode(autoencoder, encode(autoencoder, image.astype(bool)))
+        assert frame["seen"] == encoded(image.astype(bool))
+        assert frame["decoded"] == encoded(decoded)
+        assert frame["decoded"] != frame["seen"]
         assert len(frame["trail"]) == len(steps)
         assert all(
             len(line["values"]) == len(steps)
@@ -216,7 +225,7 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
     monkeypatch,
 ):
     # As outside of tests
-    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)
+    monkeypatch.setattr("clothlab.lab._targets.REFERENCE_EVERY", 20)
     searched = studies.load("oracle_transfer").query("overlap")
     with contextlib.closing(LiveSession()) as session:
         for target, best in zip(
@@ -231,7 +240,7 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
 
 def test_the_ellipse_lies_around_the_hand_and_is_smaller_the_stiffer_the_arm():
     arm, theta = MuscleArm(), np.array([0.3, -1.0])
-    figures = [views.ellipse_at_hand(arm, theta, f_const) for f_const in (10.0, 70.0)]
+    figures = [ellipse_at_hand(arm, theta, f_const) for f_const in (10.0, 70.0)]
     (links, soft), (_, stiff) = (figure.axes[0].lines for figure in figures)
     hand = [line[-1] for line in links.get_data()]
     assert hand == pytest.approx(arm.hand(theta))

@@ -21,11 +21,17 @@ def locks(tmp_path, monkeypatch):
     return tmp_path
 
 
+def option(words, name):
+    """What an option of a command is set to."""
+    (found,) = (word for word in words if word.startswith(f"{name}="))
+    return found.removeprefix(f"{name}=")
+
+
 def test_a_machine_without_a_wheel_is_named_with_its_reason(locks, monkeypatch, capsys):
     asked = []
 
     def uv(*words):
-        version = words[words.index("--python-version") + 1]
+        version = option(words, "--python-version")
         with open(words[2]) as file:
             asked.append(file.read())
         fails = version == make_locks.OLDEST
@@ -55,8 +61,8 @@ def test_nothing_of_cuda_is_locked_and_a_later_lock_holds_only_what_is_new(
     first = "numpy==2.4.6\nnvidia-cublas==1 ; sys_platform == 'linux'\ncuda-bindings==2\ntriton==3\ntorch==2.13.0\n"
 
     def uv(*words):
-        with open(words[words.index("--output-file") + 1], "w") as file:
-            file.write(first + "pytest==9.2.0\n" * ("--group" in words))
+        with open(option(words, "--output-file"), "w") as file:
+            file.write(first + "pytest==9.2.0\n" * ("--group=dev" in words))
         return subprocess.CompletedProcess(words, 0)
 
     monkeypatch.setattr(make_locks, "uv", uv)

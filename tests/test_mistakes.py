@@ -14,8 +14,8 @@ from clothlab.method.autoencoder import Autoencoder, train_autoencoder
 from clothlab.method.cloth_task import ControlPolicy, period_mask
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
-from clothlab.method.estimation import BiasEstimator, estimate_bias, prediction_loss
-from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.estimation import BiasEstimator, prediction_loss
+from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.iterative import IterativeSearch, nearest_plans
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm

@@ -143,8 +143,8 @@ def test_the_method_is_trained_saved_loaded_and_steers_in_a_fresh_environment(ba
     ("code", "message"),
     [
         (
-            "from clothlab import rollout",
-            "clothlab.rollout needs mujoco: pip install 'clothlab[cloth]'",
+            "from clothlab import ClothEnv",
+            "clothlab.ClothEnv needs mujoco: pip install 'clothlab[cloth]'",
         ),
         (
             "from clothlab import load",
@@ -196,7 +196,7 @@ def test_it_holds_neither_studies_nor_course_nor_notebooks(wheel):
 
 
 def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
-    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import clock; print(clock.__file__)"
+    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import _clock; print(_clock.__file__)"
     done = run(installed, tmp_path, code)
     assert done.stdout.split() == [
         "False",

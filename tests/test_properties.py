@@ -28,7 +28,7 @@ import clothlab
 from clothlab import analysis, data as stored, policies, trials
 from clothlab._validation import Checked
 from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method import autoencoder, estimation
+from clothlab.method import autoencoder, estimation, gauss_newton
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
 from clothlab.simulation import arm, cloth, env, stiffness, vision
@@ -164,7 +164,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "save_target": (stored.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),
     "estimate_bias": (
-        lambda p: estimation.estimate_bias(learned().model, run(), p),
+        lambda p: gauss_newton.estimate_bias(learned().model, run(), p),
         {"p": np.zeros(2)},
     ),
     "controller": (

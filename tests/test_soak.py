@@ -17,9 +17,9 @@ import numpy as np
 import psutil
 import pytest
 
-from clothlab.lab.drivers import DRIVERS
-from clothlab.lab.messages import KNOWN_ERRORS
-from clothlab.lab.session import LiveSession
+from clothlab.lab._drivers import DRIVERS
+from clothlab.lab._messages import KNOWN_ERRORS
+from clothlab.lab._session import LiveSession
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import load_trial
 

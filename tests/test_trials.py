@@ -23,6 +23,7 @@ def assert_equal(a: Trial, b: Trial) -> None:
     for name in ARRAYS:
         assert np.array_equal(getattr(a, name), getattr(b, name)), name
     assert (a.cloth, a.arm, a.policy, a.seed) == (b.cloth, b.arm, b.policy, b.seed)
+    assert a.outcome == b.outcome
 
 
 @pytest.mark.slow
@@ -101,6 +102,19 @@ def test_a_file_of_a_trial_holds_no_pickles_and_says_its_format(trial, tmp_path)
     }
 
 
+def test_what_came_of_a_trial_is_stored_apart_from_its_policy(trial, tmp_path):
+    path = tmp_path / "trial.npz"
+    spread = replace(trial, outcome="spread", policy="mine, spread")
+    save_trial(spread, path)
+    assert_equal(load_trial(path), spread)
+    # Older files said it behind the policy's name
+    rewritten(trial, path, about=about(trial, policy="throw, spread"))
+    old = load_trial(path)
+    assert (old.policy, old.outcome) == ("throw", "spread")
+    rewritten(trial, path, about=about(trial, policy="throw"))
+    assert load_trial(path).outcome == ""
+
+
 @pytest.mark.parametrize("name", ["run1", "run1.npy", ".npz"])
 def test_a_trial_is_saved_where_it_is_looked_for(trial, tmp_path, name):
     (tmp_path / name).write_text("old")
@@ -160,7 +174,7 @@ def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path, change):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"format": 3}, "its format is 3, this version reads 1 and 2"),
+        ({"format": 4}, "its format is 4, this version reads 1 to 3"),
         (
             {"arm": "octopus"},
             "its arm 'octopus' is unknown; known are torque, muscle, muscle-hand",

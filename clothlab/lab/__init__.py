@@ -1,10 +1,12 @@
-"""The live lab: `LivePanel` steers a `LiveSession`; notebooks have small widgets:
-Control, PBMap and RecordedRun.
+"""The live lab: `LivePanel` steers a `LiveSession`.
+
+Notebooks have small widgets beside it: Control, PBMap and RecordedRun. All else in this
+folder is the inside of these five.
 """
 
-from clothlab.lab.controls import Control, PBMap
-from clothlab.lab.panel import LivePanel
-from clothlab.lab.playback import RecordedRun
-from clothlab.lab.session import LiveSession
+from clothlab.lab._controls import Control, PBMap
+from clothlab.lab._panel import LivePanel
+from clothlab.lab._playback import RecordedRun
+from clothlab.lab._session import LiveSession
 
 __all__ = ["Control", "LivePanel", "LiveSession", "PBMap", "RecordedRun"]

@@ -7,6 +7,7 @@ import hashlib
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -163,26 +164,37 @@ def train_autoencoder(
     with seeded(seed):
         model = Autoencoder(settings.latent_size).to(device)
         # On a processor convolutions are faster with the channels last.
-        model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        data = torch.as_tensor(images).unsqueeze(1).to(device)
-
-        def loss(index: Tensor) -> Tensor:
-            """Cross entropy of some images and their reconstructions."""
-            batch = data[index.to(device)].float()
-            return nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
-
-        def batches() -> Sequence[Tensor]:
-            """Full batches only: what is left over waits for another epoch."""
-            whole = len(data) // size * size
-            return torch.randperm(len(data))[:whole].split(size)
-
-        bar = "autoencoder" if progress else None
-        rate = settings.learning_rate
-        epochs = minimise(
-            model.parameters(), loss, batches, settings.epochs, rate, bar=bar
-        )
-        losses = list(epochs)
+        last: Any = {"memory_format": torch.channels_last}
+        model = model.to(**last)
+        losses = _train(model, images, settings, device, progress)
     return model.cpu().eval(), losses
+
+
+def _train(
+    model: Autoencoder,
+    images: np.ndarray,
+    settings: AutoencoderTraining,
+    device: str,
+    progress: bool,
+) -> list[float]:
+    """Train in place: the mean loss of each epoch."""
+    data = torch.as_tensor(images).unsqueeze(1).to(device)
+
+    def loss(index: Tensor) -> Tensor:
+        """Cross entropy of some images and their reconstructions."""
+        batch = data[index.to(device)].float()
+        return nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
+
+    def batches() -> Sequence[Tensor]:
+        """Full batches only: what is left over waits for another epoch."""
+        whole = len(data) // settings.batch_size * settings.batch_size
+        return torch.randperm(len(data))[:whole].split(settings.batch_size)
+
+    # Adam, as for the model.
+    weights = model.parameters()
+    rate = settings.learning_rate
+    bar = "autoencoder" if progress else None
+    return list(minimise(weights, loss, batches, settings.epochs, rate, bar=bar))
 
 
 @torch.inference_mode()

@@ -171,10 +171,14 @@ class ControlPolicy(Policy):
         settings = settings_or_default(settings, ControlSettings)
         search = GradientSearch() if search is None else search
         self.name = search.name
+
+        # The eyes and the arm, and whether the model belongs to them.
         self.autoencoder = autoencoder
         self.arm = arm
         self.layout = arm.layout(autoencoder.latent_size)
         _check_sizes(model, arm, self.layout)
+
+        # What is wanted, and the controller that wants it.
         self.loss = ImageLoss(autoencoder, target, self.layout.tensions, settings)
         self.controller = Controller(
             model,

@@ -286,12 +286,14 @@ class Controller:
         home: ArrayLike | None = None,
         search: Search | None = None,
     ):
+        # What the controller is composed of.
         self.model = check_model(model)
         self.loss = loss
         self.settings = settings_or_default(settings, ControlSettings)
         self.limits = _limits(model, lower, upper)
         self.search: Search = GradientSearch() if search is None else search
 
+        # How a plan goes on, and which is the first.
         warm_starts = {"last": False, "periodic": True}
         self._repeats = choose("warm start", self.settings.warm_start, warm_starts)
         middle = (self.limits.lower + self.limits.upper) / 2
@@ -356,7 +358,7 @@ class Controller:
         self._progress = self._beginning()
 
     def resume(self) -> None:
-        """Begin anew, as after somebody else moved the robot; what was learned stays."""
+        """Begin anew, as after somebody moved the robot; what was learned stays."""
         self._progress = self._beginning(self.learned)
 
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
@@ -366,6 +368,7 @@ class Controller:
         """
         state = self._checked_state(s)
         with self.between_steps():
+            # Ask the search.
             now = self._moved_on()
             found = self.search(self._problem(state, now, solve), now.learned)
             if not found.plan.isfinite().all():
@@ -374,6 +377,7 @@ class Controller:
                     "try `vector_norm`"
                 )
 
+            # Note what was sent; only now has the step happened.
             command = found.plan[0]
             after = replace(
                 now,

@@ -1,6 +1,4 @@
-"""Runs of a robot as the model sees them, windows of them, and what their numbers are
-divided by.
-"""
+"""Runs of a robot as the model sees them, windows of them, and their normalisation."""
 
 import warnings
 from collections.abc import Sequence
@@ -76,7 +74,9 @@ def windows(
         `materials_of(runs)` each window belongs to, `[N]`.
     """
     materials = materials_of(runs)
-    states, commands, which = [], [], []
+    states = []
+    commands = []
+    which = []
     for run in runs:
         s = torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
         u = torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
@@ -122,7 +122,7 @@ def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
 
 
 def _normalise(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
-    """Write the mean and deviation `[D]` of values `[T, D]`: which are constant `[D]`."""
+    """Write mean and deviation `[D]` of values `[T, D]`; which are constant `[D]`."""
     size = values.abs().amax(0)
     constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
     mean.copy_(values.mean(0))
@@ -132,7 +132,7 @@ def _normalise(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 
 @torch.no_grad()
 def _leave_out_states(model: DPMPB, constant: Tensor) -> None:
-    """Make the model deaf to some states `[D_s]`, bool, and let it predict their mean."""
+    """Make the model deaf to some states `[D_s]`, bool: it predicts their mean."""
     first_layer = cast(nn.Linear, model.fc_in[0])
     last_layer = cast(nn.Linear, model.fc_out[-1])
     columns = model.command_size + constant.nonzero().flatten()

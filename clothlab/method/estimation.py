@@ -17,11 +17,9 @@ from clothlab._validation import (
     Checked,
     check_array,
     check_number,
-    choose,
     setting,
     settings_or_default,
 )
-from clothlab.method.data import Run, check_run
 from clothlab.method.model import DPMPB, check_model
 
 LARGEST_LOSS = 1e38  # nearly the largest number in single precision
@@ -104,7 +102,10 @@ class Rule(Protocol):
 
 
 class _State(NamedTuple):
-    """Where an estimation is. It is replaced as a whole, so that no step is half taken."""
+    """Where an estimation is.
+
+    It is replaced as a whole, so that no step is half taken.
+    """
 
     p: np.ndarray  # the estimate [D_p]
     carried: Any = None  # by the rule
@@ -224,32 +225,3 @@ class _MomentumSGD:
         velocity = velocity.mul(self._settings.momentum).add(gradient)
         after = before.detach().add(velocity, alpha=-self._settings.rate)
         return Moved(after.numpy(), loss.item(), velocity)
-
-
-def estimate_bias(
-    model: DPMPB,
-    run: Run,
-    p: ArrayLike | None = None,
-    *,
-    method: str = "sgd",
-    settings: Any = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Run the online estimation over a recorded run.
-
-    Args:
-        model: whose weights stay as they are.
-        run: states and commands of one material.
-        p: where the estimate starts, `[D_p]`; zeros by default.
-        method: "sgd" for the paper's momentum SGD, "newton" for Gauss-Newton.
-        settings: of that method, `EstimationSettings` or `NewtonSettings`.
-
-    Returns:
-        The final p `[D_p]`, and p after each step `[T, D_p]`.
-    """
-    from clothlab.method.gauss_newton import NewtonEstimator  # builds on this module
-
-    check_run(run)
-    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
-    estimator = choose("method", method, estimators)(model, p, settings)
-    path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
-    return path[-1], np.stack(path)

@@ -13,9 +13,21 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, setting, settings_or_default
+from clothlab._validation import (
+    Checked,
+    check_array,
+    choose,
+    setting,
+    settings_or_default,
+)
 from clothlab.method.data import Run, check_run
-from clothlab.method.estimation import LARGEST_LOSS, Estimator, Moved, Window
+from clothlab.method.estimation import (
+    LARGEST_LOSS,
+    BiasEstimator,
+    Estimator,
+    Moved,
+    Window,
+)
 from clothlab.method.model import DPMPB
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
@@ -57,12 +69,13 @@ class Linearisation:
             p: where predictions are linearised, `[D_p]`.
             warmup: first steps, which only fill the memory.
         """
+        # p and its neighbours, up and down in each of its numbers.
         p = np.asarray(p, dtype=np.float64)
         size = len(p)
         nudges = _NUDGE * np.eye(size)
         around = np.concatenate([p[None], p + nudges, p - nudges])
 
-        # p itself is the first of the batch, then come its neighbours.
+        # One pass: p itself is the first of the batch, then come its neighbours.
         several = torch.as_tensor(around, dtype=s.dtype)
         before = s[:-1].expand(len(several), -1, -1)
         sent = u[:-1].expand(len(several), -1, -1)
@@ -71,6 +84,7 @@ class Linearisation:
             scaled = (predicted / model.s_std)[:, warmup:].double().numpy()
             seen = (s[1:] / model.s_std)[warmup:].double().numpy()
 
+        # Central differences.
         up = scaled[1 : 1 + size]
         down = scaled[1 + size :]
         jacobian = np.moveaxis(up - down, 0, -1) / (2 * _NUDGE)
@@ -212,3 +226,30 @@ def best_bias(
         found = found + seen.step(settings.freedom, settings.longest)
         seen = Linearisation.of(model, s, u, found)
     return found, seen
+
+
+def estimate_bias(
+    model: DPMPB,
+    run: Run,
+    p: ArrayLike | None = None,
+    *,
+    method: str = "sgd",
+    settings: Any = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run the online estimation over a recorded run.
+
+    Args:
+        model: whose weights stay as they are.
+        run: states and commands of one material.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        method: "sgd" for the paper's momentum SGD, "newton" for Gauss-Newton.
+        settings: of that method, `EstimationSettings` or `NewtonSettings`.
+
+    Returns:
+        The final p `[D_p]`, and p after each step `[T, D_p]`.
+    """
+    check_run(run)
+    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
+    estimator = choose("method", method, estimators)(model, p, settings)
+    path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
+    return path[-1], np.stack(path)

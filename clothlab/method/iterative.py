@@ -98,6 +98,7 @@ def nearest_plans(
         count: how many are wanted; there may be fewer, since no two plans of one run
             overlap by more than half.
     """
+    # What was given must belong together.
     runs = check_runs(runs)
     _check_longer(runs, horizon)
     z_ref = check_array("z_ref", z_ref, ("D_z",), np.float32)
@@ -107,6 +108,7 @@ def nearest_plans(
             f"z_ref has {len(z_ref)} numbers, more than the {states} of a state"
         )
 
+    # Of each run some, the nearest first.
     found = []
     from_each = -(-count // len(runs))
     for run in runs:
@@ -281,7 +283,10 @@ class Forecast:
 def _caution(
     attempts: Sequence[Attempt], z_ref: Tensor, settings: IterativeLearningSettings
 ) -> float:
-    """Weight of the variance: less by (aim / best recent outcome)² while that is poor."""
+    """Weight of the variance: smaller as long as recent outcomes are poor.
+
+    By (aim / best recent outcome)².
+    """
     best = math.inf
     for attempt in attempts[-settings.recent :]:
         distances = torch.linalg.vector_norm(attempt.z - z_ref, dim=1)
@@ -433,7 +438,7 @@ class IterativeSearch:
         return _Choice(before.u, expected, None)
 
     def _recorded_plan(self, problem: Problem) -> _Choice:
-        """A recorded plan that is good by prediction, and was good with a near material.
+        """A recorded plan that is good by prediction, and was with a near material.
 
         The sum of three squares decides: the distance that is predicted, the one that
         was seen, and the distance in p between the recording's material and this one.
@@ -452,7 +457,7 @@ class IterativeSearch:
         return _Choice(plans[best], float(expected[best]), trace)
 
     def _best_plan(self, problem: Problem, learned: Experience) -> _Choice:
-        """The plan that is expected to lead nearest, after a descent from some starts."""
+        """The plan that is expected to lead nearest, by a descent from some starts."""
         loss = self.forecast(problem, learned.attempts).distance
         tried = [attempt.u for attempt in learned.attempts]
 

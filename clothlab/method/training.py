@@ -57,7 +57,7 @@ class TrainingTrace:
     """What happened in a training."""
 
     losses: np.ndarray  # mean squared error of each epoch [epochs] [s.d.²]
-    # p of each material before the first epoch and after each, {name: [epochs + 1, D_p]}.
+    # p of each material, before the first epoch and after each: {name: [epochs + 1, D_p
     biases: dict[str, np.ndarray]
 
 
@@ -93,6 +93,7 @@ def train_dpmpb(
     p = _first_biases(materials, settings.bias_size, known).to(device)
     p.requires_grad_(not known)
 
+    # W from a seed, p beside it.
     with seeded(seed):
         states = runs[0].s.shape[1]
         commands = runs[0].u.shape[1]
@@ -101,6 +102,7 @@ def train_dpmpb(
         model = quicken(model).to(device)
         losses, path = _train(model, p, runs, settings, progress)
 
+    # Name what the rows of p are.
     paths = {name: path[:, k] for k, name in enumerate(materials)}
     biases = {name: each[-1] for name, each in paths.items()}
     return model.cpu().eval(), biases, TrainingTrace(np.array(losses), paths)
@@ -119,7 +121,9 @@ def _train(
     `[epochs + 1, K, D_p]`.
     """
     s, u, k = windows(runs, settings.sequence_length, settings.stride)
-    s, u, k = s.to(p.device), u.to(p.device), k.to(p.device)
+    s = s.to(p.device)
+    u = u.to(p.device)
+    k = k.to(p.device)
 
     def loss(index: Tensor) -> Tensor:
         """L(W, p) of some windows: each next state, predicted from the true ones."""
@@ -135,6 +139,7 @@ def _train(
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
 
+    # The loop, and where p goes in it.
     losses = []
     path = [p.detach().cpu().numpy().copy()]
     bar = "DPMPB" if progress else None
@@ -165,7 +170,8 @@ def _check_lengths(runs: Sequence[Run], length: int) -> None:
     for run in runs:
         if len(run) <= length:
             raise ValueError(
-                f"a run needs more steps than the {length} of a sequence, got {len(run)}"
+                f"a run needs more steps than the {length} of a sequence, got "
+                f"{len(run)}"
             )
         states_differ = run.s.shape[1] != runs[0].s.shape[1]
         commands_differ = run.u.shape[1] != runs[0].u.shape[1]
@@ -214,6 +220,7 @@ def minimise(
             updates = epochs * len(drawn)
             schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
 
+        # One update for each batch.
         total = 0.0
         for batch in drawn:
             value = loss(batch)
@@ -223,6 +230,7 @@ def minimise(
             schedule.step()
             total += value.item() * len(batch)
 
+        # The mean over all that was drawn, and not over batches of different sizes.
         mean = total / sum(map(len, drawn))
         epoch_bar.set_postfix(loss=f"{mean:.4f}")
         yield mean

@@ -5,10 +5,10 @@ Importing it, or anything in it, registers that environment with Gymnasium, for
 that needs no import before is `"clothlab.simulation:clothlab/Cloth-v0"`.
 """
 
-from clothlab._extras import require
+from clothlab import _extras
 
-require("clothlab.simulation", "mujoco", "cloth")
+_extras.require("clothlab.simulation", "mujoco", "cloth")
 
-import gymnasium  # noqa: E402  (after the check that the extra is there)
+import gymnasium  # noqa: E402  # after the sentence on what is missing
 
 gymnasium.register("clothlab/Cloth-v0", entry_point="clothlab.simulation.env:ClothEnv")

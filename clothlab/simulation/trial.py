@@ -28,6 +28,7 @@ class Trial(Checked):
     arm: Arm  # or the name of one of `ARMS`
     policy: str  # name of what chose the commands
     seed: int
+    outcome: str = ""  # what came of it, in a word, where that was judged
 
     def __post_init__(self) -> None:
         # Images: as bool, at least one

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from clothlab._validation import check_array, choose
 from clothlab.simulation.arm import SHOULDER_POSITION, Arm
 from clothlab.simulation.env import CONTROL_PERIOD
+from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import (
     NotVisibleError,
     PointCloud,
@@ -25,10 +26,10 @@ from studies.table_scene.perception import (
     find_cloth_edge,
 )
 from studies.table_scene.scene import Basket
-from studies.table_scene.table_env import GraspError, TableEnv
+from studies.table_scene.table_env import TableEnv
 
-# [m] from the shoulder to a goal, with room on all sides; to a basket, that is low
-AHEAD, AHEAD_LOW = (0.50, 0.485)
+AHEAD = 0.50  # [m] from the shoulder to a goal, with room on all sides
+AHEAD_LOW = 0.485  # [m] the same to a basket, which stands low
 CLEAR = 0.08  # [m] from a goal to where the approach begins
 _GAIN = 0.6  # part of the seen error that one step takes away
 _CLOSE = 0.008  # [m] a seen error of less is there
@@ -41,33 +42,48 @@ _LEAP = 0.02
 
 
 def posture(arm: Arm, place: ArrayLike) -> np.ndarray:
-    """Joint angles θ `[2]` [rad] that bring the hand to (forward, up) of the shoulder
-    `[2]` [m], elbow down.
+    """Joint angles θ `[2]` [rad] that bring the hand to a place, elbow down.
 
-    Where none within the range of θ_ref do, those of a grid that bring it nearest.
+    The place is forward and up of the shoulder `[2]` [m]. Where no angles within the
+    range of θ_ref reach it, those of a grid that bring the hand nearest.
     """
+    # By the law of cosines, where the place is in reach
     forward, up = check_array("place", place, (2,))
     cosine = (forward**2 + up**2) / (2 * arm.link_length**2) - 1
     if abs(cosine) <= 1:
         elbow = -np.arccos(cosine)  # bent upwards, the only way it bends
-        theta = np.array([np.arctan2(-up, forward) - elbow / 2, elbow])
+        shoulder = np.arctan2(-up, forward) - elbow / 2
+        theta = np.array([shoulder, elbow])
         within = np.clip(theta, arm.lower, arm.upper)
         if np.abs(theta - within).max() < 1e-9:
             return within
-    shoulder, elbow = np.linspace(arm.lower, arm.upper, 60).T
-    grid = np.stack(np.meshgrid(shoulder, elbow, indexing="ij"), axis=-1).reshape(-1, 2)
-    reach = np.cumsum(grid, axis=1)
+
+    # Else by trying 60 x 60 postures
+    shoulders, elbows = np.linspace(arm.lower, arm.upper, 60).T
+    pairs = np.meshgrid(shoulders, elbows, indexing="ij")
+    grid = np.stack(pairs, axis=-1).reshape(-1, 2)
+    slants = np.cumsum(grid, axis=1)  # of both links from level
     places = arm.link_length * np.column_stack(
-        [np.cos(reach).sum(axis=1), -np.sin(reach).sum(axis=1)]
+        [np.cos(slants).sum(axis=1), -np.sin(slants).sum(axis=1)]
     )
-    return grid[np.linalg.norm(places - [forward, up], axis=1).argmin()]
+    distances = np.linalg.norm(places - [forward, up], axis=1)
+    return grid[distances.argmin()]
 
 
 class RobotDriver:
     """Moves hand and base of a robot in front of a table, and remembers the command.
 
-    The depth image has a height [pixel] and noise at 1 m [m]. `watch` is called
-    `samples` times a control period; what it raises ends the motion.
+    Args:
+        env: the scene.
+        height: of the depth image [pixel].
+        noise: standard deviation of a pixel's depth at 1 m [m].
+        watch: called during every control period; what it raises ends the motion.
+        samples: how often in each period `watch` is called.
+        rng: draws the noise; by default with the seed 0.
+
+    Attributes:
+        u: the arm's last command `[D_u]`.
+        steps: control steps so far.
     """
 
     def __init__(
@@ -80,32 +96,38 @@ class RobotDriver:
         samples: int = 5,
         rng: np.random.Generator | None = None,
     ):
-        self.env, self.height, self.noise = env, height, noise
-        self.watch, self.samples, self.rng = (
-            watch,
-            samples,
-            rng or np.random.default_rng(0),
-        )
-        self.steps = 0  # control steps so far
-        # U: last command of the arm `[D_u]`
-        self.u, stiffness = (env.command.copy(), env.arm.stiffness_command)
+        # How the robot looks, and who looks on
+        self.env = env
+        self.height = height
+        self.noise = noise
+        self.watch = watch
+        self.samples = samples
+        self.rng = rng or np.random.default_rng(0)
+        self.steps = 0
+
+        # The hand stays closed, and a soft arm is stiffened
+        arm = env.arm
+        stiffness = arm.stiffness_command
+        self.u = env.command.copy()
         self.u[stiffness] = np.clip(
-            _TENSION, env.arm.command_lower[stiffness], env.arm.command_upper[stiffness]
+            _TENSION, arm.command_lower[stiffness], arm.command_upper[stiffness]
         )
-        self.u[env.arm.closed_command] = 1.0
-        # [rad] what the arm hangs below its command, as far as it is known
+        self.u[arm.closed_command] = 1.0
+
+        # What the arm hangs below its command [rad], as far as it is known
         self._sag = np.zeros(2)
         self._speed = 0.0  # [m/s] of the base
 
     @property
     def _angles(self) -> np.ndarray:
-        """Joint angles θ that follow from what the robot senses of itself `[2]` [rad]."""
+        """Joint angles θ by what the robot senses of itself, `[2]` [rad]."""
         return self.env.arm.felt_angles(self.env.arm.state(self.env.data))
 
     @property
     def proprioceptive_place(self) -> np.ndarray:
-        """Where the hand is by what the robot senses of itself, forward and up of the
-        shoulder `[2]` [m].
+        """Where the hand is by what the robot senses of itself.
+
+        Forward and up of the shoulder, `[2]` [m].
         """
         return self.env.arm.hand(self._angles)
 
@@ -127,8 +149,9 @@ class RobotDriver:
         self.steps += 1
 
     def step(self, base: float | None = None) -> None:
-        """Hold the last command for one more control period, with the base at `base`
-        [m] at its end.
+        """Hold the last command for one more control period.
+
+        At its end the base is at `base` [m]; by default it stands.
         """
         self.send(self.u if base is None else np.append(self.u, base))
 
@@ -139,22 +162,22 @@ class RobotDriver:
         )
 
     def correct(self, error: np.ndarray) -> None:
-        """Move the commanded angles so that the hand moves by `error`, forward and up
-        `[2]` [m].
+        """Move the commanded angles so that the hand moves by `error`.
+
+        That is forward and up, `[2]` [m].
         """
         jacobian = self.env.arm.hand_jacobian(self._angles)
         # Damped: a stretched arm would otherwise be asked for wide turns to get a
         # little farther.
-        turn = jacobian.T @ np.linalg.solve(
-            jacobian @ jacobian.T + 1e-3 * np.eye(2), error
-        )
-        self.command_angles(
-            self.u[self.env.arm.angle_command] + np.clip(turn, -0.15, 0.15)
-        )
+        damped = jacobian @ jacobian.T + 1e-3 * np.eye(2)
+        turn = jacobian.T @ np.linalg.solve(damped, error)
+        angles = self.u[self.env.arm.angle_command]
+        self.command_angles(angles + np.clip(turn, -0.15, 0.15))
 
     def drive(self, goal: float) -> None:
-        """Move the base to `goal` [m] and wait until it stands; the arm holds its
-        command.
+        """Move the base to `goal` [m] and wait until it stands.
+
+        The arm holds its command.
         """
         goal = float(np.clip(goal, *self.env.furniture.base_range))
         while abs(goal - self.env.base_goal) > 1e-4:
@@ -164,56 +187,68 @@ class RobotDriver:
             self.step()
 
     def look_towards(self, x: float) -> None:
-        """Drive until a place x [m] of the row is in view, and take the hand out of the
-        picture.
+        """Drive until a place x [m] of the row is in view.
+
+        The hand goes out of the picture.
         """
-        self.drive(x - self.env.furniture.look_ahead)
-        self.move_straight(self.env.arm.hand(np.array(self.env.furniture.look_posture)))
+        furniture = self.env.furniture
+        self.drive(x - furniture.look_ahead)
+        self.move_straight(self.env.arm.hand(np.array(furniture.look_posture)))
 
     def _next_base(self, goal: float) -> float:
-        """Where the base should be after the next control period, on its way to `goal`
-        [m], gathering speed evenly.
+        """Where the base should be after the next control period, on its way to `goal`.
+
+        In [m]; the base gathers speed evenly.
         """
-        most, change = self.env.furniture.base_speed, _ACCELERATION * CONTROL_PERIOD
         left = goal - self.env.base_goal
+        change = _ACCELERATION * CONTROL_PERIOD
+
         # So fast that, after this period too, the base can still brake before its goal.
         braking = np.sqrt(change**2 + 2 * _ACCELERATION * abs(left)) - change
-        wanted = np.sign(left) * min(most, braking)
-        farthest = abs(left) / CONTROL_PERIOD
+        wanted = np.sign(left) * min(self.env.furniture.base_speed, braking)
+
+        # But no more of a change than the wheels can give, and not past the goal.
         speed = np.clip(wanted, self._speed - change, self._speed + change)
+        farthest = abs(left) / CONTROL_PERIOD
         self._speed = float(np.clip(speed, -farthest, farthest))
         return self.env.base_goal + self._speed * CONTROL_PERIOD
 
     def move_hand(
         self, goals: np.ndarray, *, settle: int = 4, base: np.ndarray | None = None
     ) -> None:
-        """Lead the hand along places forward and up of the shoulder `[N, 2]` [m], one a
-        control step, without looking.
+        """Lead the hand along places, one a control step, without looking.
 
-        It settles for some steps at the last place. The base stands, or is led along
-        places of its own `[N]` [m].
+        They are forward and up of the shoulder, `[N, 2]` [m]. The hand settles for some
+        steps at the last one. The base stands, or is led along places of its own `[N]`
+        [m].
         """
-        for k, goal in enumerate(
-            np.vstack([goals, np.repeat(goals[-1:], settle, axis=0)])
-        ):
-            theta = posture(self.env.arm, goal)
+        places = [*goals, *[goals[-1]] * settle]
+        bases: list[float | None] = [None] * len(places)
+        if base is not None:
+            bases[: len(goals)] = base.tolist()
+
+        # The arm hangs below its command; how far is learned on the way
+        for place, stand in zip(places, bases, strict=True):
+            theta = posture(self.env.arm, place)
             self.command_angles(theta + self._sag)
-            self.step(None if base is None or k >= len(goals) else float(base[k]))
+            self.step(stand)
             self._sag = np.clip(self._sag + 0.5 * (theta - self._angles), -0.6, 0.6)
 
     def move_straight(self, goal: ArrayLike, speed: float = 0.25) -> None:
-        """Lead the hand straight to (forward, up) of the shoulder `[2]` [m] at `speed`
-        [m/s], by proprioception.
+        """Lead the hand straight to a place at `speed` [m/s], by proprioception.
+
+        The goal is forward and up of the shoulder, `[2]` [m].
         """
-        start, goal = self.proprioceptive_place, check_array("goal", goal, (2,))
-        count = max(
-            2, int(np.ceil(np.linalg.norm(goal - start) / (speed * CONTROL_PERIOD))) + 1
-        )
-        self.move_hand(start + np.linspace(0, 1, count)[1:, None] * (goal - start))
+        start = self.proprioceptive_place
+        way = check_array("goal", goal, (2,)) - start
+        steps = np.ceil(np.linalg.norm(way) / (speed * CONTROL_PERIOD))
+        shares = np.linspace(0, 1, max(2, int(steps) + 1))[1:]
+        self.move_hand(start + shares[:, None] * way)
 
     def from_shoulder(self, place: ArrayLike) -> np.ndarray:
-        """Forward and up of the shoulder `[2]` [m], where a place in the world is `[3]`
-        [m].
+        """Where a place in the world `[3]` is from the shoulder `[2]` [m].
+
+        Forward and up; the shoulder moves with the base.
         """
         forward, _, up = check_array("place", place, (3,)) - SHOULDER_POSITION
         return np.array([forward - self.env.base, up])
@@ -223,27 +258,35 @@ class RobotDriver:
         find_goal: Callable[[PointCloud, np.ndarray], np.ndarray],
         direction: np.ndarray,
     ) -> np.ndarray:
-        """Bring the bar to a goal by visual feedback, from a place that is clear of it
-        in a direction `[3]`.
+        """Bring the bar to a goal by visual feedback.
 
+        It comes from a place that is clear of the goal in a direction `[3]`.
         `find_goal` says at each look where the goal is `[3]` [m], given the point cloud
         and where the bar is `[3]` [m]. Returned is the way from the bar to where it
-        should be then, forward and up `[N, 2]` [m].
+        should be then, forward and up `[N, 2]` [m]; a `GraspError` where it does not
+        arrive.
         """
-        errors, clear = [], CLEAR
+        errors = []
+        clear = CLEAR
         for _ in range(_STEPS):
+            # Look: how far is the bar from where it should be now?
             cloud = self.capture()
             bar = find_bar(cloud, self.proprioceptive_hand)
-            errors.append((find_goal(cloud, bar) + clear * direction - bar)[[0, 2]])
-            missing = np.linalg.norm(errors[-1])
+            aim = find_goal(cloud, bar) + clear * direction
+            error = (aim - bar)[[0, 2]]
+            errors.append(error)
+            missing = np.linalg.norm(error)
             if missing < _CLOSE and clear == 0:
                 return np.array(errors)
+
+            # Come nearer to the goal only as fast as the hand follows
             if missing < 2 * _CLOSE:
                 clear = max(0.0, clear - 2 * _CLOSE)
-            self.correct(_GAIN * errors[-1])
+            self.correct(_GAIN * error)
             self.step()
         raise GraspError(
-            f"after {_STEPS} steps the hand is still {100 * missing:.1f} cm from its goal"
+            f"after {_STEPS} steps the hand is still {100 * missing:.1f} cm "
+            "from its goal"
         )
 
 
@@ -272,24 +315,24 @@ _THINGS = {
 
 
 def grasp(driver: RobotDriver, name: str) -> np.ndarray:
-    """Look for the cloth on the rack or the basket, go there by visual feedback and
-    grasp it, in two attempts.
+    """Look for a thing, go there by visual feedback and grasp it, in two attempts.
 
-    The edge of the `"cloth"` is met from behind, the handle of the `"basket"` from
-    above. Returned is the way from the bar to where it should be, forward and up, at
-    each look `[N, 2]` [m].
+    The edge of the `"cloth"` on the rack is met from behind, the handle of the
+    `"basket"` from above. Returned is the way from the bar to where it should be,
+    forward and up, at each look `[N, 2]` [m]; a `GraspError` where both attempts fail.
     """
     thing = choose("thing to grasp", name, _THINGS)
     for _ in range(2):
+        # Look, and look once more from farther away
         try:
             place = thing.find(driver.capture())
         except NotVisibleError:
             driver.drive(driver.env.base_goal - 0.15)
             place = thing.find(driver.capture())
-        beside = (
-            np.array([thing.ahead, place[2] - SHOULDER_POSITION[2]])
-            + CLEAR * thing.direction[::2]
-        )
+        up = place[2] - SHOULDER_POSITION[2]
+        beside = np.array([thing.ahead, up]) + CLEAR * thing.direction[::2]
+
+        # Approach and take hold; where that fails, go back to where all is in view
         try:
             driver.move_straight(beside)
             driver.drive(place[0] - thing.ahead)
@@ -306,8 +349,9 @@ def grasp(driver: RobotDriver, name: str) -> np.ndarray:
 def _tracker(
     thing: _Thing, place: np.ndarray
 ) -> Callable[[PointCloud, np.ndarray], np.ndarray]:
-    """A function that says where a thing is; what the hand hides, in part or whole, is
-    where it was seen last.
+    """A function that says at each look where a thing is.
+
+    What the hand hides, in part or whole, is where it was seen last.
     """
     last = place
 
@@ -316,38 +360,42 @@ def _tracker(
         if np.linalg.norm((last - bar)[[0, 2]]) > _HIDDEN:
             with contextlib.suppress(NotVisibleError):
                 now = thing.find(cloud)
-                last = now if np.linalg.norm(now - last) < _LEAP else last
+                if np.linalg.norm(now - last) < _LEAP:
+                    last = now
         return last
 
     return track
 
 
 def lay_slowly(driver: RobotDriver, *, margin: float = 0.167) -> None:
-    """Lay the cloth in the hand down without throwing it, and let go: the baseline of
-    dynamic spreading.
+    """Lay the cloth in the hand down without throwing it: the baseline of throws.
 
     The far edge is let down near the far end of the table; then the hand goes back and
     down on a quarter of an ellipse, which ends `margin` [m] before the table's far
-    edge. The numbers are for hard-1 on this table: the best of 45 draws in three
-    development episodes.
+    edge. There it lets go. The numbers are for hard-1 on this table: the best of 45
+    draws in three development episodes.
     """
-    # The ellipse is longer and higher than the cloth by these parts
-    seconds, stretch, rise = (12.0, 0.022, 1.038)
-    env, cloth, furniture = driver.env, driver.env.cloth, driver.env.furniture
-    t = np.linspace(0, np.pi / 2, round(seconds / CONTROL_PERIOD))
+    seconds = 12.0
+    stretch = 1 + 0.022  # length of the ellipse over that of the cloth
+    rise = 1.038  # its height over that
     hold = 0.012  # [m] above the table: the bar's radius and a little
-    forward = furniture.far - margin - (1 + stretch) * cloth.length * np.sin(t)
-    up = (
-        furniture.height
-        - SHOULDER_POSITION[2]
-        + hold
-        + (rise * cloth.length - hold) * np.cos(t)
-    )
+    env = driver.env
+    furniture = env.furniture
+    length = env.cloth.length
+
+    # The hand's way on the ellipse, forward and up of the shoulder at base 0
+    t = np.linspace(0, np.pi / 2, round(seconds / CONTROL_PERIOD))
+    forward = furniture.far - margin - stretch * length * np.sin(t)
+    lowest = furniture.height - SHOULDER_POSITION[2] + hold
+    up = lowest + (rise * length - hold) * np.cos(t)
+
     # The base is where the arm, nearly stretched, reaches the place.
     whole = 2 * env.arm.link_length
     ahead = whole * np.sqrt(1 - (np.clip(up, -0.55, 0.55) / whole) ** 2) - 0.03
     base = np.clip(forward - ahead, *furniture.base_range)
     places = np.column_stack([forward - base, up])
+
+    # Go to where it begins, follow it, let go, and take the hand away
     driver.move_straight(places[0])
     driver.drive(base[0])
     driver.move_hand(places, base=base, settle=10)

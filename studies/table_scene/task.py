@@ -20,11 +20,12 @@ from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.policy import Policy
 from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
-from clothlab.trials import to_run
+from clothlab.trials import Trial, to_run
+from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import NotVisibleError, find_cloth_centre
 from studies.table_scene.scene import Basket
 from studies.table_scene.servoing import AHEAD_LOW, CLEAR, RobotDriver, grasp
-from studies.table_scene.table_env import ClothPose, GraspError, Placement, TableEnv
+from studies.table_scene.table_env import ClothPose, Placement, TableEnv
 from studies.table_scene.throwing import (
     ExcitationPolicy,
     ThrowPolicy,
@@ -34,7 +35,8 @@ from studies.table_scene.throwing import (
     was_spread,
 )
 
-ARM, FOAM = "muscle-hand", "hard-1"  # of the robot, and in its hand
+ARM = "muscle-hand"  # of the robot
+FOAM = "hard-1"  # in its hand
 THROWS = "table-throws"  # the recorded throws
 # [m] of a cloth that is spread: so near that the basket can be put on its middle
 TARGET_AHEAD = 0.66
@@ -76,8 +78,9 @@ def throw(
     steps: int = 120,
     done: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Let a policy swing and throw the cloth, for so many control steps or until it is
-    `done`.
+    """Let a policy swing and throw the cloth for so many steps, or until it is `done`.
+
+    `done` is asked after each step.
     """
     for _ in range(steps):
         driver.send(policy(driver.env.observe()))
@@ -86,7 +89,7 @@ def throw(
 
 
 def _see_spread(driver: RobotDriver) -> ClothPose:
-    """Look how the cloth lies; a `_NotSpreadError` says in which way it is not spread."""
+    """Look how the cloth lies; a `_NotSpreadError` says why it is not spread."""
     seen = see_cloth_pose(driver.env, height=driver.height, watch=driver.watch)
     driver.command_angles(driver.env.furniture.start_posture)
     if seen is None:
@@ -97,14 +100,15 @@ def _see_spread(driver: RobotDriver) -> ClothPose:
 
 
 def fetch_basket(driver: RobotDriver) -> None:
-    """Drive back to where the side table is in view, and take the basket by its handle."""
+    """Drive back until the side table is in view; take the basket by its handle."""
     driver.look_towards(driver.env.furniture.side_place[0])
     grasp(driver, "basket")
 
 
 def _carry_basket(driver: RobotDriver, centre: np.ndarray) -> None:
-    """Lift the basket and drive until it is above the cloth's centre `[3]` [m], or as
-    far as the robot can.
+    """Lift the basket and drive until it is above the cloth's centre `[3]` [m].
+
+    Or as far as the robot can.
     """
     furniture = driver.env.furniture
     above = furniture.height + Basket.handle_height + CLEAR - SHOULDER_POSITION[2]
@@ -114,8 +118,9 @@ def _carry_basket(driver: RobotDriver, centre: np.ndarray) -> None:
 
 
 def _put_basket(driver: RobotDriver, centre: np.ndarray) -> None:
-    """Lower the basket by visual feedback onto the cloth's centre `[3]` [m], let go,
-    and go up.
+    """Lower the basket by visual feedback onto the cloth's centre `[3]` [m].
+
+    Then let go, and go up.
     """
     up = np.array([0.0, 0.0, 1.0])
     driver.servo(lambda cloud, bar: centre + Basket.handle_height * up, up)
@@ -148,14 +153,12 @@ class Outcome:
 
     @property
     def placed(self) -> bool:
-        """Whether the basket stands as it should, and dragged the cloth by less than 2
-        cm.
+        """Whether the basket stands as it should.
+
+        Putting it there may drag the cloth by less than 2 cm.
         """
-        return (
-            self.placement is not None
-            and self.placement.success
-            and (self.dragged or 0.0) < 0.02
-        )
+        stands = self.placement is not None and self.placement.success
+        return stands and (self.dragged or 0.0) < 0.02
 
     @property
     def success(self) -> bool:
@@ -163,90 +166,109 @@ class Outcome:
         return self.spread and self.placed
 
 
+@dataclass(eq=False)
+class _Progress:
+    """What is known of a task while it runs."""
+
+    tell: Callable[[str], None]  # is told each phase
+    phase: str = ""
+    seen: ClothPose | None = None
+    pose: ClothPose | None = None
+
+    def begin(self, phase: str) -> None:
+        self.phase = phase
+        self.tell(phase)
+
+
 def set_table(
     driver: RobotDriver,
     spreader: _Spreader,
     progress: Callable[[str], None] = lambda phase: None,
 ) -> Outcome:
-    """Run the phases one after another, tell `progress` the name of each, and stop at
-    the first that fails.
+    """Run the phases one after another, and stop at the first that fails.
+
+    `progress` is told the name of each as it begins.
     """
-    phase, failed, cause = "", "", ""
-    seen: ClothPose | None = None
-    pose: ClothPose | None = None
-
-    def begin(name: str) -> None:
-        nonlocal phase
-        phase = name
-        progress(name)
-
+    task = _Progress(progress)
+    failed = ""
+    cause = ""
     try:
-        begin("fetch cloth")
-        grasp(driver, "cloth")
-        begin("go to table")
-        go_to_table(driver)
-        begin("spread cloth")
-        spreader(driver)
-        begin("look")
-        try:
-            seen = _see_spread(driver)
-        finally:
-            pose = driver.env.cloth_pose()
-        centre = find_cloth_centre(driver.capture(), driver.env.furniture.height)
-        begin("fetch basket")
-        fetch_basket(driver)
-        begin("carry basket")
-        _carry_basket(driver, centre)
-        begin("put basket")
-        _put_basket(driver, centre)
+        centre = _lay_cloth(driver, spreader, task)
+        _set_basket(driver, centre, task)
     except _FAILURES as error:
-        failed, cause = phase, str(error)
-    placement, dragged = None, None
-    if pose is not None and phase in ("carry basket", "put basket"):
+        failed = task.phase
+        cause = str(error)
+
+    # The truth, where the robot got so far that there is one
+    placement = None
+    dragged = None
+    if task.pose is not None and task.phase in ("carry basket", "put basket"):
         placement = driver.env.placement()
-        dragged = float(
-            np.linalg.norm((driver.env.cloth_pose().centre - pose.centre)[:2])
-        )
+        moved = driver.env.cloth_pose().centre - task.pose.centre
+        dragged = float(np.linalg.norm(moved[:2]))
     return Outcome(
-        failed,
-        cause,
-        phase != "fetch cloth",
-        seen,
-        pose,
-        placement,
-        dragged,
-        driver.steps,
+        failed=failed,
+        cause=cause,
+        grasped=task.phase != "fetch cloth",
+        seen=task.seen,
+        pose=task.pose,
+        placement=placement,
+        dragged=dragged,
+        steps=driver.steps,
     )
 
 
+def _lay_cloth(driver: RobotDriver, spreader: _Spreader, task: _Progress) -> np.ndarray:
+    """From the rack to the table, and look: the centre of the cloth there `[3]` [m]."""
+    task.begin("fetch cloth")
+    grasp(driver, "cloth")
+    task.begin("go to table")
+    go_to_table(driver)
+    task.begin("spread cloth")
+    spreader(driver)
+    task.begin("look")
+    try:
+        task.seen = _see_spread(driver)
+    finally:
+        task.pose = driver.env.cloth_pose()
+    return find_cloth_centre(driver.capture(), driver.env.furniture.height)
+
+
+def _set_basket(driver: RobotDriver, centre: np.ndarray, task: _Progress) -> None:
+    """From the side table onto the cloth's centre `[3]` [m]."""
+    task.begin("fetch basket")
+    fetch_basket(driver)
+    task.begin("carry basket")
+    _carry_basket(driver, centre)
+    task.begin("put basket")
+    _put_basket(driver, centre)
+
+
 def run_task(spreader: _Spreader, seed: int) -> Outcome:
-    """Set the table in a scene of its own; the seed draws the places of rack and
-    basket, and the camera's noise.
+    """Set the table in a scene of its own.
+
+    The seed draws the places of rack and basket, and the camera's noise.
     """
     with closing(TableEnv(ARM, FOAM)) as env:
         env.start(seed=seed)
-        return set_table(
-            RobotDriver(env, noise=NOISE, samples=1, rng=np.random.default_rng(seed)),
-            spreader,
-        )
+        rng = np.random.default_rng(seed)
+        driver = RobotDriver(env, noise=NOISE, samples=1, rng=rng)
+        return set_table(driver, spreader)
 
 
 @cache
 def successful_throws(learned: ClothCheckpoint) -> tuple[Run, ...]:
-    """Recorded throws that spread a foam, and their repetitions, with the same
-    commands, as the model sees them.
+    """Recorded throws that spread a foam, as the model sees them.
+
+    With their repetitions, which have the same commands and may have failed.
     """
+
+    def throw_of(trial: Trial) -> tuple[str, bytes]:
+        return trial.cloth.name, trial.commands.tobytes()
+
     trials = data.load_trials(THROWS)
-    good = {
-        (trial.cloth.name, trial.commands.tobytes())
-        for trial in trials
-        if was_spread(trial)
-    }
-    chosen = [
-        trial
-        for trial in trials
-        if (trial.cloth.name, trial.commands.tobytes()) in good
-    ]
+    good = {throw_of(trial) for trial in trials if was_spread(trial)}
+    chosen = [trial for trial in trials if throw_of(trial) in good]
     return tuple(to_run(learned.autoencoder, trial) for trial in chosen)
 
 
@@ -260,22 +282,29 @@ def spread_target(foam: str = FOAM) -> np.ndarray:
 def excite_and_throw(
     driver: RobotDriver, learned: ClothCheckpoint, settings: ThrowSettings | None = None
 ) -> tuple[np.ndarray, ThrowPolicy]:
-    """Estimate p of the cloth in the hand `[D_p]`, then throw it with the nearest
-    trained p; estimate and policy.
+    """Estimate p of the cloth in the hand, then throw it with the nearest trained p.
+
+    Returned are the estimate `[D_p]` and the policy that threw.
     """
-    arm, model, autoencoder, biases = (
-        driver.env.arm,
+    # Swing, to feel which cloth it is
+    arm = driver.env.arm
+    estimator = NewtonEstimator(learned.model, np.zeros(learned.model.bias_size))
+    excitation = ExcitationPolicy(arm)
+    estimating = EstimatingPolicy(excitation, estimator, learned.autoencoder)
+    throw(driver, estimating, EXCITATION)
+    p = estimating.trace[-1]
+
+    # Throw as that material flew
+    nearest = nearest_material(p, learned.biases)
+    policy = ThrowPolicy(
         learned.model,
         learned.autoencoder,
+        arm,
+        spread_target(),
+        learned.biases[nearest],
+        successful_throws(learned),
         learned.biases,
-    )
-    estimator = NewtonEstimator(model, np.zeros(model.bias_size))
-    estimating = EstimatingPolicy(ExcitationPolicy(arm), estimator, autoencoder)
-    throw(driver, estimating, EXCITATION)
-    p, runs = estimating.trace[-1], successful_throws(learned)
-    known = biases[nearest_material(p, biases)]
-    policy = ThrowPolicy(
-        model, autoencoder, arm, spread_target(), known, runs, biases, settings
+        settings,
     )
     throw(driver, policy, done=lambda: policy.done)
     return p, policy

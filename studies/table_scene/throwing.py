@@ -1,5 +1,4 @@
-"""Throws: policies that make them to be learned from, and the one that plans them to
-spread a cloth on a table.
+"""Throws: policies to learn them from, and the one that plans them to spread a cloth.
 
 A throw is a plan of which only the end counts: its last step is the only one in the
 loss. When the hand opens is one number of the plan. A command says it as the share of
@@ -9,20 +8,27 @@ model learns what letting go does as it learns everything else.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, choose, setting
+from clothlab._validation import (
+    Checked,
+    check_array,
+    choose,
+    setting,
+    settings_or_default,
+)
 from clothlab.masks import Observation, check_mask
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
-from clothlab.method.fast_rollout import FastDPMPB, rollout_of
+from clothlab.method.fast_rollout import rollout_of
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, check_model
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import Arm, get_arm
@@ -35,60 +41,52 @@ from studies.table_scene.perception import (
 )
 from studies.table_scene.table_env import ClothPose, TableEnv
 
-# Ends the name of a recorded trial's policy when the cloth lay spread after it
-_SPREAD = ", spread"
+SPREAD = "spread"  # the outcome of a trial after which the cloth lay so
 
 
 def label_spread(trial: Trial, spread: bool) -> Trial:
-    """The trial with a note, in the name of its policy, whether the cloth was seen to
-    lie spread after it.
-    """
-    return replace(
-        trial, policy=trial.policy.removesuffix(_SPREAD) + (_SPREAD if spread else "")
-    )
+    """The trial with a note whether the cloth was seen to lie spread after it."""
+    return replace(trial, outcome=SPREAD if spread else "")
 
 
 def was_spread(trial: Trial) -> bool:
     """Whether the cloth was seen to lie spread after a recorded trial."""
-    return trial.policy.endswith(_SPREAD)
+    return trial.outcome == SPREAD
 
 
 def laid_by_hand(env: TableEnv, ahead: float) -> np.ndarray:
-    """Lay the cloth in the hand flat, its middle `ahead` of the shoulder [m]; its mask
-    `[H, W]` is a target.
+    """Lay the cloth flat on the table, its middle `ahead` of the shoulder [m].
+
+    Returned is its mask `[H, W]`, which is a target.
     """
-    cloth, furniture = env.cloth, env.furniture
     env.start()
     env.release()
-    points = hanging_points(cloth)
-    x = ahead - cloth.length / 2 - points[..., 2]
-    env.place_cloth(
-        np.stack(
-            [
-                x,
-                points[..., 1],
-                np.full_like(x, furniture.height + furniture.point_radius),
-            ],
-            axis=-1,
-        )
-    )
+
+    # A cloth that hangs straight down is turned into the plane of the table
+    hanging = hanging_points(env.cloth)
+    lying = np.empty_like(hanging)
+    lying[..., 0] = ahead - env.cloth.length / 2 - hanging[..., 2]
+    lying[..., 1] = hanging[..., 1]
+    lying[..., 2] = env.furniture.height + env.furniture.point_radius
+    env.place_cloth(lying)
     return check_mask(env.observe()["image"])
 
 
 def see_cloth_pose(
     env: TableEnv, *, height: int = 240, watch: Callable[[], None] | None = None
 ) -> ClothPose | None:
-    """Move the arm, whose hand is empty, out of the way and look how the cloth lies;
-    None if none is in view.
+    """Move the arm out of the way and look how the cloth lies; None if none is in view.
+
+    The hand is empty. The depth image has a height [pixel]; `watch` is called in each
+    control step.
     """
     u = env.arm.home_command
     u[env.arm.closed_command] = 0.0
     for _ in range(4):
         env.advance(u, watch)
     try:
-        return find_cloth_pose(
-            capture_point_cloud(env, height), env.furniture.height, env.cloth
-        )
+        cloud = capture_point_cloud(env, height)
+        return find_cloth_pose(cloud, env.furniture.height, env.cloth)
     except NotVisibleError:
         return None
 
@@ -97,20 +95,22 @@ def _arm_with_hand(arm: Arm | str) -> Arm:
     arm = get_arm(arm)
     if arm.closed_command.stop != len(arm.command_names):
         raise ValueError(
-            f"the hand of the {arm.name} arm does not open on command; use the arm muscle-hand"
+            f"the hand of the {arm.name} arm does not open on command; "
+            "use the arm muscle-hand"
         )
     return arm
 
 
 class ExcitationPolicy(Policy):
-    """A lively motion with the hand closed and held high, the same each time, from
-    which p of a cloth is estimated.
+    """A lively motion from which p of a cloth is estimated, the same each time.
 
-    On a motion that it was trained on the model tells the cloths apart reliably, on a
-    random one half the time.
+    The hand is closed and held high. On a motion that it was trained on the model tells
+    the cloths apart reliably, on a random one half the time.
     """
 
     name = "swing"
+    LOWEST = (-0.8, -1.2)  # shoulder and elbow angle [rad]
+    HIGHEST = (-0.7, 0.0)
 
     def __init__(self, arm: Arm | str):
         self.arm = _arm_with_hand(arm)
@@ -121,17 +121,22 @@ class ExcitationPolicy(Policy):
         self._rng = np.random.default_rng(0)
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        u, stiffness = self.arm.home_command, self.arm.stiffness_command
-        u[self.arm.angle_command] = self._rng.uniform((-0.8, -1.2), (-0.7, 0.0))
-        u[stiffness] = self._rng.uniform(
-            self.arm.command_lower[stiffness], self.arm.command_upper[stiffness]
-        )
+        u = self.arm.home_command
+        u[self.arm.angle_command] = self._rng.uniform(self.LOWEST, self.HIGHEST)
+        u[self.arm.stiffness_command] = _any_stiffness(self.arm, self._rng)
         return u
 
 
+def _any_stiffness(arm: Arm, rng: np.random.Generator) -> np.ndarray:
+    """Stiffness commands, drawn from their whole range."""
+    stiffness = arm.stiffness_command
+    return rng.uniform(arm.command_lower[stiffness], arm.command_upper[stiffness])
+
+
 class RandomThrow(RandomPolicy):
-    """Uniform random commands, and a hand that opens after 1 to 24 periods: perhaps
-    after the end of the trial.
+    """Uniform random commands, and a hand that opens after 1 to 24 periods.
+
+    That is perhaps after the end of the trial.
     """
 
     def __init__(self, arm: Arm | str):
@@ -149,9 +154,9 @@ class RandomThrow(RandomPolicy):
 
 
 class OperatorThrow(Policy):
-    """A scripted person who swings the cloth back, forward and up, then down onto the
-    table, and lets go once.
+    """A scripted person who throws the cloth onto the table.
 
+    They swing it back, forward and up, then down onto the table, and let go once.
     Postures, speeds, stiffness and release are drawn from ranges in which most of the
     successful ones of 400 development throws lay, with hard-1 and hard-3.
     """
@@ -172,29 +177,27 @@ class OperatorThrow(Policy):
 
     def reset(self, seed: int = 0) -> None:
         """Draw another throw; the same seed gives the same."""
-        rng, theta = np.random.default_rng(seed), np.array(self.arm.home)
+        rng = np.random.default_rng(seed)
+        theta = np.array(self.arm.home)
         self._angles: list[np.ndarray] = []
+        self._t = 0
+
+        # Each phase moves fast at first, then waits
         for lowest, highest in self.PHASES:
             begins = len(self._angles)
-            goal, count = (
-                rng.uniform(lowest, highest),
-                rng.integers(1, self.LONGEST + 1),
-            )
-            moving = rng.integers(1, count + 1)  # fast at first, then waiting
-            self._angles += [
-                *np.linspace(theta, goal, moving + 1)[1:],
-                *[goal] * (count - moving),
-            ]
+            goal = rng.uniform(lowest, highest)
+            steps = rng.integers(1, self.LONGEST + 1)
+            moving = rng.integers(1, steps + 1)
+            self._angles += [*np.linspace(theta, goal, moving + 1)[1:]]
+            self._angles += [goal] * (steps - moving)
             theta = goal
+
+        # The hand opens in the last phase or after it, and the arm waits for that
         self.release = begins + rng.uniform(*self.RELEASE)
         self._angles += [theta] * max(0, int(self.release) + 2 - len(self._angles))
         if rng.uniform() < self.ONLY_SWINGS:
             self.release = np.inf
-        stiffness = self.arm.stiffness_command
-        self._tension = rng.uniform(
-            self.arm.command_lower[stiffness], self.arm.command_upper[stiffness]
-        )
-        self._t = 0
+        self._tension = _any_stiffness(self.arm, rng)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = self.arm.home_command
@@ -228,22 +231,64 @@ class ThrowSettings(Checked):
 
 
 @dataclass(frozen=True)
-class _ThrowAttempt:
-    expected: (
-        float  # distance to the target that was predicted when it began [s.d. of z]
-    )
+class ThrowAttempt:
+    """One swing that came as far as the moment of release."""
+
+    # Distance to the target that was predicted when it began [s.d. of z]
+    expected: float
     before_release: float  # the same when the hand was about to open
     released: bool  # whether it did
+
+
+class _Begun(NamedTuple):
+    """A swing that is under way."""
+
+    s: Tensor  # state at its start [D_s]
+    plan: Tensor  # [T, D_u]
+    expected: float  # distance to the target that was predicted then [s.d. of z]
+
+
+class _Lesson(NamedTuple):
+    """Plans that were swung, and by how much the model erred about their ends."""
+
+    features: Tensor  # [N, D]
+    errors: Tensor  # of z [N, D_z]
+
+
+class _RecordedThrows(NamedTuple):
+    """Recorded throws of one length, and where the cloth was at each end."""
+
+    start: Tensor  # states [N, D_s]
+    u: Tensor  # commands [N, T, D_u]
+    end: Tensor  # states [N, D_s]
+    p: Tensor  # biases of their own materials [N, D_p]
 
 
 class ThrowPolicy(Policy):
     """Throws a cloth so that it looks like a target image when it has come to lie.
 
     Each attempt waits until the cloth hangs still and chooses, among the recorded
-    throws, the one whose predicted outcome is nearest to the target, corrected as in
-    `learning.iterative`. Just before the hand opens, the outcome is predicted anew from
-    what has been seen on the way. If that is too far from the target, the cloth is
-    held, the arm goes back, and the difference teaches the next attempt.
+    throws, the one whose predicted outcome is nearest to the target, corrected by what
+    a `ResidualModel` learned of the model's errors. Just before the hand opens, the
+    outcome is predicted anew from what has been seen on the way. If that is too far
+    from the target, the cloth is held, the arm goes back, and the difference teaches
+    the next attempt.
+
+    Args:
+        model: predicts throws.
+        autoencoder: with which the model was trained.
+        arm: the arm, or its name; its hand opens on command.
+        target: mask `[H, W]` of the cloth as it should lie.
+        p: parametric bias of the cloth in the hand `[D_p]`.
+        runs: recorded throws, from which plans are chosen.
+        biases: trained p of each run's material, `{name: [D_p]}`.
+        settings: how a throw is planned.
+
+    Attributes:
+        plans: the recorded throws, each once `[N, T, D_u]`, with the release time
+            [period] in the last column.
+        attempts: the swings since the reset.
+        done: whether the last of them has come to its end.
     """
 
     name = "throw"
@@ -259,46 +304,66 @@ class ThrowPolicy(Policy):
         biases: Mapping[str, ArrayLike],
         settings: ThrowSettings | None = None,
     ):
-        self.settings, self.learning = (
-            settings or ThrowSettings(),
-            IterativeLearningSettings(),
-        )
-        self.model = model
+        # How a throw is planned, and how far its outcome teaches
+        self.settings = settings_or_default(settings, ThrowSettings)
+        self.learning = IterativeLearningSettings()
+
+        # What predicts and sees, and the arm that throws
+        self.model = check_model(model)
         self.autoencoder = autoencoder
         self.arm = _arm_with_hand(arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
-        self.lower = torch.tensor(self.arm.command_lower, dtype=torch.float32)
-        self.upper = torch.tensor(self.arm.command_upper, dtype=torch.float32)
+        self._check_sizes()
         self._rollout_of_model = rollout_of(model)
-        # In the last column of a plan is the release time
+
+        # Limits of plans: in the last column is the release time
+        self.lower = torch.as_tensor(self.arm.command_lower, dtype=torch.float32)
+        self.upper = torch.as_tensor(self.arm.command_upper, dtype=torch.float32)
         self.lower[-1], self.upper[-1] = self.settings.release
+
+        # The cloth, the aim, and what recordings teach
         self.set_target(target)
         self.set_bias(p)
-        self._learn_from(runs, biases)
+        throws = _recorded_throws(runs, biases, self.settings.steps)
+        self.plans = self._plans_of(throws.u)
+        self._bias_unit = self.settings.bias_scale * _spread(biases)
+        self._recorded = self._errors_about(throws)
         self.reset()
+
+    def _check_sizes(self) -> None:
+        sizes = (self.model.state_size, self.model.command_size)
+        wanted = (self.layout.size, len(self.arm.command_names))
+        if sizes != wanted:
+            raise ValueError(
+                f"the model has {sizes[0]} states and {sizes[1]} commands, the "
+                f"{self.arm.name} arm has {wanted[0]} and {wanted[1]}; load the "
+                "weights of this arm"
+            )
+
+    def reset(self, seed: int = 0) -> None:
+        """Forget the last attempts; the cloth hangs still at the arm's home."""
+        self.attempts: list[ThrowAttempt] = []
+        self.done = False
+        self._held: list[_Lesson] = []  # what swings without a release taught
+        self._resting = self.settings.rest
+        self._begun: _Begun | None = None
+        self._step = 0  # of the plan
+        self._memory = self.model.initial_memory()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next attempt on."""
         self.z_ref = torch.as_tensor(encode(self.autoencoder, check_mask(mask)))
 
     def set_bias(self, p: ArrayLike) -> None:
-        """Use another parametric bias `[D_p]` from the next attempt on."""
+        """Use another parametric bias `[D_p]` from now on."""
         p = check_array("p", p, (self.model.bias_size,), np.float32)
         self._p = torch.as_tensor(p)
         self._predict = self._rollout_of_model(self.model, self._p)
 
-    def reset(self, seed: int = 0) -> None:
-        """Forget the last attempts; the cloth hangs still at the arm's home."""
-        self.attempts: list[_ThrowAttempt] = []
-        self._held: list[
-            tuple[Tensor, Tensor]
-        ] = []  # features of plans that were swung, and errors of the model
-        self._step, self.done = 0, False
-        self._resting = self.settings.rest
-        self._begun: tuple[Tensor, Tensor, float] | None = (
-            None  # state at the start, plan, predicted distance
-        )
-        self._memory = self.model.initial_memory()
+    @property
+    def p(self) -> np.ndarray:
+        """Parametric bias in use `[D_p]`."""
+        return self._p.numpy().copy()
 
     @property
     def released(self) -> bool:
@@ -306,49 +371,53 @@ class ThrowPolicy(Policy):
         return bool(self.attempts) and self.attempts[-1].released
 
     def commands(self, plans: Tensor) -> Tensor:
-        """What plans send, `[B, T, D_u]`: in the last column of a plan is the release
-        time [period], in each row.
+        """What plans send, `[B, T, D_u]`.
+
+        In the last column of a plan, in each row, is the release time [period].
         """
         closed = (plans[:, :1, -1] - torch.arange(plans.shape[1])).clamp(0, 1)
         return torch.cat([plans[..., :-1], closed[..., None]], dim=-1)
 
     def expected(self, s: Tensor, plans: Tensor, correction: ResidualModel) -> Tensor:
-        """Predicted distance of the cloth to the target after each of the plans `[B, T,
-        D_u]`, `[B]` [s.d. of z].
+        """Predicted distance of the cloth to the target after each plan, `[B]`.
+
+        Plans are `[B, T, D_u]`, distances in [s.d. of z], and larger where the
+        correction of the model's errors is uncertain.
         """
         u = self.commands(plans)
-        z = self._predict(s, u, self.model.initial_memory())[:, -1, self.layout.z]
-        error, variance = correction(self._features(s, u))
+        states = self._predict(s, u, self.model.initial_memory())
+        z = states[:, -1, self.layout.z]
+        error, variance = correction(self._features(s, u, self._p))
         squares = (z + error[:, 0] - self.z_ref).square().sum(-1)
-        return (
-            (squares + self.settings.caution * len(self.z_ref) * variance)
-            .clamp_min(1e-12)
-            .sqrt()
-        )
+        doubt = self.settings.caution * len(self.z_ref) * variance
+        return (squares + doubt).clamp_min(1e-12).sqrt()
 
     def correction(self) -> ResidualModel:
-        """The model's errors of the end, learned from recorded throws and from the
-        attempts so far.
-        """
-        tried, errors = zip(self._recorded, *self._held, strict=True)
-        return ResidualModel(
-            torch.cat(tried), torch.cat(errors)[:, None], self.learning
-        )
+        """The model's errors, learned from recorded throws and the attempts so far."""
+        lessons = [self._recorded, *self._held]
+        features = torch.cat([lesson.features for lesson in lessons])
+        errors = torch.cat([lesson.errors for lesson in lessons])
+        return ResidualModel(features, errors[:, None], self.learning)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         s = torch.as_tensor(observe(self.autoencoder, observation))
+
+        # Before an attempt the cloth comes to rest; after the last the arm does
         if self._resting:
             self._resting -= 1
             return self._home(closed=True)
-        if self._begun is None and not self.done:
-            self._begin(s)
-        if self.done or self._begun is None:
+        if self.done:
             return self._home(closed=not self.released)
-        u = self.commands(self._begun[1][None])[0, self._step]
+        if self._begun is None:
+            self._begun = self._begin(s)
+
+        # The next command of the plan, unless the cloth is better held
+        u = self.commands(self._begun.plan[None])[0, self._step]
         if u[-1] < 1 and not self.released:
-            self._decide(s, *self._begun)
+            self._decide(s, self._begun)
             if not self.released:
-                self._begun, self._resting = None, self.settings.rest - 1
+                self._begun = None
+                self._resting = self.settings.rest - 1
                 return self._home(closed=True)
         self._memory = self._predict.follow(s, u, self._memory)
         self._step += 1
@@ -360,83 +429,94 @@ class ThrowPolicy(Policy):
         u[self.arm.closed_command] = float(closed)
         return u
 
-    def _learn_from(self, runs: Sequence[Run], biases: Mapping[str, ArrayLike]) -> None:
-        """Plans from recorded throws, and the model's errors for them with their own p."""
-        steps = self.settings.steps
-        runs = [run for run in runs if len(run) > steps]
-        if not runs:
-            raise ValueError(
-                f"plans of {steps} steps need recorded throws that are longer: none was given"
-            )
-        s, u = (
-            torch.as_tensor(np.stack([getattr(run, name)[: steps + 1] for run in runs]))
-            for name in ("s", "u")
-        )
-        release = u[:, :steps, -1].sum(1)
-        plans = torch.cat(
-            [u[:, :steps, :-1], release[:, None, None].expand(-1, steps, 1)], dim=-1
-        )
-        plans = plans.clamp(self.lower, self.upper)
-        first = {plan.numpy().tobytes(): k for k, plan in reversed([*enumerate(plans)])}
-        self.plans = plans[sorted(first.values())]  # each once
-        known = torch.as_tensor(
-            np.array([np.asarray(p, np.float32) for p in biases.values()])
-        )
-        self._bias_unit = self.settings.bias_scale * float(
-            (known - known.mean(0)).square().sum(1).mean().sqrt() or 1
-        )
-        own = [
-            torch.as_tensor(
-                np.asarray(choose("material", run.material, biases), np.float32)
-            )
-            for run in runs
-        ]
-        predicted = []
-        with torch.no_grad():
-            for k, p in enumerate(own):
-                states = FastDPMPB(self.model, p)(
-                    s[k, 0], u[k : k + 1, :steps], self.model.initial_memory()
-                )
-                predicted.append(states[:, -1, self.layout.z])
-        features = torch.cat(
-            [
-                self._features(s[k, 0], u[k : k + 1, :steps], p)
-                for k, p in enumerate(own)
-            ]
-        )
-        self._recorded = features, s[:, steps, self.layout.z] - torch.cat(predicted)
-
-    def _features(self, s: Tensor, u: Tensor, p: Tensor | None = None) -> Tensor:
-        """Plan, start and foam: a throw teaches little about another foam; a stiff one
-        lands where a soft one folds.
-        """
-        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
-        start, bias = (
-            s / self.model.s_std / self.learning.state_scale,
-            (self._p if p is None else p) / self._bias_unit,
-        )
-        return torch.cat([plan, torch.cat([start, bias]).expand(len(u), -1)], dim=1)
-
-    def _begin(self, s: Tensor) -> None:
-        """Choose a plan for the next attempt."""
+    def _begin(self, s: Tensor) -> _Begun:
+        """Choose the plan that looks best from here, and begin it."""
         with torch.no_grad():
             distances = self.expected(s, self.plans, self.correction())
-        self._begun = s, self.plans[distances.argmin()], float(distances.min())
-        self._step, self._memory = 0, self.model.initial_memory()
+        self._step = 0
+        self._memory = self.model.initial_memory()
+        best = int(distances.argmin())
+        return _Begun(s, self.plans[best], float(distances[best]))
 
-    def _decide(self, s: Tensor, began: Tensor, plan: Tensor, expected: float) -> None:
-        """Before the hand opens: predict the outcome from here, and release if it is
-        near enough.
+    def _decide(self, s: Tensor, begun: _Begun) -> None:
+        """Before the hand opens: predict the end from here, release if it is near.
+
+        What the prediction has changed by since the start is a lesson about the model.
         """
+        u = self.commands(begun.plan[None])
         with torch.no_grad():
-            u, z = self.commands(plan[None]), self.layout.z
-            before = self._predict(began, u, self.model.initial_memory())[0, -1, z]
-            now = self._predict(s, u[:, self._step :], self._memory)[0, -1, z]
+            before = self._predict(begun.s, u, self.model.initial_memory())
+            now = self._predict(s, u[:, self._step :], self._memory)
+        z_before = before[0, -1, self.layout.z]
+        z_now = now[0, -1, self.layout.z]
+
         # By now, errors from the start have been seen
-        distance = float(torch.linalg.vector_norm(now - self.z_ref))
-        release = (
-            len(self.attempts) + 1 >= self.settings.attempts
-            or distance <= self.settings.near
+        distance = float(torch.linalg.vector_norm(z_now - self.z_ref))
+        last = len(self.attempts) + 1 >= self.settings.attempts
+        release = last or distance <= self.settings.near
+        self.attempts.append(ThrowAttempt(begun.expected, distance, release))
+        features = self._features(begun.s, u, self._p)
+        self._held.append(_Lesson(features, (z_now - z_before)[None]))
+
+    def _plans_of(self, u: Tensor) -> Tensor:
+        """Plans, each once, that send recorded commands `[N, T, D_u]`.
+
+        They are kept within the limits. The hand was closed for as many periods as its
+        shares are in sum.
+        """
+        release = u[..., -1].sum(1)
+        column = release[:, None, None].expand(-1, u.shape[1], 1)
+        plans = torch.cat([u[..., :-1], column], dim=-1)
+        plans = plans.clamp(self.lower, self.upper)
+        different = {plan.numpy().tobytes(): plan for plan in plans}
+        return torch.stack([*different.values()])
+
+    def _errors_about(self, throws: _RecordedThrows) -> _Lesson:
+        """The model's errors about the ends of recorded throws, each with its own p."""
+        features = []
+        predicted = []
+        for s, u, p in zip(throws.start, throws.u, throws.p, strict=True):
+            rollout = self._rollout_of_model(self.model, p)
+            with torch.no_grad():
+                states = rollout(s, u[None], self.model.initial_memory())
+            predicted.append(states[:, -1, self.layout.z])
+            features.append(self._features(s, u[None], p))
+        errors = throws.end[:, self.layout.z] - torch.cat(predicted)
+        return _Lesson(torch.cat(features), errors)
+
+    def _features(self, s: Tensor, u: Tensor, p: Tensor) -> Tensor:
+        """Plan, start and foam, in units of how far each still teaches: `[B, D]`.
+
+        A throw teaches little about another foam; a stiff one lands where a soft one
+        folds.
+        """
+        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
+        start = s / self.model.s_std / self.learning.state_scale
+        bias = p / self._bias_unit
+        rest = torch.cat([start, bias]).expand(len(u), -1)
+        return torch.cat([plan, rest], dim=1)
+
+
+def _recorded_throws(
+    runs: Sequence[Run], biases: Mapping[str, ArrayLike], steps: int
+) -> _RecordedThrows:
+    """The first steps of all throws that are long enough, and where they led."""
+    runs = [run for run in runs if len(run) > steps]
+    if not runs:
+        raise ValueError(
+            f"plans of {steps} steps need recorded throws that are longer: "
+            "none was given"
         )
-        self.attempts.append(_ThrowAttempt(expected, distance, release))
-        self._held.append((self._features(began, u), (now - before)[None]))
+    own = [choose("material", run.material, biases) for run in runs]
+    return _RecordedThrows(
+        start=torch.as_tensor(np.stack([run.s[0] for run in runs])),
+        u=torch.as_tensor(np.stack([run.u[:steps] for run in runs])),
+        end=torch.as_tensor(np.stack([run.s[steps] for run in runs])),
+        p=torch.as_tensor(np.array(own, np.float32)),
+    )
+
+
+def _spread(biases: Mapping[str, ArrayLike]) -> float:
+    """Root mean square distance of trained p from their mean; 1 of a single one."""
+    known = torch.as_tensor(np.array([*biases.values()], np.float32))
+    return float((known - known.mean(0)).square().sum(1).mean().sqrt()) or 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clothlab.data import load_target
-from clothlab.lab.views import javascript
+from clothlab.lab._widget import javascript
 from clothlab.masks import HEIGHT, WIDTH
 
 pytestmark = pytest.mark.browser

@@ -104,6 +104,29 @@ def test_a_solution_that_is_not_folded_code_is_refused():
         solutions.solved(notebook)
 
 
+def kinds_of_solutions(notebook):
+    """What kinds of cells solutions are, of all that have one."""
+    cells = [cell for cell in notebook.cells if "solution" in solutions.tags(cell)]
+    return [cell.cell_type for cell in cells]
+
+
+def test_each_command_does_its_own_and_a_notebook_that_is_right_is_not_touched(
+    tmp_path, monkeypatch
+):
+    path = tmp_path / "08_control.ipynb"
+    path.write_text(nbformat.writes(lesson()) + "\n")
+    for words in (["format", path], ["solve", "--into", tmp_path / "to", path]):
+        monkeypatch.setattr(sys, "argv", ["solutions.py", *map(str, words)])
+        solutions.main()
+    before = path.stat().st_mtime_ns
+    solved = nbformat.read(tmp_path / "to" / path.name, as_version=4)
+    assert kinds_of_solutions(solved) == ["code"]
+    formatted = nbformat.read(path, as_version=4)
+    assert kinds_of_solutions(formatted) == ["markdown"]
+    solutions.format_all([path])
+    assert path.stat().st_mtime_ns == before
+
+
 @pytest.mark.slow
 def test_an_error_stops_a_solved_notebook_and_turns_the_run_red(tmp_path):
     committed = lesson(last="1 / 0")
@@ -112,10 +135,9 @@ def test_an_error_stops_a_solved_notebook_and_turns_the_run_red(tmp_path):
         editions.instructor_edition(committed, tmp_path)
     path = tmp_path / "08_control.ipynb"
     nbformat.write(committed, path)
+    words = ["solve", "--into", tmp_path / "solved", path]
     subprocess.run(
-        [sys.executable, "course/solutions.py", "--into", tmp_path / "solved", path],
-        cwd=ROOT,
-        check=True,
+        [sys.executable, "course/solutions.py", *words], cwd=ROOT, check=True
     )
     run = [
         sys.executable,

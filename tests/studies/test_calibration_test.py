@@ -8,7 +8,7 @@ import pytest
 
 from clothlab.calibration import Calibration
 from clothlab.simulation.cloth import CLOTHS
-from studies import calibration_test, load
+from studies import calibration_test, get, load
 from studies._runs import trained
 from studies.calibration_test import coverage
 
@@ -48,7 +48,7 @@ def test_regions_cover_what_they_hold(table):
 
 
 def test_rows_give_accuracy_coverage_and_alarms_by_kind(table):
-    found = calibration_test._rows({"calibration_test": table})
+    found = get("calibration_test").rows({"calibration_test": table})
     assert [row.value for row in found] == pytest.approx([50, 100, 0])
     notes = [
         "50 % by curvature alone",
@@ -65,7 +65,7 @@ def test_a_run_is_looked_at_after_each_length(monkeypatch):
     monkeypatch.setattr(
         calibration_test, "_calibration", lambda model: Calibration(**stored)
     )
-    row = calibration_test._run_one(NAME, 0, 0, steps=50)
+    row = get("calibration_test").run_one(NAME, 0, 0, steps=50)
     assert row["nearest"] in CLOTHS
     assert row["bare"].shape == row["covariance"].shape == (1, 2, 2)
     assert np.linalg.det(row["covariance"][0]) > np.linalg.det(row["bare"][0])

@@ -8,12 +8,13 @@ import pytest
 
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS
-from studies import camera_recalibration
-from studies.camera_recalibration import _estimate, _moved, _rows
+from studies import camera_recalibration, get
+from studies.camera_recalibration import _moved
 from studies.recalibration import Recalibration
 
 CLOTH = "damp0.03-mass0.05"
 ARM = get_arm("torque")
+EXPERIMENT = get("camera_estimation")
 
 
 @pytest.mark.parametrize(
@@ -39,10 +40,11 @@ def test_p_is_estimated_from_what_the_camera_sees(monkeypatch):
     monkeypatch.setattr(
         camera_recalibration,
         "estimate_bias",
-        lambda model, run, method: seen.append(run.s) or (np.zeros(2), None),
+        lambda model, run, *, method: seen.append(run.s) or (np.zeros(2), None),
     )
     for draw, recalibrated in ((None, False), (None, True), (0, False), (0, True)):
-        assert _estimate(draw, recalibrated, 0, CLOTH, steps=12)["nearest"] in CLOTHS
+        row = EXPERIMENT.run_one(draw, recalibrated, 0, CLOTH, steps=12)
+        assert row["nearest"] in CLOTHS
     unmoved, same, moved_away, back = seen
     assert np.array_equal(unmoved, same)
     assert np.abs(moved_away - unmoved).mean() > 2 * np.abs(back - unmoved).mean() > 0
@@ -58,5 +60,5 @@ def test_the_row_compares_with_the_unmoved_camera():
     table = pd.DataFrame(estimates, columns=["draw", "recalibrated", "nearest"]).assign(
         cloth=CLOTH
     )
-    (row,) = _rows({"camera_estimation": table})
+    (row,) = EXPERIMENT.rows({"camera_estimation": table})
     assert (row.value, row.note) == (2.0, "as it is 0.00")

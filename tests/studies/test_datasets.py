@@ -101,9 +101,9 @@ def test_a_throw_is_recorded_with_what_came_of_it_and_repeated_if_it_spread_the_
 
     monkeypatch.setattr("studies.datasets.rollout", thrown)
     first, *again = record_run(throws, **run)
-    assert first.policy == "operator, spread"
-    assert [(each.policy, each.seed) for each in again] == [
-        ("replay, spread", 1_000_007 + 1_000_000 * k) for k in range(4)
+    assert (first.policy, first.outcome) == ("operator", "spread")
+    assert [(each.policy, each.outcome, each.seed) for each in again] == [
+        ("replay", "spread", 1_000_007 + 1_000_000 * k) for k in range(4)
     ]
     assert looked == 5 * [()]
 

@@ -237,7 +237,7 @@ def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
     monkeypatch.setattr(studies, "save", lambda *_: None)
     monkeypatch.setattr(data, "write_checksums", lambda: None)
     monkeypatch.setattr(report, "publish", lambda _: [])
-    monkeypatch.setattr("sys.argv", ["reproduce.py", "--results", *asked])
+    monkeypatch.setattr("sys.argv", ["reproduce.py", "results", *asked])
     reproduce.main()
     wanted = asked or usual
     assert ran == [

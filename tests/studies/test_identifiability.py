@@ -12,8 +12,8 @@ from clothlab import data
 from clothlab.simulation.arm import TorqueArm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
-from studies import identifiability
-from studies.identifiability import PREDICTED, QUANTITIES, _run_one, bounds
+from studies import get, identifiability
+from studies.identifiability import PREDICTED, QUANTITIES, bounds
 
 CLOTH = get_cloth("damp0.05-mass0.10")
 
@@ -54,7 +54,7 @@ def test_a_motion_says_more_in_a_longer_run_and_to_an_observer_with_more_sensors
         data, "load_trials", lambda name: [trial[:60] for trial in whole(name)[:3]]
     )
     identifiability._prediction_noise.cache_clear()
-    row = _run_one(CLOTH.name, "random", 3, steps=10)
+    row = get("identifiability").run_one(CLOTH.name, "random", 3, steps=10)
     table = pd.DataFrame([{"cloth": CLOTH.name, "motion": "random", "seed": 3, **row}])
     z, more, as_network = (
         bounds(table, sensors) for sensors in ("z", "z + joints", PREDICTED)

@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 
 from clothlab import data
-from studies import _runs, ablations, iterative_control as ic
+from studies import _runs, ablations, get, iterative_control as ic
 
+EXPERIMENT = get("iterative_control")
 TASK = {
     "arm": "torque",
     "target": "target-2",
@@ -52,7 +53,7 @@ def one_epoch(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ic.CONTROLLERS)
 def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
-    row = ic._run_one(controller, "right", "all", None, **TASK)
+    row = EXPERIMENT.run_one(controller, "right", "all", None, **TASK)
     assert row["best"].shape == row["hand_speed"].shape == (2,)
     assert (row["hand_speed"] > 0).all()
     assert len(row["predicted"]) == (3 if controller == ic.ITERATIVE else 0)
@@ -60,15 +61,20 @@ def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
 
 @pytest.mark.slow
 def test_an_estimated_p_starts_from_the_wrong_one():
-    row = ic._run_one(ic.PAPERS, "estimated", "all", None, **TASK)
+    row = EXPERIMENT.run_one(ic.PAPERS, "estimated", "all", None, **TASK)
     assert 0 < row["bias_ratio"] != 1
-    assert ic._run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"] is None
+    assert (
+        EXPERIMENT.run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"]
+        is None
+    )
 
 
 def test_stiffness_is_held_on_the_muscle_arm_and_constants_are_known_of_sheets_alone():
-    assert not any(case["f_const"] for case in ic._cases() if case["arm"] == "torque")
     assert not any(
-        case["p"] == "known" for case in ic._cases() if case["arm"] == "muscle"
+        case["f_const"] for case in EXPERIMENT.cases() if case["arm"] == "torque"
+    )
+    assert not any(
+        case["p"] == "known" for case in EXPERIMENT.cases() if case["arm"] == "muscle"
     )
 
 

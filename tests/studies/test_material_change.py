@@ -8,7 +8,7 @@ from clothlab.policies import ReplayPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
-from studies import _runs, material_change
+from studies import _runs, get, material_change
 from studies.material_change import recovery
 
 LIGHT, HEAVY = "damp0.03-mass0.05", "damp0.07-mass0.15"
@@ -41,7 +41,7 @@ def test_a_changed_material_goes_on_where_the_other_one_was_and_then_moves_other
 
 
 def test_cloths_take_turns_and_both_kinds_of_run_have_the_same():
-    table = pd.DataFrame(material_change._cases())
+    table = pd.DataFrame(get("material_change").cases())
     assert table.groupby("arm")["second"].nunique().tolist() == [8, 8]
     assert (
         table.groupby(["arm", "target", "model", "repeat"])["estimated"].nunique() == 2
@@ -56,7 +56,7 @@ def test_a_row_is_estimated_or_not(monkeypatch):
         lambda learned: _runs._encoded(learned.autoencoder_name, "train"),
     )
     for estimated in (True, False):
-        row = material_change._run_one(
+        row = get("material_change").run_one(
             estimated, "torque", "target-1", LIGHT, "damp0.06-mass0.13", 0, 0, 3, 4
         )
         assert row["best"].shape == (6,)

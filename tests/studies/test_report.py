@@ -1,11 +1,14 @@
 """The results pages show the stored tables: numbers with keys, paper beside here."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import clothlab
-from studies import PAPER, Row, report
+from studies import PAPER, Experiment, Row, report, save
+from studies._grid import over
 
 ROOT = Path(clothlab.__file__).parents[1]
 
@@ -43,6 +46,28 @@ def test_the_pages_show_the_stored_tables(tmp_path):
         assert tables_of[0] == tables_of[1]
         assert new.startswith("before")
         assert new.endswith("after")
+
+
+def test_rows_are_computed_once_for_each_amount_of_recordings(tmp_path, monkeypatch):
+    computed = []
+
+    def rows(tables):
+        computed.append(list(tables))
+        return [Row("counted", "what", float(tables["counted"]["x"].iloc[0]))]
+
+    counted = Experiment("counted", lambda x: {}, over(x=(1,)), seconds=0, rows=rows)
+    about = replace(counted, about="A question?\n\nA paragraph.")
+    monkeypatch.setattr(report, "EXPERIMENTS", {"counted": about})
+    for ending, x in (("", 2), (PAPER, 3)):
+        save(pd.DataFrame([{"x": x}]), f"counted{ending}", data=tmp_path)
+    (tmp_path / "docs").mkdir()
+    for page in ("README.md", "docs/results.md"):
+        (tmp_path / page).write_text("<!-- results --><!-- /results -->")
+    (row,) = report.publish(tmp_path, data=tmp_path)
+    assert (row.value, computed) == (2.0, [["counted"]] * 2)
+    written = (tmp_path / "docs" / "results.md").read_text()
+    assert "## A question?\n\nA paragraph.\n\n| " in written
+    assert "| what | – | 3.00 | 2.00 |" in written
 
 
 @pytest.mark.slow

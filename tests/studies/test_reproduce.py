@@ -16,7 +16,8 @@ import reproduce
 from reproduce import Plan
 
 PATIENCE = 300  # [s], on a busy machine
-SMALL = [sys.executable, reproduce.__file__, "--small", "--seeds", "1", "--paper-only"]
+EVERYTHING = [sys.executable, reproduce.__file__, "everything"]
+SMALL = [*EVERYTHING, "--small", "--seeds", "1", "--paper-only"]
 
 
 def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
@@ -46,6 +47,49 @@ def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
         (0, 16),
         (1, 16),
     ]
+
+
+@pytest.mark.parametrize(
+    ("words", "called", "names"),
+    [
+        (["record"], "record_again", []),
+        (["record", "train", "evaluation"], "record_again", ["train", "evaluation"]),
+        (["train", "torque", "--workers", "3"], "train_again", ["torque"]),
+        (["results", "control"], "run_again", ["control"]),
+    ],
+)
+def test_each_command_is_a_program_of_its_own(words, called, names, monkeypatch):
+    calls = []
+
+    def noted(name):
+        def call(names, **options):
+            calls.append((name, names, options["workers"]))
+
+        return call
+
+    for name in ("record_again", "train_again", "run_again"):
+        monkeypatch.setattr(reproduce, name, noted(name))
+    monkeypatch.setattr("sys.argv", ["reproduce.py", *words])
+    assert reproduce.main() == 0
+    workers = 3 if "--workers" in words else os.cpu_count()
+    assert calls == [(called, names, workers)]
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ([], "COMMAND"),
+        (["train", "torqe"], "unknown 'torqe'; choose from torque-paper, "),
+        (["record", "--scheduler=x"], "unrecognized arguments: --scheduler=x"),
+        (["everything", "control"], "unrecognized arguments: control"),
+    ],
+)
+def test_what_a_command_does_not_know_is_refused(words, reason, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["reproduce.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        reproduce.main()
+    assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
 
 
 @pytest.mark.slow

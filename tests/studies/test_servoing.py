@@ -9,10 +9,11 @@ import pytest
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies.table_scene import servoing
+from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import NotVisibleError, find_cloth_edge
 from studies.table_scene.scene import Furniture
 from studies.table_scene.servoing import RobotDriver, grasp, lay_slowly, posture
-from studies.table_scene.table_env import GraspError, TableEnv
+from studies.table_scene.table_env import TableEnv
 
 pytestmark = pytest.mark.slow  # a scene with depth pictures
 

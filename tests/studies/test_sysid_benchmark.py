@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from clothlab.simulation.cloth import CLOTHS
-from studies import sysid_benchmark
+from studies import get, sysid_benchmark
 from studies.sysid import logs
-from studies.sysid_benchmark import _ALL, _METHODS, _run_one, over_bound
+from studies.sysid_benchmark import _ALL, _METHODS, over_bound
 
 MIDDLE = CLOTHS["damp0.05-mass0.10"]
 
@@ -23,8 +23,9 @@ def test_methods_get_the_same_run_and_not_the_name_of_its_cloth(monkeypatch):
         return lambda run: given.append(run) or logs(MIDDLE) + 1 / len(run)
 
     monkeypatch.setitem(_METHODS, "guess", make)
-    row = _run_one("guess", "damp0.03-mass0.15", 1, steps=16)
-    _run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    run_one = get("sysid_benchmark").run_one
+    row = run_one("guess", "damp0.03-mass0.15", 1, steps=16)
+    run_one("guess", "damp0.03-mass0.15", 1, steps=16)
     assert [len(run) for run in given] == [2, 4, 8, 16] * 2
     assert np.array_equal(given[3].s, given[7].s)
     assert {run.material for run in given} == {"unknown"}

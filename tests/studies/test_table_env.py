@@ -8,8 +8,9 @@ import pytest
 
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
+from studies.table_scene.gripping import GraspError
 from studies.table_scene.scene import Furniture
-from studies.table_scene.table_env import GraspError, TableEnv, _measure_pose
+from studies.table_scene.table_env import TableEnv, _measure_pose
 
 pytestmark = pytest.mark.slow  # a scene with contacts
 

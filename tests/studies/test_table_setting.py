@@ -14,22 +14,16 @@ from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial
-from studies import table_setting
+from studies import get, table_setting
 from studies.table_scene import task
 from studies.table_scene.servoing import RobotDriver
 from studies.table_scene.table_env import ClothPose, Placement, TableEnv
 from studies.table_scene.task import Outcome
 from studies.table_scene.throwing import ThrowSettings, label_spread
-from studies.table_setting import (
-    _cases,
-    _rows,
-    _run_border,
-    _run_one,
-    difference,
-    middle_of_best,
-)
+from studies.table_setting import difference, middle_of_best
 
 ARM = get_arm("muscle-hand")
+EXPERIMENT = get("table_setting")
 GOOD = Outcome("", "", True, ClothPose(1.0, 1.0, 0.0, np.zeros(3)), ClothPose(1.0, 1.0049, 0.02, np.zeros(3)),
                Placement(1.234, 0.01, True), 0.001, 100)  # fmt: skip
 FOLDED = Outcome(
@@ -103,7 +97,7 @@ def learned(monkeypatch):
 @pytest.mark.parametrize("outcome", [GOOD, FOLDED], ids=["good", "folded"])
 def test_an_episode_is_a_row(learned, monkeypatch, outcome):
     monkeypatch.setattr(table_setting, "run_task", lambda spreader, seed: outcome)
-    row = _run_one("slow", 0, 500_000)
+    row = EXPERIMENT.run_one("slow", 0, 500_000)
     assert (row["failed"], row["spread"], row["placed"]) == (
         outcome.failed,
         outcome is GOOD,
@@ -116,7 +110,7 @@ def test_an_episode_is_a_row(learned, monkeypatch, outcome):
         KeyError,
         match="unknown method 'magic'; choose from dynamic, slow, best recorded",
     ):
-        _run_one("magic", 0, 0)
+        EXPERIMENT.run_one("magic", 0, 0)
 
 
 def test_the_best_recorded_throw_is_one_of_this_foam_that_was_seen_to_succeed(learned):
@@ -149,7 +143,9 @@ def test_the_border_is_tried_with_every_margin_and_every_throw(monkeypatch):
         "_JUDGING": 2,
     }.items():
         monkeypatch.setattr(table_setting, name, value)
-    close, far = (_run_border("hard-1", near) for near in (0.15, 0.8))
+    close, far = (
+        get("table_setting_border").run_one("hard-1", near) for near in (0.15, 0.8)
+    )
     assert close["slow"].tolist() == [[True], [False]]
     assert close["best_slow"].tolist() == [True, True]  # of the better margin
     assert not far["slow"].any()
@@ -165,7 +161,9 @@ def test_of_the_best_the_middle_one_is_taken(worked, best):
 
 
 def test_rows_are_rates_of_a_method_s_episodes():
-    runs = pd.DataFrame(_cases(method=["dynamic", "slow"], model=[0, 1], episodes=4))
+    runs = pd.DataFrame(
+        EXPERIMENT.cases(method=["dynamic", "slow"], model=[0, 1], episodes=4)
+    )
     runs["spread"] = [True, True, True, True, True, False, False, False]
     runs["placed"], runs["grasped"] = runs["spread"] & (runs["seed"] > 500_000), True
     materials = pd.DataFrame(
@@ -175,7 +173,9 @@ def test_rows_are_rates_of_a_method_s_episodes():
     assert low <= mean == 0.25 <= high
     found = {
         row.key: row
-        for row in _rows({"table_setting": runs, "table_setting_material": materials})
+        for row in EXPERIMENT.rows(
+            {"table_setting": runs, "table_setting_material": materials}
+        )
     }
     assert found["table_setting/spread"].value == 75
     assert found["table_setting/success"].value == 50

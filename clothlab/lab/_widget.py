@@ -1,39 +1,49 @@
-"""What the widgets of this package share: faults that a notebook raises in the end, a
-picture, and signs of life.
-"""
+"""What the widgets share: their JavaScript, faults, a picture, and signs of life."""
 
 import base64
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import anywidget
 from IPython.display import display
 
-from clothlab.alt_text import AltText
-from clothlab.lab.views import javascript
+from clothlab._alt_text import AltText
 
 # A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
 # "model not found" where a widget was, and asks no other representation of it. So these
 # words are an output of their own, which a living widget hides (`alive.js`); the delay
 # keeps them from showing for the moment before it does.
-REOPENED = """<style>
-@keyframes clothlab-late { from { opacity: 0 } to { opacity: 1 } }
-.clothlab-reopened { animation: clothlab-late 0s 1s both; color: #b00020; font-weight: 600 }
-</style>
-<div class="clothlab-reopened">The controls above need a kernel: run the cells again.</div>"""
+REOPENED = (
+    "<style>\n"
+    "@keyframes clothlab-late { from { opacity: 0 } to { opacity: 1 } }\n"
+    ".clothlab-reopened { animation: clothlab-late 0s 1s both; "
+    "color: #b00020; font-weight: 600 }\n"
+    "</style>\n"
+    '<div class="clothlab-reopened">'
+    "The controls above need a kernel: run the cells again.</div>"
+)
+
+
+def javascript(*parts: str) -> str:
+    """Files of `static/` as one module: such a module can't import its neighbours."""
+    folder = Path(__file__).parent / "static"
+    return "\n".join((folder / f"{part}.js").read_text("utf-8") for part in parts)
 
 
 def answer_page(widget: Any, content: Any, buffers: Sequence[bytes]) -> None:
-    """A handler for `on_msg`: tell a page that asks whether the kernel still lives that
-    it does.
+    """Tell a page that asks whether the kernel still lives that it does.
+
+    A handler for `on_msg`.
     """
     if content == {"do": "alive?"}:
         widget.send({"do": "alive"})
 
 
 class LifeSign(anywidget.AnyWidget):
-    """Stands unseen in a widget of the library, and says in its place when the kernel
-    has stopped.
+    """Stands unseen in a widget of the library.
+
+    It says in that widget's place when the kernel has stopped.
     """
 
     _esm = javascript("alive", "life_sign")
@@ -49,8 +59,9 @@ class Widget:
     errors: list[str]  # tracebacks of callbacks
 
     def check(self) -> None:
-        """Raise if a callback has failed, so that a notebook that ran through unseen
-        errors does not pass.
+        """Raise if a callback has failed.
+
+        A notebook that ran through unseen errors would pass otherwise.
         """
         if self.errors:
             raise RuntimeError(
@@ -58,8 +69,9 @@ class Widget:
             )
 
     def still(self) -> tuple[bytes, AltText]:
-        """How it looks now, PNG, and that in words, for pages on which no kernel
-        answers.
+        """How it looks now, PNG, and that in words.
+
+        For pages on which no kernel answers.
         """
         raise NotImplementedError
 
@@ -72,12 +84,10 @@ class Widget:
     def _repr_mimebundle_(
         self, **options: Any
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The library's answer with the picture beside it; JupyterLab shows the widget."""
+        """The library's answer, and the picture where no widget can be shown."""
         bundle = super()._repr_mimebundle_(**options)  # type: ignore[misc]
         data, metadata = bundle if isinstance(bundle, tuple) else (bundle, {})
         picture, words = self.still()
+        png = base64.b64encode(picture).decode()
         about = {"alt": words.summary, "details": list(words.details)}
-        return {**data, "image/png": base64.b64encode(picture).decode()}, {
-            **metadata,
-            "image/png": about,
-        }
+        return data | {"image/png": png}, metadata | {"image/png": about}

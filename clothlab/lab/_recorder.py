@@ -1,5 +1,4 @@
-"""Recordings of a live session, on the disk every five seconds, so that hardly anything
-is lost with a kernel.
+"""Recordings of a live session, of which hardly anything is lost with a kernel.
 
 While a recording runs, the news of the last five seconds go into a piece, a small file
 of its own: to write all that was recorded so often would cost more the longer it gets,
@@ -13,7 +12,7 @@ import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,35 +22,48 @@ from clothlab.trials import Trial, load_trial, save_trial
 
 _EVERY = 25  # control steps in a piece, five seconds
 _LONGEST = 18_000  # steps of a recording, an hour
-_COLUMNS = ("images", "robot", "commands")
-_PIECES = (
-    ".pieces"  # ending of a recording's folder of pieces, each named by its first step
-)
+# Ending of a recording's folder of pieces, each named by its first step
+_PIECES = ".pieces"
 # [s] without a new piece, after which nobody is taken to go on with a recording
 _ABANDONED = 3600.0
 
 
-class Recorder:
-    """Keeps one recording at a time: it runs, or it is stopped and waits for its name,
-    or there is none.
+class _Row(NamedTuple):
+    """A step of a trial."""
 
-    Until it is saved, its file is `unfinished-TIME-PROCESS.npz`, a trial like any
-    other.
+    image: np.ndarray  # [H, W], bool
+    robot: np.ndarray  # [D_r]
+    command: np.ndarray  # [D_u]
+
+
+class Recorder:
+    """Keeps one recording at a time.
+
+    It runs, or it is stopped and waits for its name, or there is none. Until it is
+    saved, its file is `unfinished-TIME-PROCESS.npz`, a trial like any other.
     """
 
     def __init__(self, folder: Path | str):
-        self.folder, self.running = Path(folder), False
+        self.folder = Path(folder)
+        self.running = False
         self._file: Path | None = None
-        self._rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._about: dict[str, Any] = {}
-        self._policies: dict[str, None] = {}
+        self._rows: list[_Row] = []
         self._written = 0  # steps that are in pieces
+        self._about: dict[str, Any] = {}  # of the trial: cloth, arm, seed
+        self._policies: dict[str, None] = {}  # that drove, in order
         join_pieces(self.folder)
 
     @property
     def waiting(self) -> bool:
         """Whether a stopped recording waits to be saved or discarded."""
         return self._file is not None and not self.running
+
+    def refuse_while_running(self, what: str) -> None:
+        """Raise if a recording runs, of which this can't change."""
+        if self.running:
+            raise ValueError(
+                f"{what} cannot change during a recording: save or discard it first"
+            )
 
     def start(self) -> None:
         """Begin a recording."""
@@ -63,25 +75,30 @@ class Recorder:
         self.folder.mkdir(parents=True, exist_ok=True)
         file.touch()  # an OSError now rather than when much is recorded
         file.unlink()
-        self._file, self.running = file, True
+        self._file = file
+        self.running = True
 
     def add(self, observation: Observation, u: np.ndarray, about: dict) -> None:
         """Take in a step; `about` is the trial's cloth, arm, policy and seed.
 
         A full disk stops the recording.
         """
-        self._rows.append((observation["image"].astype(bool), observation["robot"], u))
-        self._policies = dict.fromkeys([*self._policies, about["policy"]])
+        image = observation["image"].astype(bool)
+        self._rows.append(_Row(image, observation["robot"], u))
         self._about = about
-        if len(self._rows) % _EVERY == 0:
-            self.running = False  # unless the disk takes it
-            self._write_piece()
-            if len(self._rows) >= _LONGEST:
-                self._write()
-                raise OSError(
-                    f"a recording has {_LONGEST} steps at most, which are over: save it"
-                )
-            self.running = True
+        self._policies[about["policy"]] = None
+        if len(self._rows) % _EVERY:
+            return
+
+        # It goes on only once the disk has taken it
+        self.running = False
+        self._write_piece()
+        if len(self._rows) >= _LONGEST:
+            self._write()
+            raise OSError(
+                f"a recording has {_LONGEST} steps at most, which are over: save it"
+            )
+        self.running = True
 
     def stop(self) -> None:
         """Stop; what was recorded waits to be saved or discarded."""
@@ -89,8 +106,9 @@ class Recorder:
         self._write()
 
     def save(self, name: str) -> Path:
-        """Stop, and give the recording its name; after a bad or existing name, a
-        running recording goes on.
+        """Stop, and give the recording its name.
+
+        After a bad or existing name, a running recording goes on.
         """
         path = self.folder / f"{check_name('recording', name)}.npz"
         if path.exists():
@@ -116,9 +134,12 @@ class Recorder:
         self._forget()
 
     def _forget(self) -> None:
-        self._file, self.running = None, False
-        self._rows, self._about, self._policies = [], {}, {}
+        self.running = False
+        self._file = None
+        self._rows = []
         self._written = 0
+        self._about = {}
+        self._policies = {}
 
     @property
     def _pieces(self) -> Path:
@@ -127,11 +148,14 @@ class Recorder:
 
     def _trial(self, start: int = 0) -> Trial:
         """What was recorded from a step on."""
-        images, robot, commands = (
-            np.array(column) for column in zip(*self._rows[start:], strict=True)
-        )
+        rows = self._rows[start:]
         about = self._about | {"policy": ", ".join(self._policies)}
-        return Trial(images, robot, commands, **about)
+        return Trial(
+            images=np.array([row.image for row in rows]),
+            robot=np.array([row.robot for row in rows]),
+            commands=np.array([row.command for row in rows]),
+            **about,
+        )
 
     def _write_piece(self) -> None:
         save_trial(self._trial(self._written), _piece(self._pieces, self._written))
@@ -157,23 +181,33 @@ def join_pieces(folder: Path) -> list[Path]:
     """
     joined = []
     for pieces in sorted(folder.glob(f"unfinished-*{_PIECES}")):
-        if _abandoned(pieces):
-            file = pieces.with_suffix(".npz")
-            parts = [load_trial(file)] if file.exists() else []
-            steps = sum(map(len, parts))
-            while (path := _piece(pieces, steps)).exists():  # in order, up to a gap
-                parts.append(load_trial(path))
-                steps += len(parts[-1])
-            if parts:
-                save_trial(_joined(parts), file)
-                joined.append(file)
-            shutil.rmtree(pieces)
+        if not _abandoned(pieces):
+            continue
+        file = pieces.with_suffix(".npz")
+        parts = _parts(file, pieces)
+        if parts:
+            save_trial(_joined(parts), file)
+            joined.append(file)
+        shutil.rmtree(pieces)
     return joined
 
 
+def _parts(file: Path, pieces: Path) -> list[Trial]:
+    """What was joined before, and the pieces that follow it, in order, up to a gap."""
+    parts = [load_trial(file)] if file.exists() else []
+    steps = sum(map(len, parts))
+    path = _piece(pieces, steps)
+    while path.exists():
+        parts.append(load_trial(path))
+        steps += len(parts[-1])
+        path = _piece(pieces, steps)
+    return parts
+
+
 def _abandoned(pieces: Path) -> bool:
-    """Whether the process that wrote these pieces, the last part of their name, is
-    gone.
+    """Whether the process that wrote these pieces is gone.
+
+    Its number is the last part of their name.
     """
     process = int(pieces.stem.rsplit("-", 1)[1])
     if os.name == "posix":
@@ -187,10 +221,13 @@ def _abandoned(pieces: Path) -> bool:
 
 
 def _joined(parts: list[Trial]) -> Trial:
-    """One trial of several that follow each other; the last one knows all that had
-    driven.
+    """One trial of several that follow each other.
+
+    The last one knows all that had driven.
     """
-    images, robot, commands = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS
+    return replace(
+        parts[-1],
+        images=np.concatenate([part.images for part in parts]),
+        robot=np.concatenate([part.robot for part in parts]),
+        commands=np.concatenate([part.commands for part in parts]),
     )
-    return replace(parts[-1], images=images, robot=robot, commands=commands)

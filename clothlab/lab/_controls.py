@@ -1,5 +1,4 @@
-"""Controls for notebooks: a few sliders and menus with a figure below, and the map of
-p.
+"""Controls for notebooks: sliders and menus with a figure below, and the map of p.
 
 ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook
 that runs from top to bottom wait until its time limit. So a figure goes into an Image
@@ -20,11 +19,12 @@ import traitlets
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from clothlab.alt_text import AltText, describe
-from clothlab.lab.clock import LoopCallbacks
-from clothlab.lab.messages import keep_error
-from clothlab.lab.views import Plane, encoded, javascript
-from clothlab.lab.widget import LifeSign, Widget, answer_page
+from clothlab._alt_text import AltText, describe
+from clothlab.lab._clock import LoopCallbacks
+from clothlab.lab._messages import keep_error
+from clothlab.lab._pictures import encoded
+from clothlab.lab._plane import Plane
+from clothlab.lab._widget import LifeSign, Widget, answer_page, javascript
 
 WRAPPED = {
     "display": "flex",
@@ -36,8 +36,9 @@ _FIGURE = "480px"  # as narrow as a figure may get beside a map
 
 
 class PBMap(anywidget.AnyWidget):
-    """The plane of p. A click, or the arrow keys, choose a place; the dots are the
-    trained materials.
+    """The plane of p, in which a click or the arrow keys choose a place.
+
+    The dots are the trained materials.
 
     Args:
         biases: trained p of each material, `{name: [D_p]}`.
@@ -61,9 +62,8 @@ class PBMap(anywidget.AnyWidget):
     ):
         self._plane = Plane(biases, labels)
         line = [] if reference is None else [self._plane.at(reference)]
-        super().__init__(
-            about=self._plane.map | {"line": line}, chosen=self._plane.at(p)
-        )
+        about = self._plane.map | {"line": line}
+        super().__init__(about=about, chosen=self._plane.at(p))
         self.on_msg(answer_page)
 
     @property
@@ -90,31 +90,30 @@ class Control(Widget, ipywidgets.VBox):
         labels: Mapping[str, str] | None = None,
         **controls: Any,
     ):
-        self._draw, self._callbacks, self.errors = draw, LoopCallbacks(), list[str]()
+        self._draw = draw
+        self._callbacks = LoopCallbacks()
         self._words = AltText("No picture", ())
-        starts = {
-            name: each.default
-            for name, each in inspect.signature(draw).parameters.items()
-        }
+        self.errors: list[str] = []
+
+        # What is moved
+        parameters = inspect.signature(draw).parameters
+        labels = labels or {}
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
         for name, choices in controls.items():
-            is_map = isinstance(choices, PBMap)
-            widget = (
-                choices
-                if is_map
-                else _widget(choices, starts[name], (labels or {}).get(name, name))
-            )
-            widget.observe(
-                lambda _: self._callbacks.take(self._redraw),
-                "chosen" if is_map else "value",
-            )
+            widget = choices
+            if not isinstance(choices, PBMap):
+                start = parameters[name].default
+                widget = _widget(choices, start, labels.get(name, name))
+            self._redraw_when_moved(widget)
             self.controls[name] = widget
-        self.picture, self.message = ipywidgets.Image(format="png"), ipywidgets.HTML()
+
+        # What is drawn: sliders and menus above, maps and the figure below
+        self.picture = ipywidgets.Image(format="png")
+        self.message = ipywidgets.HTML()
         maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
         others = [each for each in self.controls.values() if each not in maps]
-        beside = ipywidgets.Box(
-            [*maps, _figure(self.message, self.picture)], layout=WRAPPED
-        )
+        figure = _figure(self.message, self.picture)
+        beside = ipywidgets.Box([*maps, figure], layout=WRAPPED)
         super().__init__([LifeSign(), *others, beside])
         self.add_class("clothlab-widget")
         self._redraw()
@@ -123,13 +122,17 @@ class Control(Widget, ipywidgets.VBox):
         """What it shows now."""
         return self.picture.value, self._words
 
+    def _redraw_when_moved(self, widget: ipywidgets.DOMWidget) -> None:
+        trait = "chosen" if isinstance(widget, PBMap) else "value"
+        widget.observe(lambda _: self._callbacks.take(self._redraw), trait)
+
     def _redraw(self) -> None:
         self.message.value = "computing …"
+        values = {name: each.value for name, each in self.controls.items()}
         try:
-            figure = self._draw(
-                **{name: each.value for name, each in self.controls.items()}
-            )
-            self.picture.value, self._words = encoded(figure), describe(figure)
+            figure = self._draw(**values)
+            self.picture.value = encoded(figure)
+            self._words = describe(figure)
             plt.close(figure)  # or the notebook would show it a second time
             self.message.value = ""
         except Exception as error:
@@ -141,8 +144,9 @@ class Control(Widget, ipywidgets.VBox):
 
 
 def _figure(message: ipywidgets.HTML, picture: ipywidgets.Image) -> ipywidgets.VBox:
-    """A figure with the message above, beside a map where there is room for it, else
-    below.
+    """A figure with the message above.
+
+    It stands beside a map where there is room for it, else below.
     """
     # With the margins that the library gives it
     width = f"min(calc(100% - 4px), {_FIGURE})"
@@ -156,10 +160,10 @@ def _widget(choices: Any, start: Any, label: str) -> ipywidgets.DOMWidget:
         "value": start,
         "description": label,
         "style": {"description_width": "150px"},
+        "layout": {"width": "min(480px, calc(100% - 4px))"},
     }
-    options["layout"] = {"width": "min(480px, calc(100% - 4px))"}
-    if isinstance(choices, tuple):
-        low, high, step = choices
-        kind = ipywidgets.IntSlider if isinstance(step, int) else ipywidgets.FloatSlider
-        return kind(min=low, max=high, step=step, continuous_update=False, **options)
-    return ipywidgets.Dropdown(options=choices, **options)
+    if not isinstance(choices, tuple):
+        return ipywidgets.Dropdown(options=choices, **options)
+    low, high, step = choices
+    kind = ipywidgets.IntSlider if isinstance(step, int) else ipywidgets.FloatSlider
+    return kind(min=low, max=high, step=step, continuous_update=False, **options)

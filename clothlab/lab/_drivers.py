@@ -1,5 +1,6 @@
-"""The drivers of a live run, which choose its commands, and what the controllers among
-them predict.
+"""The drivers of a live run, which choose its commands.
+
+The controllers among them predict, and what they predict is kept with each command.
 """
 
 from collections.abc import Sequence
@@ -27,9 +28,8 @@ class Choice(NamedTuple):
     predicted: float | None
     period_ended: bool  # whether a period of the controller ends with it
     basis: str = ""  # what the plan of iterative learning rests on
-    foreseen: np.ndarray | None = (
-        None  # z that the control predicts for the end of its period [D_z]
-    )
+    # z that the control predicts for the end of its period [D_z]
+    foreseen: np.ndarray | None = None
 
 
 class Period(NamedTuple):
@@ -44,8 +44,13 @@ class Period(NamedTuple):
 class Drivers:
     """The policies for one arm, which may have other limits than that of the weights.
 
-    `plans` are starts of the control `[N, horizon, D_u]`, `runs` are recordings that
-    iterative learning begins with.
+    Args:
+        trained: weights, with autoencoder and materials.
+        arm: the arm that is driven.
+        target: image to aim at `[H, W]`.
+        p: parametric bias `[D_p]`.
+        plans: starts of the control `[N, horizon, D_u]`.
+        runs: recordings that iterative learning begins with.
     """
 
     def __init__(
@@ -58,23 +63,24 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Run],
     ):
+        # Those that predict, and all but the person
+        self._arm = arm
         iterative = trained.iterative_controller(target, p, runs, arm=arm)
         self._learning: Any = iterative.controller.search
         self._controllers = {
             "control": trained.controller(target, p, plans=plans, arm=arm),
             "iterative": iterative,
         }
-        self._arm, others = (
-            arm,
-            {"random": RandomPolicy(arm), "operator": OperatorPolicy(arm)},
-        )
-        self._policies: dict[str, Policy] = self._controllers | others
-        self._period: list[
-            tuple[float, float]
-        ] = []  # predicted and seen distance of each step since it began
-        self.began: np.ndarray | None = (
-            None  # `foreseen` when the period began, until the next one begins
-        )
+        self._policies: dict[str, Policy] = {
+            **self._controllers,
+            "random": RandomPolicy(arm),
+            "operator": OperatorPolicy(arm),
+        }
+
+        # Predicted and seen distance of each step since the period began, and
+        # `foreseen` of its first step, until the next one begins
+        self._period: list[tuple[float, float]] = []
+        self.began: np.ndarray | None = None
 
     def reset(self, seed: int) -> None:
         """Forget the last run, and what was learned in it."""
@@ -94,8 +100,9 @@ class Drivers:
             policy.set_bias(p)
 
     def resume(self) -> None:
-        """Let the controllers begin a period: phase, memory and plan are of their last
-        turn. What was learned stays.
+        """Let the controllers begin a period.
+
+        Phase, memory and plan are of their last turn; what was learned stays.
         """
         for policy in self._controllers.values():
             policy.controller.resume()
@@ -110,14 +117,25 @@ class Drivers:
         solve: bool,
         exploring: bool,
     ) -> Choice:
-        """Ask a driver for a command; `hand` is the manual one `[D_u]`; without
-        `solve`, the last plan goes on.
+        """Ask a driver for a command.
+
+        Args:
+            driver: one of `DRIVERS`.
+            observation: what the robot sees now.
+            hand: command of the driver "manual" `[D_u]`.
+            solve: whether a controller solves, or goes on with its last plan.
+            exploring: whether iterative learning tries new plans.
         """
+        # A person, or what doesn't predict
         if driver not in self._controllers:
-            u = np.clip(hand, self._arm.command_lower, self._arm.command_upper)
-            if driver != "manual":
+            if driver == "manual":
+                arm = self._arm
+                u = np.clip(hand, arm.command_lower, arm.command_upper)
+            else:
                 u = self._policies[driver](observation)
             return Choice(u, solved=False, predicted=None, period_ended=False)
+
+        # A controller, and what it says of its command
         policy = self._controllers[driver]
         controller = policy.controller
         self._learning.exploring = exploring
@@ -127,7 +145,7 @@ class Drivers:
         if controller.learned is not None:
             basis = self._learning.basis(controller.learned)
         return Choice(
-            u,
+            command=u,
             solved=controller.solves > solves,
             predicted=policy.predicted_distance,
             period_ended=controller.period_ended,
@@ -138,14 +156,19 @@ class Drivers:
     def close_period(
         self, driver: str, choice: Choice, distance: float
     ) -> Period | None:
-        """Take in the distance seen after a choice [s.d. of z]; answers at the end of a
-        controller's period.
+        """Take in the distance seen after a choice [s.d. of z].
+
+        Answers at the end of a controller's period.
         """
         if choice.predicted is not None:
-            self.began = self.began if self._period else choice.foreseen
+            if not self._period:
+                self.began = choice.foreseen
             self._period.append((choice.predicted, distance))
         if not choice.period_ended or not self._period:
             return None
-        period, self._period = np.array(self._period), []
-        achieved = period[:, 1].min() if driver == "iterative" else period[-1, 1]
-        return Period(float(period[0, 0]), float(achieved))
+
+        predicted = self._period[0][0]
+        seen = [distance for _, distance in self._period]
+        self._period = []
+        achieved = min(seen) if driver == "iterative" else seen[-1]
+        return Period(float(predicted), float(achieved))

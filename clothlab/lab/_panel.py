@@ -1,23 +1,26 @@
-"""The live panel: one widget, whose JavaScript draws what `views` says and sends back
-what a person does.
+"""The live panel: one widget, in which a person steers a session.
+
+Its JavaScript draws what `Views` says, and sends back what the person does.
 """
 
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import anywidget
 import numpy as np
 import traitlets
 
+from clothlab._alt_text import AltText
 from clothlab._validation import check_number, choose
-from clothlab.alt_text import AltText
-from clothlab.lab import views
-from clothlab.lab.actions import Message, PanelActions
-from clothlab.lab.clock import Clock, LoopCallbacks
-from clothlab.lab.messages import Messages
-from clothlab.lab.session import LiveSession, StepInfo
-from clothlab.lab.widget import Widget, answer_page
+from clothlab.lab._actions import Message, PanelActions
+from clothlab.lab._clock import Clock, LoopCallbacks
+from clothlab.lab._messages import Messages
+from clothlab.lab._pictures import still
+from clothlab.lab._session import LiveSession, StepInfo
+from clothlab.lab._views import HISTORY, Views
+from clothlab.lab._widget import Widget, answer_page, javascript
 from clothlab.simulation.env import CONTROL_PERIOD
 
 _ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
@@ -26,8 +29,9 @@ _PATIENCE = 25
 
 
 class LivePanel(Widget, anywidget.AnyWidget):
-    """Everything under one panel, in real time; an earlier panel of this kernel is
-    closed.
+    """Everything under one panel, in real time.
+
+    An earlier panel of this kernel is closed.
 
     Args:
         session: what is steered; by default a new session with the torque arm.
@@ -36,7 +40,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
             controller then has the p of the cloth that is chosen.
     """
 
-    _esm = views.javascript(
+    _esm = javascript(
         "alive", "text", "traces", "target", "map", "gamepad", "style", "panel"
     )
     about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
@@ -53,25 +57,26 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._only = only is not None and choose(
             "part of the panel", only, {"control": True}
         )
-        self._clock, self._callbacks = (
-            Clock(self._tick, CONTROL_PERIOD),
-            LoopCallbacks(),
-        )
+
+        # One session at a time
         self.session = session or LiveSession()
         if LivePanel._active is not None:
             LivePanel._active.close()
         LivePanel._active = self
-        self._messages = Messages()
-        self.errors = self._messages.errors
-        self.history: deque[StepInfo] = deque(maxlen=views.HISTORY)
-        self.steps = self.drawn = (
-            # Steps since the panel was built; number of the last frame that the browser
-            # drew
-            0
-        )
+
+        # How far it is
+        self.history: deque[StepInfo] = deque(maxlen=HISTORY)
+        self.steps = 0  # since the panel was built
+        self.drawn = 0  # number of the last frame that the browser drew
         self._unseen = 0  # steps since the last frame was sent
         self._broken = False  # whether time stands still since a step failed
         self._answered = ""  # the last message that was acted on
+
+        # Time, words, and what a person can do
+        self._clock = Clock(self._tick, CONTROL_PERIOD)
+        self._callbacks = LoopCallbacks()
+        self._messages = Messages()
+        self.errors = self._messages.errors
         super().__init__()
         self._actions = PanelActions(self, self._messages.say)
         self.on_msg(answer_page)
@@ -93,13 +98,9 @@ class LivePanel(Widget, anywidget.AnyWidget):
         """The sign of the panel: `fault` after a fault or a step that failed."""
         if self._broken or self._messages.shown["kind"] == "fault":
             return "fault"
-        return (
-            "paused"
-            if not self.running
-            else "late"
-            if self._clock.lately
-            else "running"
-        )
+        if not self.running:
+            return "paused"
+        return "late" if self._clock.lately else "running"
 
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
@@ -135,7 +136,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     def still(self) -> tuple[bytes, AltText]:
         """The last frame that was sent, and the target."""
-        return views.still(self.frame, self.target)
+        return still(self.frame, self.target)
 
     def set_arm(self, name: str) -> None:
         """Change the arm, with its own cloth, target and p."""
@@ -154,13 +155,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._draw_ellipse()
 
     def aim(self, mask: np.ndarray, *, show: bool = True) -> None:
-        """Aim at an image `[H, W]`; `show` puts it on the canvas, where a drawn one is
-        already.
+        """Aim at an image `[H, W]`.
+
+        `show` puts it on the canvas, where a drawn one is already.
         """
         self.session.set_target(mask)
-        self.target = self.views.target() | {
-            "version": self.target.get("version", 0) + show
-        }
+        version = self.target.get("version", 0) + show
+        self.target = self.views.target() | {"version": version}
 
     def show_all(self) -> None:
         """Send everything anew, and a frame."""
@@ -170,21 +171,22 @@ class LivePanel(Widget, anywidget.AnyWidget):
             self._show(force=True)
 
     def _tick(self, behind: float) -> bool:
-        """A step in time; False pauses, after an error or when the page does not
-        answer.
+        """A step in time.
+
+        False pauses, after an error or when the page does not answer.
         """
+        solve = behind < CONTROL_PERIOD
         guarded = self._messages.guarded
-        going = guarded(
-            lambda: self._advance(solve=behind < CONTROL_PERIOD)
-        ) and guarded(self._show)
-        self._broken = not going
-        if going and self._unseen > _PATIENCE:
+        went_well = guarded(lambda: self._advance(solve=solve)) and guarded(self._show)
+        self._broken = not went_well
+        if went_well and self._unseen <= _PATIENCE:
+            return True
+
+        if went_well:
             self._messages.say("paused: the page does not answer")
-            going = False
-        if not going:
-            self._clock.pause()
-            self._refresh()
-        return going
+        self._clock.pause()
+        self._refresh()
+        return False
 
     def _advance(self, *, solve: bool) -> None:
         self.history.append(self.session.step(solve=solve))
@@ -192,60 +194,61 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self._unseen += 1
 
     def _show(self, *, force: bool = False) -> None:
-        """Send how things stand, and a frame unless the browser has not drawn the last
-        one yet.
+        """Send how things stand, and a frame.
+
+        No frame is sent while the browser has not drawn the last one yet, unless by
+        force.
         """
         self._refresh()
         number = self.frame.get("number", 0)
-        if self.drawn == number or force:
-            self._unseen = 0
-            period = self.views.period(self.history) if self._only else {}
-            self.frame = (
-                self.views.frame(list(self.history)) | period | {"number": number + 1}
-            )
-            if self.steps % _ELLIPSE_EVERY == 0 or force:
-                self._draw_ellipse()
+        if self.drawn != number and not force:
+            return
+        self._unseen = 0
+        frame = self.views.frame(list(self.history))
+        if self._only:
+            frame |= self.views.period(self.history)
+        self.frame = frame | {"number": number + 1}
+        if self.steps % _ELLIPSE_EVERY == 0 or force:
+            self._draw_ellipse()
 
     def _draw_ellipse(self) -> None:
-        self.ellipse = self.views.ellipse(
-            self.history[-1].command if self.history else self.session.hand
-        )
+        u = self.history[-1].command if self.history else self.session.hand
+        self.ellipse = self.views.ellipse(u)
 
     def _refresh(self) -> None:
-        about = {"running": self.running, "status": self._status}
-        self.state = (
-            self.views.state()
-            | about
-            | {"message": self._messages.shown, "answered": self._answered}
-        )
+        self.state = self.views.state() | {
+            "running": self.running,
+            "status": self._status,
+            "message": self._messages.shown,
+            "answered": self._answered,
+        }
 
     def _meet_arm(self) -> None:
         self.history.clear()
-        self.views = views.Views(self.session)
+        self.views = Views(self.session)
         self.show_all()
 
     def _hear(self, _: object, content: Any, buffers: Sequence[bytes]) -> None:
-        """Take a message of the browser, perhaps in another thread: it then waits for
-        the end of a step.
+        """Take a message of the browser.
+
+        It may come in another thread, and then waits for the end of a step.
         """
         message = Message.read(content, buffers)
         if message.do == "drawn":
             self._messages.guarded(lambda: self._note_drawn(**message.arguments))
-        elif (
-            message.do != "alive?"
-        ):  # which is answered already, even while a step is made
+        elif message.do != "alive?":  # answered already, even while a step is made
             self._callbacks.take(self._act, message)
 
     def _note_drawn(self, frame: Any = None, **_: Any) -> None:
         self.drawn = check_number("the frame that was drawn", frame, int)
 
     def _act(self, message: Message) -> None:
-        """Do what a person asked for, and answer how things stand then, even where
-        nothing changed.
+        """Do what a person asked for, and answer how things stand then.
+
+        The answer comes even where nothing changed.
         """
         self._messages.say("")
         self._messages.guarded(lambda: self._actions.act(message))
         self._answered = message.identity
-        self._messages.guarded(
-            lambda: self._refresh() if self.running else self._show(force=True)
-        )
+        show = self._refresh if self.running else partial(self._show, force=True)
+        self._messages.guarded(show)

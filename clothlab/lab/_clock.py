@@ -1,6 +1,4 @@
-"""Time that goes by in the kernel's event loop, and callbacks that wait for their turn
-in it.
-"""
+"""Time in the kernel's event loop, and callbacks that wait for their turn in it."""
 
 import asyncio
 import contextlib
@@ -9,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 _RECENT = 5  # ticks
+_PAUSE = 0.005  # [s] at least between two ticks, in which callbacks act
 
 
 class LoopCallbacks:
@@ -21,9 +20,8 @@ class LoopCallbacks:
     def __init__(self) -> None:
         self._thread = threading.get_ident()
         self._loop: asyncio.AbstractEventLoop | None = None
-        with contextlib.suppress(
-            RuntimeError
-        ):  # outside a notebook there is none, and no other thread calls us
+        # Outside a notebook there is no loop, and no other thread calls us
+        with contextlib.suppress(RuntimeError):
             self._loop = asyncio.get_running_loop()
 
     def take(self, act: Callable, *arguments: object) -> None:
@@ -35,12 +33,14 @@ class LoopCallbacks:
 
 
 class Clock:
-    """Calls `tick` once a `period` [s], in the event loop, with its delay [s], until it
-    answers False.
+    """Calls `tick` once a `period` [s], in the event loop, until it answers False.
+
+    `tick` is told how late it comes [s].
     """
 
     def __init__(self, tick: Callable[[float], bool], period: float):
-        self._tick, self._period = tick, period
+        self._tick = tick
+        self._period = period
         self._task: asyncio.Task | None = None
         self.late = 0  # ticks that came more than half a period late
         self._recent = deque[bool](maxlen=_RECENT)
@@ -71,13 +71,15 @@ class Clock:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
+            # A tick, and how late it is
             behind = loop.time() - due
-            self._recent.append(behind > self._period / 2)
-            self.late += self._recent[-1]
+            late = behind > self._period / 2
+            self._recent.append(late)
+            self.late += late
             if not self._tick(behind):
                 self._task = None
                 return
-            # Lost time is not made up for
+
+            # Lost time is not made up for; callbacks act meanwhile
             due = max(due + self._period, loop.time() - 2 * self._period)
-            # Callbacks act meanwhile
-            await asyncio.sleep(max(0.005, due - loop.time()))
+            await asyncio.sleep(max(_PAUSE, due - loop.time()))

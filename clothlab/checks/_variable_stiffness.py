@@ -1,0 +1,191 @@
+"""Checks of notebook 02."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab.checks._check import apart, array, check, drawn, expect, number
+from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.stiffness import static_posture
+
+_ARM = MuscleArm()
+
+
+@check(number("a stiffness in N m/rad"))
+def pair_stiffness(answer: Callable, rng: np.random.Generator) -> None:
+    """The stiffness of a joint between a flexor and an extensor [N m/rad].
+
+    Given are both coefficients of a spring, the lever of a muscle r [m] and the stretch
+    of its spring e0 [m]; expected is the slope of the torque of the two while their
+    motors stand still. Once the springs are linear.
+    """
+    stiffness = rng.uniform(3000.0, 6000.0)  # [N/m]
+    linear = replace(_ARM, spring_linear=stiffness, spring_cubic=0.0)
+    for arm in (_ARM, linear, _ARM):
+        r = rng.uniform(0.025, 0.06)
+        e0 = rng.uniform(0.01, 0.02)
+        k = answer(arm.spring_linear, arm.spring_cubic, r, e0)
+        truth = _slope_of_torque(arm, r, e0)
+
+        # Factors that are easily forgotten
+        assert not _near(2 * k, truth), "half of it: there are two muscles"
+        assert not _near(-k, truth), "stiffness is -dτ/dθ: a positive number"
+        assert not _near(k * r, truth), (
+            "r enters twice: in the stretch and as the lever"
+        )
+
+        # Tension over stretch in place of its slope, where they differ
+        tangent = arm.spring_stiffness(arm.tension(e0))
+        secant = arm.tension(e0) / e0
+        if not np.isclose(tangent, secant):
+            by_secant = _near(k / secant, truth / tangent)
+            assert not by_secant, "stiffness is df/de, not f/e"
+        assert _near(k, truth), (
+            f"the torque's slope is {truth:.2f} N m/rad, yours is {k:.2f}"
+        )
+
+
+def _near(found: ArrayLike, truth: ArrayLike) -> bool:
+    return bool(np.isclose(found, truth, rtol=1e-4))
+
+
+def _slope_of_torque(arm: MuscleArm, r: float, e0: float) -> float:
+    """-dτ/dθ of two muscles that pull against each other, by a central difference."""
+
+    def torque(theta: float) -> float:
+        return r * (arm.tension(e0 - r * theta) - arm.tension(e0 + r * theta))
+
+    h = 1e-5  # [rad]
+    return (torque(-h) - torque(h)) / (2 * h)
+
+
+class _Posture(NamedTuple):
+    theta: np.ndarray  # [2] [rad]
+    f_const: float  # [N]
+
+
+@check(array("the matrix C", 2, 2))
+def compliance(answer: Callable, rng: np.random.Generator) -> None:
+    """The compliance of the hand `[2, 2]` [m/N]: how far it gives way to a push.
+
+    Given are the arm with muscles, the angles of its joints `[2]` [rad] and the tension
+    of its muscles [N]; expected is what the simulation's statics say of a tiny push.
+    """
+    push = 1e-4  # [N]
+
+    def draw() -> _Posture:
+        theta = np.array([rng.uniform(0.1, 0.7), rng.uniform(-1.5, -0.7)])
+        return _Posture(theta, rng.uniform(25.0, 68.0))
+
+    def slips_differ(posture: _Posture) -> bool:
+        return apart(_compliance(*posture), _compliance_slips(*posture), rtol=0.01)
+
+    for _ in range(2):
+        theta, f_const = drawn(draw, slips_differ)
+        C = answer(_ARM, theta, f_const)
+
+        # Push the hand along each axis
+        moved = []
+        for axis in np.eye(2):
+            pushed = static_posture(_ARM, [*theta, f_const], push * axis)
+            moved.append(_ARM.hand(pushed) - _ARM.hand(theta))
+        truth = np.stack(moved, axis=1) / push
+
+        otherwise = (
+            f"tiny pushes give C = {truth.round(5).tolist()} m/N, "
+            f"not {C.round(5).tolist()}"
+        )
+        if not np.allclose(C, C.T, rtol=1e-3):
+            otherwise = (
+                "C is symmetric, yours is not: which factor is missing its transpose?"
+            )
+        expect(C, truth, otherwise, _compliance_slips(theta, f_const), rtol=1e-3)
+
+
+def _compliance(theta: np.ndarray, f_const: float) -> np.ndarray:
+    """The compliance `[2, 2]` by the formula of the notebook."""
+    J = _ARM.hand_jacobian(theta)
+    G = _ARM.moment_arms
+    k = 1 / (1 / _ARM.spring_stiffness(f_const) + 1 / _ARM.motor_stiffness)
+    return J @ np.linalg.inv(k * G.T @ G) @ J.T
+
+
+def _compliance_slips(theta: np.ndarray, f_const: float) -> dict[str, np.ndarray]:
+    """What is easily written in place of the compliance, by what is said of it."""
+    # Stiffness of a muscle's spring, and what is easily taken for it
+    e = _ARM.elongation(f_const)
+    tangent = _ARM.spring_stiffness(f_const)
+    of_stretch = _ARM.spring_stiffness(e)
+    secant = f_const / e
+
+    # The formula's other factors
+    J = _ARM.hand_jacobian(theta)
+    G = _ARM.moment_arms
+    motor = _ARM.motor_stiffness
+
+    def of_joints(k: np.ndarray) -> np.ndarray:
+        return np.linalg.inv(k * G.T @ G)
+
+    def of_hand(k: np.ndarray) -> np.ndarray:
+        return J @ of_joints(k) @ J.T
+
+    def in_series(k: np.ndarray) -> np.ndarray:
+        return k * motor / (k + motor)
+
+    joints = of_joints(in_series(tangent))
+    stiffness = J @ np.linalg.inv(joints) @ J.T
+
+    # What is said of each
+    return {
+        "your motors are rigid: they give way in series": of_hand(tangent),
+        "spring_stiffness takes the tension of a spring [N], not its stretch e "
+        "[m]": of_hand(in_series(of_stretch)),
+        "for small pushes the stiffness of a spring is df/de, not f/e": of_hand(
+            in_series(secant)
+        ),
+        "J and Jᵀ have changed places": J.T @ joints @ J,
+        "that is how far the joints turn for a torque: where does J enter?": joints,
+        "stiffness in place of its inverse: a stiff arm must give way less, not "
+        "more": stiffness,
+    }
+
+
+@check(array("a length for each of the six muscles", 6))
+def length_for_measured_tension(answer: Callable, rng: np.random.Generator) -> None:
+    """Lengths `[6]` [m] to send, so that the motors pull as measured at θ_ref.
+
+    Given are the arm, θ_ref `[2]` [rad] and the tensions `[6]` [N]. Equal tensions must
+    give the known path; others the lengths at which the motors pull just so.
+    """
+    for _ in range(2):
+        theta = _ARM.home_command[:2] + rng.uniform(-0.2, 0.2, 2)
+        equal = np.full(6, rng.uniform(20.0, 40.0))
+        unequal = rng.permutation(np.linspace(5.0, 120.0, 6)) + rng.uniform(0, 10, 6)
+        for f in (equal, unequal):
+            sent = answer(_ARM, theta, f)
+
+            # The motor gives way, so that it is sent to a shorter length
+            measured = _ARM.body_image(theta, f)
+            given_way = (f - _ARM.tension_bias) / _ARM.motor_stiffness
+            truth = measured - given_way
+
+            # What is easily sent instead
+            biased = measured - f / _ARM.motor_stiffness
+            slack = theta @ _ARM.moment_arms.T - given_way
+            slips = {
+                "that is l_ref, the length to be measured: the motor gives way, "
+                "too": measured,
+                "f_bias is pulled anyway: subtract it from f": biased,
+                "the motor gives way by so much, but it must be sent to a shorter "
+                "length, not a longer one": measured + given_way,
+                "that is the geometry and the motor: the springs stretch, too": slack,
+            }
+            pull = _ARM.tension_bias + _ARM.motor_stiffness * (measured - sent)
+            otherwise = (
+                f"with your lengths the motors pull {pull.round(1)} N at θ_ref, "
+                f"not {f} N"
+            )
+            expect(sent, truth, otherwise, slips, atol=1e-7)

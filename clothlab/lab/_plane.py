@@ -1,0 +1,49 @@
+"""The map of p: a plane through the trained ones."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab.analysis import principal_axes
+from clothlab.calibration import outline
+
+_MARGIN = 1.2  # how much wider than the trained p the map is
+
+
+class Plane:
+    """The two principal axes of the trained p, on which the map is drawn.
+
+    Args:
+        biases: trained p of each material, `{name: [D_p]}`.
+        labels: names of their dots on the map; by default those of the materials.
+    """
+
+    def __init__(self, biases: Mapping[str, np.ndarray], labels: Mapping[str, str]):
+        self._axes = principal_axes(dict(biases))
+        places = [self.at(p) for p in biases.values()]
+        dots = []
+        for name, place in zip(biases, places, strict=True):
+            label = labels.get(name, name)
+            dots.append({"name": name, "label": label, "at": place})
+        # As plain data, which the browser draws; `reach` is half of the width shown
+        self.map = {
+            "dots": dots,
+            "reach": _MARGIN * float(np.abs(places).max()),
+            "axes": ["PC1 of p", "PC2 of p"],
+        }
+
+    def at(self, p: ArrayLike) -> list[float]:
+        """Where p `[D_p]` is on the map: PC1 and PC2."""
+        return self._axes.transform(np.asarray(p)[None])[0].tolist()
+
+    def region(self, p: ArrayLike, covariance: ArrayLike) -> list[list[float]]:
+        """Edge of the 90 % region around p `[D_p]`, places of PC1 and PC2."""
+        axes = self._axes.components_
+        across = axes @ np.asarray(covariance) @ axes.T
+        return outline(self.at(p), across).round(4).tolist()
+
+    def p(self, at: ArrayLike) -> np.ndarray:
+        """p `[D_p]` of a place on the map."""
+        place = np.asarray(at, dtype=float)
+        return self._axes.inverse_transform(place[None])[0]

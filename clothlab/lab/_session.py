@@ -1,0 +1,298 @@
+"""A live run that a person steers: robot, cloth, target, driver and recording.
+
+No widgets here.
+"""
+
+import copy
+import secrets
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clothlab import data
+from clothlab._validation import check_array, choose
+from clothlab.lab._drivers import DRIVERS, Period
+from clothlab.lab._equipment import Equipment
+from clothlab.lab._recorder import Recorder
+from clothlab.method.autoencoder import decode, encode
+from clothlab.method.cloth_task import observe
+from clothlab.simulation.arm import check_command
+from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
+from clothlab.simulation.env import ClothEnv, Scene, SimulationError
+
+
+@dataclass(frozen=True, eq=False)
+class StepInfo:
+    """What one control step of a session saw and did."""
+
+    step: int  # number since the last reset
+    seconds: float  # what it took to compute [s]
+
+    # What was seen after it
+    image: np.ndarray  # cloth mask [H, W], bool
+    reconstruction: np.ndarray  # what the autoencoder makes of it [H, W], 0 to 1
+    distance: float  # ‖z_ref - z‖ [s.d. of z]
+    theta: np.ndarray  # joint angles [2] [rad]
+    p: np.ndarray  # parametric bias in use [D_p]
+
+    # The command, and what its driver said of it: see `Choice`
+    command: np.ndarray  # [D_u], in the arm's units
+    solved: bool  # whether a controller solved for it, or went on with its last plan
+    predicted: float | None  # distance at the end of the controller's period
+    foreseen: np.ndarray | None  # z that the control predicts for then [D_z]
+    basis: str  # what the plan rests on, "recordings" or so many "attempts"; or empty
+
+    # The controller's period
+    period_ended: bool  # whether this was its last command
+    period: Period | None  # then, the distance predicted at its beginning and achieved
+    began: np.ndarray | None  # `foreseen` when it began
+
+
+class LiveSession:
+    """One robot with one cloth, step by step.
+
+    Between two steps all can be changed; a refusal changes nothing.
+
+    Args:
+        arm: name of an arm, which brings its own cloth, target and p.
+        recordings: folder for recorded trials; by default `data.own_trials()`,
+            which `load_trials("mine")` reads.
+        picture_size: of the scene's picture, height and width [pixel].
+    """
+
+    def __init__(
+        self,
+        arm: str = "torque",
+        *,
+        recordings: Path | None = None,
+        picture_size: tuple[int, int] = (288, 384),
+    ):
+        # What stays when the arm changes
+        self._scene = Scene(picture_size=picture_size)
+        self.driver = "control"  # one of `DRIVERS`
+        # Whether the driver "iterative" tries new plans; else it repeats the best known
+        # one
+        self.exploring = True
+        self.estimating = False  # whether p follows what is observed
+        self.seed = 0  # of the random numbers since the last reset
+        self.recorder = Recorder(recordings or data.own_trials())
+        self.set_arm(arm)
+
+    def set_arm(self, name: str) -> None:
+        """Change the arm, and with it weights, cloth, target and p."""
+        self.recorder.refuse_while_running("the arm")
+        before = vars(self).copy()
+        try:
+            self._equip(name)
+        except BaseException:
+            vars(self).update(before)
+            raise
+        if "env" in before:
+            before["env"].close()
+
+    def _equip(self, name: str) -> None:
+        self.equipment = Equipment.of(name)
+        self.trained = self.equipment.trained
+        self.arm = self.trained.arm
+        self.gallery = self.equipment.gallery  # to aim at, `{name: mask [H, W]}`
+        self.aim = self.equipment.first_aim()
+        self._p = self.equipment.first_p()
+        self.hand = self.arm.home_command  # the command of the driver "manual" `[D_u]`
+        cloth = self.equipment.setup.cloth
+        self.env = ClothEnv(self.arm, cloth, scene=self._scene)
+        self.set_tension(None)
+        self._begin()
+
+    def set_cloth(self, cloth: Cloth | str) -> None:
+        """Put another cloth into the hand, hanging still.
+
+        p stays, so that the estimation has something to find.
+        """
+        self.recorder.refuse_while_running("the cloth")
+        cloth = get_cloth(cloth)
+        before = self.env.cloth
+        try:
+            self.env.hold(cloth)
+        except SimulationError as error:
+            raise SimulationError(
+                f"the cloth {cloth.label} is too light or too stiff to be simulated: "
+                f"{before.label} stays in the hand"
+            ) from error
+        self._begin()
+
+    def set_material(self, damping: float, mass: float) -> None:
+        """Change C_damp [N s/m] and C_mass [kg] of the cloth in the hand.
+
+        It starts again from rest.
+        """
+        self.set_cloth(_changed(self.env.cloth, damping, mass))
+
+    def reset(self) -> None:
+        """Let the cloth hang still at the arm's home.
+
+        Controllers and estimator forget what they saw and learned.
+        """
+        self.recorder.refuse_while_running("the run")
+        self.env.start()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Go on from a cloth that was just made to hang still."""
+        self.observation = self.env.observe()
+        self._still = encode(self.trained.autoencoder, self.observation["image"])
+        self.command = self.arm.home_command  # the last one that was sent `[D_u]`
+        self.step_number = 0
+        self.seed = secrets.randbits(32)
+        self._drivers.reset(self.seed)
+        self.tracker = self.equipment.tracker(self._p)
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parametric bias in use `[D_p]`."""
+        return self._p.copy()
+
+    def set_p(self, p: ArrayLike) -> None:
+        """Use this p from the next step on; the estimation goes on from it."""
+        p = check_array("p", p, self._p.shape, np.float32)
+        self.tracker = self.equipment.tracker(p)
+        self._use(p)
+
+    def _use(self, p: np.ndarray) -> None:
+        self._drivers.set_bias(p)
+        self._p = p
+
+    @property
+    def target(self) -> np.ndarray:
+        """The image that was chosen to aim at `[H, W]`, bool."""
+        return self.aim.mask
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Aim at another image `[H, W]` from the next step on.
+
+        Iterative learning does from its next period on. At a recorded image in its
+        place, if that is more like it than what the autoencoder makes of it:
+        `known_target`.
+        """
+        aim = self.equipment.aim_at(mask)
+        self._drivers.set_target(aim.known)
+        self.aim = aim
+
+    def set_driver(self, driver: str) -> None:
+        """Change who chooses the commands.
+
+        What iterative learning learned waits for its next turn.
+        """
+        driver = choose("driver", driver, {name: name for name in DRIVERS})
+        if driver != self.driver:
+            self._drivers.resume()
+        self.driver = driver
+
+    def set_hand(self, u: ArrayLike) -> None:
+        """Command `[D_u]` for the driver "manual"."""
+        self.hand = check_command(self.arm, u)
+
+    def set_tension(self, f_const: float | None) -> None:
+        """Fix the stiffness command of a muscle arm [N] for every driver.
+
+        None frees it. Learning restarts.
+        """
+        arm = self.arm if f_const is None else self.arm.with_stiffness(f_const)
+        self._drivers = self.equipment.drivers(arm, self.aim, self._p)
+        self._drivers.reset(self.seed)
+        self.tension = f_const
+
+    def step(self, *, solve: bool = True) -> StepInfo:
+        """Choose a command, send it, and look.
+
+        Without `solve`, a controller goes on with its last plan.
+        """
+        # Choose and send
+        start = time.perf_counter()
+        before = self.observation
+        choice = self._drivers.choose(
+            self.driver, before, hand=self.hand, solve=solve, exploring=self.exploring
+        )
+        self._advance(choice.command)
+
+        # Keep what was seen, and learn from it
+        if self.recorder.running:
+            about = {
+                "cloth": self.env.cloth,
+                "arm": self.arm,
+                "policy": self.driver,
+                "seed": self.seed,
+            }
+            self.recorder.add(before, choice.command, about)
+        if self.estimating:
+            s = observe(self.trained.autoencoder, before)
+            at_rest = self.step_number == 1
+            self._use(self.tracker.update(s, choice.command, at_rest=at_rest))
+
+        # How near it came
+        image = self.observation["image"]
+        z = encode(self.trained.autoencoder, image)
+        distance = float(np.linalg.norm(self.aim.z - z))
+        return StepInfo(
+            step=self.step_number,
+            image=image.astype(bool),
+            reconstruction=decode(self.trained.autoencoder, z),
+            distance=distance,
+            theta=self.arm.angles(self.env.data),
+            p=self.p,
+            seconds=time.perf_counter() - start,
+            period=self._drivers.close_period(self.driver, choice, distance),
+            began=self._drivers.began,
+            **choice._asdict(),
+        )
+
+    def _advance(self, u: np.ndarray) -> None:
+        """Send a command `[D_u]`, and look; after an error, no step has happened."""
+        before = copy.copy(self.env.data)
+        try:
+            self.env.advance(u)
+            observation = self.env.observe()
+        except BaseException:  # a failure or an interrupt
+            self.env.data = before
+            raise
+        self.observation = observation
+        self.step_number += 1
+        self.command = u
+
+    @property
+    def still_distance(self) -> float:
+        """Distance to the target of the cloth that hangs still [s.d. of z]."""
+        return float(np.linalg.norm(self.aim.z - self._still))
+
+    def record(self) -> None:
+        """Let the cloth hang still, and record from there.
+
+        The trial can be replayed then.
+        """
+        self.recorder.start()
+        try:
+            self.env.start()
+            self._begin()
+        except BaseException:
+            self.recorder.discard()
+            raise
+
+    def close(self) -> None:
+        """Release the OpenGL contexts, and let go of a recording.
+
+        A recording waits to be saved.
+        """
+        self.env.close()
+        self.recorder.close()
+
+
+def _changed(cloth: Cloth, damping: float, mass: float) -> Cloth:
+    """One of the known cloths where these are its values, else a cloth of one's own."""
+    own = replace(cloth, name="own", damping=damping, mass=mass, foam="")
+    own = replace(own, name=f"damp{own.damping:.3f}-mass{own.mass:.3f}")
+    for known in CLOTHS.values():
+        if replace(own, name=known.name) == known:
+            return known
+    return own
