@@ -1,6 +1,5 @@
 """The results as Markdown: all rows by question, and the chosen ones for the README."""
 
-import inspect
 import textwrap
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -8,7 +7,7 @@ from pathlib import Path
 
 from clothlab.data import Folder, data_folder
 from studies import EXPERIMENTS, PAPER, Row, load
-from studies._grid import Experiment, Tables
+from studies._grid import Tables
 
 README = (  # keys of the README's rows
     "chamfer",
@@ -52,13 +51,8 @@ def questions(tables: Tables) -> Questions:
         experiment = EXPERIMENTS[name]
         if experiment.rows is not None:
             rows = experiment.rows(tables)
-            found.setdefault(_about(experiment), []).extend(rows)
+            found.setdefault(experiment.about, []).extend(rows)
     return found
-
-
-def _about(experiment: Experiment) -> str:
-    """What stands above the rows of an experiment."""
-    return experiment.about or inspect.getdoc(inspect.getmodule(experiment.rows)) or ""
 
 
 def by_key(asked: Questions) -> dict[str, Row]:

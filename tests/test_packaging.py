@@ -200,7 +200,7 @@ def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
     done = run(installed, tmp_path, code)
     assert done.stdout.split() == [
         "False",
-        str(installed / "clothlab" / "lab" / "clock.py"),
+        str(installed / "clothlab" / "lab" / "_clock.py"),
     ], done.stderr
 
 
