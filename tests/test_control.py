@@ -24,8 +24,8 @@ from clothlab.method.control import (
     Limits,
     Solution,
     best_step,
-    downhill,
     optimise_commands,
+    steepest_ascent,
 )
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, EstimationSettings
@@ -105,7 +105,7 @@ def test_each_plan_goes_down_its_own_gradient_by_the_step_that_is_best_for_it():
     def loss(u):
         return (u.unflatten(0, (-1, 2)) - goals).square().sum(dim=(2, 3)).flatten()
 
-    losses, direction = downhill(loss, plans, scale)
+    losses, direction = steepest_ascent(loss, plans, scale)
     assert losses.tolist() == [0.25, 0.25]
     assert direction.tolist() == [[[-1, 0]], [[0, -1]]]
     steps = torch.tensor([0.0, 0.3, 0.6])[:, None, None, None] * direction

@@ -13,6 +13,7 @@ import torch
 from clothlab.method import control
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import ControlPolicy, observe
+from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import (
     Attempt,
@@ -234,6 +235,14 @@ def test_caution_grows_when_outcomes_get_better(iterative):
 def test_there_must_be_something_to_begin_with(iterative, runs):
     with pytest.raises(ValueError, match="need recorded runs that are longer"):
         iterative(runs=runs)
+
+
+def test_a_plan_is_as_long_as_a_period(square):
+    settings = ControlSettings(horizon=8, period=5)
+    model, eyes, arm = DPMPB(7, 2).eval(), Autoencoder().eval(), get_arm("torque")
+    search = IterativeSearch([RUN])
+    with pytest.raises(ValueError, match="of 8 steps must be the period of 5"):
+        ControlPolicy(model, eyes, arm, square, (0, 0), settings, search=search)
 
 
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.0])}

@@ -1,7 +1,19 @@
-"""The paper's method, for any robot, and what goes beyond it.
+"""The method of the paper, for any robot, and what goes beyond it.
+
+K. Kawaharazuka et al., "Dynamic Cloth Manipulation Considering Variable Stiffness and
+Material Change Using Deep Predictive Model with Parametric Bias".
 
 To be read in this order: `model`, `data`, `training`, `estimation`, `control`,
-`autoencoder`, `cloth_task`. Beyond the paper are `gauss_newton`, `iterative` and
-`fast_rollout`; around it, `policy`, `rollout` and `checkpoint`. Of other packages it
-takes torch, numpy, tqdm and safetensors.
+`autoencoder`, `policy`, `cloth_task`. Where `control` speaks of a `Rollout`, read
+`model.predict` with p fixed. All of it in five lines:
+
+    run = rollout(env, policy, 500, material="heavy")  # one of many
+    model, biases, _ = train_dpmpb(runs)  # W, and p of each material
+    p, _ = estimate_bias(model, new_run)  # W stays, p moves
+    controller = Controller(model, loss, p, lower, upper)
+    u = controller.act(s)  # W and p stay, the commands move
+
+Beyond the paper are `gauss_newton`, `iterative` and `fast_rollout`; around the method
+are `rollout` and `checkpoint`. Of other packages it takes torch, numpy, tqdm and
+safetensors.
 """

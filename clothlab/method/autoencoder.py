@@ -56,7 +56,7 @@ class Autoencoder(nn.Module):
     def fingerprint(self) -> str:
         """Hash of the weights.
 
-        By it a model knows the autoencoder on whose z it was trained.
+        Files of a model name the autoencoder by it, on whose z the model was trained.
         """
         digest = hashlib.sha256()
         for name, tensor in self.state_dict().items():

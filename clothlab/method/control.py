@@ -47,7 +47,7 @@ class ControlSettings(Checked):
     candidates: int = setting(30, at_least=2)  # N_batch, step sizes tried at once
     iterations: int = setting(3, at_least=1)  # N_iter
     period: int = setting(8, "step", at_least=1)  # N_periodic
-    # gamma_max, in standard deviations of u.
+    # gamma_max: how far a whole plan moves at most, in standard deviations of u.
     largest_step: float = setting(1.0, above=0)
     # A logarithmic scale of step sizes needs a lower end; the paper gives none.
     smallest_step: float = setting(1e-3, above=0)
@@ -79,7 +79,9 @@ def step_sizes(settings: ControlSettings) -> Tensor:
     return torch.cat([torch.zeros(1), rising])
 
 
-def downhill(loss: LossOfPlans, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
+def steepest_ascent(
+    loss: LossOfPlans, u: Tensor, scale: Tensor
+) -> tuple[Tensor, Tensor]:
     """Losses of plans, and the direction in which each rises (eq. 6).
 
     From plans u `[B, T, D_u]` and one unit of each command, `scale` `[D_u]`: the losses
@@ -130,11 +132,14 @@ def optimise_commands(
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
     for _ in range(settings.iterations):
-        before, direction = downhill(loss, plan, limits.scale)
+        before, direction = steepest_ascent(loss, plan, limits.scale)
         plan, after = best_step(loss, plan, gamma * direction, limits)
         trace.append(before.item())
     trace.append(after.item())
     return plan[0], np.array(trace)
+
+
+# The equations end here. What follows puts them to use, step after step of a run.
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,11 +360,13 @@ class Controller:
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run: phase, memory, plan, and what the search learned."""
-        self._progress = self._beginning()
+        with self.between_steps():
+            self._progress = self._beginning()
 
     def resume(self) -> None:
         """Begin anew, as after somebody moved the robot; what was learned stays."""
-        self._progress = self._beginning(self.learned)
+        with self.between_steps():
+            self._progress = self._beginning(self.learned)
 
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
         """The next command `[D_u]` in state s `[D_s]`.
@@ -394,9 +401,10 @@ class Controller:
         return sent
 
     def follow(self, s: ArrayLike, u: ArrayLike) -> None:
-        """Take in a step that something else commanded: the memory goes on.
+        """Take in a step that something else commanded.
 
-        State s `[D_s]` and command u `[D_u]`.
+        The memory goes on, plan and phase stand still. State s `[D_s]` and command u
+        `[D_u]`.
         """
         state = self._checked_state(s)
         command = check_array("u", u, (self.model.command_size,), np.float32)

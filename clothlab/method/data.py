@@ -110,8 +110,8 @@ def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
     """
     states = torch.as_tensor(np.concatenate([run.s for run in runs]))
     commands = torch.as_tensor(np.concatenate([run.u for run in runs]))
-    constant_s = _normalise(states, model.s_mean, model.s_std)
-    constant_u = _normalise(commands, model.u_mean, model.u_std)
+    constant_s = _measure(states, model.s_mean, model.s_std)
+    constant_u = _measure(commands, model.u_mean, model.u_std)
 
     if constant_s.any():
         _leave_out_states(model, constant_s)
@@ -121,11 +121,13 @@ def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
         _warn_of_constants("command", constant_u)
 
 
-def _normalise(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
+def _measure(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
     """Write mean and deviation `[D]` of values `[T, D]`; which are constant `[D]`."""
     size = values.abs().amax(0)
     constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
-    mean.copy_(values.mean(0))
+    # Of a constant the value itself: its mean may be off by a last digit, of which Adam
+    # would make a signal.
+    mean.copy_(torch.where(constant, values[0], values.mean(0)))
     std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0)))
     return constant
 

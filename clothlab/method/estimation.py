@@ -165,7 +165,7 @@ class Estimator:
             self._state = now._replace(seen=seen)
             return self.p
         moved = self._rule.move(self.model, window, now.p, now.carried)
-        if not moved.loss < LARGEST_LOSS:
+        if not (moved.loss < LARGEST_LOSS and np.isfinite(moved.p).all()):
             raise ValueError(
                 "this step is so far from what the model was trained on that there is "
                 "no loss"

@@ -31,13 +31,13 @@ from clothlab.method.control import (
     Problem,
     Solution,
     best_step,
-    downhill,
+    steepest_ascent,
 )
 from clothlab.method.data import Run, check_runs
 from clothlab.method.model import Memory
 
 _STEP_SIZES = 8  # tried in each iteration of the descent, beside none
-_SMALLEST_STEP = -2.5  # log10 of the smallest, in standard deviations of u
+_LOG_SMALLEST_STEP = -2.5  # log10 of it, in standard deviations of u
 _SAME_MATERIAL = 0.25  # largest squared distance in p, in units of the trained spread
 
 
@@ -306,7 +306,8 @@ class _Choice(NamedTuple):
 class IterativeSearch:
     """A search that learns from each period how the model's predictions err.
 
-    A plan is chosen at the start of a period and sent unchanged. What was learned is
+    A plan is chosen at the start of a period and sent unchanged. Only the distance of z
+    is minimised: what the loss says of tensions is not counted. What was learned is
     about the model and the cloth, not about the target: it stays when that changes.
     While `exploring`, new plans are tried; else the best known one is sent again.
 
@@ -344,6 +345,11 @@ class IterativeSearch:
     ) -> Experience:
         """A new run; what was learned in another one may stay."""
         _check_longer(self._runs, settings.period)
+        if len(home) != settings.period:
+            raise ValueError(
+                "iterative learning sends plans of a whole period: the horizon of "
+                f"{len(home)} steps must be the period of {settings.period}"
+            )
         if learned is None:
             return Experience()
         return replace(learned, under_way=None)
@@ -479,7 +485,7 @@ class IterativeSearch:
         gamma = self._step_sizes(problem.settings)[:, None, None, None]
         scale = problem.limits.scale
         for _ in range(self.settings.iterations if self.exploring else 0):
-            _, direction = downhill(loss, plans, scale)
+            _, direction = steepest_ascent(loss, plans, scale)
             steps = gamma * (direction * scale)
             plans, losses = best_step(loss, plans, steps, problem.limits)
             trace.append(losses.min().item())
@@ -488,7 +494,7 @@ class IterativeSearch:
     def _step_sizes(self, settings: ControlSettings) -> Tensor:
         """Values of gamma to try: 0, which keeps a plan, and a logarithmic scale."""
         largest = math.log10(settings.largest_step)
-        rising = torch.logspace(_SMALLEST_STEP, largest, _STEP_SIZES)
+        rising = torch.logspace(_LOG_SMALLEST_STEP, largest, _STEP_SIZES)
         return torch.cat([torch.zeros(1), rising])
 
 

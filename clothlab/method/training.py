@@ -2,7 +2,8 @@
 
 There is one model for all materials, and nobody tells it what a material is like. p of
 each material starts at zero and is moved by the same gradient as the weights W: what
-the weights can't explain, since it differs between materials, goes into p.
+the weights can't explain, since it differs between materials, goes into p. Each window
+of a run is predicted from an empty memory, each next state from the true ones.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -45,8 +46,8 @@ class ModelTraining(Checked):
     bias_size: int = setting(2, at_least=0)  # D_p
 
     # The paper stops here. What follows keeps a large network from learning 4,500 steps
-    # by heart (notebook 04): windows overlap, the learning rate of W falls to zero
-    # along a cosine, and that of p is larger, since its few numbers must travel far.
+    # by heart (notebook 04): windows overlap, learning rates fall to zero along a
+    # cosine, and that of p is larger, since its few numbers must travel far.
     stride: int = setting(5, "step", at_least=1)  # between the starts of two windows
     learning_rate: float = setting(2e-3, above=0)
     bias_learning_rate: float = setting(6e-3, above=0)
@@ -57,7 +58,8 @@ class TrainingTrace:
     """What happened in a training."""
 
     losses: np.ndarray  # mean squared error of each epoch [epochs] [s.d.²]
-    # p of each material, before the first epoch and after each: {name: [epochs + 1, D_p
+    # p of each material before the first epoch and after each,
+    # {name: [epochs + 1, D_p]}.
     biases: dict[str, np.ndarray]
 
 
