@@ -176,7 +176,7 @@ class ControlPolicy(Policy):
         self.autoencoder = autoencoder
         self.arm = arm
         self.layout = arm.layout(autoencoder.latent_size)
-        _check_sizes(model, arm, self.layout)
+        check_sizes(model, arm, self.layout)
 
         # What is wanted, and the controller that wants it.
         self.loss = ImageLoss(autoencoder, target, self.layout.tensions, settings)
@@ -247,8 +247,8 @@ class ControlPolicy(Policy):
         return [] if learned is None else list(learned.expected)
 
 
-def _check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
-    """A ValueError if a model belongs to another arm."""
+def check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
+    """A ValueError for what is no model, or for one that belongs to another arm."""
     check_model(model)
     commands = len(arm.command_lower)
     if (model.state_size, model.command_size) != (layout.size, commands):

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from clothlab.method.model import DPMPB, Memory, predict
 
 
-class SigmoidTanh(nn.Tanh):
+class _SigmoidTanh(nn.Tanh):
     """tanh(a) = 2σ(2a) - 1, in half the time on a processor."""
 
     def forward(self, a: Tensor) -> Tensor:
@@ -31,7 +31,7 @@ def quicken(model: DPMPB) -> DPMPB:
     for part in (model.fc_in, model.fc_out):
         for k, layer in enumerate(part):
             if type(layer) is nn.Tanh:
-                part[k] = SigmoidTanh()
+                part[k] = _SigmoidTanh()
     return model
 
 
@@ -192,7 +192,7 @@ def _can_fold(model: DPMPB) -> bool:
 
 def _kinds(layers: nn.Sequential) -> str:
     """L for each linear layer, T for each tanh, ? for any other."""
-    names = {nn.Linear: "L", nn.Tanh: "T", SigmoidTanh: "T"}
+    names = {nn.Linear: "L", nn.Tanh: "T", _SigmoidTanh: "T"}
     return "".join(names.get(type(layer), "?") for layer in layers)
 
 

@@ -32,12 +32,14 @@ from clothlab.method.control import (
     Solution,
     best_step,
     steepest_ascent,
+    step_sizes,
 )
 from clothlab.method.data import Run, check_runs
-from clothlab.method.model import Memory
+from clothlab.method.model import DPMPB, Memory
 
-_STEP_SIZES = 8  # tried in each iteration of the descent, beside none
-_LOG_SMALLEST_STEP = -2.5  # log10 of it, in standard deviations of u
+# Each step of a descent tries few sizes, since many plans are improved at once.
+_CANDIDATES = 9
+_SMALLEST_STEP = 10**-2.5  # [s.d. of u]
 _SAME_MATERIAL = 0.25  # largest squared distance in p, in units of the trained spread
 
 
@@ -75,6 +77,16 @@ class IterativeLearningSettings(Checked):
     # Variance of what does not repeat, over that of all residuals.
     noise: float = setting(0.03, above=0)
     remembered: int = setting(60, "period", at_least=1)
+
+    def features(self, model: DPMPB, s: Tensor, u: Tensor) -> Tensor:
+        """What plans are like, in units of how far an outcome teaches, `[B, D]`.
+
+        From the states s `[D_s]` or `[B, D_s]` in which they start, and their commands
+        u `[B, T, D_u]`.
+        """
+        plan = (u / model.u_std).flatten(1) / self.plan_scale
+        start = s / model.s_std / self.state_scale
+        return torch.cat([plan, start.expand(len(u), -1)], dim=1)
 
 
 class RecordedPlans(NamedTuple):
@@ -241,14 +253,8 @@ class Forecast:
         return ResidualModel(self.features(s, u), z - predicted, self._settings)
 
     def features(self, s: Tensor, u: Tensor) -> Tensor:
-        """What plans u `[B, T, D_u]` from states s `[B, D_s]` are like, `[B, D]`.
-
-        In units of how far an outcome teaches.
-        """
-        model = self._problem.model
-        plan = (u / model.u_std).flatten(1) / self._settings.plan_scale
-        start = s / model.s_std / self._settings.state_scale
-        return torch.cat([plan, start], dim=1)
+        """What plans u `[B, T, D_u]` from states s `[B, D_s]` are like, `[B, D]`."""
+        return self._settings.features(self._problem.model, s, u)
 
     def distance(self, plans: Tensor) -> Tensor:
         """Distance to the target expected of plans `[B, T, D_u]`, `[B]` [s.d. of z].
@@ -468,11 +474,11 @@ class IterativeSearch:
         tried = [attempt.u for attempt in learned.attempts]
 
         # Where to start: plans that were tried, recorded ones, and the one at hand.
-        starts = tried
+        starts = [torch.stack(tried)] if tried else []
         if self.exploring or not tried:
-            recorded = _within(problem.limits, self.recorded(problem).u)
-            starts = [*tried, *recorded, problem.plan]
-        plans = torch.stack(starts)
+            starts.append(_within(problem.limits, self.recorded(problem).u))
+            starts.append(problem.plan[None])
+        plans = torch.cat(starts)
         with torch.no_grad():
             losses = loss(plans)
         count = self.settings.starts if self.exploring else 1
@@ -482,7 +488,10 @@ class IterativeSearch:
         trace = [losses.min().item()]
 
         # Improve them side by side.
-        gamma = self._step_sizes(problem.settings)[:, None, None, None]
+        few = replace(
+            problem.settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP
+        )
+        gamma = step_sizes(few)[:, None, None, None]
         scale = problem.limits.scale
         for _ in range(self.settings.iterations if self.exploring else 0):
             _, direction = steepest_ascent(loss, plans, scale)
@@ -490,12 +499,6 @@ class IterativeSearch:
             plans, losses = best_step(loss, plans, steps, problem.limits)
             trace.append(losses.min().item())
         return _Choice(plans[losses.argmin()], trace[-1], np.array(trace))
-
-    def _step_sizes(self, settings: ControlSettings) -> Tensor:
-        """Values of gamma to try: 0, which keeps a plan, and a logarithmic scale."""
-        largest = math.log10(settings.largest_step)
-        rising = torch.logspace(_LOG_SMALLEST_STEP, largest, _STEP_SIZES)
-        return torch.cat([torch.zeros(1), rising])
 
 
 def _target_of(problem: Problem) -> Tensor:

@@ -24,11 +24,11 @@ from clothlab._validation import (
 )
 from clothlab.masks import Observation, check_mask
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.cloth_task import observe
+from clothlab.method.cloth_task import check_sizes, observe
 from clothlab.method.data import Run
 from clothlab.method.fast_rollout import rollout_of
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
-from clothlab.method.model import DPMPB, check_model
+from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.arm import Arm, get_arm
@@ -309,11 +309,11 @@ class ThrowPolicy(Policy):
         self.learning = IterativeLearningSettings()
 
         # What predicts and sees, and the arm that throws
-        self.model = check_model(model)
+        self.model = model
         self.autoencoder = autoencoder
         self.arm = _arm_with_hand(arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
-        self._check_sizes()
+        check_sizes(model, self.arm, self.layout)
         self._rollout_of_model = rollout_of(model)
 
         # Limits of plans: in the last column is the release time
@@ -329,16 +329,6 @@ class ThrowPolicy(Policy):
         self._bias_unit = self.settings.bias_scale * _spread(biases)
         self._recorded = self._errors_about(throws)
         self.reset()
-
-    def _check_sizes(self) -> None:
-        sizes = (self.model.state_size, self.model.command_size)
-        wanted = (self.layout.size, len(self.arm.command_names))
-        if sizes != wanted:
-            raise ValueError(
-                f"the model has {sizes[0]} states and {sizes[1]} commands, the "
-                f"{self.arm.name} arm has {wanted[0]} and {wanted[1]}; load the "
-                "weights of this arm"
-            )
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last attempts; the cloth hangs still at the arm's home."""
@@ -490,11 +480,9 @@ class ThrowPolicy(Policy):
         A throw teaches little about another foam; a stiff one lands where a soft one
         folds.
         """
-        plan = (u / self.model.u_std).flatten(1) / self.learning.plan_scale
-        start = s / self.model.s_std / self.learning.state_scale
-        bias = p / self._bias_unit
-        rest = torch.cat([start, bias]).expand(len(u), -1)
-        return torch.cat([plan, rest], dim=1)
+        throw = self.learning.features(self.model, s, u)
+        bias = (p / self._bias_unit).expand(len(u), -1)
+        return torch.cat([throw, bias], dim=1)
 
 
 def _recorded_throws(
