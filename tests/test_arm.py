@@ -160,6 +160,18 @@ def test_tension_is_never_negative_and_motors_stay_in_their_limits(muscle_env):
         assert (data.actuator_force <= arm.tension_max).all()
 
 
+@pytest.mark.parametrize("away", [-1.0, 1.0])
+def test_a_motor_far_from_its_set_point_pulls_as_hard_as_it_can(away):
+    """It never pushes, and never pulls harder."""
+    model, data = bare(MUSCLE)
+    MUSCLE.reset(data, MUSCLE.home_command)
+    for name in MUSCLES:
+        data.joint(name).qpos[0] += away  # [m], where the controller asks for 1,000s of N
+    mujoco.mj_forward(model, data)
+    limits = {-1.0: MUSCLE.tension_max, 1.0: MUSCLE.tension_bias}
+    assert data.actuator_force == pytest.approx(np.full(6, limits[away]))
+
+
 def test_a_slack_muscle_does_no_work():
     model, data = bare(MUSCLE)
     MUSCLE.reset(data, MUSCLE.home_command)
