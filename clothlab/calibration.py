@@ -16,7 +16,8 @@ from scipy.spatial import ConvexHull
 from scipy.stats import chi2
 
 from clothlab._validation import choose
-from clothlab.method.data import Run, check_runs
+from clothlab.method._inputs import check_runs
+from clothlab.method.data import Run
 from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
 from clothlab.method.model import DPMPB
 

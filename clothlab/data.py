@@ -37,6 +37,7 @@ from clothlab._store import (
 from clothlab._validation import check_name, choose
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import check_mask
+from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
     check_free,
@@ -47,7 +48,6 @@ from clothlab.method._weights import (
 )
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
-from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.vision import mask_from_file

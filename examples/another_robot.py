@@ -32,15 +32,16 @@ from torch import Tensor, nn
 from tqdm.auto import tqdm
 
 from clothlab import data
+from clothlab.method._optimise import minimise, seeded
+from clothlab.method._quick_tanh import quicken
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.estimation import prediction_loss
-from clothlab.method.fast_rollout import quicken
 from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
-from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
+from clothlab.method.training import ModelTraining, train_dpmpb
 from studies import save
 
 STEPS = 3000  # recorded with each material

@@ -197,6 +197,12 @@ def test_the_four_calls_import_nothing_of_cloth():
     learning = {
         f"clothlab.method.{name}"
         for name in (
+            "_arm",
+            "_inputs",
+            "_optimise",
+            "_quick_tanh",
+            "_rollouts",
+            "_rule",
             "control",
             "data",
             "estimation",

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.method import control
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import (
     ControlPolicy,
@@ -372,7 +371,7 @@ def test_p_that_another_thread_sets_waits_for_the_solve(env, controller):
 
 
 def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
-    monkeypatch.setattr(control, "TRACED", 3)
+    monkeypatch.setattr(ControlSettings, "traced", 3)
     policy = controller()
     traces = []
     for _ in range(5):

@@ -11,13 +11,12 @@ import pytest
 import torch
 
 from clothlab.method import control
+from clothlab.method._experience import Attempt, Experience
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import ControlPolicy, observe
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import (
-    Attempt,
-    Experience,
     IterativeLearningSettings,
     IterativeSearch,
     ResidualModel,

@@ -5,7 +5,8 @@ are given.
 import numpy as np
 import pytest
 
-from clothlab.method.policy import Policy, Wrapper, as_policy
+from clothlab.method._wrapping import Wrapper, as_policy
+from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.trials import rollout

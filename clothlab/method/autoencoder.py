@@ -22,7 +22,7 @@ from clothlab._validation import (
     settings_or_default,
 )
 from clothlab.masks import HEIGHT, WIDTH, check_masks, iou
-from clothlab.method.training import best_device, minimise, seeded
+from clothlab.method._optimise import best_device, minimise, seeded
 
 # Five 3×3 convolutions of stride 2; the paper does not give their widths.
 _CHANNELS = (1, 8, 16, 32, 64, 128)

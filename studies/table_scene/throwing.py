@@ -23,10 +23,11 @@ from clothlab._validation import (
     settings_or_default,
 )
 from clothlab.masks import Observation, check_mask
+from clothlab.method._inputs import check_sizes
+from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.cloth_task import check_sizes, observe
+from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
-from clothlab.method.fast_rollout import rollout_of
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
