@@ -7,8 +7,14 @@ from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 from sklearn.decomposition import PCA
 
-from clothlab._validation import check_array, check_number, check_some
-from clothlab.masks import HEIGHT, WIDTH, check_mask
+from clothlab._validation import (
+    HEIGHT,
+    WIDTH,
+    check_array,
+    check_mask,
+    check_number,
+    check_some,
+)
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 from clothlab.trials import Trial

@@ -34,9 +34,8 @@ from clothlab._store import (
     write,
     write_checksums,
 )
-from clothlab._validation import check_name, choose
+from clothlab._validation import check_mask, check_name, choose
 from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.masks import check_mask
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
@@ -49,8 +48,8 @@ from clothlab.method._weights import (
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import arm_data, arm_from_data
-from clothlab.simulation.vision import mask_from_file
+from clothlab.simulation._arm_data import arm_data, arm_from_data
+from clothlab.simulation._mask_files import mask_from_file
 from clothlab.trials import Trial, load_trial
 
 __all__ = [

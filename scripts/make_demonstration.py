@@ -11,10 +11,10 @@ import numpy as np
 from tqdm import trange
 
 from clothlab import data
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.lab import LivePanel
 from clothlab.lab._playback import RECORDING, SessionRecording
 from clothlab.lab._views import MATERIAL
-from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.env import CONTROL_PERIOD
 
 L = np.zeros((HEIGHT, WIDTH), bool)  # a letter, which no cloth looks like

@@ -23,7 +23,7 @@ from clothlab.method.iterative import (
     nearest_plans,
 )
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import rollout
 
 RNG = np.random.default_rng(0)

@@ -18,7 +18,7 @@ from clothlab.method.estimation import BiasEstimator, prediction_loss
 from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.iterative import IterativeSearch, nearest_plans
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import cloth_name, foam
 from clothlab.trials import recorded_plans
 from studies import datasets

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from clothlab.masks import HEIGHT, WIDTH
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.control import ControlSettings
 from clothlab.method.model import DPMPB

@@ -19,9 +19,9 @@ from clothlab.lab._equipment import Equipment
 from clothlab.lab._recorder import Recorder
 from clothlab.method.autoencoder import decode, encode
 from clothlab.method.cloth_task import observe
-from clothlab.simulation.arm import check_command
 from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
-from clothlab.simulation.env import ClothEnv, Scene, SimulationError
+from clothlab.simulation.env import ClothEnv, SimulationError
+from clothlab.simulation.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ class LiveSession:
 
     def set_hand(self, u: ArrayLike) -> None:
         """Command `[D_u]` for the driver "manual"."""
-        self.hand = check_command(self.arm, u)
+        self.hand = self.arm.check_command(u)
 
     def set_tension(self, f_const: float | None) -> None:
         """Fix the stiffness command of a muscle arm [N] for every driver.

@@ -15,13 +15,16 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from clothlab._validation import (
+    HEIGHT,
+    WIDTH,
     Checked,
     check_array,
+    check_masks,
     check_number,
     setting,
     settings_or_default,
 )
-from clothlab.masks import HEIGHT, WIDTH, check_masks, iou
+from clothlab.masks import iou
 from clothlab.method._optimise import best_device, minimise, seeded
 
 # Five 3×3 convolutions of stride 2; the paper does not give their widths.

@@ -8,8 +8,8 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_number, settings_or_default
-from clothlab.masks import Observation, check_mask
+from clothlab._validation import check_mask, check_number, settings_or_default
+from clothlab.masks import Observation
 from clothlab.method._arm import ControlledArm
 from clothlab.method._inputs import check_sizes
 from clothlab.method._wrapping import Wrapper
@@ -206,7 +206,7 @@ class ControlPolicy(Policy):
 class EstimatingPolicy(Wrapper):
     """Any policy, while p is estimated from what it does and given to it.
 
-    `trace` has p `[D_p]` after each step, the last `ControlSettings.traced`.
+    `trace` has p `[D_p]` after each step, of the last `ControlSettings.traced`.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):

@@ -323,7 +323,7 @@ class Controller:
 
     @property
     def trace(self) -> list[np.ndarray]:
-        """Losses of each solve since the reset, the last `ControlSettings.traced`.
+        """Losses of each solve since the reset, of the last `ControlSettings.traced`.
 
         Of `GradientSearch`, each has the loss at the start and after each iteration.
         """
