@@ -31,7 +31,8 @@ from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab import data
+from clothlab._store import write_checksums
+from clothlab.data._writing import save_model
 from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.checkpoint import Checkpoint
@@ -605,8 +606,8 @@ def main() -> None:
     study_control(trained)
     shown = trained["p", 0]
     shared = Checkpoint(name="reacher", model=shown.model, biases=shown.biases)
-    data.save_model(shared)
-    data.write_checksums()
+    save_model(shared)
+    write_checksums()
 
 
 if __name__ == "__main__":

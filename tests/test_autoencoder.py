@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from clothlab.masks import iou
+from clothlab.method._drawable import known_target
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
     decode,
     encode,
-    known_target,
     train_autoencoder,
 )
 

@@ -25,9 +25,10 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from PIL import Image
 
 import clothlab
-from clothlab import analysis, data as stored, policies, trials
+from clothlab import _store, analysis, data as stored, policies, trials
 from clothlab._validation import Checked
 from clothlab.cloth_checkpoint import ClothCheckpoint
+from clothlab.data import _writing
 from clothlab.method import autoencoder, estimation, gauss_newton
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
@@ -164,7 +165,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load": (stored.load, {"name": "x-0"}),
     "load_trials": (stored.load_trials, {"name": "short"}),
     "load_target": (stored.load_target, {"name": "a"}),
-    "save_target": (stored.save_target, {"mask": square(), "name": "b"}),
+    "save_target": (_writing.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),
     "estimate_bias": (
         lambda p: gauss_newton.estimate_bias(learned().model, run(), p),
@@ -337,10 +338,10 @@ def data(tmp_path_factory) -> Path:
         (folder / "trials" / "short" / "00.npz").read_bytes()[:-50]
     )
     (folder / "README.txt").write_text("no trial")
-    stored.save_target(square(), "a", data=folder)
-    stored.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
-    stored.save(learned(), data=folder)
-    stored.write_checksums(folder)
+    _writing.save_target(square(), "a", data=folder)
+    _writing.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
+    _writing.save(learned(), data=folder)
+    _store.write_checksums(folder)
     return folder
 
 

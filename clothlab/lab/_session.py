@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import data
+from clothlab import _store
 from clothlab._validation import check_array, choose
 from clothlab.lab._drivers import DRIVERS, Period
 from clothlab.lab._equipment import Equipment
@@ -58,8 +58,8 @@ class LiveSession:
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
-        recordings: folder for recorded trials; by default `data.own_trials()`,
-            which `load_trials("mine")` reads.
+        recordings: folder for recorded trials; by default the one that
+            `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
     """
 
@@ -78,7 +78,7 @@ class LiveSession:
         self.exploring = True
         self.estimating = False  # whether p follows what is observed
         self.seed = 0  # of the random numbers since the last reset
-        self.recorder = Recorder(recordings or data.own_trials())
+        self.recorder = Recorder(recordings or _store.own_trials())
         self.set_arm(arm)
 
     def set_arm(self, name: str) -> None:

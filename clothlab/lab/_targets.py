@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_mask
 from clothlab.masks import iou
-from clothlab.method.autoencoder import Autoencoder, decode, encode, known_target
+from clothlab.method._drawable import known_target
+from clothlab.method.autoencoder import Autoencoder, decode, encode
 from clothlab.simulation._mask_files import mask_from_file
 from clothlab.simulation.vision import chamfer_distance
 from clothlab.trials import Trial
