@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-# Of a cloth image [pixel], the paper's 128×96 image.
+# Of a cloth image [pixel]: the paper's 128×96.
 HEIGHT = 96
 WIDTH = 128
 
