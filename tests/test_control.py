@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.method import control
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import (
     ControlPolicy,
@@ -32,7 +31,8 @@ from clothlab.method.estimation import BiasEstimator, EstimationSettings
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.model import DPMPB, predict
-from clothlab.simulation.arm import MuscleArm, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import MuscleArm
 from clothlab.trials import recorded_plans, rollout, to_run
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])
@@ -372,7 +372,7 @@ def test_p_that_another_thread_sets_waits_for_the_solve(env, controller):
 
 
 def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
-    monkeypatch.setattr(control, "TRACED", 3)
+    monkeypatch.setattr(ControlSettings, "traced", 3)
     policy = controller()
     traces = []
     for _ in range(5):
