@@ -159,7 +159,9 @@ def test_a_motor_far_from_its_set_point_pulls_as_hard_as_it_can(away):
     model, data = bare(MUSCLE)
     MUSCLE.reset(data, MUSCLE.home_command)
     for name in MUSCLES:
-        data.joint(name).qpos[0] += away  # [m], where the controller asks for 1,000s of N
+        data.joint(name).qpos[0] += (
+            away  # [m], where the controller asks for 1,000s of N
+        )
     mujoco.mj_forward(model, data)
     limits = {-1.0: MUSCLE.tension_max, 1.0: MUSCLE.tension_bias}
     assert data.actuator_force == pytest.approx(np.full(6, limits[away]))

@@ -108,6 +108,7 @@ def best_step(
     candidates = (u - steps).clamp(limits.lower, limits.upper)
     count, plans = candidates.shape[:2]
     losses = loss(candidates.flatten(0, 1)).unflatten(0, (count, plans))
+    losses = losses.masked_fill(losses.isnan(), torch.inf)  # argmin would choose these
     best = losses.argmin(0)
     return candidates[best, torch.arange(plans)], losses.amin(0)
 
@@ -127,7 +128,7 @@ def optimise_commands(
 
     Returns:
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
-        `[iterations + 1]`.
+        `[iterations + 1]`. A ValueError where these are not finite numbers.
     """
     gamma = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
@@ -137,6 +138,11 @@ def optimise_commands(
         plan, after = best_step(loss, plan, gamma * direction, limits)
         trace.append(before.item())
     trace.append(after.item())
+    if not np.isfinite(trace).all():
+        raise ValueError(
+            "the loss of the plan, or its gradient, is not a finite number; its losses "
+            f"on the way are {trace}"
+        )
     return plan[0], np.array(trace)
 
 
