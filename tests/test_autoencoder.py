@@ -106,7 +106,6 @@ def test_a_target_that_cannot_be_drawn_is_replaced_by_the_recorded_image_most_li
             "clothlab.method._drawable.encode", lambda model, mask: mask
         )
         monkeypatch.setattr(
-            "clothlab.method._drawable.decode",
-            lambda model, z, drawn=drawn: drawn * z,
+            "clothlab.method._drawable.decode", lambda model, z, drawn=drawn: drawn * z
         )
         assert np.array_equal(known_target(None, wanted, images), aim)
