@@ -16,6 +16,7 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
+import clothlab
 from clothlab import _store, data as stored
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.data import _writing
@@ -266,7 +267,9 @@ def left_out(data, trial) -> Path:
 
 
 def test_git_ignores_what_is_left_to_make_data():
-    ignored = (Path(stored.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    ignored = (
+        (Path(clothlab.__file__).parents[1] / ".gitignore").read_text().splitlines()
+    )
     assert f"data/{_store.LEFT_OUT.removesuffix('*')}" in ignored
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clothlab import data
-from clothlab.method.autoencoder import iou
+from clothlab.masks import iou
 from clothlab.simulation.arm import ARMS
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from reproduce import say_what_repeats
 
+import clothlab
 from clothlab import _store, data
 from clothlab.data import _writing
 from clothlab.policies import OperatorPolicy
@@ -28,7 +29,7 @@ from studies.datasets import (
     record_targets,
 )
 
-DATA = Path(data.__file__).parents[1] / "data"
+DATA = Path(clothlab.__file__).parents[1] / "data"
 
 
 def box(top: int, left: int, height: int, width: int) -> np.ndarray:
