@@ -132,7 +132,8 @@ class _Sheet:
     def arrow(self, start: tuple, end: tuple, **look: Any) -> None:
         """A straight arrow, or with `bend` a bent one."""
         bend = f"arc3,rad={look.pop('bend', 0)}"
-        style = {"color": _INK, "lw": 1.5, "arrowstyle": "-|>", "zorder": 1}
+        style: dict[str, Any] = {"color": _INK, "lw": 1.5, "arrowstyle": "-|>"}
+        style["zorder"] = 1
         style |= {"mutation_scale": 14, "shrinkA": 0, "shrinkB": 0} | look
         self.ax.add_patch(FancyArrowPatch(start, end, connectionstyle=bend, **style))
 
@@ -201,7 +202,7 @@ def _draw_eye(sheet: _Sheet, look: _Look) -> None:
     """From the camera, and what the robot feels, to the state."""
     colour = look.rest
     # The camera's binary image of a cloth
-    frame = {"facecolor": "black", "edgecolor": colour}
+    frame: dict[str, Any] = {"facecolor": "black", "edgecolor": colour}
     sheet.ax.add_patch(Rectangle((0.3, 3.95), 1.3, 0.98, **frame))
     x = [0.78, 1.1, 1.18, 1.36, 1.22, 1.02, 0.86, 0.72]
     y = [4.72, 4.66, 4.5, 4.22, 4.08, 4.2, 4.12, 4.38]
