@@ -22,7 +22,7 @@ _Drawn = Line2D | PathCollection
 # Characters of a summary, which a screen reader reads in one go and cannot stop within
 _LONGEST = 240
 _MANY = 12  # labels, or lines without a label, that are still named one by one
-_MARKS = {r"\hat": "predicted", r"\theta": "θ", "$": "", "{": "", "}": ""}
+_MARKS = {r"\hat": "predicted", r"\theta": "θ"}
 _NUMERALS = "-−0123456789.x^ "  # what a tick is made of that is no name
 
 
@@ -89,9 +89,9 @@ def _summary(panels: list[Axes], names: list[str]) -> str:
 
 def _plain(text: str) -> str:
     """A label on one line, without the marks of mathematical type."""
-    plain = strip_math(text)
     for mark, word in _MARKS.items():
-        plain = plain.replace(mark, word)
+        text = text.replace(mark, word)
+    plain = strip_math(text).translate(str.maketrans("", "", "${}"))
     return " ".join(plain.split())
 
 
@@ -135,8 +135,9 @@ def _contents(ax: Axes) -> list[str]:
     if ax.images:
         return [_picture(np.asarray(image.get_array())) for image in ax.images]
     if _is_drawing(ax):
-        written = dict.fromkeys(_plain(text.get_text()) for text in ax.texts)
-        return [f"Written in it: {'; '.join(written)}"]
+        written = [_plain(text.get_text()).strip(".") for text in ax.texts]
+        different = dict.fromkeys(filter(None, written))
+        return [f"Written in it: {'; '.join(different)}"]
     axes = [f"Horizontal: {_axis(ax.xaxis)}", f"Vertical: {_axis(ax.yaxis)}"]
     bars = [_bars(ax, each) for each in ax.containers if isinstance(each, BarContainer)]
     intervals = [
