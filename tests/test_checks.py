@@ -115,7 +115,10 @@ def test_an_exercise_has_stub_solution_and_check(path):
         assert check.startswith(f"checks.{name}({name})"), (
             f"the check of {name} is clothlab.checks.{name}"
         )
-        assert getattr(checks, name).__module__ == f"clothlab.checks._{path.stem.partition('_')[2]}"
+        assert (
+            getattr(checks, name).__module__
+            == f"clothlab.checks._{path.stem.partition('_')[2]}"
+        )
 
 
 def test_every_check_belongs_to_an_exercise():
@@ -764,8 +767,7 @@ def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_al
         checks.rhythm(wrong)
     line = first.value._render_traceback_()[1]
     seed = re.fullmatch(
-        r"\(the same inputs again: checks\.rhythm\(rhythm, seed=(\d+)\)\)",
-        line,
+        r"\(the same inputs again: checks\.rhythm\(rhythm, seed=(\d+)\)\)", line
     )[1]
     with pytest.raises(checks.CheckFailed):
         checks.rhythm(wrong, seed=int(seed))
@@ -842,8 +844,7 @@ def test_every_error_of_an_answer_is_named(error):
         raise error
 
     with pytest.raises(
-        checks.CheckFailed,
-        match=f"rhythm raised {type(error).__name__}.*`raise error`",
+        checks.CheckFailed, match=f"rhythm raised {type(error).__name__}.*`raise error`"
     ):
         checks.rhythm(answer)
 

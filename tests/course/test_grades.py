@@ -71,9 +71,7 @@ def test_a_student_adds_no_test_and_keeps_none():
         "pass",
         metadata={"nbgrader": {"grade": True, "grade_id": "rhythm", "points": 9}},
     )
-    notebook = new_notebook(
-        cells=[new_code_cell("def rhythm(overlap): pass"), mine]
-    )
+    notebook = new_notebook(cells=[new_code_cell("def rhythm(overlap): pass"), mine])
     edition = grades.with_tests(notebook, {"rhythm": 1})
     (graded,) = [cell for cell in edition.cells if "nbgrader" in cell.metadata]
     assert "checks.rhythm" in graded.source
