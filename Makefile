@@ -146,7 +146,7 @@ book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site;
 		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
 	@echo "$(SITE)/html/index.html: open it in a browser"
 
-slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of six notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
+slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of seven notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python course/slides.py $(if $(SMALL),--small)
 	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
 		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \

@@ -1,16 +1,21 @@
 """`make format`: what every notebook shares, and what the README says of them.
 
 Both are written out of one place. Every notebook begins, after its title, with the cell
-that sets up Google Colab, and its last text ends with a word on its kernel. The
-README's first line leads to where they run without an installation, and its tables say
-how long each one takes, as the notebook's own first cell does.
+that sets up Google Colab, its summary leads to the notebook after it, and its last
+text ends with a word on its kernel. The
+README's first line leads to where they run without an installation, and its tables, as
+the map in notebook 00, say how long each one takes, as the notebook's own first cell
+does. The syllabus has the same times, the exercises with their points, and the sums.
 """
 
 import re
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import nbformat
 
+from course.grades import POINTS, exercises
 from course.repository import ROOT, address, doors
 from course.solutions import without
 
@@ -38,10 +43,21 @@ TIMES = re.compile(
     r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
 )
 ROW = re.compile(
-    r"^(?P<start>\| \[[^]]*\]\(notebooks/(?P<name>[\w.]+)\) \| [^|]* \|)"
+    r"^(?P<start>\| \[[^]]*\]\((?:notebooks/)?(?P<name>[\w.]+)\) \| [^|]* \|)"
     r" [^|]* \| [^|]* \|$",
     re.MULTILINE,
 )
+LESSON = re.compile(  # of the syllabus
+    r"^(?P<start>\| \[[^]]*\]\(\.\./\.\./notebooks/(?P<name>[\w.]+)\) \|)"
+    r" [^|]* \| [^|]* \|$",
+    re.MULTILINE,
+)
+WEEK = re.compile(
+    r"^(?P<start>\| \d+\. [^|]* \| (?P<numbers>[^|]*) \|) [^|]* \|", re.MULTILINE
+)
+SUMS = re.compile(r"^About [\d.]+ hours of work, \d+ points\.", re.MULTILINE)
+PART = re.compile(r"(?<=\*\*Part I, the method\*\*, in )[^,]*, about \d+ hours")
+NEXT = re.compile(r"^Next: \[[^]]*\]\([^)]*\)", re.MULTILINE)
 OPEN = re.compile(r"(?<=<!-- open -->\n).*?(?=\n<!-- /open -->)", re.DOTALL)
 
 
@@ -65,6 +81,16 @@ def finish(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     texts[-1].source += f"\n\n{FINISHED}"
     notebook.cells = [cells[0], colab_cell(), *cells[1:]]
     return notebook
+
+
+def lead_on(
+    notebook: nbformat.NotebookNode, path: Path, following: nbformat.NotebookNode
+) -> None:
+    """Let "Next: …", where a notebook says it, name the one that follows, at `path`."""
+    title = following.cells[0].source.splitlines()[0].removeprefix("# ")
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = NEXT.sub(f"Next: [{title}]({path.name})", cell.source)
 
 
 def open_elsewhere() -> str:
@@ -92,23 +118,88 @@ def with_times(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     """
 
     def row(line: re.Match[str]) -> str:
+        if line["name"] not in notebooks:  # not written yet
+            return line[0]
         learning, running = times(notebooks[line["name"]])
         return f"{line['start']} {learning} | {running} |"
 
     return ROW.sub(row, readme)
 
 
+def minutes(notebook: nbformat.NotebookNode) -> int:
+    """Working time."""
+    learning, _ = times(notebook)
+    return int(learning.removesuffix(" min"))
+
+
+def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
+    """The README with the number of notebooks of Part I, and their hours."""
+    part = [each for name, each in notebooks.items() if name < "10"]
+    hours = sum(map(minutes, part)) / 60
+    return PART.sub(f"{len(part)} notebooks, about {hours:.0f} hours", readme)
+
+
+def with_exercises(
+    syllabus: str, notebooks: dict[str, nbformat.NotebookNode], weights: dict[str, int]
+) -> str:
+    """The syllabus with times, exercises, and their sums for each plan.
+
+    Exercises that are not in `weights` count 1.
+    """
+    spent = {}
+    worth = {}
+    for name, notebook in notebooks.items():
+        number, _, _ = name.partition("_")
+        spent[number] = minutes(notebook)
+        worth[number] = {
+            each: weights.get(each, 1) for each in exercises(notebook.cells)
+        }
+
+    def lesson(line: re.Match[str]) -> str:
+        number, _, _ = line["name"].partition("_")
+        if number not in spent:  # not written yet
+            return line[0]
+        asked = [
+            f"`{each}`" + f" ({most})" * (most != 1)
+            for each, most in worth[number].items()
+        ]
+        return f"{line['start']} {spent[number]} | {' · '.join(asked) or '–'} |"
+
+    def week(line: re.Match[str]) -> str:
+        hours = sum(spent.get(each, 0) for each in line["numbers"].split(", ")) / 60
+        return f"{line['start']} {hours:.1f} |"
+
+    # A plan has the weeks below its heading
+    plans = LESSON.sub(lesson, syllabus).split("\n## ")
+    for k, plan in enumerate(plans):
+        listed = ", ".join(line["numbers"] for line in WEEK.finditer(plan))
+        numbers = [each for each in listed.split(", ") if each in spent]
+        hours = sum(spent[each] for each in numbers) / 60
+        points = sum(sum(worth[each].values()) for each in numbers)
+        sums = f"About {hours:.1f} hours of work, {points} points."
+        plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
+    return "\n## ".join(plans)
+
+
 def finished() -> dict[Path, str]:
     """The text of each notebook and of the README as they should be."""
-    texts = {}
-    notebooks = {}
-    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        notebook = finish(nbformat.read(path, as_version=4))
-        notebooks[path.name] = notebook
-        texts[path] = nbformat.writes(notebook) + "\n"
+    # Notebooks, in the order of their numbers: 07, 07b, 08
+    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    notebooks = {path: finish(nbformat.read(path, as_version=4)) for path in paths}
+    for path, following in pairwise(paths):
+        lead_on(notebooks[path], following, notebooks[following])
+    named = {path.name: each for path, each in notebooks.items()}
+    for cell in notebooks[paths[0]].cells:  # the map
+        cell.source = with_times(cell.source, named)
+    texts = {path: nbformat.writes(each) + "\n" for path, each in notebooks.items()}
+
+    # The README and the syllabus
     readme = ROOT / "README.md"
     linked = OPEN.sub(lambda _: open_elsewhere(), readme.read_text("utf-8"))
-    texts[readme] = with_times(linked, notebooks)
+    texts[readme] = part_one(with_times(linked, named), named)
+    syllabus = ROOT / "docs" / "course" / "syllabus.md"
+    weights = tomllib.loads(POINTS.read_text("utf-8"))
+    texts[syllabus] = with_exercises(syllabus.read_text("utf-8"), named, weights)
     return texts
 
 

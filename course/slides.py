@@ -21,7 +21,7 @@ from course.book import BUILD, executed, web_output
 from course.editions import ROOT
 from course.solutions import tags
 
-DECKS = ("03", "04", "05", "06", "07", "11")
+DECKS = ("03", "04", "05", "06", "07", "07b", "11")
 LETTERS = 900  # of text on a slide
 DETAILS = re.compile(r"<details>.*?</details>", re.DOTALL)
 LEFT_OUT = re.compile(r"#+ (Exercise|References)")

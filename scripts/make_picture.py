@@ -1,4 +1,4 @@
-"""`make picture`: the README's moving picture, and its gallery.
+"""`make picture`: the README's moving picture, the method's, and the gallery.
 
 The gallery is from the run of `make notebooks`. The moving picture shows iterative
 learning control after 28 periods, what the camera sees, and the target.
@@ -13,11 +13,12 @@ import nbformat
 import numpy as np
 from PIL import Image
 
-from clothlab import data
+from clothlab import data, diagrams
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
+from course.repository import number_of
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
@@ -56,10 +57,19 @@ def gallery() -> None:
         picture.thumbnail(GALLERY_SIZE)
 
         # Few colours: these pictures lie in the repository
-        target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
+        target = ROOT / "docs" / "gallery" / f"{number_of(path)}.png"
         target.parent.mkdir(exist_ok=True)
         picture.quantize(64).save(target, optimize=True)
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
+
+
+def method_picture() -> None:
+    """Write `docs/method.png`: the picture of the method, twice as large as shown."""
+    file = io.BytesIO()
+    diagrams.method().savefig(file, dpi=200)
+    path = ROOT / "docs" / "method.png"
+    Image.open(file).convert("RGB").quantize(32).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
 
 
 def moving_picture() -> None:
@@ -103,5 +113,6 @@ def moving_picture() -> None:
 
 
 if __name__ == "__main__":
+    method_picture()
     gallery()
     moving_picture()

@@ -115,7 +115,10 @@ def test_an_exercise_has_stub_solution_and_check(path):
         assert check.startswith(f"checks.{name}({name})"), (
             f"the check of {name} is clothlab.checks.{name}"
         )
-        assert getattr(checks, name).__module__ == f"clothlab.checks._{path.stem[3:]}"
+        assert (
+            getattr(checks, name).__module__
+            == f"clothlab.checks._{path.stem.partition('_')[2]}"
+        )
 
 
 def test_every_check_belongs_to_an_exercise():
@@ -311,27 +314,16 @@ SLIPS = [
         "len(sent) >= period",
         "periodic=False",
     ),
-    (
-        "best_moment",
-        "skip + np.argmax(overlap[skip:])",
-        "np.argmax(overlap)",
-        "steps do not count with skip",
-    ),
-    (
-        "best_moment",
-        "(skip + np.argmax(overlap[skip:]))",
-        "np.argmax(overlap[skip:])",
-        "from the start of the run",
-    ),
-    ("best_moment", "0.2 * ", "", "a step lasts 0.2 s"),
-    ("best_moment", "return time", "return overlap[skip:].max()", "return its time"),
-    ("best_moment", "argmax", "argmin", "the smallest overlap"),
-    (
-        "best_moment",
-        "time =",
-        "skip = 2 if skip == 8 else skip; time =",
-        "eight steps are left out",
-    ),
+    ("shift_for_iou", "/ (1 + share)", "", "not by one of the rectangles"),
+    ("shift_for_iou", "(1 - share) / (1 + share)", "(1 - 2 * share)", "counts once"),
+    ("shift_for_iou", "width * ", "", "multiply by the width"),
+    ("shift_for_iou", "return shift", "return width - shift", "still overlaps"),
+    ("shift_for_iou", "return shift", "return shift / 2", "draw both"),
+    ("rhythm", "return steps", "return 0.2 * steps", "count in steps"),
+    ("rhythm", "return steps", "return moments[0]", "when the first best moment comes"),
+    ("rhythm", "return steps", "return len(moments)", "how many best moments"),
+    ("rhythm", "return steps", "return moments[2] - moments[0]", "between these two"),
+    ("rhythm", "return steps", "return steps + 1", "here the best moments are"),
     ("euler_step", "a[0] = 0.0", "pass", "its velocity stays zero"),
     (
         "euler_step",
@@ -643,10 +635,13 @@ RIGHTS = [
     ),
     ("receding_horizon", "return", "[list(u) for u in sent]"),
     ("shifted", "return", "np.vstack([rest, gap]).tolist()"),
+    ("shift_for_iou", "body", "return width * (2 / (1 + share) - 1)"),
     (
-        "best_moment",
+        "rhythm",
         "body",
-        "return float(max(range(skip, len(overlap)), key=lambda k: overlap[k])) / 5",
+        "low = overlap - overlap.mean()\n"
+        "alike = [low[k:] @ low[:-k] for k in range(3, 14)]\n"
+        "return 3 + np.argmax(alike)",
     ),
     ("euler_step", "return x, v", "return np.stack([x, v])"),
     ("chamfer_by_hand", "return (", "return np.float32("),
@@ -762,24 +757,23 @@ CALLED_BACK = {"receding_horizon", "denoise", "parameter_groups"}
 def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_all(
     monkeypatch,
 ):
-    def wrong(overlap, skip=8):
+    def wrong(overlap):
         seen.append(overlap)
         return -1.0
 
     seen = []
     monkeypatch.delenv("CLOTHLAB_CHECK_SEED")
     with pytest.raises(checks.CheckFailed) as first:
-        checks.best_moment(wrong)
+        checks.rhythm(wrong)
     line = first.value._render_traceback_()[1]
     seed = re.fullmatch(
-        r"\(the same inputs again: checks\.best_moment\(best_moment, seed=(\d+)\)\)",
-        line,
+        r"\(the same inputs again: checks\.rhythm\(rhythm, seed=(\d+)\)\)", line
     )[1]
     with pytest.raises(checks.CheckFailed):
-        checks.best_moment(wrong, seed=int(seed))
+        checks.rhythm(wrong, seed=int(seed))
     monkeypatch.setenv("CLOTHLAB_CHECK_SEED", seed)
     with pytest.raises(checks.CheckFailed):
-        checks.best_moment(wrong)
+        checks.rhythm(wrong)
     assert np.array_equal(seen[0], seen[1])
     assert np.array_equal(seen[0], seen[2])
 
@@ -850,10 +844,9 @@ def test_every_error_of_an_answer_is_named(error):
         raise error
 
     with pytest.raises(
-        checks.CheckFailed,
-        match=f"best_moment raised {type(error).__name__}.*`raise error`",
+        checks.CheckFailed, match=f"rhythm raised {type(error).__name__}.*`raise error`"
     ):
-        checks.best_moment(answer)
+        checks.rhythm(answer)
 
 
 def test_an_error_of_a_check_itself_is_not_taken_for_the_answers():

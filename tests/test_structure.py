@@ -53,6 +53,7 @@ LAYERS += [
     "tables",
     "claims",
     "plots",
+    "diagrams",
     "lab",
     "checks",
     "__main__",

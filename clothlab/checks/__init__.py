@@ -37,7 +37,7 @@ from clothlab.checks._predictive_model import (
     parameter_groups,
 )
 from clothlab.checks._results import verdict
-from clothlab.checks._start_here import best_moment
+from clothlab.checks._start_here import rhythm, shift_for_iou
 from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
 from clothlab.checks._variable_stiffness import (

@@ -4,66 +4,83 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import check, expect, number
+from clothlab.checks._check import apart, check, drawn, expect, number
 
 _STEP = 0.2  # seconds a control step lasts
-_SKIP = 8  # steps that the exercise leaves out unless told otherwise
 
 
-@check(number("a time in seconds"))
-def best_moment(answer: Callable, rng: np.random.Generator) -> None:
-    """When the overlap of a run is largest, its first steps left out [s].
+@check(number("a shift in pixels"))
+def shift_for_iou(answer: Callable, rng: np.random.Generator) -> None:
+    """How far a rectangle is shifted when its IoU with itself is a given share.
 
-    Given are the overlaps `[T]` of some twelve steps, one every 0.2 s, of which the
-    largest is among those that do not count; with `skip`, and then without it.
+    Given are its width [pixel], along which it is shifted, and the share.
     """
     for _ in range(5):
-        overlap, first, skip, best = _overlaps(rng)
-
-        # With `skip`
-        found = answer(overlap, skip=skip)
-        least = skip + np.argmin(overlap[skip:])
-        slips = {
-            f"the first {skip} steps do not count with skip={skip}": _STEP * first,
-            "count from the start of the run, not from the first step after the "
-            "skipped ones": _STEP * (best - skip),
-            f"{best} is the number of the step; a step lasts 0.2 s": best,
-            "that is the largest overlap; return its time": overlap[best],
-            "that is the smallest overlap": _STEP * least,
-        }
-        time = _STEP * best
-        otherwise = (
-            f"the best of these is step {best}, at {time:.1f} s, not {found:g} s"
+        width, share = drawn(
+            lambda: (rng.uniform(8, 60), rng.uniform(0.1, 0.9)),
+            lambda pair: apart(_shift(*pair), _wrong_shifts(*pair), 0.02),
         )
-        expect(found, time, otherwise, slips)
-
-        # Without it
-        found = answer(overlap)
-        late = _SKIP + int(np.argmax(overlap[_SKIP:]))
-        time = _STEP * late
+        shift = _shift(width, share)
         otherwise = (
-            f"without `skip`, eight steps are left out: the best is step {late}, "
-            f"at {time:.1f} s, not {found:g} s"
+            f"shifted by {shift:.2f} pixels, a rectangle of {width:.2f} has IoU "
+            f"{share:.2f}: draw both, and say what lies in both and what in either"
         )
-        expect(found, time, otherwise)
+        expect(answer(width, share), shift, otherwise, _wrong_shifts(width, share))
 
 
-def _overlaps(rng: np.random.Generator) -> tuple[np.ndarray, int, int, int]:
-    """Overlaps [T], the step of the largest, how many to skip, the best step then.
+def _shift(width: float, share: float) -> float:
+    """Where (width - shift) / (width + shift) is the share."""
+    return width * (1 - share) / (1 + share)
 
-    No overlap is a multiple of 0.2, and no time is the number of a step, so that one
-    can't be taken for another.
+
+def _wrong_shifts(width: float, share: float) -> dict[str, float]:
+    """What usual slips give, by what is said of each."""
+    shift = _shift(width, share)
+    return {
+        "IoU divides by what either covers, not by one of the rectangles": width
+        * (1 - share),
+        "what lies in both counts once in what either covers": width * (1 - 2 * share),
+        "that is a share of the width: multiply by the width": shift / width,
+        "that is how much still overlaps, not the shift": width - shift,
+    }
+
+
+@check(number("a number of steps"))
+def rhythm(answer: Callable, rng: np.random.Generator) -> None:
+    """How many steps there are from one best moment to the next.
+
+    Given are overlaps `[T]`, one a step, of five periods or a little more. Once in each
+    period the overlap is high, always in the same step of it.
     """
-    count = int(rng.integers(11, 16))
-    skip = int(rng.integers(2, 4))
-    best = int(rng.integers(4, 8))
-    first = int(rng.choice([k for k in range(skip) if k != best - skip]))
-    least = int(rng.integers(8, count))
-    others = [k for k in range(count) if k not in (first, best, least)]
+    for _ in range(5):
+        period = int(rng.integers(6, 12))
+        first = int(rng.integers(1, period - 2))
+        overlap = _overlaps(rng, period, first)
+        slips = {
+            f"{_STEP * period:g} are seconds: count in steps": _STEP * period,
+            "that is when the first best moment comes, not how many steps lie from "
+            "one to the next": first,
+            "that is how many best moments there are": 5,
+            "from step 3 to step 11 are eight steps, not seven": period - 1,
+            "there is a best moment between these two": 2 * period,
+        }
+        moments = ", ".join(str(first + k * period) for k in range(3))
+        otherwise = f"here the best moments are the steps {moments}, …"
+        expect(answer(overlap), period, otherwise, _distinct(slips, period))
 
-    # Ranks 0 (least) to count - 1 (first), spread over 0 to 1
-    overlap = np.zeros(count)
-    overlap[others] = 1 + rng.permutation(count - 3)
-    overlap[best] = count - 2
-    overlap[first] = count - 1
-    return (overlap + 0.37) / (count + 1), first, skip, best
+
+def _overlaps(rng: np.random.Generator, period: int, first: int) -> np.ndarray:
+    """Overlaps [T] of five periods, high once in each."""
+    count = 5 * period
+    overlap = rng.uniform(0.0, 0.3, count)
+    overlap[first::period] = rng.uniform(0.75, 0.9, 5)
+    return overlap
+
+
+def _distinct(slips: dict[str, float], truth: float) -> dict[str, float]:
+    """Those that give something else than the truth and than the ones before them."""
+    found: dict[str, float] = {}
+    for words, value in slips.items():
+        if value != truth and value not in found.values():
+            found[words] = value
+    return found

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 from unittest.mock import MagicMock
 
+import numpy as np
 import pytest
+import torch
 
 import clothlab
 
@@ -39,6 +41,61 @@ def test_the_demonstration_names_only_what_the_panel_has():
     assert {
         words for words in said if words.replace("driven by", "").strip() not in shown
     } == set()
+
+
+def code_of(question):
+    """Code of a question of `before.md`, and what its folded answer says."""
+    asked, answer = question.split("<details><summary>Answer</summary>")
+    code = [re.findall(r"```python\n(.*?)```", part, re.S) for part in (asked, answer)]
+    return *map("".join, code), " ".join(answer.split())
+
+
+def test_the_questions_before_the_series_are_numbered_and_their_answers_are_right(
+    capsys,
+):
+    """Code of the questions prints what the answers say."""
+    text = (COURSE / "before.md").read_text()
+    parts = re.split(r"^\*\*(\d+)\.\*\*", text, flags=re.MULTILINE)
+    numbers = [int(each) for each in parts[1::2]]
+    assert numbers == list(range(1, 16))
+    assert parts[0].startswith("# Before you begin: fifteen questions")
+    questions = dict(zip(numbers, parts[2::2], strict=True))
+    assert all(each.count("</details>") == 1 for each in questions.values())
+
+    # What is printed
+    tools = {"np": np, "torch": torch}
+    for number in (3, 5):
+        asked, _, answer = code_of(questions[number])
+        exec(asked, dict(tools))
+        assert f"`{capsys.readouterr().out.strip()}`" in answer
+
+    # The loop, without its line and with it
+    asked, _, answer = code_of(questions[6])
+    ends = []
+    for missing in ("", "    sgd.zero_grad()\n"):
+        torch.manual_seed(0)
+        named = dict(tools)
+        exec(asked.replace("    loss =", f"{missing}    loss ="), named)
+        model = named["model"]
+        ends.append([model.weight.item(), model.bias.item()])
+    assert ends[0] != pytest.approx([3, 1], abs=0.1)
+    assert ends[1] == pytest.approx([3, 1], abs=1e-3)
+    assert "the weight is 3 and the bias 1" in answer
+
+    # The step of p alone
+    _, step, _ = code_of(questions[7])
+    named = tools | {"h": lambda x, p: x * p, "x": torch.ones(2), "y": torch.ones(2)}
+    exec(step, named)
+    assert named["p"].tolist() == pytest.approx([0.1, 0.1])
+
+
+def test_the_jacobians_of_the_questions_before_the_series_are_right():
+    def f(x):
+        return torch.stack([x[0] * x[1], x[0] + x[1] ** 2])
+
+    found = torch.autograd.functional.jacobian(f, torch.tensor([2.0, 3.0]))
+    assert found.tolist() == [[3, 2], [1, 6]]
+    assert r"3 & 2 \\ 1 & 6" in (COURSE / "before.md").read_text()
 
 
 @pytest.mark.slow

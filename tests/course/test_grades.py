@@ -19,7 +19,7 @@ from course.editions import ROOT, student_edition
 from course.grades import Lesson
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-WEIGHTS = {"best_moment": 3}
+WEIGHTS = {"rhythm": 3}
 
 
 def lesson(stem):
@@ -69,14 +69,12 @@ def test_each_exercise_has_one_cell_of_nbgraders_behind_its_check(path):
 def test_a_student_adds_no_test_and_keeps_none():
     mine = new_code_cell(
         "pass",
-        metadata={"nbgrader": {"grade": True, "grade_id": "best_moment", "points": 9}},
+        metadata={"nbgrader": {"grade": True, "grade_id": "rhythm", "points": 9}},
     )
-    notebook = new_notebook(
-        cells=[new_code_cell("def best_moment(overlap): pass"), mine]
-    )
-    edition = grades.with_tests(notebook, {"best_moment": 1})
+    notebook = new_notebook(cells=[new_code_cell("def rhythm(overlap): pass"), mine])
+    edition = grades.with_tests(notebook, {"rhythm": 1})
     (graded,) = [cell for cell in edition.cells if "nbgrader" in cell.metadata]
-    assert "checks.best_moment" in graded.source
+    assert "checks.rhythm" in graded.source
     assert edition.cells.index(graded) == 1
 
 
@@ -380,12 +378,12 @@ def test_a_notebook_of_the_series_is_graded_from_the_command_line(
     written(tmp_path / "class" / "bob" / NOTEBOOKS[0].name, committed)
     grades.main()
     table = pd.read_csv(tmp_path / "course" / "grades.csv", index_col="student")
-    assert table["points"].to_dict() == {"ann": 1, "bob": 0}
-    assert (
-        table.loc["bob", "words"]
-        == "unanswered: the dots of best_moment are still there, in `time = ...`"
-    )
-    assert pd.read_csv(tmp_path / "course" / "totals.csv")["points"].tolist() == [1, 0]
+    assert table["points"].groupby(level=0).sum().to_dict() == {"ann": 2, "bob": 0}
+    assert table.loc["bob", "words"].tolist() == [
+        "unanswered: the dots of rhythm are still there, in `steps = ...`",
+        "unanswered: the dots of shift_for_iou are still there, in `shift = ...`",
+    ]
+    assert pd.read_csv(tmp_path / "course" / "totals.csv")["points"].tolist() == [2, 0]
 
 
 @pytest.mark.nightly
