@@ -17,6 +17,8 @@ export OMP_NUM_THREADS ?= 1
 # thousands of pages anew for each step: a sixth of an autoencoder's training.
 export MALLOC_TRIM_THRESHOLD_ ?= 536870912
 export MALLOC_MMAP_THRESHOLD_ ?= 33554432
+# Set in many containers. Each process would then compile anew what pytest makes of the tests: five seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help lab check budget test parts slow mutate pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
@@ -85,7 +87,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
