@@ -73,9 +73,8 @@ slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of t
 mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; an hour or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
-# A robot that moves in real time leaves half of its core idle. So of these five groups three run at a time, in this
-# order: the longest first, and the kernels that die, which are seen within two seconds, when a live robot is the most
-# that runs beside. What has no group of its own is with those.
+# A robot that moves in real time leaves half of a core idle, so three of these five run at a time, in this order. Both
+# groups of a live robot come first: they take longest. What is in neither is among the others.
 IN_BROWSER := $(wildcard tests/browser/test_*.py)
 LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
 SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
