@@ -109,7 +109,7 @@ class Lab:
 
     def wait(self) -> None:
         """Wait until it answers; a TimeoutError has its log if it does not."""
-        for _ in range(120):
+        for _ in range(360):
             try:
                 self.ask("api/status")
                 return
