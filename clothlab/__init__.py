@@ -65,7 +65,8 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
     "cloth": {
         "simulation.arm": ["MuscleArm", "TorqueArm"],
         "simulation.cloth": ["CLOTHS", "Cloth", "cloth_name", "get_cloth"],
-        "simulation.env": ["CONTROL_PERIOD", "ClothEnv", "Scene"],
+        "simulation.scene": ["Scene"],
+        "simulation.env": ["CONTROL_PERIOD", "ClothEnv"],
         "simulation.vision": ["chamfer_distance"],
         "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
         "trials": ["Trial", "load_trial", "recorded_plans", "save_trial"],

@@ -69,8 +69,8 @@ from clothlab.simulation.cloth import (
 from clothlab.simulation.env import (
     CONTROL_PERIOD as CONTROL_PERIOD,
     ClothEnv as ClothEnv,
-    Scene as Scene,
 )
+from clothlab.simulation.scene import Scene as Scene
 from clothlab.simulation.vision import chamfer_distance as chamfer_distance
 from clothlab.trials import (
     Trial as Trial,

@@ -58,6 +58,17 @@ def data_folder(data: Folder = None) -> Path:
     return Path(data)
 
 
+def own_trials(data: Folder = None) -> Path:
+    """Where a user's recordings are.
+
+    It is the folder that `CLOTHLAB_RECORDINGS` names, or `trials/mine` of the data.
+    """
+    named = os.environ.get("CLOTHLAB_RECORDINGS")
+    if named and data is None:
+        return Path(named).expanduser()
+    return data_folder(data) / OWN_TRIALS
+
+
 def _own_folder() -> Path:
     """The clone's folder, or the cache's where the package came without a clone."""
     if _CLONE.is_dir() or not _PACKAGED.is_file():

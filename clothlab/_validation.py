@@ -16,6 +16,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+# Of a cloth image [pixel]: the paper's 128×96.
+HEIGHT = 96
+WIDTH = 128
+
 _T = TypeVar("_T")
 # How a number is compared with a bound, by the bound's name
 _COMPARE = {"at_least": operator.ge, "above": operator.gt, "at_most": operator.le}
@@ -173,6 +177,47 @@ def check_some(what: str, values: np.ndarray) -> np.ndarray:
             f"shape {list(values.shape)}"
         )
     return values
+
+
+def check_masks(images: ArrayLike) -> np.ndarray:
+    """Return masks as bool `[..., H, W]`.
+
+    A ValueError for another shape, or for a grey picture or reconstruction.
+    """
+    what = f"cloth images are [..., {HEIGHT}, {WIDTH}]"
+    try:
+        images = np.asarray(images)
+    except (TypeError, ValueError, RuntimeError):
+        # Rows of different lengths, or a tensor that requires grad.
+        kind = type(images).__name__
+        raise ValueError(f"{what} of 0 and 1, got {kind}") from None
+
+    # Another size, or numbers between 0 and 1.
+    if images.shape[-2:] != (HEIGHT, WIDTH):
+        raise ValueError(f"{what}, got the shape {list(images.shape)}")
+    if images.dtype == bool:
+        return images
+    if images.dtype.kind not in "iuf" or not np.isin(images, (0, 1)).all():
+        raise ValueError(
+            "a cloth image holds 0 and 1 only: `picture > 127` makes one of a grey "
+            "picture, `image > 0.5` of a reconstruction"
+        )
+    return images.astype(bool)
+
+
+def check_mask(mask: ArrayLike) -> np.ndarray:
+    """Return one mask as bool `[H, W]`.
+
+    A ValueError as in `check_masks`, or if there is no cloth in it.
+    """
+    mask = check_masks(mask)
+    if mask.ndim != 2:
+        raise ValueError(
+            f"one cloth image is [{HEIGHT}, {WIDTH}], got the shape {list(mask.shape)}"
+        )
+    if not mask.any():
+        raise ValueError("no cloth in the image: the mask is empty")
+    return mask
 
 
 def _short(value: Any) -> str:

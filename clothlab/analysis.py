@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 from sklearn.decomposition import PCA
 
-from clothlab._validation import check_array, check_number, check_some
-from clothlab.masks import HEIGHT, WIDTH, check_mask
+from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 from clothlab.trials import Trial
@@ -62,16 +61,6 @@ def target_distance(
     """
     z_ref = encode(autoencoder, check_mask(target))
     return np.linalg.norm(encode(autoencoder, trial.images) - z_ref, axis=1)
-
-
-def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
-    """Distance ‖z_ref - z‖₂ of an image without cloth to a target [s.d. of z].
-
-    The target is a mask `[H, W]`.
-    """
-    z_ref = encode(autoencoder, check_mask(target))
-    z = encode(autoencoder, np.zeros((HEIGHT, WIDTH), bool))
-    return float(np.linalg.norm(z_ref - z))
 
 
 def best_per_period(

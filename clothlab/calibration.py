@@ -7,63 +7,28 @@ known materials can tell by how much: `calibrate`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
-from scipy.stats import chi2
 
+from clothlab._certainty import SHARE, EstimateReport, radius
 from clothlab._validation import choose
-from clothlab.method.data import Run, check_runs
+from clothlab.method._inputs import check_runs
+from clothlab.method.data import Run
 from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
 from clothlab.method.model import DPMPB
 
-_SHARE = 0.9  # of the regions that are shown
 _FALSE_ALARMS = 0.05  # share of familiar runs that may be called out of distribution
-LENGTHS = (50, 100, 200)  # steps after which a calibration looks
-
-
-def inside(
-    p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = _SHARE
-) -> bool:
-    """Whether p `[D_p]` lies in the ellipse around a centre `[D_p]`.
-
-    A normal distribution of this covariance `[D_p, D_p]` has this share in it.
-    """
-    gap = np.asarray(p) - np.asarray(centre)
-    squared = gap @ np.linalg.solve(np.asarray(covariance), gap)
-    return bool(squared <= _radius(share, len(gap)) ** 2)
-
-
-def outline(
-    centre: ArrayLike, covariance: ArrayLike, share: float = _SHARE, points: int = 48
-) -> np.ndarray:
-    """The edge of that ellipse in a plane, `[points, 2]`, its last point the first."""
-    angle = np.linspace(0, 2 * np.pi, points)
-    lengths, axes = np.linalg.eigh(np.asarray(covariance))
-    halves = axes * np.sqrt(lengths.clip(0))
-    circle = _radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(centre) + circle @ halves.T
-
-
-def _radius(share: float, size: int) -> float:
-    return float(np.sqrt(chi2.ppf(share, size)))
-
-
-class EstimateReport(NamedTuple):
-    """How sure an estimate is, and how familiar its material."""
-
-    covariance: np.ndarray  # of p [D_p, D_p]
-    log_error_ratio: float  # log of the prediction error over the usual one
-    out_of_distribution: bool  # whether that is too much
-    outside_hull: bool  # whether the 90 % region lies beyond the trained p
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """What runs with known materials say about one training."""
+
+    looks: ClassVar[tuple[int, ...]] = (50, 100, 200)  # steps after which it looks
 
     floor: np.ndarray  # covariance of p that stays however long a run is [D_p, D_p]
     lengths: np.ndarray  # of the runs that were looked at [step], [N]
@@ -100,7 +65,7 @@ class Calibration:
         return self.log_error_ratio(fit, p) > limit
 
     def outside_hull(
-        self, p: ArrayLike, covariance: ArrayLike, share: float = _SHARE
+        self, p: ArrayLike, covariance: ArrayLike, share: float = SHARE
     ) -> bool:
         """Whether the region around p lies beyond a side of the trained p.
 
@@ -111,7 +76,7 @@ class Calibration:
         offsets = sides[:, -1]
         squares = np.einsum("ki,ij,kj->k", normals, np.asarray(covariance), normals)
         gaps = normals @ np.asarray(p) + offsets
-        reach = _radius(share, normals.shape[1]) * np.sqrt(squares)
+        reach = radius(share, normals.shape[1]) * np.sqrt(squares)
         return bool((gaps > reach).any())
 
     def report(self, fit: Linearisation | None, p: ArrayLike) -> EstimateReport | None:
@@ -163,7 +128,7 @@ def calibrate(
     biases: Mapping[str, np.ndarray],
     runs: Sequence[Run],
     *,
-    lengths: Sequence[int] = LENGTHS,
+    lengths: Sequence[int] = Calibration.looks,
     settings: NewtonSettings | None = None,
 ) -> Calibration:
     """Learn from known materials how far estimates are off, and how well they predict.
@@ -232,8 +197,8 @@ def _floor_and_scale(
     size = gaps.shape[-1]
     floor = _likeliest_floor(gaps.reshape(-1, size), scatter.reshape(-1, size, size))
     squares = np.einsum("nri,nrij,nrj->nr", gaps, np.linalg.inv(scatter + floor), gaps)
-    held = np.array([_upper(each, _SHARE) for each in squares])
-    return floor, held / _radius(_SHARE, size) ** 2
+    held = np.array([_upper(each, SHARE) for each in squares])
+    return floor, held / radius(SHARE, size) ** 2
 
 
 def _likeliest_floor(gaps: np.ndarray, scatter: np.ndarray) -> np.ndarray:

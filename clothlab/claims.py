@@ -20,8 +20,6 @@ import numpy as np
 from clothlab._files import reading
 from clothlab._store import Folder, load_results, save_results
 
-# Environment variable: live figures are stored, as `make findings` does
-RECORD = "CLOTHLAB_RECORD_FINDINGS"
 _DRAWS = 40  # of noise
 _REFUSED = 0.25  # the smallest share of them that a condition must refuse
 _SYMBOLS = {
@@ -50,11 +48,14 @@ class Findings:
             claims are checked on the live run where these are as stored.
     """
 
+    # Environment variable: live figures are stored, as `make findings` does
+    RECORD = "CLOTHLAB_RECORD_FINDINGS"
+
     def __init__(self, notebook: str, *, data: Folder = None, **parameters: Any):
         self.name = f"findings-{notebook}"
         self._data = data
         self.parameters = _plain(parameters)
-        self.recording = bool(os.environ.get(RECORD))
+        self.recording = bool(os.environ.get(self.RECORD))
 
         stored: dict[str, Any] = {"parameters": None, "figures": {}}
         if not self.recording:

@@ -14,7 +14,9 @@ from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.control import ControlSettings, GradientSearch, Search
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
-from clothlab.simulation.arm import Arm, StateLayout, arm_data, arm_from_data, get_arm
+from clothlab.simulation._arm_data import arm_data, arm_from_data, get_arm
+from clothlab.simulation._state_layout import StateLayout
+from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial, to_run
 

@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from clothlab._alt_text import describe
+from clothlab._certainty import outline
 from clothlab.analysis import principal_axes
-from clothlab.calibration import outline
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 

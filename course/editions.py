@@ -16,9 +16,9 @@ import nbformat
 from nbconvert import HTMLExporter
 from nbconvert.preprocessors import ExecutePreprocessor
 
-from clothlab import data
+from clothlab import _store
 from clothlab._files import write_bytes
-from clothlab.claims import RECORD
+from clothlab.claims import Findings
 from course.repository import portable
 from course.solutions import ROOT, solved, unsolved, without
 
@@ -99,14 +99,14 @@ def main() -> None:
 
     # Kernels inherit the environment
     if arguments.record:
-        os.environ[RECORD] = "1"
+        os.environ[Findings.RECORD] = "1"
     for path in arguments.notebooks:
         start = time.perf_counter()
         held = claims_held(write_editions(path.resolve(), ROOT / "build"))
         seconds = time.perf_counter() - start
         print(f"{path.stem}: {held} claims hold, {seconds:.0f} s", flush=True)
     if arguments.record:
-        data.write_checksums()
+        _store.write_checksums()
 
 
 if __name__ == "__main__":

@@ -31,16 +31,18 @@ from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
-from clothlab import data
+from clothlab._store import write_checksums
+from clothlab.data._writing import save_model
+from clothlab.method._optimise import minimise, seeded
+from clothlab.method._quick_tanh import quicken
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.estimation import prediction_loss
-from clothlab.method.fast_rollout import quicken
 from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
-from clothlab.method.training import ModelTraining, minimise, seeded, train_dpmpb
+from clothlab.method.training import ModelTraining, train_dpmpb
 from studies import save
 
 STEPS = 3000  # recorded with each material
@@ -604,8 +606,8 @@ def main() -> None:
     study_control(trained)
     shown = trained["p", 0]
     shared = Checkpoint(name="reacher", model=shown.model, biases=shown.biases)
-    data.save_model(shared)
-    data.write_checksums()
+    save_model(shared)
+    write_checksums()
 
 
 if __name__ == "__main__":

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import trange
 
-from clothlab import data
+from clothlab import _store
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.lab import LivePanel
 from clothlab.lab._playback import RECORDING, SessionRecording
 from clothlab.lab._views import MATERIAL
-from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.env import CONTROL_PERIOD
 
 L = np.zeros((HEIGHT, WIDTH), bool)  # a letter, which no cloth looks like
@@ -94,9 +94,9 @@ def main() -> None:
     panel.close()
 
     # Kept where the lab looks for it
-    path = data.data_folder() / RECORDING
+    path = _store.data_folder() / RECORDING
     reel.save(path)
-    data.write_checksums()
+    _store.write_checksums()
     length = len(reel.shots) * CONTROL_PERIOD
     print(f"{path}: {length:.0f} s in {path.stat().st_size / 1e6:.1f} MB")
 

@@ -14,7 +14,8 @@ import numpy as np
 from PIL import Image
 
 from clothlab import data
-from clothlab.simulation.env import ClothEnv, Scene
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
 

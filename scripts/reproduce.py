@@ -30,7 +30,8 @@ from typing import Any
 import joblib
 
 import studies
-from clothlab import data
+from clothlab import _store
+from clothlab.data import _writing
 from clothlab.method.autoencoder import AutoencoderTraining
 from studies import PAPER, report
 from studies._parallel import Job, run_jobs
@@ -114,8 +115,8 @@ def train(
     ]
     done = run_jobs("autoencoders", jobs, **options)
     for config, (model, losses) in zip(configs, done, strict=True):
-        data.save_autoencoder(model, losses, config.name, overwrite=True)
-    data.write_checksums()
+        _writing.save_autoencoder(model, losses, config.name, overwrite=True)
+    _store.write_checksums()
 
     # And several DPMPBs on top of each
     jobs = []
@@ -124,8 +125,8 @@ def train(
         arguments = {"self": config, "seed": seed}
         jobs.append(Job(TrainingConfig.train_model, arguments, inputs))
     for trained in run_jobs("models", jobs, **options):
-        data.save(trained, overwrite=True)
-    data.write_checksums()
+        _writing.save(trained, overwrite=True)
+    _store.write_checksums()
 
 
 def reproduce(plan: Plan, **options: Any) -> None:
@@ -138,7 +139,7 @@ def reproduce(plan: Plan, **options: Any) -> None:
         record(dataset, **options)
     short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
     record_targets([Job(find_targets, short if plan.small else {})], **options)
-    data.write_checksums()
+    _store.write_checksums()
 
     # What learns from them, and is put to the test
     train(plan.configs(), range(plan.seeds), **options)
@@ -147,11 +148,11 @@ def reproduce(plan: Plan, **options: Any) -> None:
             name = experiment.name + ending
             table = studies.get(name).run(plan.cases(name), **options)
             studies.save(table, name)
-    data.write_checksums()
+    _store.write_checksums()
 
     # The page; a few cases give no results
     if not plan.small:
-        (data.data_folder().parent / "results.md").write_text(results())
+        (_store.data_folder().parent / "results.md").write_text(results())
 
 
 def results() -> str:
@@ -203,7 +204,7 @@ def record_again(names: Sequence[str], **options: Any) -> None:
         jobs += [Job(find_target_set, {"targets": each}) for each in TARGET_SETS]
         files += record_targets(jobs, **options)
     say_what_repeats(files)
-    data.write_checksums()
+    _store.write_checksums()
 
 
 def say_what_repeats(files: list[str]) -> None:
@@ -212,7 +213,7 @@ def say_what_repeats(files: list[str]) -> None:
     That is before new hashes are written. The simulation is chaotic: another machine,
     or another version of MuJoCo or OpenGL, may give other bits.
     """
-    verdict = data.check_data()
+    verdict = _store.check_data()
     same = sum(verdict[file] == "ok" for file in files)
     altered = sum(verdict[file] == "altered" for file in files)
     print(
@@ -239,7 +240,7 @@ def run_again(names: Sequence[str], **options: Any) -> None:
         for ending in endings:
             table = studies.run(name + ending, **options, keep=keep)
             studies.save(table, name + ending)
-            data.write_checksums()
+            _store.write_checksums()
     marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
         print(f"{marks[row.met]} {row.label}: {row.here} (aim {row.aim})")

@@ -22,8 +22,8 @@ from typing import Any
 
 import pandas as pd
 
+from clothlab._store import Folder
 from clothlab._validation import choose
-from clothlab.data import Folder
 from clothlab.tables import load, save
 from studies import (
     autoencoder_quality,

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
-from clothlab.data import Folder
+from clothlab._store import Folder
 from clothlab.tables import load
 from studies._parallel import Job, cached, run_jobs, version
 from studies._rows import Row

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
 
 import clothlab
-from clothlab import data
+from clothlab import _store
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def version(*inputs: str) -> str:
 
     Inputs are how the names of files begin. Their checksums stand for them.
     """
-    recorded = data.data_folder() / data.CHECKSUMS
+    recorded = _store.data_folder() / _store.CHECKSUMS
     lines = []
     if inputs and recorded.exists():
         lines = recorded.read_text().splitlines()

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import data
-from clothlab._validation import check_array, choose
+from clothlab._validation import HEIGHT, WIDTH, check_array, check_mask, choose
 from clothlab.analysis import best_per_period, spread, target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
@@ -206,3 +206,13 @@ def config_of(learned: ClothCheckpoint) -> TrainingConfig:
     Or others on top of the same autoencoder.
     """
     return choose("training configuration", learned.autoencoder_name, TRAINING_CONFIGS)
+
+
+def empty_distance(autoencoder: Autoencoder, target: ArrayLike) -> float:
+    """Distance ‖z_ref - z‖₂ of an image without cloth to a target [s.d. of z].
+
+    The target is a mask `[H, W]`.
+    """
+    z_ref = encode(autoencoder, check_mask(target))
+    z = encode(autoencoder, np.zeros((HEIGHT, WIDTH), bool))
+    return float(np.linalg.norm(z_ref - z))

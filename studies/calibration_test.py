@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from clothlab._certainty import inside
 from clothlab.analysis import nearest_material
-from clothlab.calibration import LENGTHS, Calibration, calibrate, inside
+from clothlab.calibration import Calibration, calibrate
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
@@ -71,7 +72,7 @@ def _development_trials() -> list[Trial]:
     for repeat in range(_DEVELOPMENT_RUNS):
         for number, cloth in enumerate(CLOTHS):
             seed = 46_000 + 30 * repeat + number
-            trials.append(random_trial(_ARM, cloth, LENGTHS[-1], seed=seed))
+            trials.append(random_trial(_ARM, cloth, Calibration.looks[-1], seed=seed))
     return trials
 
 
@@ -88,9 +89,9 @@ def _calibrate_one(model: int) -> dict[str, Any]:
 
 
 def _run_one(
-    cloth: str, model: int, repeat: int, steps: int = LENGTHS[-1]
+    cloth: str, model: int, repeat: int, steps: int = Calibration.looks[-1]
 ) -> dict[str, Any]:
-    """Estimate p of one cloth, and say what is known after each of `LENGTHS`.
+    """Estimate p of one cloth, and say what is known after each of `Calibration.looks`.
 
     Args:
         cloth: name of one of `_ALL`.
@@ -117,7 +118,7 @@ def _run_one(
     reports = []
     for t, (s, u) in enumerate(zip(run.s, run.u, strict=True), start=1):
         newton.update(s, u)
-        if t not in LENGTHS:
+        if t not in Calibration.looks:
             continue
         linearisation = linearise(newton)
         report = calibration.report(linearisation, newton.p)
@@ -165,7 +166,7 @@ def _rows(tables: Tables) -> list[Row]:
     """Accuracy, coverage of the regions, and alarms by kind of cloth."""
     table = tables["calibration_test"]
     known = table[table.kind == "trained"]
-    end = f"{LENGTHS[-1] * CONTROL_PERIOD:g} s"
+    end = f"{Calibration.looks[-1] * CONTROL_PERIOD:g} s"
 
     nearest = Row(
         "calibration_test/nearest",

@@ -14,7 +14,8 @@ import numpy as np
 from clothlab.analysis import nearest_material
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import Camera, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import Camera
 from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import ClothEnv
 from studies._grid import Experiment, Tables, over

@@ -10,11 +10,19 @@ import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import best_per_period, empty_distance, target_distance
+from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.control import ControlSettings
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
-from studies._runs import HEAVY, LIGHT, median_best, new_trial, random_trial, trained
+from studies._runs import (
+    HEAVY,
+    LIGHT,
+    empty_distance,
+    median_best,
+    new_trial,
+    random_trial,
+    trained,
+)
 
 
 def _run_one(

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.cluster import KMeans
 
+from clothlab._store import Folder, data_folder
 from clothlab._validation import check_kind, check_seed, choose
-from clothlab.data import Folder, data_folder, save_target
+from clothlab.data._writing import save_target
 from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, rollout, save_trial

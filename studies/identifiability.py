@@ -25,15 +25,14 @@ import torch
 from numpy.typing import ArrayLike
 
 from clothlab import data
-from clothlab._validation import choose
-from clothlab.masks import HEIGHT
+from clothlab._validation import HEIGHT, choose
 from clothlab.method.autoencoder import encode
 from clothlab.method.estimation import EstimationSettings
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
+from clothlab.simulation._pinhole import focal_length
 from clothlab.simulation.arm import Arm, Camera, TorqueArm
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
-from clothlab.simulation.vision import focal_length
 from clothlab.trials import Trial, rollout
 from studies._grid import Experiment, over
 from studies._runs import EVALUATION, trained

@@ -16,10 +16,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from clothlab import data
 from clothlab.analysis import best_per_period, difference_interval, target_distance
 from clothlab.masks import Observation
+from clothlab.method._wrapping import Wrapper
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
 from clothlab.method.gauss_newton import NewtonEstimator, NewtonSettings
-from clothlab.method.policy import Policy, Wrapper
+from clothlab.method.policy import Policy
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout

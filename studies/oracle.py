@@ -24,7 +24,8 @@ from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.policy import Policy
 from clothlab.policies import ReplayPolicy
-from clothlab.simulation.arm import Arm, MuscleArm, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import Arm, MuscleArm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout

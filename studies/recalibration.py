@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from clothlab._validation import check_array
-from clothlab.masks import HEIGHT, WIDTH, check_masks
-from clothlab.simulation.arm import BAR_RADIUS, SHOULDER_POSITION, Arm, Camera
+from clothlab._validation import HEIGHT, WIDTH, check_array, check_masks
+from clothlab.simulation._dimensions import BAR_RADIUS, SHOULDER_POSITION
+from clothlab.simulation._pinhole import focal_length
+from clothlab.simulation.arm import Arm, Camera
 from clothlab.simulation.env import ClothEnv
-from clothlab.simulation.vision import focal_length
 from clothlab.trials import Trial
 
 # Of 255: the bar is darker in every colour, shaded skin, cloth and floor are not

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 
-from clothlab.data import Folder, data_folder
+from clothlab._store import Folder, data_folder
 from studies import EXPERIMENTS, PAPER, Row, load
 from studies._grid import Tables
 

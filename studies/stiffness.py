@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import empty_distance, nearest_material, target_distance
+from clothlab.analysis import nearest_material, target_distance
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.policy import Policy
 from clothlab.simulation.arm import MuscleArm
@@ -25,6 +25,7 @@ from studies._runs import (
     EVALUATION,
     RECORDINGS,
     bias_error,
+    empty_distance,
     estimate_at_random,
     median_best,
     new_trial,

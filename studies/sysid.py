@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from clothlab._validation import choose
+from clothlab.method._optimise import minimise, seeded
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
-from clothlab.method.training import minimise, seeded
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth

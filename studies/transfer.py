@@ -20,7 +20,8 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method.autoencoder import encode, known_target
+from clothlab.method._drawable import known_target
+from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings

@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import (
-    ARMS,
-    JOINTS,
-    Arm,
-    MuscleArm,
-    TorqueArm,
-    check_command,
-    get_arm,
-)
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
@@ -41,7 +34,7 @@ def test_names_sizes_and_places_of_an_arm_belong_together(name):
         == len(arm.command_upper)
         == len(arm.home_command)
     )
-    assert np.array_equal(check_command(arm, arm.home_command), arm.home_command)
+    assert np.array_equal(arm.check_command(arm.home_command), arm.home_command)
     model, data = bare(arm)
     assert len(arm.state(data)) == len(arm.state_names)
     assert all("[N]" in each for each in arm.state_names[arm.tensions])
@@ -160,6 +153,20 @@ def test_tension_is_never_negative_and_motors_stay_in_their_limits(muscle_env):
         assert (data.actuator_force <= arm.tension_max).all()
 
 
+@pytest.mark.parametrize("away", [-1.0, 1.0])
+def test_a_motor_far_from_its_set_point_pulls_as_hard_as_it_can(away):
+    """It never pushes, and never pulls harder."""
+    model, data = bare(MUSCLE)
+    MUSCLE.reset(data, MUSCLE.home_command)
+    for name in MUSCLES:
+        data.joint(name).qpos[0] += (
+            away  # [m], where the controller asks for 1,000s of N
+        )
+    mujoco.mj_forward(model, data)
+    limits = {-1.0: MUSCLE.tension_max, 1.0: MUSCLE.tension_bias}
+    assert data.actuator_force == pytest.approx(np.full(6, limits[away]))
+
+
 def test_a_slack_muscle_does_no_work():
     model, data = bare(MUSCLE)
     MUSCLE.reset(data, MUSCLE.home_command)
@@ -220,12 +227,12 @@ def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message
 )
 def test_a_command_that_the_arm_cannot_follow_is_refused(arm, u, message):
     with pytest.raises(ValueError, match=message):
-        check_command(get_arm(arm), u)
+        get_arm(arm).check_command(u)
 
 
 def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_kept():
     u = np.array([-0.8, -1.6], np.float32)  # -0.8 in single precision lies outside
-    checked = check_command(TorqueArm(), u)
+    checked = TorqueArm().check_command(u)
     assert checked.tolist() == [-0.8, -1.6]
     assert checked.dtype == np.float64
     assert u[0] != checked[0]

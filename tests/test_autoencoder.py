@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from clothlab.masks import iou
+from clothlab.method._drawable import known_target
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
     decode,
     encode,
-    known_target,
     train_autoencoder,
 )
 
@@ -103,10 +103,9 @@ def test_a_target_that_cannot_be_drawn_is_replaced_by_the_recorded_image_most_li
     images, wanted = trial.images[:5], np.roll(trial.images[3], 1, axis=1)
     for drawn, aim in ((0.0, images[3]), (1.0, wanted)):
         monkeypatch.setattr(
-            "clothlab.method.autoencoder.encode", lambda model, mask: mask
+            "clothlab.method._drawable.encode", lambda model, mask: mask
         )
         monkeypatch.setattr(
-            "clothlab.method.autoencoder.decode",
-            lambda model, z, drawn=drawn: drawn * z,
+            "clothlab.method._drawable.decode", lambda model, z, drawn=drawn: drawn * z
         )
         assert np.array_equal(known_target(None, wanted, images), aim)

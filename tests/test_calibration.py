@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.calibration import _likeliest_floor, best_bias, calibrate, inside, outline
+from clothlab._certainty import inside, outline
+from clothlab.calibration import _likeliest_floor, calibrate
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import Linearisation, NewtonSettings
+from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
 
 ENDLESS = NewtonSettings(freedom=1e9)
 BIASES = {

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from clothlab.claims import RECORD, ClaimError, Findings
+from clothlab.claims import ClaimError, Findings
 
 DISTANCES = np.array([0.2, 0.3, 0.25, 0.4])
 
@@ -18,11 +18,11 @@ def findings(tmp_path):
 @pytest.fixture
 def recorded(tmp_path, monkeypatch):
     """The findings of a notebook whose one claim was stored by a full-size run."""
-    monkeypatch.setenv(RECORD, "1")
+    monkeypatch.setenv(Findings.RECORD, "1")
     Findings("08_control", data=tmp_path, steps=250).live(
         "near", np.max, below=0.5, a=DISTANCES
     )
-    monkeypatch.delenv(RECORD)
+    monkeypatch.delenv(Findings.RECORD)
     return lambda **parameters: Findings("08_control", data=tmp_path, **parameters)
 
 

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
+from clothlab.simulation._lattice import point_names, springs
 from clothlab.simulation.cloth import (
     CLOTHS,
     FOAMS,
     SHEETS,
     Cloth,
-    add_cloth,
     cloth_name,
     get_cloth,
-    point_names,
-    springs,
 )
-from clothlab.simulation.env import ClothEnv, Scene
+from clothlab.simulation.cloth_elements import add_cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
 from studies._runs import NEW
 
 GRAVITY = 9.81

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.method import control
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import (
     ControlPolicy,
@@ -32,7 +31,8 @@ from clothlab.method.estimation import BiasEstimator, EstimationSettings
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.model import DPMPB, predict
-from clothlab.simulation.arm import MuscleArm, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import MuscleArm
 from clothlab.trials import recorded_plans, rollout, to_run
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])
@@ -143,6 +143,31 @@ def test_a_solve_stays_in_range_and_never_gets_worse(model, memory, seed):
 
 
 @pytest.mark.slow
+def test_a_candidate_whose_loss_is_not_a_number_is_not_chosen():
+    """Far from the start the loss can't be said; near it, less is better."""
+
+    def loss(plans):
+        x = plans[:, 0, 0]
+        return torch.where(x < 0.5, torch.sqrt(x - 0.5), x)
+
+    limits = Limits(torch.zeros(1), torch.ones(1), torch.ones(1))
+    u, trace = optimise_commands(loss, torch.ones(1, 1), limits, ControlSettings())
+    assert 0.5 <= u.item() < 0.6
+    assert trace[-1] == pytest.approx(u.item())
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_loss_that_is_no_finite_number_is_refused(bad):
+    limits = Limits(torch.zeros(1), torch.ones(1), torch.ones(1))
+    with pytest.raises(ValueError, match="not a finite number"):
+        optimise_commands(
+            lambda plans: bad * plans.sum((1, 2)),
+            torch.ones(1, 1),
+            limits,
+            ControlSettings(),
+        )
+
+
 def test_a_second_run_with_the_same_controller_is_the_first_one(env, controller):
     policy = controller(iterations=2)
     first, second = rollout(env, policy, 10), rollout(env, policy, 10)
@@ -372,7 +397,7 @@ def test_p_that_another_thread_sets_waits_for_the_solve(env, controller):
 
 
 def test_a_trace_does_not_grow_without_bound(env, controller, monkeypatch):
-    monkeypatch.setattr(control, "TRACED", 3)
+    monkeypatch.setattr(ControlSettings, "traced", 3)
     policy = controller()
     traces = []
     for _ in range(5):

@@ -18,10 +18,11 @@ from safetensors.torch import save_file
 
 from clothlab import _store, data as stored
 from clothlab.cloth_checkpoint import ClothCheckpoint
+from clothlab.data import _writing
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import load_trial, save_trial
 
 FILES: dict[str, Callable[[Path], object]] = {
@@ -71,12 +72,12 @@ def _data(tmp_path_factory, trial, trained) -> Path:
     mask = np.zeros((96, 128), bool)
     mask[30:50, 40:70] = True
     save_trial(trial, data / "trials" / "train" / "one.npz")
-    stored.save_target(mask, "target-1", data=data)
-    stored.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
-    stored.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
-    stored.save(trained, data=data)
+    _writing.save_target(mask, "target-1", data=data)
+    _writing.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
+    _writing.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
+    _writing.save(trained, data=data)
     _store.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
-    stored.write_checksums(data)
+    _store.write_checksums(data)
     return data
 
 
@@ -149,7 +150,7 @@ def test_what_belongs_together_makes_runs_and_controllers(trained, trial, square
 
 
 def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
-    assert stored.check_data(data) == dict.fromkeys(sorted(FILES), "ok")
+    assert _store.check_data(data) == dict.fromkeys(sorted(FILES), "ok")
     lines = (data / "SHA256SUMS").read_text().splitlines()
     assert [line[64:] for line in lines] == [f"  {name}" for name in sorted(FILES)]
 
@@ -173,7 +174,7 @@ def test_unknown_names_list_the_choices(data, load, choices):
 
 
 def test_sets_of_targets_are_kept_apart(data, square):
-    stored.save_target(np.roll(square, 5, axis=0), "drawn/target-1", data=data)
+    _writing.save_target(np.roll(square, 5, axis=0), "drawn/target-1", data=data)
     assert list(stored.load_targets(data=data)) == ["target-1"]
     drawn = stored.load_targets("drawn", data=data)
     assert list(drawn) == ["drawn/bar", "drawn/target-1"]
@@ -188,7 +189,7 @@ def test_where_nothing_was_made_yet_that_is_said(tmp_path):
         stored.load("torque-0", data=tmp_path)
     assert stored.load_trials("mine", data=tmp_path) == []
     assert stored.load_targets(data=tmp_path) == {}
-    assert stored.check_data(tmp_path) == {}
+    assert _store.check_data(tmp_path) == {}
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", ""])
@@ -197,9 +198,9 @@ def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(
 ):
     before = contents(data.parent)
     for save in (
-        lambda: stored.save(replace(trained, name=name), data=data),
-        lambda: stored.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
-        lambda: stored.save_target(square, name, data=data),
+        lambda: _writing.save(replace(trained, name=name), data=data),
+        lambda: _writing.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
+        lambda: _writing.save_target(square, name, data=data),
         lambda: _store.save_results(b"", name, ".csv", data=data),
     ):
         with pytest.raises(
@@ -215,7 +216,7 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
     (data / file).write_bytes(
         (data / file).read_bytes()[: (data / file).stat().st_size // 2]
     )
-    assert stored.check_data(data)[file] == "altered"
+    assert _store.check_data(data)[file] == "altered"
     if not recorded:
         (data / "SHA256SUMS").unlink()
         if file.endswith(".csv"):
@@ -232,7 +233,7 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_that_is_gone_is_noticed(data, file):
     (data / file).unlink()
-    assert stored.check_data(data)[file] == "missing"
+    assert _store.check_data(data)[file] == "missing"
     with pytest.raises(
         ValueError,
         match=rf"data/{file} is missing: restore it with `git checkout data/{file}`",
@@ -241,17 +242,17 @@ def test_a_file_that_is_gone_is_noticed(data, file):
 
 
 def test_a_file_that_nobody_recorded_is_read_and_reported(data, square):
-    stored.save_target(np.roll(square, 3, axis=0), "mine", data=data)
+    _writing.save_target(np.roll(square, 3, axis=0), "mine", data=data)
     assert list(stored.load_targets(data=data)) == ["mine", "target-1"]
-    assert stored.check_data(data)["targets/mine.png"] == "not recorded"
+    assert _store.check_data(data)["targets/mine.png"] == "not recorded"
 
 
 def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
-    save_trial(trial, data / stored.OWN_TRIALS / "b.npz")
-    save_trial(trial[:3], data / stored.OWN_TRIALS / "a.npz")
-    stored.write_checksums(data)
+    save_trial(trial, data / _store.OWN_TRIALS / "b.npz")
+    save_trial(trial[:3], data / _store.OWN_TRIALS / "a.npz")
+    _store.write_checksums(data)
     assert [len(each) for each in stored.load_trials("mine", data=data)] == [3, 12]
-    assert not any("mine" in name for name in stored.check_data(data))
+    assert not any("mine" in name for name in _store.check_data(data))
 
 
 @pytest.fixture
@@ -260,7 +261,7 @@ def left_out(data, trial) -> Path:
     folder = data / "trials" / "train-more"
     save_trial(trial, folder / "00.npz")
     save_trial(trial[:5], folder / "01.npz")
-    stored.write_checksums(data)
+    _store.write_checksums(data)
     return folder
 
 
@@ -272,13 +273,13 @@ def test_git_ignores_what_is_left_to_make_data():
 def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(
     data, left_out
 ):
-    assert set(stored.check_data(data).values()) == {"ok"}
+    assert set(_store.check_data(data).values()) == {"ok"}
     assert [len(trial) for trial in stored.load_trials("train-more", data=data)] == [
         12,
         5,
     ]
     (left_out / "01.npz").unlink()
-    verdict = stored.check_data(data)
+    verdict = _store.check_data(data)
     assert {name: word for name, word in verdict.items() if word != "ok"} == {
         "trials/train-more/01.npz": _store.Verdict.LEFT_TO_MAKE
     }
@@ -294,14 +295,14 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
 ):
     before = contents(data)
     for name, save in {
-        "dpmpb-torque-0.safetensors": lambda: stored.save(
+        "dpmpb-torque-0.safetensors": lambda: _writing.save(
             trained, data=data, overwrite=True
         ),
-        "target-1.png": lambda: stored.save_target(~square, "target-1", data=data),
+        "target-1.png": lambda: _writing.save_target(~square, "target-1", data=data),
         "simulation.csv": lambda: _store.save_results(
             b"iou\n0.9", "simulation", ".csv", data=data
         ),
-        "SHA256SUMS": lambda: stored.write_checksums(data),
+        "SHA256SUMS": lambda: _store.write_checksums(data),
     }.items():
         with (
             full_disk(),
@@ -396,13 +397,13 @@ def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
             trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))
         ),
     }.items():
-        stored.save(replace(trained, name=name, arm=arm), data=data)
+        _writing.save(replace(trained, name=name, arm=arm), data=data)
         assert stored.load(name, data=data).arm == arm
     assert stored.load("torque-0", data=data).arm == trained.arm
 
 
 def test_what_is_saved_is_loaded_at_once_with_its_autoencoder(trained, tmp_path):
-    stored.save(trained, data=tmp_path)
+    _writing.save(trained, data=tmp_path)
     read = stored.load(trained.name, data=tmp_path)
     assert read.autoencoder.fingerprint() == trained.autoencoder.fingerprint()
 
@@ -420,15 +421,15 @@ def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
             ValueError,
             match=r"exists and differs: choose another name, or pass overwrite=True",
         ):
-            stored.save(each, data=data)
+            _writing.save(each, data=data)
     assert contents(data) == before
-    stored.save(other, data=data, overwrite=True)
+    _writing.save(other, data=data, overwrite=True)
     read = stored.load("torque-0", data=data)  # whose recorded hash has followed
     assert torch.equal(read.model.s_mean, other.model.s_mean)
 
 
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    stored.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
+    _writing.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
     with pytest.raises(
         ValueError,
         match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies",
@@ -441,9 +442,9 @@ def test_a_training_that_diverged_is_not_saved(data, trained):
     diverged = Autoencoder()
     torch.nn.init.constant_(diverged.decoder[-1].bias, torch.nan)
     with pytest.raises(ValueError, match=r"numbers of .* are not finite"):
-        stored.save_autoencoder(diverged, [0.5], "torque", data=data)
+        _writing.save_autoencoder(diverged, [0.5], "torque", data=data)
     with pytest.raises(ValueError, match=r"numbers of losses are not finite"):
-        stored.save(replace(trained, losses=np.array([0.3, np.nan])), data=data)
+        _writing.save(replace(trained, losses=np.array([0.3, np.nan])), data=data)
     assert contents(data) == before
 
 
@@ -455,7 +456,7 @@ def test_a_target_is_a_mask_of_the_right_size_with_cloth_in_it(data):
         np.full((96, 128), 0.3),
     ):
         with pytest.raises(ValueError, match=r"cloth image|no cloth"):
-            stored.save_target(wrong, "target-1", data=data)
+            _writing.save_target(wrong, "target-1", data=data)
     assert contents(data) == before
     cv2.imwrite(str(data / "targets" / "small.png"), np.full((48, 64), 255, np.uint8))
     with pytest.raises(
@@ -467,13 +468,13 @@ def test_a_target_is_a_mask_of_the_right_size_with_cloth_in_it(data):
 
 def test_the_folder_is_the_one_that_is_named(data, monkeypatch, tmp_path):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert stored.data_folder() == data
+    assert _store.data_folder() == data
     assert stored.load("torque-0").name == "torque-0"
-    assert stored.data_folder(tmp_path) == tmp_path, (
+    assert _store.data_folder(tmp_path) == tmp_path, (
         "an argument goes before the environment"
     )
     monkeypatch.setenv("CLOTHLAB_DATA", "")
-    assert stored.data_folder().name == "data"
+    assert _store.data_folder().name == "data"
 
 
 @pytest.mark.parametrize("where", ["nowhere", "results/simulation.csv"])
@@ -483,8 +484,8 @@ def test_a_missing_folder_is_named_with_what_would_help(
     monkeypatch.setenv("CLOTHLAB_DATA", str(data / where))
     for use in (
         stored.load,
-        stored.check_data,
-        lambda: stored.save_target(square, "x"),
+        _store.check_data,
+        lambda: _writing.save_target(square, "x"),
     ):
         with pytest.raises(
             FileNotFoundError,
@@ -498,11 +499,11 @@ def test_recordings_go_where_the_environment_says_and_are_read_from_there(
 ):
     home = tmp_path / "home"
     monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert stored.own_trials() == data / stored.OWN_TRIALS
+    assert _store.own_trials() == data / _store.OWN_TRIALS
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("CLOTHLAB_RECORDINGS", "~/recordings")
-    assert stored.own_trials() == home / "recordings"
-    assert stored.own_trials(data) == data / stored.OWN_TRIALS, (
+    assert _store.own_trials() == home / "recordings"
+    assert _store.own_trials(data) == data / _store.OWN_TRIALS, (
         "whoever names a folder gets it"
     )
     save_trial(trial[:3], home / "recordings" / "first.npz")

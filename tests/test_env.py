@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
+from clothlab.simulation._mjcf import build_spec, onlooker
+from clothlab.simulation._rendering import Renderers
 from clothlab.simulation.arm import JOINTS, TorqueArm
 from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import (
-    CONTROL_PERIOD,
-    ClothEnv,
-    Scene,
-    SimulationError,
-    build_spec,
-    onlooker,
-)
-from clothlab.simulation.rendering import Renderers
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, SimulationError
+from clothlab.simulation.scene import Scene
 
 # It diverges
 STIFF = replace(
@@ -229,7 +224,7 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
 def test_a_process_forked_after_drawing_says_so_rather_than_wait_for_ever(
     env, monkeypatch
 ):
-    monkeypatch.setattr("clothlab.simulation.rendering._drew_first", 1)
+    monkeypatch.setattr("clothlab.simulation._rendering._drew_first", 1)
     with pytest.raises(RuntimeError, match=r"was forked .*start it afresh"):
         Renderers().get(env.model, 96, 128)
 

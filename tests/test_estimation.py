@@ -212,3 +212,22 @@ def test_the_warm_up_counts_only_where_the_window_begins_in_a_motion(listening, 
             )
     assert counted[True][:21] == [0] * 5 + [*range(5, 20)] + [12]
     assert counted[False][12:21] == [0, *range(5, 13)]
+
+
+@pytest.mark.parametrize("warmup", [-1, 38, 2.0])
+def test_a_warmup_outside_of_the_window_is_refused(listening, run, warmup):
+    s, u = torch.as_tensor(run.s[:39]), torch.as_tensor(run.u[:39])
+    with pytest.raises((ValueError, TypeError), match="warmup"):
+        prediction_loss(listening, s, u, torch.zeros(2), warmup)
+
+
+def test_the_longest_warmup_leaves_one_step(listening, run):
+    """Its loss is that of the last prediction alone."""
+    s, u = torch.as_tensor(run.s[:39]), torch.as_tensor(run.u[:39])
+    p = torch.zeros(2)
+    predicted, _ = listening(s[None, :-1], u[None, :-1], p[None])
+
+    found = prediction_loss(listening, s, u, p, warmup=37)
+
+    last = ((predicted[0, -1] - s[-1]) / listening.s_std).square().mean()
+    torch.testing.assert_close(found, last)

@@ -6,8 +6,9 @@ import pytest
 import torch
 from torch import nn
 
+from clothlab.method._rollouts import PlainRollout, rollout_of
 from clothlab.method.control import Controller
-from clothlab.method.fast_rollout import FastDPMPB, PlainRollout, rollout_of
+from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.model import DPMPB, Memory, predict
 
 P = torch.tensor([0.3, -0.2], dtype=torch.float64)

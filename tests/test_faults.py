@@ -20,6 +20,7 @@ import mmap, os, random, resource, signal, sys, time
 from pathlib import Path
 import numpy as np
 import torch
+from clothlab.data import _writing
 from clothlab import data as stored
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
@@ -35,7 +36,7 @@ about = {"cloth": get_cloth("damp0.05-mass0.10"), "arm": "torque", "policy": "x"
 def save_mask(n, data):
     mask = np.zeros((96, 128), bool)
     mask.ravel()[: n + 1] = True
-    stored.save_target(mask, "x", data=data)
+    _writing.save_target(mask, "x", data=data)
 
 def read_trial(data):
     u = load_trial(data / "x.npz").commands * 1e6
@@ -52,7 +53,7 @@ def write_checkpoint(n, data):
 WRITE = {
     "checkpoint": write_checkpoint,
     "trial": lambda n, data: save_trial(make_trial(n), data / "x.npz"),
-    "weights": lambda n, data: stored.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
+    "weights": lambda n, data: _writing.save_autoencoder(network, [float(n)] * 3, "x", data=data, overwrite=True),
     "target": save_mask,
 }
 READ = {

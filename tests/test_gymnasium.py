@@ -13,7 +13,8 @@ from gymnasium.wrappers import RecordVideo, RescaleAction, TimeLimit
 import studies.table_scene  # noqa: F401, which registers its environment
 from clothlab.method.rollout import EpisodeEnded
 from clothlab.policies import RandomPolicy, ReplayPolicy
-from clothlab.simulation.env import ClothEnv, Scene
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
 from clothlab.trials import Trial, rollout
 
 SMALL = Scene(settle_time=0.2, picture_size=(96, 128))

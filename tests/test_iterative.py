@@ -11,20 +11,19 @@ import pytest
 import torch
 
 from clothlab.method import control
+from clothlab.method._experience import Attempt, Experience
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import ControlPolicy, observe
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import (
-    Attempt,
-    Experience,
     IterativeLearningSettings,
     IterativeSearch,
     ResidualModel,
     nearest_plans,
 )
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import rollout
 
 RNG = np.random.default_rng(0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from clothlab import data
+from clothlab import _store
 from clothlab.lab import LivePanel, RecordedRun
 from clothlab.lab._playback import _SHOWN, RECORDING, SessionRecording, load_recording
 
@@ -38,7 +38,7 @@ def test_a_recording_keeps_what_is_new_at_each_step(recording):
 def test_the_stored_run_begins_with_random_commands_and_ends_with_learning():
     drivers = [shot["state"]["driver"] for shot in load_recording() if "state" in shot]
     assert list(dict.fromkeys(drivers)) == ["manual", "random", "control", "iterative"]
-    assert (data.data_folder() / RECORDING).stat().st_size < 4e6
+    assert (_store.data_folder() / RECORDING).stat().st_size < 4e6
 
 
 def test_a_damaged_or_missing_recording_is_refused_in_a_sentence(recording):

@@ -10,7 +10,7 @@ import pytest
 
 import studies
 from clothlab import data
-from clothlab.calibration import EstimateReport, inside
+from clothlab._certainty import EstimateReport, inside
 from clothlab.lab import _views as views
 from clothlab.lab._drivers import Period
 from clothlab.lab._equipment import SETUPS

@@ -6,8 +6,9 @@ import shutil
 
 import pytest
 
-from clothlab import data as stored
+from clothlab import _store
 from clothlab.__main__ import check_files, pins_of
+from clothlab.data import _writing
 
 
 @pytest.fixture
@@ -16,11 +17,11 @@ def data(tmp_path, square, monkeypatch):
     leaves out.
     """
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    stored.save_target(square, "a")
-    stored.save_target(square, "drawn/b")
+    _writing.save_target(square, "a")
+    _writing.save_target(square, "drawn/b")
     (tmp_path / "trials" / "train-more").mkdir(parents=True)
     (tmp_path / "trials" / "train-more" / "00.npz").write_bytes(b"00")
-    stored.write_checksums()
+    _store.write_checksums()
     return tmp_path
 
 
@@ -33,7 +34,7 @@ def test_what_is_left_to_make_data_is_counted_and_is_no_fault(data, capsys):
 def test_each_fault_comes_with_its_cure(data, square, capsys):
     (data / "trials" / "train-more" / "00.npz").write_bytes(b"other")
     (data / "targets" / "a.png").unlink()
-    stored.save_target(square, "c")
+    _writing.save_target(square, "c")
     assert check_files() == [
         "data/targets/a.png is missing: restore it with `git checkout data/targets/a.png`",
         "data/targets/c.png is not recorded: record its hash with `python -m clothlab checksums`",

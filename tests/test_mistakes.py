@@ -8,17 +8,17 @@ import torch
 
 import studies
 from clothlab import _store, analysis, plots
-from clothlab.calibration import best_bias, calibrate
+from clothlab.calibration import calibrate
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, train_autoencoder
 from clothlab.method.cloth_task import ControlPolicy, period_mask
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, prediction_loss
-from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
+from clothlab.method.gauss_newton import NewtonEstimator, best_bias, estimate_bias
 from clothlab.method.iterative import IterativeSearch, nearest_plans
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import cloth_name, foam
 from clothlab.trials import recorded_plans
 from studies import datasets

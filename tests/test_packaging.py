@@ -148,7 +148,7 @@ def test_the_method_is_trained_saved_loaded_and_steers_in_a_fresh_environment(ba
         ),
         (
             "from clothlab import load",
-            "clothlab.load needs cv2: pip install 'clothlab[cloth]'",
+            "clothlab.load needs mujoco: pip install 'clothlab[cloth]'",
         ),
         (
             "import clothlab.simulation",

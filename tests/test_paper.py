@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from clothlab.masks import HEIGHT, WIDTH
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.control import ControlSettings, step_sizes
+from clothlab.method.control import ControlSettings
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
 from clothlab.simulation.arm import MuscleArm
@@ -70,7 +70,7 @@ def test_control_has_the_constants_of_the_paper():
     found = ControlSettings()
     assert (found.horizon, found.candidates, found.largest_step) == (8, 30, 1.0)
     assert (found.iterations, found.period, found.warm_start) == (3, 8, "last")
-    sizes = step_sizes(found)
+    sizes = found.step_sizes()
     assert len(sizes) == 30
     assert sizes[0] == 0
     assert sizes[-1] == 1

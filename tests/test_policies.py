@@ -5,9 +5,11 @@ are given.
 import numpy as np
 import pytest
 
-from clothlab.method.policy import Policy, Wrapper, as_policy
+from clothlab.method._wrapping import Wrapper, as_policy
+from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation.arm import ARMS, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import ARMS
 from clothlab.trials import rollout
 
 POLICIES = {

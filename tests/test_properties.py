@@ -25,25 +25,29 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from PIL import Image
 
 import clothlab
-from clothlab import analysis, data as stored, policies, trials
+from clothlab import _store, analysis, data as stored, policies, trials
 from clothlab._validation import Checked
 from clothlab.cloth_checkpoint import ClothCheckpoint
+from clothlab.data import _writing
 from clothlab.method import autoencoder, estimation, gauss_newton
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
-from clothlab.simulation import arm, cloth, env, stiffness, vision
+from clothlab.simulation import cloth, env, stiffness, vision
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation._mask_files import mask_from_file
+from clothlab.simulation.scene import Scene
 
 pytestmark = pytest.mark.slow  # a thousand inputs
 
 # In all; `make nightly` asks for ten times as many
 INPUTS = int(os.environ.get("CLOTHLAB_INPUTS", "1000"))
 ERRORS = (ValueError, KeyError, TypeError, FileNotFoundError)
-TORQUE, MUSCLE = arm.get_arm("torque"), arm.get_arm("muscle")
+TORQUE, MUSCLE = get_arm("torque"), get_arm("muscle")
 
 
 @cache
 def scene() -> env.ClothEnv:
-    return env.ClothEnv("torque", "damp0.05-mass0.10", scene=env.Scene(settle_time=0.2))
+    return env.ClothEnv("torque", "damp0.05-mass0.10", scene=Scene(settle_time=0.2))
 
 
 @cache
@@ -104,7 +108,7 @@ def aimed(target: Any, p: Any) -> policies.Policy:
 THETA, U3 = [0.1, -0.4], [0.1, -0.4, 30.0]
 DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "get_cloth": (cloth.get_cloth, {"cloth": "soft-1"}),
-    "get_arm": (arm.get_arm, {"arm": "muscle"}),
+    "get_arm": (get_arm, {"arm": "muscle"}),
     "with_stiffness": (MUSCLE.with_stiffness, {"f_const": 20.0}),
     "hand": (TORQUE.hand, {"theta": THETA}),
     "hand_jacobian": (TORQUE.hand_jacobian, {"theta": THETA}),
@@ -149,7 +153,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "ReplayPolicy": (policies.ReplayPolicy, {"commands": [THETA, THETA]}),
     "cloth_mask": (vision.cloth_mask, {"rgb": np.zeros((96, 128, 3), np.uint8)}),
     "chamfer_distance": (vision.chamfer_distance, {"a": square(), "b": square()}),
-    "mask_from_file": (vision.mask_from_file, {"content": picture_file()}),
+    "mask_from_file": (mask_from_file, {"content": picture_file()}),
     "encode": (
         lambda images: autoencoder.encode(learned().autoencoder, images),
         {"images": square()[None]},
@@ -161,7 +165,7 @@ DOORS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load": (stored.load, {"name": "x-0"}),
     "load_trials": (stored.load_trials, {"name": "short"}),
     "load_target": (stored.load_target, {"name": "a"}),
-    "save_target": (stored.save_target, {"mask": square(), "name": "b"}),
+    "save_target": (_writing.save_target, {"mask": square(), "name": "b"}),
     "estimator": (estimator, {"p": np.zeros(2), "s": np.zeros(7), "u": np.zeros(2)}),
     "estimate_bias": (
         lambda p: gauss_newton.estimate_bias(learned().model, run(), p),
@@ -334,10 +338,10 @@ def data(tmp_path_factory) -> Path:
         (folder / "trials" / "short" / "00.npz").read_bytes()[:-50]
     )
     (folder / "README.txt").write_text("no trial")
-    stored.save_target(square(), "a", data=folder)
-    stored.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
-    stored.save(learned(), data=folder)
-    stored.write_checksums(folder)
+    _writing.save_target(square(), "a", data=folder)
+    _writing.save_autoencoder(learned().autoencoder, [0.1], "x", data=folder)
+    _writing.save(learned(), data=folder)
+    _store.write_checksums(folder)
     return folder
 
 

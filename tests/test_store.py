@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from clothlab import __version__, _store, data
+from clothlab.data import _writing
 from clothlab.trials import load_trial, save_trial
 
 
@@ -36,11 +37,11 @@ def served(tmp_path_factory, trial, squares):
     """A folder `data/` that is served, its address, and what was asked of it."""
     folder = tmp_path_factory.mktemp("served")
     for name, mask in squares.items():
-        data.save_target(mask, name, data=folder)
+        _writing.save_target(mask, name, data=folder)
     save_trial(trial, folder / "trials" / "train" / "one.npz")
     save_trial(trial[:5], folder / "trials" / "train" / "two.npz")
     save_trial(trial[:3], folder / "trials" / "train-more" / "00.npz")
-    data.write_checksums(folder)
+    _store.write_checksums(folder)
 
     asked: list[str] = []
     handler = partial(_Silent, asked, directory=str(folder))
@@ -76,7 +77,7 @@ def cache(served, monkeypatch, tmp_path):
 
 def test_a_file_is_fetched_when_it_is_first_asked_for(served, cache, squares):
     _, _, asked = served
-    assert data.data_folder() == cache
+    assert _store.data_folder() == cache
     assert np.array_equal(data.load_target("target-1"), squares["target-1"])
     assert np.array_equal(data.load_target("target-1"), squares["target-1"])
     assert asked == ["targets/target-1.png"], "once"
@@ -113,7 +114,7 @@ def test_a_file_altered_on_the_way_is_refused_and_not_kept(served, cache, monkey
 def test_a_file_altered_in_the_cache_is_fetched_again(served, cache, squares):
     data.load_target("target-1")
     (cache / "targets" / "target-1.png").write_bytes(b"spoilt")
-    assert data.check_data()["targets/target-1.png"] == "altered"
+    assert _store.check_data()["targets/target-1.png"] == "altered"
     assert np.array_equal(data.load_target("target-1"), squares["target-1"])
 
 
@@ -141,14 +142,14 @@ def test_recordings_beyond_the_papers_amount_have_to_be_made(served, cache):
 
 
 def test_ones_own_files_lie_beside_the_fetched_ones(served, cache, trial, squares):
-    save_trial(trial[:3], data.own_trials() / "a.npz")
-    data.save_target(squares["target-1"], "mine")
+    save_trial(trial[:3], _store.own_trials() / "a.npz")
+    _writing.save_target(squares["target-1"], "mine")
     assert [len(each) for each in data.load_trials("mine")] == [3]
     assert list(data.load_targets()) == ["mine", "target-1"]
     with pytest.raises(ValueError, match=r"targets/target-1.png is a fetched file"):
-        data.save_target(squares["drawn/bar"], "target-1")
+        _writing.save_target(squares["drawn/bar"], "target-1")
     with pytest.raises(ValueError, match="fetched files keep their hashes"):
-        data.write_checksums()
+        _store.write_checksums()
 
 
 def test_the_state_of_the_cache_is_told_and_what_is_not_there_yet_is_no_fault(
@@ -160,7 +161,7 @@ def test_the_state_of_the_cache_is_told_and_what_is_not_there_yet_is_no_fault(
     ]
     assert len(_store.fetchable()) == 4
     data.load_target("target-1")
-    assert data.check_data() == {
+    assert _store.check_data() == {
         "targets/drawn/bar.png": "left to fetch",
         "targets/target-1.png": "ok",
         "trials/train-more/00.npz": "left to `make data`",

@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from clothlab.method._optimise import best_device, minimise, seeded
 from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
 from clothlab.method.data import Run
-from clothlab.method.training import (
-    ModelTraining,
-    best_device,
-    minimise,
-    seeded,
-    train_dpmpb,
-)
+from clothlab.method.training import ModelTraining, train_dpmpb
 
 
 def test_a_fit_finds_a_minimum_with_smaller_and_smaller_steps():

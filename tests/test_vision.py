@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.masks import check_mask, check_masks, iou
-from clothlab.simulation.vision import chamfer_distance, cloth_mask, mask_from_file
+from clothlab._validation import check_mask, check_masks
+from clothlab.masks import iou
+from clothlab.simulation._mask_files import mask_from_file
+from clothlab.simulation.vision import chamfer_distance, cloth_mask
 
 RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
 

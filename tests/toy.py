@@ -12,7 +12,7 @@ from torch import nn
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB, Memory
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS, get_cloth
 from clothlab.trials import Trial
 

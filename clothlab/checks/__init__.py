@@ -7,7 +7,7 @@ variables nor `data/`, and `seed=` repeats a run. Each notebook's checks stand i
 file of its name, after an underscore.
 """
 
-from clothlab.checks._check import CheckFailed, Unanswered
+from clothlab.checks._check import CheckFailed
 from clothlab.checks._cloth_simulation import count_springs, euler_step
 from clothlab.checks._data_and_images import (
     bce_loss,

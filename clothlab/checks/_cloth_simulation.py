@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from clothlab.checks._check import array, check, expect
-from clothlab.simulation.cloth import Cloth, get_cloth, hanging_points, springs
+from clothlab.simulation._lattice import springs
+from clothlab.simulation.cloth import Cloth, get_cloth, hanging_points
 
 _CLOTH = get_cloth("damp0.05-mass0.10")  # in the middle of the trained ones
 _GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s²]

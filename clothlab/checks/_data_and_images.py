@@ -9,8 +9,8 @@ from scipy.spatial.distance import cdist
 from torch import Tensor
 from torch.nn import functional as F
 
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.checks._check import apart, array, check, drawn, expect, number
-from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.vision import chamfer_distance
 
 _PIXELS = HEIGHT * WIDTH

@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_flag, check_number, choose
+from clothlab._validation import (
+    HEIGHT,
+    WIDTH,
+    check_array,
+    check_flag,
+    check_number,
+    choose,
+)
 from clothlab.lab._targets import uploaded_mask
-from clothlab.masks import HEIGHT, WIDTH
 from clothlab.simulation.arm import Arm
 
 if TYPE_CHECKING:

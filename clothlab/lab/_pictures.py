@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from clothlab import plots
 from clothlab._alt_text import AltText, describe
-from clothlab.masks import HEIGHT, WIDTH
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 

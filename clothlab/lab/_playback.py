@@ -14,7 +14,7 @@ import cv2
 import ipywidgets
 import numpy as np
 
-from clothlab import data
+from clothlab import _store
 from clothlab._alt_text import AltText
 from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab.lab._clock import LoopCallbacks
@@ -66,7 +66,7 @@ class SessionRecording:
 def load_recording(path: Path | None = None) -> list[_Frame]:
     """Read a recorded run, by default the one that belongs to the data."""
     if path is None:
-        path = data.data_folder() / RECORDING
+        path = _store.data_folder() / RECORDING
     if not path.is_file():
         raise FileNotFoundError(
             f"there is no recorded run in {path}: `make demonstration` makes one"

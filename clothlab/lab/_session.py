@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import data
+from clothlab import _store
 from clothlab._validation import check_array, choose
 from clothlab.lab._drivers import DRIVERS, Period
 from clothlab.lab._equipment import Equipment
 from clothlab.lab._recorder import Recorder
 from clothlab.method.autoencoder import decode, encode
 from clothlab.method.cloth_task import observe
-from clothlab.simulation.arm import check_command
 from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
-from clothlab.simulation.env import ClothEnv, Scene, SimulationError
+from clothlab.simulation.env import ClothEnv, SimulationError
+from clothlab.simulation.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class LiveSession:
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
-        recordings: folder for recorded trials; by default `data.own_trials()`,
-            which `load_trials("mine")` reads.
+        recordings: folder for recorded trials; by default the one that
+            `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
     """
 
@@ -78,7 +78,7 @@ class LiveSession:
         self.exploring = True
         self.estimating = False  # whether p follows what is observed
         self.seed = 0  # of the random numbers since the last reset
-        self.recorder = Recorder(recordings or data.own_trials())
+        self.recorder = Recorder(recordings or _store.own_trials())
         self.set_arm(arm)
 
     def set_arm(self, name: str) -> None:
@@ -192,7 +192,7 @@ class LiveSession:
 
     def set_hand(self, u: ArrayLike) -> None:
         """Command `[D_u]` for the driver "manual"."""
-        self.hand = check_command(self.arm, u)
+        self.hand = self.arm.check_command(u)
 
     def set_tension(self, f_const: float | None) -> None:
         """Fix the stiffness command of a muscle arm [N] for every driver.

@@ -6,9 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab.masks import check_mask, iou
-from clothlab.method.autoencoder import Autoencoder, decode, encode, known_target
-from clothlab.simulation.vision import chamfer_distance, mask_from_file
+from clothlab._validation import check_mask
+from clothlab.masks import iou
+from clothlab.method._drawable import known_target
+from clothlab.method.autoencoder import Autoencoder, decode, encode
+from clothlab.simulation._mask_files import mask_from_file
+from clothlab.simulation.vision import chamfer_distance
 from clothlab.trials import Trial
 
 # Of the recorded images, one in so many is compared with drawn ones

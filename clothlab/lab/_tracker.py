@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import data
-from clothlab.calibration import Calibration, EstimateReport, calibrate
+from clothlab._certainty import EstimateReport
+from clothlab.calibration import Calibration, calibrate
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.analysis import nearest_material
 from clothlab.lab._drivers import DRIVERS
 from clothlab.lab._equipment import SETUPS
@@ -16,11 +17,11 @@ from clothlab.lab._plane import Plane
 from clothlab.lab._session import LiveSession, StepInfo
 from clothlab.lab._targets import LARGEST_FILE, Aim
 from clothlab.lab._traces import traces
-from clothlab.masks import HEIGHT, WIDTH
 from clothlab.method.autoencoder import decode, encode
+from clothlab.simulation._mjcf import onlooker
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
-from clothlab.simulation.env import CONTROL_PERIOD, onlooker
+from clothlab.simulation.env import CONTROL_PERIOD
 
 HISTORY = 150  # steps that the traces show, 30 s
 # Lowest, highest, step. Measured with random swinging at the lowest C_damp: below 0.042

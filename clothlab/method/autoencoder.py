@@ -15,14 +15,16 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from clothlab._validation import (
+    HEIGHT,
+    WIDTH,
     Checked,
     check_array,
+    check_masks,
     check_number,
     setting,
     settings_or_default,
 )
-from clothlab.masks import HEIGHT, WIDTH, check_masks, iou
-from clothlab.method.training import best_device, minimise, seeded
+from clothlab.method._optimise import best_device, minimise, seeded
 
 # Five 3×3 convolutions of stride 2; the paper does not give their widths.
 _CHANNELS = (1, 8, 16, 32, 64, 128)
@@ -31,7 +33,6 @@ _SMALL = (HEIGHT // 32, WIDTH // 32)  # the image after five convolutions [pixel
 _FLAT = _CHANNELS[-1] * _SMALL[0] * _SMALL[1]
 
 _AT_ONCE = 256  # images that are encoded or decoded together
-_CANNOT_DRAW = 0.6  # IoU with its reconstruction below which an image is not drawn
 
 
 class Autoencoder(nn.Module):
@@ -221,19 +222,3 @@ def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
     flat = torch.as_tensor(z.reshape(-1, model.latent_size))
     logits = torch.cat([model.decoder(part) for part in flat.split(_AT_ONCE)])
     return logits.sigmoid().reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
-
-
-def known_target(model: Autoencoder, mask: ArrayLike, images: ArrayLike) -> np.ndarray:
-    """An image `[H, W]` to aim at that the autoencoder can draw.
-
-    That is the target mask `[H, W]` itself where it can be drawn. If its reconstruction
-    has little in common with it, its z is that of another shape; then the most similar
-    of recorded images `[B, H, W]` takes its place, where that is more like it.
-    """
-    drawn = decode(model, encode(model, mask)) > 0.5
-    own = iou(drawn, mask)
-    if own < _CANNOT_DRAW:
-        overlap = iou(images, mask)
-        if overlap.max() > own:
-            return np.asarray(images)[overlap.argmax()]
-    return check_masks(mask)

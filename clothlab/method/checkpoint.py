@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from clothlab._files import reading, write_bytes
 from clothlab._validation import check_array, check_kind, check_number
+from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
     check_free,
@@ -26,7 +27,6 @@ from clothlab.method._weights import (
     unpacked,
 )
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
 

@@ -3,26 +3,21 @@
 Source: the paper's section on control, eq. 8.
 """
 
-from typing import Protocol
-
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_number, settings_or_default
-from clothlab.masks import Observation, check_mask
+from clothlab._validation import check_mask, check_number, settings_or_default
+from clothlab.masks import Observation
+from clothlab.method._arm import ControlledArm
+from clothlab.method._inputs import check_sizes
+from clothlab.method._wrapping import Wrapper
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.control import (
-    TRACED,
-    Controller,
-    ControlSettings,
-    GradientSearch,
-    Search,
-)
+from clothlab.method.control import Controller, ControlSettings, GradientSearch, Search
 from clothlab.method.estimation import Estimator
-from clothlab.method.model import DPMPB, check_model
-from clothlab.method.policy import Policy, Wrapper
+from clothlab.method.model import DPMPB
+from clothlab.method.policy import Policy
 
 
 def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
@@ -100,45 +95,6 @@ class ImageLoss:
         mask = torch.as_tensor(period_mask(t, self._settings))
         weight = self._settings.tension_weight
         return control_loss(states, self.z_ref, mask, self._tensions, weight)
-
-
-class Layout(Protocol):
-    """Where things lie in the state s = (z, robot state)."""
-
-    @property
-    def size(self) -> int:
-        """D_s."""
-
-    @property
-    def z(self) -> slice:
-        """The latent image."""
-
-    @property
-    def tensions(self) -> slice:
-        """The muscle tensions [N]; empty for an arm without muscles."""
-
-
-class ControlledArm(Protocol):
-    """What the policy asks of an arm; those of `clothlab.simulation.arm` have it."""
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-
-    @property
-    def command_lower(self) -> np.ndarray:
-        """Smallest command, `[D_u]`."""
-
-    @property
-    def command_upper(self) -> np.ndarray:
-        """Largest command, `[D_u]`."""
-
-    @property
-    def home_command(self) -> np.ndarray:
-        """The command that the first plan repeats, `[D_u]`."""
-
-    def layout(self, latent_size: int) -> Layout:
-        """Where things lie in s, for a z of so many numbers."""
 
 
 class ControlPolicy(Policy):
@@ -247,22 +203,10 @@ class ControlPolicy(Policy):
         return [] if learned is None else list(learned.expected)
 
 
-def check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
-    """A ValueError for what is no model, or for one that belongs to another arm."""
-    check_model(model)
-    commands = len(arm.command_lower)
-    if (model.state_size, model.command_size) != (layout.size, commands):
-        raise ValueError(
-            f"the model has {model.state_size} states and {model.command_size} "
-            f"commands, the {arm.name} arm has {layout.size} and {commands}; load the "
-            "weights of this arm"
-        )
-
-
 class EstimatingPolicy(Wrapper):
     """Any policy, while p is estimated from what it does and given to it.
 
-    `trace` has p `[D_p]` after each step, the last `TRACED` of them.
+    `trace` has p `[D_p]` after each step, of the last `ControlSettings.traced`.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
@@ -283,6 +227,6 @@ class EstimatingPolicy(Wrapper):
         u = self.policy(observation)
         s = observe(self.autoencoder, observation)
         p = self.estimator.update(s, u)
-        self.trace = [*self.trace, p][-TRACED:]
+        self.trace = [*self.trace, p][-ControlSettings.traced :]
         self.policy.set_bias(p)
         return u

@@ -14,7 +14,7 @@ import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -28,15 +28,14 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method.fast_rollout import Rollout, rollout_of
-from clothlab.method.model import DPMPB, Memory, check_model
+from clothlab.method._inputs import check_model
+from clothlab.method._rollouts import Rollout, rollout_of
+from clothlab.method.model import DPMPB, Memory
 
 # The loss [B] of predicted states [B, T, D_s] and the commands [B, T, D_u] that lead to
 # them, sent from control step t on.
 Loss = Callable[[Tensor, Tensor, int], Tensor]
-LossOfPlans = Callable[[Tensor], Tensor]  # plans [B, T, D_u] → loss of each [B]
-
-TRACED = 10_000  # steps that a trace keeps, half an hour at 5 Hz
+_LossOfPlans = Callable[[Tensor], Tensor]  # plans [B, T, D_u] → loss of each [B]
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,19 @@ class ControlSettings(Checked):
     # w_loss, the price of muscle tensions in the loss of an image.
     tension_weight: float = setting(0.001, "1/N", at_least=0)
 
+    # Entries that a trace keeps: of steps, half an hour.
+    traced: ClassVar[int] = 10_000
+
+    def step_sizes(self) -> Tensor:
+        """Values of gamma to try, `[candidates]`, on a logarithmic scale.
+
+        The first is 0: staying where it is keeps the loss from rising.
+        """
+        low = np.log10(self.smallest_step)
+        high = np.log10(self.largest_step)
+        rising = torch.logspace(low, high, self.candidates - 1)
+        return torch.cat([torch.zeros(1), rising])
+
 
 class Limits(NamedTuple):
     """Between which commands a plan must lie, and in what unit it is changed."""
@@ -68,19 +80,8 @@ class Limits(NamedTuple):
     scale: Tensor
 
 
-def step_sizes(settings: ControlSettings) -> Tensor:
-    """Values of gamma to try, `[candidates]`, on a logarithmic scale.
-
-    The first is 0: staying where it is keeps the loss from rising.
-    """
-    low = np.log10(settings.smallest_step)
-    high = np.log10(settings.largest_step)
-    rising = torch.logspace(low, high, settings.candidates - 1)
-    return torch.cat([torch.zeros(1), rising])
-
-
 def steepest_ascent(
-    loss: LossOfPlans, u: Tensor, scale: Tensor
+    loss: _LossOfPlans, u: Tensor, scale: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Losses of plans, and the direction in which each rises (eq. 6).
 
@@ -97,7 +98,7 @@ def steepest_ascent(
 
 @torch.no_grad()
 def best_step(
-    loss: LossOfPlans, u: Tensor, steps: Tensor, limits: Limits
+    loss: _LossOfPlans, u: Tensor, steps: Tensor, limits: Limits
 ) -> tuple[Tensor, Tensor]:
     """The best of several steps from each plan, and its loss (eq. 7).
 
@@ -107,12 +108,13 @@ def best_step(
     candidates = (u - steps).clamp(limits.lower, limits.upper)
     count, plans = candidates.shape[:2]
     losses = loss(candidates.flatten(0, 1)).unflatten(0, (count, plans))
+    losses = losses.masked_fill(losses.isnan(), torch.inf)  # argmin would choose these
     best = losses.argmin(0)
     return candidates[best, torch.arange(plans)], losses.amin(0)
 
 
 def optimise_commands(
-    loss: LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
+    loss: _LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
 ) -> tuple[Tensor, np.ndarray]:
     """Descend the gradient of the loss on the commands (eqs. 5 to 7).
 
@@ -126,9 +128,9 @@ def optimise_commands(
 
     Returns:
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
-        `[iterations + 1]`.
+        `[iterations + 1]`. A ValueError where these are not finite numbers.
     """
-    gamma = step_sizes(settings)[:, None, None, None] * limits.scale
+    gamma = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
     for _ in range(settings.iterations):
@@ -136,6 +138,11 @@ def optimise_commands(
         plan, after = best_step(loss, plan, gamma * direction, limits)
         trace.append(before.item())
     trace.append(after.item())
+    if not np.isfinite(trace).all():
+        raise ValueError(
+            "the loss of the plan, or its gradient, is not a finite number; its losses "
+            f"on the way are {trace}"
+        )
     return plan[0], np.array(trace)
 
 
@@ -322,7 +329,7 @@ class Controller:
 
     @property
     def trace(self) -> list[np.ndarray]:
-        """Losses of each solve since the reset, the last `TRACED` of them.
+        """Losses of each solve since the reset, of the last `ControlSettings.traced`.
 
         Of `GradientSearch`, each has the loss at the start and after each iteration.
         """
@@ -394,7 +401,7 @@ class Controller:
                 t=now.t + 1,
             )
             if found.trace is not None:
-                trace = (*now.trace, found.trace)[-TRACED:]
+                trace = (*now.trace, found.trace)[-self.settings.traced :]
                 after = replace(after, solves=now.solves + 1, trace=trace)
             sent = command.double().numpy()
             self._progress = after

@@ -3,13 +3,13 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from clothlab._validation import Checked, check_array, check_each, check_kind
+from clothlab._validation import Checked, check_array
 from clothlab.method.model import DPMPB
 
 
@@ -44,19 +44,6 @@ class Run(Checked):
     def __getitem__(self, steps: slice) -> "Run":
         """Return a stretch of the run, `run[:100]`."""
         return Run(self.s[steps], self.u[steps], self.material)
-
-
-_ADVICE = ": `learned.to_run(trial)` makes one of a trial"
-
-
-def check_run(run: Any) -> Run:
-    """Return one run; a ValueError for anything else, such as a trial."""
-    return check_kind("run", run, Run, _ADVICE)
-
-
-def check_runs(runs: Any) -> list[Run]:
-    """Return runs as a list; a ValueError says which is none."""
-    return check_each("runs", runs, Run, _ADVICE)
 
 
 def windows(

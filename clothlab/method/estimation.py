@@ -6,7 +6,7 @@ another one. Source: the paper, "Online Estimation".
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,9 +20,9 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method.model import DPMPB, check_model
-
-LARGEST_LOSS = 1e38  # nearly the largest number in single precision
+from clothlab.method._inputs import check_model
+from clothlab.method._rule import LARGEST_LOSS, Moved, Rule, Window
+from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True)
@@ -68,37 +68,6 @@ def prediction_loss(
     seen = s[1 + warmup :]
     losses = [model.loss(each[warmup:], seen) for each in predicted]
     return torch.stack(losses).reshape(p.shape[:-1])
-
-
-class Window(NamedTuple):
-    """The last steps that were observed."""
-
-    s: Tensor  # states [T, D_s]
-    u: Tensor  # commands [T, D_u]
-    warmup: int  # first steps, which only fill the memory
-
-
-class Moved(NamedTuple):
-    """What a rule makes of p."""
-
-    p: np.ndarray  # the new estimate [D_p]
-    loss: float  # of the old one
-    carried: Any = None  # what the rule wants to be given in the next step
-
-
-class Rule(Protocol):
-    """How an estimate moves when a step has been observed."""
-
-    window: int  # steps that it looks back
-
-    def warmup(self, count: int) -> int | None:
-        """How many first of so many steps only fill the memory.
-
-        None where there is nothing to judge yet.
-        """
-
-    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
-        """p `[D_p]` after one step; `carried` is None in the first."""
 
 
 class _State(NamedTuple):

@@ -12,27 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from clothlab.method.model import DPMPB, Memory, predict
-
-
-class _SigmoidTanh(nn.Tanh):
-    """tanh(a) = 2σ(2a) - 1, in half the time on a processor."""
-
-    def forward(self, a: Tensor) -> Tensor:
-        return 2 * torch.sigmoid(2 * a) - 1
-
-
-def quicken(model: DPMPB) -> DPMPB:
-    """Give a model the quicker tanh, and return it. It computes the same.
-
-    Trainings use it, and stored models have it: tanh is a fifth of a training's time,
-    and stored results were made with its rounding, of which a closed loop makes much.
-    """
-    for part in (model.fc_in, model.fc_out):
-        for k, layer in enumerate(part):
-            if type(layer) is nn.Tanh:
-                part[k] = _SigmoidTanh()
-    return model
+from clothlab.method._quick_tanh import SigmoidTanh
+from clothlab.method.model import DPMPB, Memory
 
 
 class _Layer(NamedTuple):
@@ -76,15 +57,30 @@ class FastDPMPB:
     """
 
     def __init__(self, model: DPMPB, p: Tensor):
-        if not _can_fold(model):
+        if not self.can_fold(model):
             raise ValueError(
                 f"this {type(model).__name__} has a forward or layers of its own, "
-                "which can't be folded: `rollout_of` chooses the plain rollout for it"
+                "which can't be folded: use `predict`, as controllers do for it"
             )
         self._s_mean = model.s_mean
         self._s_std = model.s_std
         with torch.no_grad():
             self._net = _fold(model, p)
+
+    @staticmethod
+    def can_fold(model: DPMPB) -> bool:
+        """Whether the network is the paper's, layer by layer."""
+        lstm = model.lstm
+        return (
+            type(model).forward is DPMPB.forward
+            and _kinds(model.fc_in) == "LT" * 3
+            and _kinds(model.fc_out) == "LT" * 3 + "L"
+            and type(lstm) is nn.LSTM
+            and lstm.num_layers == 2
+            and not lstm.bidirectional
+            and not lstm.proj_size
+            and lstm.bias
+        )
 
     def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
         """Predict states `[B, T, D_s]`, each from the prediction before.
@@ -135,83 +131,10 @@ class FastDPMPB:
         return predicted, Memory(torch.stack(h), torch.stack(c))
 
 
-class PlainRollout:
-    """The same two calls by the model's own forward, for a network of another kind.
-
-    Args:
-        model: any DPMPB, also one that `FastDPMPB` can't fold.
-        p: parametric bias, `[D_p]`.
-    """
-
-    def __init__(self, model: DPMPB, p: Tensor):
-        self._model = model
-        self._p = p
-
-    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
-        """Predict states `[B, T, D_s]`, as `FastDPMPB` does."""
-        return predict(self._model, s, u, self._p, memory)
-
-    @torch.no_grad()
-    def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
-        """The recurrent state after one observed step, as `FastDPMPB` has it."""
-        s = s.reshape(-1, 1, s.shape[-1])
-        u = u.reshape(-1, 1, u.shape[-1])
-        _, memory = self._model(s, u, self._p, memory)
-        return memory
-
-
-Rollout = FastDPMPB | PlainRollout
-
-
-def rollout_of(model: DPMPB) -> type[Rollout]:
-    """The fast rollout where it computes what the model does, else the plain one.
-
-    The fast one is a second copy of the network. A subclass with a norm, another
-    activation or a residual connection would be trained as itself and controlled as
-    something else. So layers are looked at, and both are compared once.
-    """
-    if _can_fold(model) and _agrees(model):
-        return FastDPMPB
-    return PlainRollout
-
-
-def _can_fold(model: DPMPB) -> bool:
-    """Whether the network is the paper's, layer by layer."""
-    lstm = model.lstm
-    return (
-        type(model).forward is DPMPB.forward
-        and _kinds(model.fc_in) == "LT" * 3
-        and _kinds(model.fc_out) == "LT" * 3 + "L"
-        and type(lstm) is nn.LSTM
-        and lstm.num_layers == 2
-        and not lstm.bidirectional
-        and not lstm.proj_size
-        and lstm.bias
-    )
-
-
 def _kinds(layers: nn.Sequential) -> str:
     """L for each linear layer, T for each tanh, ? for any other."""
-    names = {nn.Linear: "L", nn.Tanh: "T", _SigmoidTanh: "T"}
+    names = {nn.Linear: "L", nn.Tanh: "T", SigmoidTanh: "T"}
     return "".join(names.get(type(layer), "?") for layer in layers)
-
-
-@torch.no_grad()
-def _agrees(model: DPMPB) -> bool:
-    """Whether both predict the same within rounding, from drawn states and commands."""
-    generator = torch.Generator().manual_seed(0)
-
-    def drawn(*shape: int) -> Tensor:
-        return torch.randn(shape, generator=generator).to(model.s_mean)
-
-    s = model.s_mean + model.s_std * drawn(model.state_size)
-    u = model.u_mean + model.u_std * drawn(4, 3, model.command_size)
-    p = drawn(model.bias_size)
-    memory = Memory(*(part.to(model.s_mean) for part in model.initial_memory()))
-    fast = FastDPMPB(model, p)(s, u, memory)
-    plain = predict(model, s, u, p, memory)
-    gaps = (fast - plain) / model.s_std
-    return bool(gaps.abs().max() < 1e-3)
 
 
 def _next_cell(f: Tensor, c: Tensor, i: Tensor, g: Tensor) -> Tensor:

@@ -20,14 +20,10 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method.data import Run, check_run
-from clothlab.method.estimation import (
-    LARGEST_LOSS,
-    BiasEstimator,
-    Estimator,
-    Moved,
-    Window,
-)
+from clothlab.method._inputs import check_run
+from clothlab.method._rule import LARGEST_LOSS, Moved, Window
+from clothlab.method.data import Run
+from clothlab.method.estimation import BiasEstimator, Estimator
 from clothlab.method.model import DPMPB
 
 _NUDGE = 0.03  # of p, by which its neighbours differ

@@ -24,17 +24,17 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from clothlab._validation import Checked, check_array, setting, settings_or_default
+from clothlab.method._experience import Attempt, Experience
+from clothlab.method._inputs import check_runs
 from clothlab.method.control import (
-    TRACED,
     ControlSettings,
     Limits,
     Problem,
     Solution,
     best_step,
     steepest_ascent,
-    step_sizes,
 )
-from clothlab.method.data import Run, check_runs
+from clothlab.method.data import Run
 from clothlab.method.model import DPMPB, Memory
 
 # Each step of a descent tries few sizes, since many plans are improved at once.
@@ -89,7 +89,7 @@ class IterativeLearningSettings(Checked):
         return torch.cat([plan, start.expand(len(u), -1)], dim=1)
 
 
-class RecordedPlans(NamedTuple):
+class _RecordedPlans(NamedTuple):
     """Stretches of recorded commands, and what they led to."""
 
     u: np.ndarray  # commands [N, T, D_u]
@@ -100,7 +100,7 @@ class RecordedPlans(NamedTuple):
 
 def nearest_plans(
     runs: Sequence[Run], z_ref: ArrayLike, horizon: int = 8, count: int = 150
-) -> RecordedPlans:
+) -> _RecordedPlans:
     """The recorded plans after which z was seen nearest to a target, best first.
 
     Args:
@@ -136,7 +136,7 @@ def nearest_plans(
     found.sort(key=lambda plan: plan[1])
     u, distance, material = zip(*found[:count], strict=True)
     plans = np.stack(u).astype(np.float64)
-    return RecordedPlans(plans, np.array(distance), np.array(material))
+    return _RecordedPlans(plans, np.array(distance), np.array(material))
 
 
 def _check_longer(runs: Sequence[Run], horizon: int) -> None:
@@ -184,38 +184,7 @@ def _kernel(a: Tensor, b: Tensor) -> Tensor:
     return torch.exp(-0.5 * (a[:, None] - b).square().sum(-1))
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One period: a plan, where it started, and where it led."""
-
-    s: Tensor  # state at its start [D_s]
-    memory: Memory  # recurrent state there
-    u: Tensor  # the plan [T, D_u]
-    p: np.ndarray  # the bias in use [D_p]
-    z: Tensor  # what was seen after each command so far [T, D_z]
-
-
-@dataclass(frozen=True, eq=False)
-class Experience:
-    """What is known in the middle of a run. It is never changed, only replaced."""
-
-    attempts: tuple[Attempt, ...] = ()  # of the periods that are over
-    # Distance that was expected of each period's plan when it was chosen [s.d. of z].
-    expected: tuple[float, ...] = ()
-    under_way: Attempt | None = None  # the present period
-    z_ref: Tensor | None = None  # at which its plan aims [D_z]
-
-    def expected_for(self, z_ref: Tensor) -> float | None:
-        """What is expected of the plan being sent; None if it aims at another target.
-
-        Which is another target is judged by identity: each image has a z of its own.
-        """
-        if self.under_way is None or self.z_ref is not z_ref:
-            return None
-        return self.expected[-1]
-
-
-class Forecast:
+class _Forecast:
     """What is expected of plans: predictions, corrected by what attempts taught.
 
     Args:
@@ -323,7 +292,7 @@ class IterativeSearch:
     is in the hand: attempts are forgotten.
 
     The trace of a solve has the best expected distance at its start and after each
-    iteration. What was learned, `Controller.learned`, is an `Experience`.
+    iteration. What was learned, `Controller.learned`, holds the `attempts`.
 
     Args:
         runs: recordings, whose plans that led near the target are the first tries.
@@ -344,7 +313,7 @@ class IterativeSearch:
         self.exploring = True
         self._runs = check_runs(runs)
         self._biases = dict(biases or {}) if self.settings.trust else {}
-        self._nearest: tuple[Tensor, RecordedPlans] | None = None
+        self._nearest: tuple[Tensor, _RecordedPlans] | None = None
 
     def begin(
         self, home: Tensor, settings: ControlSettings, learned: Experience | None = None
@@ -380,15 +349,15 @@ class IterativeSearch:
         )
         learned = replace(
             learned,
-            expected=(*learned.expected, expected)[-TRACED:],
+            expected=(*learned.expected, expected)[-ControlSettings.traced :],
             under_way=begun,
             z_ref=z_ref,
         )
         return Solution(plan, trace, learned)
 
-    def forecast(self, problem: Problem, attempts: Sequence[Attempt] = ()) -> Forecast:
+    def forecast(self, problem: Problem, attempts: Sequence[Attempt] = ()) -> _Forecast:
         """What is expected of plans in this problem, after these attempts."""
-        return Forecast(problem, _target_of(problem), attempts, self.settings)
+        return _Forecast(problem, _target_of(problem), attempts, self.settings)
 
     def basis(self, learned: Experience) -> str:
         """What the plan being sent rests on, in words."""
@@ -396,7 +365,7 @@ class IterativeSearch:
             return "recordings"
         return f"{len(learned.attempts)} attempts"
 
-    def recorded(self, problem: Problem) -> RecordedPlans:
+    def recorded(self, problem: Problem) -> _RecordedPlans:
         """The recorded plans that led nearest to the target; found once for each."""
         z_ref = _target_of(problem)
         if self._nearest is None or self._nearest[0] is not z_ref:
@@ -491,7 +460,7 @@ class IterativeSearch:
         few = replace(
             problem.settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP
         )
-        gamma = step_sizes(few)[:, None, None, None]
+        gamma = few.step_sizes()[:, None, None, None]
         scale = problem.limits.scale
         for _ in range(self.settings.iterations if self.exploring else 0):
             _, direction = steepest_ascent(loss, plans, scale)

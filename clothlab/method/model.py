@@ -7,12 +7,12 @@ together with the weights W. Source: the paper, eqs. 1, 3 and 4.
 """
 
 import itertools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from clothlab._validation import check_kind, check_number
+from clothlab._validation import check_number
 
 
 class Memory(NamedTuple):
@@ -131,18 +131,3 @@ def predict(
         s, memory = model(s, u[:, t : t + 1], p, memory)
         states.append(s)
     return torch.cat(states, dim=1)
-
-
-def check_model(model: Any) -> DPMPB:
-    """Return a model that can be used for estimation and control.
-
-    A ValueError if it is no DPMPB, or on another device than the processor.
-    """
-    check_kind("model", model, DPMPB)
-    if model.s_mean.device.type != "cpu":
-        raise ValueError(
-            f"the model is on {model.s_mean.device}: move it with `model.cpu()`, since "
-            "estimation and control compute there, where their small matrices are "
-            "fastest"
-        )
-    return model

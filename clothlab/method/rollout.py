@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from clothlab._validation import check_array, check_kind, check_number, check_seed
+from clothlab.method._wrapping import as_policy
 from clothlab.method.data import Run
-from clothlab.method.policy import Policy, as_policy
+from clothlab.method.policy import Policy
 
 
 class EpisodeEnded(ValueError):

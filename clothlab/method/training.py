@@ -6,8 +6,7 @@ the weights can't explain, since it differs between materials, goes into p. Each
 of a run is predicted from an empty memory, each next state from the true ones.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,24 +14,18 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
-from tqdm.auto import tqdm
 
 from clothlab._validation import (
     Checked,
     check_array,
-    check_seed,
     choose,
     setting,
     settings_or_default,
 )
-from clothlab.method.data import (
-    Run,
-    check_runs,
-    materials_of,
-    set_normalisation,
-    windows,
-)
-from clothlab.method.fast_rollout import quicken
+from clothlab.method._inputs import check_runs
+from clothlab.method._optimise import best_device, minimise, seeded
+from clothlab.method._quick_tanh import quicken
+from clothlab.method.data import Run, materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB
 
 
@@ -54,7 +47,7 @@ class ModelTraining(Checked):
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingTrace:
+class _TrainingTrace:
     """What happened in a training."""
 
     losses: np.ndarray  # mean squared error of each epoch [epochs] [s.d.²]
@@ -71,7 +64,7 @@ def train_dpmpb(
     seed: int = 0,
     device: str | None = None,
     progress: bool = True,
-) -> tuple[DPMPB, dict[str, np.ndarray], TrainingTrace]:
+) -> tuple[DPMPB, dict[str, np.ndarray], _TrainingTrace]:
     """Train the weights W and one p for each material together, p from zero.
 
     Args:
@@ -107,7 +100,7 @@ def train_dpmpb(
     # Name what the rows of p are.
     paths = {name: path[:, k] for k, name in enumerate(materials)}
     biases = {name: each[-1] for name, each in paths.items()}
-    return model.cpu().eval(), biases, TrainingTrace(np.array(losses), paths)
+    return model.cpu().eval(), biases, _TrainingTrace(np.array(losses), paths)
 
 
 def _train(
@@ -182,71 +175,3 @@ def _check_lengths(runs: Sequence[Run], length: int) -> None:
                 "all runs must have states and commands of the same sizes: was each "
                 "recorded with the same robot?"
             )
-
-
-# What the trainings of all networks share.
-
-
-def minimise(
-    parameters: Iterable[Any],
-    loss: Callable[[Tensor], Tensor],
-    batches: Callable[[], Sequence[Tensor]],
-    epochs: int,
-    learning_rate: float,
-    *,
-    fused: bool = True,
-    bar: str | None = None,
-) -> Iterator[float]:
-    """Minimise a loss by Adam, whose learning rate falls to zero along a cosine.
-
-    Args:
-        parameters: tensors, or Adam's groups with learning rates `lr` of their own.
-        loss: of one batch.
-        batches: draws the batches of one epoch, as many in each, such as
-            `lambda: torch.randperm(n).split(64)`. A single update is an epoch of one
-            batch.
-        epochs: how often all batches are gone through.
-        learning_rate: at the start.
-        fused: a fused update is faster, and rounds differently.
-        bar: title of a progress bar; without one there is none.
-
-    Yields:
-        The mean loss of each epoch.
-    """
-    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
-    schedule = None
-    epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
-    for _ in epoch_bar:
-        drawn = batches()
-        if schedule is None:
-            updates = epochs * len(drawn)
-            schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
-
-        # One update for each batch.
-        total = 0.0
-        for batch in drawn:
-            value = loss(batch)
-            optimizer.zero_grad()
-            value.backward()
-            optimizer.step()
-            schedule.step()
-            total += value.item() * len(batch)
-
-        # The mean over all that was drawn, and not over batches of different sizes.
-        mean = total / sum(map(len, drawn))
-        epoch_bar.set_postfix(loss=f"{mean:.4f}")
-        yield mean
-
-
-@contextmanager
-def seeded(seed: int) -> Iterator[None]:
-    """Random numbers from a seed; the caller's go on as if nothing had happened."""
-    check_seed(seed)
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        yield
-
-
-def best_device() -> str:
-    """Where to train by default: a GPU where torch sees one."""
-    return "cuda" if torch.cuda.is_available() else "cpu"

@@ -6,22 +6,20 @@ camera stands.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from clothlab._files import OtherKindError
-from clothlab._validation import Checked, check_array, check_number, choose, setting
+from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab.simulation._dimensions import BAR_RADIUS, SHOULDER_POSITION
+from clothlab.simulation._state_layout import StateLayout
 from clothlab.simulation.muscle import MUSCLES, Muscles
 
 JOINTS = ("shoulder", "elbow")
-SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
-BAR_RADIUS = 0.008  # [m]
 _SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
 _BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
 
@@ -84,21 +82,6 @@ class Camera(Checked):
 def _turned(turn: ArrayLike) -> np.ndarray:
     """Axes turned by a rotation vector `[3]` [degree]: the rows of `[3, 3]`."""
     return Rotation.from_rotvec(turn, degrees=True).as_matrix().T
-
-
-@dataclass(frozen=True)
-class StateLayout:
-    """Where things lie in the state `s = (z, robot state)` of an arm."""
-
-    names: tuple[str, ...]  # what each number of `s` is, with its unit
-    z: slice  # the latent image
-    robot: slice  # the robot state
-    tensions: slice  # the muscle tensions [N]; empty for an arm without muscles
-
-    @property
-    def size(self) -> int:
-        """D_s."""
-        return len(self.names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +176,22 @@ class Arm(Checked, ABC):
         """Largest command, `[D_u]`."""
         beyond = [upper for _, _, upper in self._beyond_angles]
         return np.array([*self.upper, *beyond])
+
+    def check_command(self, u: ArrayLike) -> np.ndarray:
+        """Return a copy of `u` as float64 `[D_u]`, moved into the arm's range.
+
+        A ValueError if it is outside the range by more than rounding.
+        """
+        lower = self.command_lower
+        upper = self.command_upper
+        u = check_array(f"a command of the {self.name} arm", u, lower.shape)
+        nearest = u.clip(lower, upper)
+        if np.abs(u - nearest).max() > 1e-6:
+            raise ValueError(
+                f"command {u} is outside the {self.name} arm's range {lower} to "
+                f"{upper}; use numpy.clip"
+            )
+        return nearest
 
     @abstractmethod
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
@@ -377,7 +376,7 @@ class MuscleArm(Muscles, Arm):
     def with_stiffness(self, f_const: float) -> Self:
         u = self.home_command
         u[self.stiffness_command] = check_number("f_const", f_const)
-        check_command(self, u)
+        self.check_command(u)
         return replace(self, tension_range=(f_const, f_const))
 
     @property
@@ -497,69 +496,3 @@ class GripperArm(MuscleArm):
 ARMS: dict[str, Arm] = {
     arm.name: arm for arm in (TorqueArm(), MuscleArm(), GripperArm())
 }
-
-
-def get_arm(arm: Arm | str) -> Arm:
-    """Return the arm of that name; an arm is returned as it is."""
-    return arm if isinstance(arm, Arm) else choose("arm", arm, ARMS)
-
-
-def arm_data(arm: Arm) -> str | dict[str, Any]:
-    """Return what a file says of an arm: its class and fields.
-
-    One of `ARMS` is only named. A changed arm is written as what it is, even where it
-    has kept its name.
-    """
-    if arm in ARMS.values():
-        return arm.name
-    return {"class": type(arm).__name__, **asdict(arm)}
-
-
-def arm_from_data(data: str | dict[str, Any]) -> Arm:
-    """Return the arm of which a file says this.
-
-    An `OtherKindError` if it is none of `ARMS`, or no class of arms that is defined
-    here has this name: one's own is imported before its file is read.
-    """
-    if isinstance(data, str):
-        if data not in ARMS:
-            known = ", ".join(ARMS)
-            raise OtherKindError(f"its arm {data!r} is unknown; known are {known}")
-        return ARMS[data]
-
-    fields = dict(data)
-    name = fields.pop("class")
-    classes = {each.__name__: each for each in _subclasses(Arm)}
-    if name not in classes:
-        known = ", ".join(classes)
-        raise OtherKindError(
-            f"its class of arms {name!r} is unknown; known are {known}. "
-            "Import yours before reading the file"
-        )
-    fields["camera"] = Camera(**fields["camera"])
-    return classes[name](**fields)
-
-
-def _subclasses(parent: type) -> Iterator[type]:
-    """Every class below this one that is defined at this moment."""
-    child: type
-    for child in parent.__subclasses__():
-        yield child
-        yield from _subclasses(child)
-
-
-def check_command(arm: Arm, u: ArrayLike) -> np.ndarray:
-    """Return a copy of `u` as float64 `[D_u]`, moved into the arm's range.
-
-    A ValueError if it is outside the range by more than rounding.
-    """
-    lower = arm.command_lower
-    upper = arm.command_upper
-    u = check_array(f"a command of the {arm.name} arm", u, lower.shape)
-    nearest = u.clip(lower, upper)
-    if np.abs(u - nearest).max() > 1e-6:
-        raise ValueError(
-            f"command {u} is outside the {arm.name} arm's range {lower} to {upper}; "
-            "use numpy.clip"
-        )
-    return nearest

@@ -5,8 +5,6 @@ A step of it is one control period of 0.2 s.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,29 +13,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import (
-    Checked,
+    HEIGHT,
+    WIDTH,
     check_flag,
     check_kind,
     check_number,
     check_seed,
     choose,
-    setting,
 )
 from clothlab.masks import Observation
 from clothlab.simulation import vision
-from clothlab.simulation.arm import (
-    JOINTS,
-    SHOULDER_POSITION,
-    Arm,
-    Camera,
-    check_command,
-    get_arm,
-)
-from clothlab.simulation.cloth import Cloth, add_cloth, get_cloth, point_names
-from clothlab.simulation.rendering import Renderers, draw
-from clothlab.simulation.trial import CONTROL_PERIOD, Recording, Trial
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation._lattice import point_names
+from clothlab.simulation._mjcf import build_spec
+from clothlab.simulation._recording import Recording
+from clothlab.simulation._rendering import Renderers, draw
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.cloth import Cloth, get_cloth
+from clothlab.simulation.scene import Scene
+from clothlab.simulation.trial import CONTROL_PERIOD, Trial
 
-_WORLD = Path(__file__).with_name("world.xml")
 _DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -47,95 +42,6 @@ _DIVERGED = (
 
 class SimulationError(RuntimeError):
     """The physics diverged: a coordinate became infinite, NaN or absurdly large."""
-
-
-@dataclass(frozen=True)
-class Scene(Checked):
-    """Time step and start of a scene, and how large its pictures for people are."""
-
-    # Notebook 01 measures what halving it changes
-    time_step: float = setting(0.002, "s", at_least=1e-5)
-    # The cloth hangs still before a trial starts
-    settle_time: float = setting(2.0, "s", at_least=0, at_most=60)
-    # Height and width, for people
-    picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0, at_most=4096)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if abs(self.substeps * self.time_step - CONTROL_PERIOD) > 1e-9:
-            raise ValueError(
-                "Scene.time_step must divide the control period of "
-                f"{CONTROL_PERIOD} s: 0.002, for one"
-            )
-
-    @property
-    def substeps(self) -> int:
-        """Time steps in a control period."""
-        return round(CONTROL_PERIOD / self.time_step)
-
-
-def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
-    """Assemble the MuJoCo specification of arm, cloth, camera, light and floor.
-
-    Its `.to_xml()` shows it as MJCF.
-    """
-    scene = Scene() if scene is None else scene
-
-    # The world, with room for the largest picture
-    spec = mujoco.MjSpec.from_file(str(_WORLD))
-    spec.option.timestep = scene.time_step
-    height, width = scene.picture_size
-    spec.visual.global_.offheight = max(height, vision.HEIGHT)
-    spec.visual.global_.offwidth = max(width, vision.WIDTH)
-
-    # Camera, arm and cloth, its red front to where the camera is
-    add_camera(spec, arm.camera)
-    hand, position = arm.add_to(spec)
-    front_forward = arm.camera.position[0] > position[0]
-    add_cloth(spec, cloth, hand, position, front_forward=front_forward)
-    return spec
-
-
-def add_camera(
-    spec: mujoco.MjSpec, camera: Camera, parent: mujoco.MjsBody | None = None
-) -> None:
-    """Put the camera into a scene.
-
-    It is fixed to the world, or to a body `parent` at the world's origin.
-    """
-    if parent is None:
-        parent = spec.worldbody
-    target = parent.add_body(name="camera_target", pos=camera.target)
-    target.add_site(size=[0.001, 0, 0], group=4)
-    if camera.roll:
-        # MuJoCo keeps a camera upright that follows a body: this one does not.
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
-        direction = {"quat": quaternion}
-    else:
-        follow = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY
-        direction = {"mode": follow, "targetbody": target.name}
-    parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **direction)
-
-
-def onlooker(arm: Arm) -> str | mujoco.MjvCamera:
-    """A view for people that shows robot and cloth.
-
-    It is the arm's own camera, unless that stands too near to see both. A camera at the
-    robot's head sees what the robot needs, and half of the robot. Then this view is
-    from beside and behind it, where the front of the cloth shows, too.
-    """
-    reach = len(JOINTS) * arm.link_length + Cloth("").length
-    from_shoulder = np.subtract(arm.camera.position, SHOULDER_POSITION)
-    if np.linalg.norm(from_shoulder) > reach:
-        return "camera"
-
-    view = mujoco.MjvCamera()
-    view.lookat[:] = np.add(SHOULDER_POSITION, [arm.link_length, 0.0, -0.1])
-    view.distance = 2 * reach
-    view.azimuth = -50.0  # [degree] from the x axis
-    view.elevation = -18.0  # [degree]
-    return view
 
 
 # The options of `reset`, and what each of them does.
@@ -265,7 +171,7 @@ class ClothEnv(gymnasium.Env):
         if recording is None:
             self.advance(action)
         else:
-            u = check_command(self.arm, action)
+            u = self.arm.check_command(action)
             recording.keep(self._sensed, u)
             self.advance(u, recording.watch, recording.samples)
         return self._sense(), 0.0, False, False, {}
@@ -281,7 +187,7 @@ class ClothEnv(gymnasium.Env):
         """
         substeps = self.scene.substeps
         check_number("samples", samples, int, at_least=1, at_most=substeps)
-        self.arm.command(self.data, check_command(self.arm, u))
+        self.arm.command(self.data, self.arm.check_command(u))
         parts = samples if watch else 1
         for k in range(parts):
             # As even as whole time steps can be
@@ -345,8 +251,8 @@ class ClothEnv(gymnasium.Env):
 
     def camera_picture(
         self,
-        height: int = vision.HEIGHT,
-        width: int = vision.WIDTH,
+        height: int = HEIGHT,
+        width: int = WIDTH,
         *,
         depth: bool = False,
         view: str | mujoco.MjvCamera = "camera",
@@ -395,7 +301,7 @@ def _action_space(arm: Arm) -> gymnasium.spaces.Box:
 def _observation_space(arm: Arm) -> gymnasium.spaces.Dict:
     """What is observed, likewise."""
     size = len(arm.state_names)
-    image = gymnasium.spaces.MultiBinary((vision.HEIGHT, vision.WIDTH))
+    image = gymnasium.spaces.MultiBinary((HEIGHT, WIDTH))
     robot = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
     return gymnasium.spaces.Dict({"image": image, "robot": robot})
 

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import root
 
 from clothlab._validation import check_array, check_number
-from clothlab.simulation.arm import MuscleArm, check_command
+from clothlab.simulation.arm import MuscleArm
 
 _SETTLING_TIME = 3.0  # [s], after which a pushed arm has come to rest
 
@@ -17,7 +17,7 @@ def static_posture(arm: MuscleArm, u: ArrayLike, force: ArrayLike) -> np.ndarray
     The force is `[2]` [N] (forward, up); there is no gravity. A ValueError if the
     command is out of range, or the force pushes a joint to its stop.
     """
-    u = check_command(arm, u)
+    u = arm.check_command(u)
     force = check_array("a force on the hand", force, (2,))
 
     def torque(theta: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def stiffness_ellipse(
         Displacement of the hand (forward, up) for each push, `[directions, 2]` [m].
     """
     theta_ref = check_array("theta_ref", theta_ref, (len(arm.home),))
-    u = check_command(arm, [*theta_ref, check_number("f_const", f_const)])
+    u = arm.check_command([*theta_ref, check_number("f_const", f_const)])
     force = check_number("force", force, above=0)
     directions = check_number("directions", directions, int, at_least=3)
 

@@ -3,14 +3,11 @@
 Both are the paper's: section "Experimental Setup".
 """
 
-import io
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
-from PIL import Image
 
-from clothlab.masks import HEIGHT, WIDTH, check_mask
+from clothlab._validation import HEIGHT, WIDTH, check_mask
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three
 # numbers could describe.
@@ -53,22 +50,6 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     return mask.astype(bool)
 
 
-def mask_from_file(content: bytes) -> np.ndarray:
-    """Read a target `[H, W]` from a PNG or JPEG file of that size: bright is cloth."""
-    try:
-        with Image.open(io.BytesIO(content), formats=["PNG", "JPEG"]) as picture:
-            size = picture.size
-            grey = np.asarray(picture.convert("L")) if size == (WIDTH, HEIGHT) else None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        # What Pillow says of a damaged file
-        raise ValueError("this file is not a picture: use PNG or JPEG") from None
-    if grey is None:
-        raise ValueError(
-            f"a target has {WIDTH}×{HEIGHT} pixels, this picture {size[0]}×{size[1]}"
-        )
-    return check_mask(grey > 127)
-
-
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:
     """Symmetric chamfer distance [pixel] between two masks `[H, W]`.
 
@@ -87,11 +68,3 @@ def _distance_to(mask: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform(
         (~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
-
-
-def focal_length(fovy: float, height: float = 1.0) -> float:
-    """Focal length of a pinhole camera with the vertical field of view `fovy` [degree].
-
-    Its unit is that of the picture's `height`.
-    """
-    return float(0.5 * height / np.tan(np.deg2rad(fovy) / 2))

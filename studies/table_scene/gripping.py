@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from clothlab._validation import choose
-from clothlab.simulation.cloth import Cloth, point_names
+from clothlab.simulation._lattice import point_names
+from clothlab.simulation.cloth import Cloth
 
 
 class GraspError(RuntimeError):

@@ -17,10 +17,10 @@ from sklearn.cluster import DBSCAN
 from sklearn.linear_model import RANSACRegressor
 
 from clothlab._validation import check_number
-from clothlab.simulation.arm import BAR_RADIUS
+from clothlab.simulation._dimensions import BAR_RADIUS
+from clothlab.simulation._pinhole import focal_length
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.simulation.vision import focal_length
 from studies.table_scene.scene import Basket
 from studies.table_scene.table_env import ClothPose
 

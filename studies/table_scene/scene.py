@@ -11,9 +11,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from clothlab._validation import Checked, setting
+from clothlab.simulation._lattice import point_names
+from clothlab.simulation._mjcf import add_camera
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.cloth import Cloth, add_cloth, hanging_points, point_names
-from clothlab.simulation.env import Scene, add_camera
+from clothlab.simulation.cloth import Cloth, hanging_points
+from clothlab.simulation.cloth_elements import add_cloth
+from clothlab.simulation.scene import Scene
 
 # Red for a mask too: a cloth swung forward lies with its back up
 _UNDERSIDE_RGBA = (0.65, 0.05, 0.20, 1.0)

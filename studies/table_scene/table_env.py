@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, choose, settings_or_default
-from clothlab.simulation.arm import Arm, get_arm
-from clothlab.simulation.cloth import Cloth, hanging_points, point_names
-from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv, Scene
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation._lattice import point_names
+from clothlab.simulation.arm import Arm
+from clothlab.simulation.cloth import Cloth, hanging_points
+from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
+from clothlab.simulation.scene import Scene
 from studies.table_scene.gripping import Grip
 from studies.table_scene.scene import Furniture, build_spec, place_furniture
 

@@ -18,7 +18,7 @@ from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator
 from clothlab.method.policy import Policy
-from clothlab.simulation.arm import SHOULDER_POSITION
+from clothlab.simulation._dimensions import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run
 from studies.table_scene.gripping import GraspError

@@ -18,20 +18,23 @@ from torch import Tensor
 from clothlab._validation import (
     Checked,
     check_array,
+    check_mask,
     choose,
     setting,
     settings_or_default,
 )
-from clothlab.masks import Observation, check_mask
+from clothlab.masks import Observation
+from clothlab.method._inputs import check_sizes
+from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.cloth_task import check_sizes, observe
+from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
-from clothlab.method.fast_rollout import rollout_of
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy
-from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import hanging_points
 from clothlab.trials import Trial
 from studies.table_scene.perception import (

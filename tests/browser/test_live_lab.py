@@ -15,7 +15,7 @@ import pytest
 from browser_lab import frame, slider
 from playwright.sync_api import expect
 
-from clothlab.data import OWN_TRIALS, data_folder
+from clothlab._store import OWN_TRIALS, data_folder
 from clothlab.trials import load_trial
 from studies.motion import replay
 

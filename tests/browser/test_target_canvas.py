@@ -5,9 +5,9 @@ along lines.
 import numpy as np
 import pytest
 
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.data import load_target
 from clothlab.lab._widget import javascript
-from clothlab.masks import HEIGHT, WIDTH
 
 pytestmark = pytest.mark.browser
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS
 from studies import camera_recalibration, get
 from studies.camera_recalibration import _moved

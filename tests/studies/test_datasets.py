@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from reproduce import say_what_repeats
 
-from clothlab import data
+from clothlab import _store, data
+from clothlab.data import _writing
 from clothlab.policies import OperatorPolicy
 from clothlab.trials import load_trial, rollout
 from studies._parallel import Job
@@ -158,10 +159,10 @@ def test_it_says_how_many_files_repeat_bit_for_bit(
 ):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     for name in ("a", "b", "c"):
-        data.save_target(square, name)
-    data.write_checksums()
-    data.save_target(~square, "b")
-    data.save_target(square, "new")
+        _writing.save_target(square, name)
+    _store.write_checksums()
+    _writing.save_target(~square, "b")
+    _writing.save_target(square, "new")
     say_what_repeats([f"targets/{name}.png" for name in ("a", "b", "new")])
     assert capsys.readouterr().out.startswith(
         "1 of the 2 whose hash was recorded are the same bit for bit"

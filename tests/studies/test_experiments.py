@@ -6,7 +6,7 @@ import pytest
 import reproduce
 
 import studies
-from clothlab import analysis, data
+from clothlab import _store, analysis, data
 from studies import EXPERIMENTS, PAPER, Experiment, _grid, _parallel, report
 from studies._grid import grid, shared
 
@@ -235,7 +235,7 @@ def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
     ran, usual = [], [name for name, each in EXPERIMENTS.items() if not each.slow]
     monkeypatch.setattr(studies, "run", lambda name, **_: ran.append(name))
     monkeypatch.setattr(studies, "save", lambda *_: None)
-    monkeypatch.setattr(data, "write_checksums", lambda: None)
+    monkeypatch.setattr(_store, "write_checksums", lambda: None)
     monkeypatch.setattr(report, "publish", lambda _: [])
     monkeypatch.setattr("sys.argv", ["reproduce.py", "results", *asked])
     reproduce.main()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab import data
+from clothlab import _store
+from clothlab.data import _writing
 from studies import _parallel
 from studies._parallel import Job, one_thread, run_jobs, version
 
@@ -52,8 +53,8 @@ def test_it_is_done_again_when_its_inputs_or_the_code_change(
         return list(run_jobs("words", work, keep=tmp_path / "kept"))
 
     for name, mask in (("x", square), ("y", square), ("x", np.roll(square, 1, axis=0))):
-        data.save_target(mask, name)
-        data.write_checksums()
+        _writing.save_target(mask, name)
+        _store.write_checksums()
         done()
         done()
     assert (

@@ -8,7 +8,7 @@ import pytest
 
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import Scene
+from clothlab.simulation.scene import Scene
 from studies.table_scene.perception import (
     NotVisibleError,
     PointCloud,

@@ -7,7 +7,7 @@ import pytest
 
 from clothlab.masks import iou
 from clothlab.policies import RandomPolicy, ReplayPolicy
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 from studies import recalibration

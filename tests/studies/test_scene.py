@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import Scene
+from clothlab.simulation.scene import Scene
 from studies.table_scene.scene import Basket, Furniture, build_spec, place_furniture
 
 FURNITURE, CLOTH, ARM = Furniture(), get_cloth("hard-1"), get_arm("muscle")

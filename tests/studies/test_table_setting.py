@@ -11,7 +11,7 @@ from clothlab import data
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial
 from studies import get, table_setting

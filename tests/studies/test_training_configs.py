@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clothlab import data
+from clothlab.data import _writing
 from clothlab.method.autoencoder import AutoencoderTraining
 from studies._runs import config_of
 from studies.datasets import DATASETS
@@ -54,8 +55,8 @@ def test_an_autoencoder_and_a_model_on_top_of_it_are_trained_and_found_again(
     )
     autoencoder, losses = config.train_autoencoder()
     assert len(losses) == 1
-    data.save_autoencoder(autoencoder, losses, config.name)
-    data.save(config.train_model(seed=3))
+    _writing.save_autoencoder(autoencoder, losses, config.name)
+    _writing.save(config.train_model(seed=3))
     learned = data.load("torque-3")
     assert learned.autoencoder.fingerprint() == autoencoder.fingerprint()
     assert list(learned.biases) == [trial.cloth.name]

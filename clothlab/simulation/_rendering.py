@@ -5,8 +5,7 @@ import os
 import mujoco
 import numpy as np
 
-from clothlab._validation import check_number
-from clothlab.masks import HEIGHT
+from clothlab._validation import HEIGHT, check_number
 
 
 class Renderers:

@@ -1,0 +1,76 @@
+"""What the trainings of all networks share: Adam's loop, a seed, a device."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor
+from tqdm.auto import tqdm
+
+from clothlab._validation import check_seed
+
+
+def minimise(
+    parameters: Iterable[Any],
+    loss: Callable[[Tensor], Tensor],
+    batches: Callable[[], Sequence[Tensor]],
+    epochs: int,
+    learning_rate: float,
+    *,
+    fused: bool = True,
+    bar: str | None = None,
+) -> Iterator[float]:
+    """Minimise a loss by Adam, whose learning rate falls to zero along a cosine.
+
+    Args:
+        parameters: tensors, or Adam's groups with learning rates `lr` of their own.
+        loss: of one batch.
+        batches: draws the batches of one epoch, as many in each, such as
+            `lambda: torch.randperm(n).split(64)`. A single update is an epoch of one
+            batch.
+        epochs: how often all batches are gone through.
+        learning_rate: at the start.
+        fused: a fused update is faster, and rounds differently.
+        bar: title of a progress bar; without one there is none.
+
+    Yields:
+        The mean loss of each epoch.
+    """
+    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
+    schedule = None
+    epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
+    for _ in epoch_bar:
+        drawn = batches()
+        if schedule is None:
+            updates = epochs * len(drawn)
+            schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
+
+        # One update for each batch.
+        total = 0.0
+        for batch in drawn:
+            value = loss(batch)
+            optimizer.zero_grad()
+            value.backward()
+            optimizer.step()
+            schedule.step()
+            total += value.item() * len(batch)
+
+        # The mean over all that was drawn, and not over batches of different sizes.
+        mean = total / sum(map(len, drawn))
+        epoch_bar.set_postfix(loss=f"{mean:.4f}")
+        yield mean
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Random numbers from a seed; the caller's go on as if nothing had happened."""
+    check_seed(seed)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        yield
+
+
+def best_device() -> str:
+    """Where to train by default: a GPU where torch sees one."""
+    return "cuda" if torch.cuda.is_available() else "cpu"
