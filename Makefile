@@ -17,9 +17,11 @@ export OMP_NUM_THREADS ?= 1
 # thousands of pages anew for each step: a sixth of an autoencoder's training.
 export MALLOC_TRIM_THRESHOLD_ ?= 536870912
 export MALLOC_MMAP_THRESHOLD_ ?= 33554432
+# Set in many containers. Each process would then compile anew what pytest makes of the tests: five seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow mutate pages notebooks site browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -53,7 +55,7 @@ lab: doctor  ## open the notebooks in JupyterLab
 check: $(DEV)  ## linter, types and unit tests, in parallel
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto; tests=$$?; wait $$types && exit $$tests
+	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto --dist=worksteal; tests=$$?; wait $$types && exit $$tests
 
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
@@ -71,21 +73,37 @@ slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of t
 mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; an hour or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
-# Of the tests in a browser, those of a moving robot have one core to themselves; all others share the second.
-LIVE := $(addprefix tests/browser/test_,demonstration.py live_lab.py mpc.py)
+# A robot that moves in real time leaves half of a core idle, so three of these five run at a time, in this order. Both
+# groups of a live robot come first: they take longest. What is in neither is among the others.
+IN_BROWSER := $(wildcard tests/browser/test_*.py)
+LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
+SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
 
 pages: chromium
-	{ $(MAKE) site; site=$$?; $(BIN)/pytest -m browser -rs $(filter-out $(LIVE),$(wildcard tests/browser/test_*.py)) && exit $$site; } & \
-		rest=$$!; $(BIN)/pytest -m browser -rs $(LIVE); live=$$?; wait $$rest && exit $$live
+	$(MAKE) --jobs=3 --keep-going pages-live pages-shown site-built pages-other site-tested
+
+pages-live:
+	$(BIN)/pytest -m browser -rs $(LIVE)
+
+pages-shown:
+	$(BIN)/pytest -m browser -rs $(SHOWN)
+
+pages-other:
+	$(BIN)/pytest -m browser -rs $(filter-out $(LIVE) $(SHOWN),$(IN_BROWSER))
 
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
+	$(MAKE) site-tested
+
+site-built:
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
+
+site-tested: site-built
 	$(BIN)/pytest -m book -rs tests/book
 
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	$(BIN)/pytest --nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)

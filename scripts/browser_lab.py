@@ -24,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # JupyterLab asks for a translation and a licence page that are not there
 HARMLESS = ("Failed to load resource",)
 NOTICES = "@jupyterlab/apputils-extension/notification.jupyterlab-settings"
+# What a notebook's toolbar has from then on
+HEARD = ".jp-Notebook-ExecutionIndicator[data-status=idle]"
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -107,7 +109,7 @@ class Lab:
 
     def wait(self) -> None:
         """Wait until it answers; a TimeoutError has its log if it does not."""
-        for _ in range(120):
+        for _ in range(360):
             try:
                 self.ask("api/status")
                 return
@@ -154,14 +156,17 @@ class Notebook:
         self._wait_for_kernel()
 
     def _wait_for_kernel(self) -> None:
-        """Wait until the kernel is idle: before that, "run all" is ignored."""
+        """Wait until the kernel is idle, and the page has heard of it.
+
+        Before that, "run all" is ignored.
+        """
         end = time.monotonic() + 60
         while not self._is_idle():
             if time.monotonic() > end:
                 log = self.lab.log.read_text()
                 raise TimeoutError(f"the kernel does not start:\n{log}")
             self.page.wait_for_timeout(200)
-        self.page.wait_for_timeout(2000)  # and the page has to hear of it, too
+        self.page.wait_for_selector(HEARD, timeout=60_000)
 
     def _is_idle(self) -> bool:
         kernel = self.lab.kernel(self.name)

@@ -28,10 +28,12 @@ FOREIGN |= {"pooch", "PIL", "IPython", "anywidget"}
 STIFFNESSES = {"soft": 0.1, "hard": 0.5}
 
 
-def swing(stiffness: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def swing(
+    stiffness: float, seed: int, pushes: int = 300
+) -> tuple[np.ndarray, np.ndarray]:
     """States and commands of a mass on a spring, pushed at random."""
     rng = np.random.default_rng(seed)
-    u = rng.uniform(-1, 1, (300, 1)).repeat(2, axis=0)
+    u = rng.uniform(-1, 1, (pushes, 1)).repeat(2, axis=0)
     s = np.zeros((len(u), 2))
     for t, push in enumerate(u[:-1, 0]):
         x, v = s[t]
@@ -62,7 +64,8 @@ def main() -> None:
         read = Checkpoint.load(path)
 
     # Another run with the hard spring is nearer to its p.
-    p, _ = estimate_bias(read.model, Run(*swing(0.5, seed=1), "?"), method="newton")
+    another = Run(*swing(0.5, seed=1, pushes=60), "?")
+    p, _ = estimate_bias(read.model, another, method="newton")
     assert abs(p - biases["hard"]) < abs(p - biases["soft"])
 
     # And a command towards the right pushes to the right.

@@ -150,12 +150,11 @@ def test_a_notebook_that_is_opened_again_says_it_below_each_widget(
     lab.stop_kernel(notebook.name)
     page.goto("about:blank")
     again = Notebook(lab, page, notebook.name)
-    page.wait_for_timeout(3000)
     for name, output in zip(WIDGETS, outputs(page), strict=True):
         if (
             name != "PBMap"
         ):  # it is shown within a Control, and has no picture of its own
-            expect(output.get_by_text(GONE), name).to_be_visible()
+            expect(output.get_by_text(GONE), name).to_be_visible(timeout=15_000)
     screenshot_of(page, "opened-again")
     saved = json.loads(path.read_text())
     assert (
