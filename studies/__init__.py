@@ -36,6 +36,7 @@ from studies import (
     joint_estimation_control,
     material_change,
     oracle,
+    other_reading,
     self_organisation,
     stiffness,
     sysid_benchmark,
@@ -48,6 +49,7 @@ from studies._rows import Row
 _MODULES = (  # in the order of docs/results.md
     autoencoder_quality,
     self_organisation,
+    other_reading,
     estimation,
     control,
     joint_estimation_control,
