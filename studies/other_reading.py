@@ -18,7 +18,8 @@ from clothlab.method.estimation import prediction_loss
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
-from clothlab.simulation.env import ClothEnv, Scene
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
 from clothlab.trials import rollout, to_run
 from studies._grid import Experiment, Tables, over, shared
 from studies._rows import Row
