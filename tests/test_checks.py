@@ -236,7 +236,6 @@ SLIPS = [
     ("fooling_step", "np.sqrt(2", "(2", "take the root"),
     ("fooling_step", " * lowest_loss", "", "one of the lowest loss"),
     ("fooling_step", "curvatures[0]", "curvatures[1]", "the length is of the largest"),
-    ("fooling_step", "axes[:, 0]", "axes[0]", "eigenvectors are the columns"),
     ("curvature", "epsilon**2", "epsilon", "what is yours divided by"),
     ("curvature", "- 2 * loss_at(p)", "- loss_at(p)", "counts twice"),
     ("curvature", "- 2 * loss_at(p)", "+ 2 * loss_at(p)", "subtracted, not added"),

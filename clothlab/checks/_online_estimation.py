@@ -68,8 +68,8 @@ def largest_rate(answer: Callable, rng: np.random.Generator) -> None:
         found = answer(curvature, momentum)
         grown = _grown(curvature, momentum, found)
         otherwise = (
-            f"curvature {curvature:.3g}, momentum {momentum:.3g}: {found:.4g} is not the "
-            f"limit; x grows by {grown:.3g} a step there, at the limit by 1"
+            f"curvature {curvature:.3g}, momentum {momentum:.3g}: {found:.4g} is not "
+            f"the limit; x grows by {grown:.3g} a step there, at the limit by 1"
         )
         if momentum == 0:
             slips = {}
@@ -226,7 +226,6 @@ def _fooling_steps(case: _FoolingCase) -> tuple[np.ndarray, dict[str, np.ndarray
         "the share is one of the lowest loss: multiply by it": length
         / np.sqrt(case.lowest_loss)
         * flat,
-        "eigenvectors are the columns of what np.linalg.eigh returns": length * axes[0],
         "the direction is that of the smallest curvature, the length is of the "
         "largest": np.linalg.norm(steep) * flat,
     }
