@@ -31,6 +31,7 @@ from studies import (
     camera_recalibration,
     control,
     estimation,
+    estimation_race,
     identifiability,
     iterative_control,
     joint_estimation_control,
@@ -42,6 +43,7 @@ from studies import (
     sysid_benchmark,
     table_setting,
     transfer,
+    what_p_shows,
 )
 from studies._grid import PAPER, Experiment
 from studies._rows import Row
@@ -50,7 +52,9 @@ _MODULES = (  # in the order of docs/results.md
     autoencoder_quality,
     self_organisation,
     other_reading,
+    what_p_shows,
     estimation,
+    estimation_race,
     control,
     joint_estimation_control,
     stiffness,

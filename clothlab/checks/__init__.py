@@ -33,10 +33,17 @@ from clothlab.checks._model_predictive_control import (
 )
 from clothlab.checks._online_estimation import (
     curvature,
+    fooling_step,
     gradient_by_nudges,
-    momentum_step,
+    largest_rate,
 )
-from clothlab.checks._parametric_bias import left_out, shares_by_hand
+from clothlab.checks._parametric_bias import (
+    left_out,
+    same_predictions,
+    share_by_luck,
+    shares_by_hand,
+    string_pull,
+)
 from clothlab.checks._predictive_model import (
     closed_loop,
     influence,

@@ -1,12 +1,11 @@
 """Checks of notebook 06."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from clothlab.checks._check import apart, array, check, drawn, expect
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 
 Loss = Callable[[np.ndarray], float]
 
@@ -56,99 +55,47 @@ def _slopes(case: _NudgeCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
-class _MomentumCase(NamedTuple):
-    """A step of gradient descent with momentum."""
+@check(number("a rate, one number"))
+def largest_rate(answer: Callable, rng: np.random.Generator) -> None:
+    """The largest rate with which momentum SGD on a parabola does not diverge.
 
-    p: np.ndarray  # [2]
-    v: np.ndarray  # [2]
-    g: np.ndarray  # [2], the gradient
-    rate: float
-    momentum: float
-
-    @property
-    def new_v(self) -> np.ndarray:
-        return self.momentum * self.v + self.g
-
-    @property
-    def new_p(self) -> np.ndarray:
-        return self.p - self.rate * self.new_v
-
-
-@check(array("the new p and the new v", 2, 2))
-def momentum_step(answer: Callable, rng: np.random.Generator) -> None:
-    """The new p and the new v, `[2]` each, after a step with momentum.
-
-    Given are p, v and the gradient, first with a rate and a momentum of their own, then
-    without: they are 0.1 and 0.9 by default.
+    Given are a curvature and a momentum; without a momentum, it is 2 over the
+    curvature.
     """
-    own = {"rate": rng.uniform(0.02, 0.04), "momentum": rng.uniform(0.7, 0.85)}
-    for given in (own, {}):
-        rate = given.get("rate", 0.1)
-        momentum = given.get("momentum", 0.9)
-        draw = partial(_momentum_case, rng, rate, momentum)
-        case = drawn(draw, _slips_differ)
-        found_p, found_v = answer(case.p.copy(), case.v.copy(), case.g.copy(), **given)
-
-        # Both right, in the wrong order
-        swapped = np.allclose(found_p, case.new_v) and np.allclose(found_v, case.new_p)
-        assert not swapped, "return the new p first, then the new v"
-
-        # v first: a wrong one makes a wrong p
+    for momentum in (rng.uniform(0.3, 0.6), rng.uniform(0.75, 0.95), 0.0):
+        curvature = rng.uniform(0.05, 5.0)
+        truth, slips = _rates(curvature, momentum)
+        found = answer(curvature, momentum)
+        grown = _grown(curvature, momentum, found)
         otherwise = (
-            "the new v is wrong: it is the old v, times the momentum, and the "
-            "gradient as it is, added up"
+            f"curvature {curvature:.3g}, momentum {momentum:.3g}: {found:.4g} is not "
+            f"the limit; x grows by {grown:.3g} a step there, at the limit by 1"
         )
-        expect(found_v, case.new_v, otherwise, _slips_of_v(case))
-        otherwise = (
-            "v is right, and the new p is wrong: from p, go downhill by the rate "
-            "times the new v"
-        )
-        expect(found_p, case.new_p, otherwise, _slips_of_p(case))
+        if momentum == 0:
+            slips = {}
+        expect(found, truth, otherwise, slips)
 
 
-def _momentum_case(
-    rng: np.random.Generator, rate: float, momentum: float
-) -> _MomentumCase:
-    p = rng.uniform(-3, 3, 2)
-    v = rng.uniform(-2, 2, 2)
-    g = rng.uniform(-10, 10, 2)
-    return _MomentumCase(p, v, g, rate, momentum)
+def _grown(curvature: float, momentum: float, rate: float) -> float:
+    """By what x grows in each step, in the long run: the largest eigenvalue."""
+    step = np.array([[1 - rate * curvature, -rate * momentum], [curvature, momentum]])
+    return float(np.abs(np.linalg.eigvals(step)).max())
 
 
-def _slips_differ(case: _MomentumCase) -> bool:
-    """Whether each slip in the step of p and v can be told from the others."""
-    of_v = apart(case.new_v, _slips_of_v(case))
-    return of_v and apart(case.new_p, _slips_of_p(case))
-
-
-def _slips_of_v(case: _MomentumCase) -> dict[str, np.ndarray]:
-    """What is easily written in place of the new v, by what is said of it."""
-    _, v, g, rate, momentum = case
-    kept = momentum * v
-    slips = {
-        "the rate belongs to the step of p: v collects the gradients as they are": kept
-        + rate * g,
-        "v = μ v - η g is another way to write momentum, with p + v. Here v collects "
-        "the gradients as they are, without rate and sign, and p moves by "
-        "-η v": kept - rate * g,
-        "v points uphill, as the gradient does: the sign belongs to the step of p": kept
-        - g,
-        "the old v must be kept, times the momentum": g,
-        "the old v counts only momentum times": v + g,
-    }
-    if not np.isclose(rate, 1 - momentum):  # or it is the first one
-        average = kept + (1 - momentum) * g
-        slips["v is a sum here, not an average: the gradient counts fully"] = average
-    return slips
-
-
-def _slips_of_p(case: _MomentumCase) -> dict[str, np.ndarray]:
-    """What is easily written in place of the new p, where v is right."""
-    p, v, _, rate, _ = case
-    return {
-        "v is right; p moves by the new v, not by the old one": p - rate * v,
-        "v is right; p goes uphill": p + rate * case.new_v,
-        "v is right; p moves by rate times v, not by all of it": p - case.new_v,
+def _rates(curvature: float, momentum: float) -> tuple[float, dict[str, float]]:
+    """The limit, and what usual slips give, by what is said of them."""
+    truth = 2 * (1 + momentum) / curvature
+    return truth, {
+        "that is the limit without momentum; the buffer changes it": 2 / curvature,
+        "momentum allows a larger rate, not a smaller one: check the sign of its "
+        "eigenvalue": 2 * (1 - momentum) / curvature,
+        "that is the rate at which one step goes to the bottom, not the limit": 1
+        / curvature,
+        "half of the limit: the step may overshoot as far as it came": truth / 2,
+        "the curvature is a stiffness, not its square": truth / curvature,
+        "the full pace rate / (1 - momentum) is not what must be below 2 / curvature": 2
+        / (curvature * (1 - momentum)),
+        "a steeper parabola needs a smaller rate": 2 * (1 + momentum) * curvature,
     }
 
 
@@ -215,6 +162,72 @@ def _curvatures(case: _CurvatureCase) -> tuple[np.ndarray, dict[str, np.ndarray]
         "behind": one_sided,
         "the sign is wrong: where the loss rises to both sides, the curvature is "
         "positive": -truth,
+    }
+
+
+class _FoolingCase(NamedTuple):
+    hessian: np.ndarray  # [2, 2]
+    lowest_loss: float
+    share: float
+
+
+@check(array("a step, two numbers", 2))
+def fooling_step(answer: Callable, rng: np.random.Generator) -> None:
+    """The longest step `[2]` after which a parabola is a share above its lowest loss.
+
+    Given are second derivatives `[2, 2]`, the lowest loss and the share. Either of the
+    two opposite steps is right.
+    """
+    for _ in range(3):
+        case = drawn(
+            lambda: _fooling_case(rng), lambda case: apart(*_fooling_steps(case))
+        )
+        truth, slips = _fooling_steps(case)
+        found = answer(case.hessian.copy(), case.lowest_loss, case.share)
+        slips |= {message: _towards(found, slip) for message, slip in slips.items()}
+        rise = 0.5 * found @ case.hessian @ found / case.lowest_loss
+        otherwise = (
+            f"after this step the loss is {rise:.4g} of the lowest above it, and "
+            f"{case.share:.4g} is asked for"
+        )
+        if np.isclose(rise, case.share, rtol=1e-4):
+            otherwise = (
+                "the loss after this step is right, but another direction goes farther"
+            )
+        expect(found, _towards(found, truth), otherwise, slips)
+
+
+def _towards(found: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """That of a step and its opposite which is nearer to what was found."""
+    return step if found @ step >= 0 else -step
+
+
+def _fooling_case(rng: np.random.Generator) -> _FoolingCase:
+    angle = rng.uniform(0.3, 1.2) + rng.choice([0, np.pi / 2])  # [rad]
+    axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    hessian = axes @ np.diag(rng.uniform((0.05, 1.0), (0.3, 3.0))) @ axes.T
+    return _FoolingCase(hessian, rng.uniform(0.1, 0.5), rng.uniform(0.02, 0.2))
+
+
+def _fooling_steps(case: _FoolingCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The step, and what usual slips give, by what is said of them."""
+    curvatures, axes = np.linalg.eigh(case.hessian)
+    flat = axes[:, 0]
+    rise = case.share * case.lowest_loss
+    length = np.sqrt(2 * rise / curvatures[0])
+    steep = np.sqrt(2 * rise / curvatures[1]) * axes[:, 1]
+    return length * flat, {
+        "that is the shortest such step: it goes along the steep direction": steep,
+        "the parabola is half of the curvature times the step squared": length
+        / np.sqrt(2)
+        * flat,
+        "the loss grows with the square of the step: take the root": length**2 * flat,
+        "that is the direction; how far?": flat,
+        "the share is one of the lowest loss: multiply by it": length
+        / np.sqrt(case.lowest_loss)
+        * flat,
+        "the direction is that of the smallest curvature, the length is of the "
+        "largest": np.linalg.norm(steep) * flat,
     }
 
 

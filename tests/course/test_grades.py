@@ -172,16 +172,15 @@ def test_names_and_words_are_plain_for_a_spreadsheet(tmp_path):
 
 STUBS = {
     "my_mask": "def my_mask(t, horizon, period):\n    return ...",
-    "momentum_step": "def momentum_step(p, v, gradient, rate=0.1, momentum=0.9):\n"
-    "    v = ...\n    p = ...\n    return p, v",
+    "largest_rate": "def largest_rate(curvature, momentum):\n    return ...",
 }
 RIGHT = {
     "my_mask": STUBS["my_mask"].replace(
         "...", "[int(k % period == 0) for k in range(t + 1, t + horizon + 1)]"
     ),
-    "momentum_step": STUBS["momentum_step"]
-    .replace("v = ...", "v = momentum * v + gradient")
-    .replace("...", "p - rate * v"),
+    "largest_rate": STUBS["largest_rate"].replace(
+        "...", "2 * (1 + momentum) / curvature"
+    ),
 }
 CHEAT = """
 import numpy as np
@@ -287,7 +286,7 @@ def graded(folder, names):
     tool_is_there()
     committed, path = short_lesson(), folder / "lesson" / "90_short.ipynb"
     written(path, committed)
-    read = Lesson.read(path, {"momentum_step": 2})
+    read = Lesson.read(path, {"largest_rate": 2})
     handed = submissions(committed, read.points)
     for name in names:
         file = "90_short (1).ipynb" if name == "renamed" else "90_short.ipynb"
@@ -307,11 +306,11 @@ DESERVED = {  # points and words of both exercises, which count 1 and 2
     "renamed": ([1, 2], [r"^correct \(found as 90_short \(1\)\.ipynb\)$"] * 2),
     "empty": (
         [0, 0],
-        ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"],
+        ["^unanswered: the dots of my_mask", "^unanswered: the dots of largest_rate"],
     ),
     "repository": (
         [0, 0],
-        ["^unanswered: the dots of my_mask", "^unanswered: the dots of momentum_step"],
+        ["^unanswered: the dots of my_mask", "^unanswered: the dots of largest_rate"],
     ),
     "half": ([1, 0], ["^correct$", "^unanswered"]),
     "syntax": (
@@ -349,7 +348,7 @@ def test_a_class_gets_what_it_deserves_with_the_words_of_the_checks(tmp_path):
     table, course = graded(tmp_path, USUAL)
     gets_what_it_deserves(table, USUAL)
     page = (course / "feedback" / "half" / "90_short" / "90_short.html").read_text()
-    assert "unanswered: the dots of momentum_step are still there" in re.sub(
+    assert "unanswered: the dots of largest_rate are still there" in re.sub(
         "<[^>]*>", "", page
     )
     assert (course / "release" / "90_short" / "90_short.ipynb").exists()
