@@ -31,6 +31,7 @@ from studies import (
     camera_recalibration,
     control,
     estimation,
+    held_out,
     identifiability,
     iterative_control,
     joint_estimation_control,
@@ -47,6 +48,7 @@ from studies._rows import Row
 
 _MODULES = (  # in the order of docs/results.md
     autoencoder_quality,
+    held_out,
     self_organisation,
     estimation,
     control,
