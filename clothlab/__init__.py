@@ -83,6 +83,7 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
     "notebooks": {
         "analysis": ["analysis"],
         "checks": ["checks"],
+        "diagrams": ["diagrams"],
         "lab": ["lab"],
         "plots": ["plots"],
         "tables": ["tables"],

@@ -22,6 +22,7 @@ _Drawn = Line2D | PathCollection
 # Characters of a summary, which a screen reader reads in one go and cannot stop within
 _LONGEST = 240
 _MANY = 12  # labels, or lines without a label, that are still named one by one
+_MARKS = {r"\hat": "predicted", r"\theta": "θ", "$": "", "{": "", "}": ""}
 _NUMERALS = "-−0123456789.x^ "  # what a tick is made of that is no name
 
 
@@ -53,7 +54,12 @@ def describe(figure: Figure) -> AltText:
 
 
 def _shows(ax: Axes) -> bool:
-    return bool(ax.images) or bool(ax.axison and ax.has_data())
+    return bool(ax.images) or bool(ax.axison and ax.has_data()) or _is_drawing(ax)
+
+
+def _is_drawing(ax: Axes) -> bool:
+    """Whether it is a drawing, not of data: without axes, and with a label."""
+    return not ax.axison and bool(ax.get_label() and (ax.patches or ax.texts))
 
 
 def _summary(panels: list[Axes], names: list[str]) -> str:
@@ -63,8 +69,8 @@ def _summary(panels: list[Axes], names: list[str]) -> str:
         kinds += f" in {len(panels)} panels"
 
     # Labels of panels, axes and what is drawn
-    charts = [ax for ax in panels if not ax.images]
-    drawn = [each for ax in panels for each in _drawn(ax)]
+    charts = [ax for ax in panels if not (ax.images or _is_drawing(ax))]
+    drawn = [each for ax in charts for each in _drawn(ax)]
     parts = [
         kinds,
         _few(names),
@@ -83,7 +89,10 @@ def _summary(panels: list[Axes], names: list[str]) -> str:
 
 def _plain(text: str) -> str:
     """A label on one line, without the marks of mathematical type."""
-    return " ".join(strip_math(text).split())
+    plain = strip_math(text)
+    for mark, word in _MARKS.items():
+        plain = plain.replace(mark, word)
+    return " ".join(plain.split())
 
 
 def _label(each: _Drawn | BarContainer | ErrorbarContainer) -> str:
@@ -106,6 +115,8 @@ def _few(labels: Iterable[str], before: str = "") -> str:
 def _kind(ax: Axes) -> str:
     if ax.images:
         return "Pictures"
+    if _is_drawing(ax):
+        return "Drawing"
     if any(isinstance(each, QuadContourSet) for each in ax.collections):
         return "Map"
     if any(isinstance(each, BarContainer) for each in ax.containers):
@@ -123,6 +134,9 @@ def _contents(ax: Axes) -> list[str]:
     """Phrases for what a panel shows."""
     if ax.images:
         return [_picture(np.asarray(image.get_array())) for image in ax.images]
+    if _is_drawing(ax):
+        written = dict.fromkeys(_plain(text.get_text()) for text in ax.texts)
+        return [f"Written in it: {'; '.join(written)}"]
     axes = [f"Horizontal: {_axis(ax.xaxis)}", f"Vertical: {_axis(ax.yaxis)}"]
     bars = [_bars(ax, each) for each in ax.containers if isinstance(each, BarContainer)]
     intervals = [

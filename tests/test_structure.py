@@ -52,6 +52,7 @@ LAYERS += [
     "tables",
     "claims",
     "plots",
+    "diagrams",
     "lab",
     "checks",
     "__main__",
