@@ -1,12 +1,14 @@
 """`make format`: what every notebook shares, and what the README says of them.
 
 Both are written out of one place. Every notebook begins, after its title, with the cell
-that sets up Google Colab, and its last text ends with a word on its kernel. The
+that sets up Google Colab, its summary leads to the notebook after it, and its last
+text ends with a word on its kernel. The
 README's first line leads to where they run without an installation, and its tables say
 how long each one takes, as the notebook's own first cell does.
 """
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import nbformat
@@ -42,6 +44,7 @@ ROW = re.compile(
     r" [^|]* \| [^|]* \|$",
     re.MULTILINE,
 )
+NEXT = re.compile(r"^Next: \[[^]]*\]\([^)]*\)", re.MULTILINE)
 OPEN = re.compile(r"(?<=<!-- open -->\n).*?(?=\n<!-- /open -->)", re.DOTALL)
 
 
@@ -65,6 +68,16 @@ def finish(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
     texts[-1].source += f"\n\n{FINISHED}"
     notebook.cells = [cells[0], colab_cell(), *cells[1:]]
     return notebook
+
+
+def lead_on(
+    notebook: nbformat.NotebookNode, path: Path, following: nbformat.NotebookNode
+) -> None:
+    """Let "Next: …", where a notebook says it, name the one that follows, at `path`."""
+    title = following.cells[0].source.splitlines()[0].removeprefix("# ")
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = NEXT.sub(f"Next: [{title}]({path.name})", cell.source)
 
 
 def open_elsewhere() -> str:
@@ -100,15 +113,18 @@ def with_times(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
 
 def finished() -> dict[Path, str]:
     """The text of each notebook and of the README as they should be."""
-    texts = {}
-    notebooks = {}
-    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        notebook = finish(nbformat.read(path, as_version=4))
-        notebooks[path.name] = notebook
-        texts[path] = nbformat.writes(notebook) + "\n"
+    # Notebooks, in the order of their numbers: 07, 07b, 08
+    paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    notebooks = {path: finish(nbformat.read(path, as_version=4)) for path in paths}
+    for path, following in pairwise(paths):
+        lead_on(notebooks[path], following, notebooks[following])
+    texts = {path: nbformat.writes(each) + "\n" for path, each in notebooks.items()}
+
+    # The README
     readme = ROOT / "README.md"
     linked = OPEN.sub(lambda _: open_elsewhere(), readme.read_text("utf-8"))
-    texts[readme] = with_times(linked, notebooks)
+    named = {path.name: each for path, each in notebooks.items()}
+    texts[readme] = with_times(linked, named)
     return texts
 
 

@@ -38,6 +38,7 @@ from tqdm.auto import tqdm
 
 from clothlab._files import write_bytes
 from course.editions import ROOT, student_edition
+from course.repository import number_of
 from course.solutions import small, tags
 
 # Where `make grades` installs nbgrader; a container has it among its packages
@@ -466,7 +467,7 @@ def totals(grades: pd.DataFrame) -> pd.DataFrame:
 def main() -> None:
     """Grade the class in a folder."""
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    notebooks = {path.stem[:2]: path for path in paths}
+    notebooks = {number_of(path): path for path in paths}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

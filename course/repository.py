@@ -32,6 +32,12 @@ def address() -> str:
     return project["urls"]["Repository"].rstrip("/")
 
 
+def number_of(notebook: Path) -> str:
+    """The number of a notebook, which may have a letter, such as `"07b"`."""
+    number, _, _ = notebook.stem.partition("_")
+    return number
+
+
 def page_of(path: str) -> str:
     """The address of a file of the repository."""
     return f"{address()}/blob/{BRANCH}/{quote(path)}"

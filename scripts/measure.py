@@ -26,6 +26,7 @@ from nbformat.v4 import new_code_cell
 
 from clothlab._files import write_bytes
 from course import solutions
+from course.repository import number_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "course" / "measured.md"
@@ -201,7 +202,7 @@ def main() -> None:
     # What the page needs beside notebooks
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
     if arguments.only:
-        paths = [path for path in paths if path.stem[:2] in arguments.only]
+        paths = [path for path in paths if number_of(path) in arguments.only]
     else:
         rows["the server of a student"] = server()
         (live,) = (path for path in paths if path.stem.startswith("08"))
@@ -211,7 +212,7 @@ def main() -> None:
     # The notebooks, one after the other
     for path in paths:
         usage = run(path, small=small)
-        rows[f"notebook {path.stem[:2]}, all cells"] = usage
+        rows[f"notebook {number_of(path)}, all cells"] = usage
         print(f"{path.stem}: {usage}", file=sys.stderr, flush=True)
 
     # A page of some would look like one of all

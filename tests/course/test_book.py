@@ -13,6 +13,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_outp
 
 from course import book, editions, grades
 from course.editions import ROOT
+from course.repository import number_of
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 FOLDED = {"source_hidden": True}
@@ -168,7 +169,7 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
             f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()
         ]
         assert exercises.split(" · ") == (asked or ["–"])
-        minutes[path.stem[:2]] = int(time)
+        minutes[number_of(path)] = int(time)
     part = [number for number in minutes if number < "10"]
     for plan, planned in {
         "Part I in four weeks": part,

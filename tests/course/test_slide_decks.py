@@ -8,6 +8,7 @@ import nbformat
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 from course import slides
+from course.repository import number_of
 
 PICTURE = new_output(
     "display_data",
@@ -64,7 +65,7 @@ def test_what_asks_for_the_notebook_is_left_to_it():
 
 
 def test_the_decks_are_of_notebooks_that_exist():
-    numbers = [path.name[:2] for path in (slides.ROOT / "notebooks").glob("*.ipynb")]
+    numbers = [number_of(path) for path in (slides.ROOT / "notebooks").glob("*.ipynb")]
     assert {"04", "06"} < {*slides.DECKS} <= {*numbers}
 
 
