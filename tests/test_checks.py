@@ -150,7 +150,7 @@ SLIPS = [
     ("two_steps_by_hand", "x2 + r * slope_1 * x1", "r * slope_1 * x1", "second step"),
     ("two_steps_by_hand", "2 * (h2", "(h2", "factor of 2"),
     ("gradients_per_cloth", "g[n] / len(g)", "g[n]", "each counts 1/N"),
-    ("gradients_per_cloth", "len(g)", "max((k == k[n]).sum(), 1)", "cloth's own"),
+    ("gradients_per_cloth", "/ len(g)", "/ (k == k[n]).sum()", "cloth's own"),
     (
         "gradients_per_cloth",
         "body",

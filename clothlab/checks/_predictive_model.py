@@ -107,13 +107,17 @@ def _two_steps(
     w: float, r: float, x1: float, x2: float, y: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """The gradient [2], and what usual slips give, by what is said of each."""
+    # Forth
     h1 = np.tanh(w * x1)
     h2 = np.tanh(w * x2 + r * h1)
+
+    # And back, by both ways on which w acts
     into_h2 = 2 * (h2 - y) * (1 - h2**2)
     by_now = into_h2 * x2
     by_memory = into_h2 * r * (1 - h1**2) * x1
     by_r = into_h2 * h1
     truth = np.array([by_now + by_memory, by_r])
+    # As if tanh were a straight line
     flat = 2 * (h2 - y)
     return truth, {
         "w also acts in the first step, by way of h1": np.array([by_now, by_r]),
