@@ -32,6 +32,7 @@ from studies import (
     control,
     estimation,
     estimation_race,
+    held_out,
     identifiability,
     iterative_control,
     joint_estimation_control,
@@ -50,6 +51,7 @@ from studies._rows import Row
 
 _MODULES = (  # in the order of docs/results.md
     autoencoder_quality,
+    held_out,
     self_organisation,
     other_reading,
     what_p_shows,

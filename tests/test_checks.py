@@ -160,13 +160,24 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 # and this the reader is told. Where `right` is "return", `wrong` is what the last line
 # returns instead; where it is "body", all that it does.
 SLIPS = [
-    ("lstm_step", "c = f * c + i * g", "c = i * c + f * g", "changed places"),
-    ("lstm_step", "c = f * c + i * g", "c = i * g", "old cell state is missing"),
-    ("lstm_step", "c = f * c + i * g", "c = c + i * g", "forget gate is missing"),
-    ("parameter_groups", "groups.append(", "str(", "would stay at zero"),
-    ("parameter_groups", '"lr": bias_rate', '"lr": rate', "`bias_rate` as its lr"),
-    ("parameter_groups", ', "lr": bias_rate', "", "`bias_rate` as its lr"),
-    ("parameter_groups", "if p.requires_grad:", "if True:", "p is fixed"),
+    ("arrival", "pinv(planned)", "pinv(true)", "that is the goal"),
+    ("arrival", "return", "planned @ np.linalg.pinv(true) @ goal", "changed places"),
+    ("arrival", "np.linalg.pinv(planned)", "planned.T", "no inverse"),
+    ("half_life", "np.log(phi)", "np.log(1 - phi)", "keeps the share"),
+    ("half_life", "return", "0.5 / (1 - phi)", "not subtracted"),
+    ("half_life", "return", "np.log(phi) / np.log(0.5)", "one over it"),
+    ("half_life", "return", "round(np.log(0.5) / np.log(phi)) + 1", "not a half"),
+    ("two_steps_by_hand", "x2 + r * slope_1 * x1", "x2", "by way of h1"),
+    ("two_steps_by_hand", "x2 + r * slope_1 * x1", "r * slope_1 * x1", "second step"),
+    ("two_steps_by_hand", "2 * (h2", "(h2", "factor of 2"),
+    ("gradients_per_cloth", "g[n] / len(g)", "g[n]", "each counts 1/N"),
+    ("gradients_per_cloth", "/ len(g)", "/ (k == k[n]).sum()", "cloth's own"),
+    (
+        "gradients_per_cloth",
+        "body",
+        "total = np.zeros((cloths, 2)); total[k] += g / len(g)\nreturn total",
+        "adds only once",
+    ),
     ("closed_loop", "p, memory)", "p)", "pass the memory on"),
     ("closed_loop", "s, memory = model", "_, memory = model", "s stays what it was"),
     ("closed_loop", "s, memory = model(", "s, _ = model(", "memory before it"),
@@ -413,6 +424,9 @@ SLIPS = [
         "F.binary_cross_entropy(logits.sigmoid().clamp(1e-6, 1 - 1e-6), images)",
         "be cut off",
     ),
+    ("mirror_padding", "(size - 1) // 2 + 1", "size // 2", "a convolution makes"),
+    ("mirror_padding", "2 * small - 1", "2 * small - 2", "takes an output_padding"),
+    ("mirror_padding", "return", "(small, 1)", "takes an output_padding of 0"),
     ("denoise", "adam.zero_grad()", "pass", "zero_grad() comes before backward()"),
     ("denoise", "adam.step()", "pass", "the weights do not move"),
     (
@@ -724,6 +738,17 @@ RIGHTS = [
     ("linear_reconstruction", 'svd_solver="randomized"', 'svd_solver="full"'),
     ("two_link_jacobian", "return", "(np.stack([of_upper + of_fore, of_fore]).T)"),
     ("sag", "np.linalg.solve(joints, torque)", "np.linalg.inv(joints) @ torque"),
+    (
+        "arrival",
+        "return",
+        "true @ (planned.T @ np.linalg.solve(planned @ planned.T, goal))",
+    ),
+    ("half_life", "return", "-1 / np.log2(phi)"),
+    (
+        "gradients_per_cloth",
+        "body",
+        "return [g[k == j].sum(axis=0) / len(g) for j in range(cloths)]",
+    ),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
     (
         "my_mask",
@@ -821,7 +846,7 @@ def test_a_recorded_replay_of_outputs_fails(name, capsys):
 
 
 # These judge what an answer does, not returns only
-CALLED_BACK = {"receding_horizon", "denoise", "parameter_groups"}
+CALLED_BACK = {"receding_horizon", "denoise"}
 
 
 def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_all(

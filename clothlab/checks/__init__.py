@@ -21,6 +21,7 @@ from clothlab.checks._data_and_images import (
     chamfer_by_hand,
     denoise,
     linear_reconstruction,
+    mirror_padding,
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
@@ -45,10 +46,12 @@ from clothlab.checks._parametric_bias import (
     string_pull,
 )
 from clothlab.checks._predictive_model import (
+    arrival,
     closed_loop,
+    gradients_per_cloth,
+    half_life,
     influence,
-    lstm_step,
-    parameter_groups,
+    two_steps_by_hand,
 )
 from clothlab.checks._results import verdict
 from clothlab.checks._start_here import rhythm, shift_for_iou

@@ -142,6 +142,27 @@ def _bce_slips(logits: Tensor, images: Tensor) -> dict[str, float]:
     return {message: float(value.mean()) for message, value in slips.items()}
 
 
+@check(array("the smaller size, and the output_padding", 2))
+def mirror_padding(answer: Callable, rng: np.random.Generator) -> None:
+    """What a convolution makes of a size, and how its mirror image comes back, `[2]`.
+
+    Given is a height or width; the convolution has kernel 3, stride 2 and padding 1, as
+    the transposed one has. Some sizes are odd, some even.
+    """
+    even = 2 * int(rng.integers(5, 80))
+    for size in (even, even + 1, even + 2):
+        layer = torch.nn.Conv2d(1, 1, 3, stride=2, padding=1)
+        small = layer(torch.zeros(1, 1, size, size)).shape[-1]
+        found = answer(size)
+        otherwise = f"a convolution makes {small} of {size}, not {found[0]:g}"
+        expect(found[0], small, otherwise)
+
+        # A transposed convolution comes back to 2 n - 1, and this much is missing
+        missing = size - (2 * small - 1)
+        otherwise = f"from {small} back to {size} takes an output_padding of {missing}"
+        expect(found[1], missing, otherwise)
+
+
 @check(array("the loss of each batch", 4))
 def denoise(answer: Callable, rng: np.random.Generator) -> None:
     """The losses `[4]` of a training on four batches, one step of descent on each.

@@ -6,88 +6,158 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from clothlab.checks._check import apart, array, arrays, check, drawn, expect
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.method.model import DPMPB, Memory, predict
 
 _Z = slice(0, 3)  # the numbers of the state that are the image
 
 
-@check(arrays("the new h and the new c", *[array("30 numbers", 1, 30)] * 2))
-def lstm_step(answer: Callable, rng: np.random.Generator) -> None:
-    """One step of an LSTM layer: the new h and the new c, each `[1, 30]`.
+@check(array("position and speed at the end", 2))
+def arrival(answer: Callable, rng: np.random.Generator) -> None:
+    """Where a swing arrives, `[2]`, with a plan that was made for another damping.
 
-    Given are an input, an h and a c that are not zero, and the weights of PyTorch's
-    layer; expected is what its equations say.
+    Given are two matrices `[2, T]`, of the swing that was planned for and of the true
+    one, and the goal `[2]`; column t says how far a push of 1 at step t moves position
+    and speed at the end. Expected is the plan of least effort.
     """
-    # A memory, an input and weights
-    network = _network(rng)
-    h, c = (part[0] for part in network.memory)
-    x = _normal(rng, 1, 30)
-    W, R, b, *_ = network.model.lstm.parameters()
 
-    # The gates, in PyTorch's order, and the two new values
-    i, f, g, o = (x @ W.T + h @ R.T + b).chunk(4, dim=-1)
-    i = i.sigmoid()
-    f = f.sigmoid()
-    g = g.tanh()
-    o = o.sigmoid()
-    true_c = f * c + i * g
-    true_h = o * true_c.tanh()
+    def draw() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        planned, true = rng.uniform(0.2, 4, 2)
+        steps = int(rng.integers(12, 25))
+        goal = np.array([rng.uniform(0.5, 2), 0.0])
+        return _responses(planned, steps), _responses(true, steps), goal
 
-    # c first: a wrong one makes a wrong h
-    slips = {
-        "the gates have changed places: f keeps, i adds": i * c + f * g,
-        "the old cell state is missing": i * g,
-        "the forget gate is missing: all of the old state stays": c + i * g,
+    case = drawn(draw, lambda case: apart(_arrived(*case), _arrival_slips(*case), 0.05))
+    otherwise = "wrong: first the pushes that reach the goal in the planned-for swing"
+    found = answer(*case)
+    expect(found, _arrived(*case), otherwise, _arrival_slips(*case), rtol=1e-4)
+
+
+def _responses(damping: float, steps: int) -> np.ndarray:
+    """How each of many pushes of 0.2 s moves a swing's end `[2, T]`."""
+    columns = []
+    for pushed in range(steps):
+        x = 0.0
+        v = 0.0
+        for step in range(10 * steps):
+            push = float(step // 10 == pushed)
+            v += 0.02 * (push - x - damping * v)
+            x += 0.02 * v
+        columns.append((x, v))
+    return np.array(columns).T
+
+
+def _arrived(planned: np.ndarray, true: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    return true @ np.linalg.pinv(planned) @ goal
+
+
+def _arrival_slips(
+    planned: np.ndarray, true: np.ndarray, goal: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What is easily taken for the arrival, by what is said of it."""
+    return {
+        "the two swings have changed places: plan with the first matrix, arrive with "
+        "the second": _arrived(true, planned, goal),
+        "that is the goal: the pushes go to the true swing, not to the one that they "
+        "were planned for": goal,
+        "the transpose is no inverse: use `np.linalg.pinv`": true @ planned.T @ goal,
     }
-    new_h, new_c = answer(x, h, c, W, R, b)
-    otherwise = "wrong: c keeps a part of the old c, and adds a part of g"
-    expect(new_c, true_c, otherwise, slips)
-    expect(new_h, true_h, "c is right, h is wrong: leave its line as it was")
 
 
-@check(lambda _, found: found)
-def parameter_groups(answer: Callable, rng: np.random.Generator) -> None:
-    """Parameter groups for Adam, in which W and p have rates of their own.
+@check(number("a number of steps"))
+def half_life(answer: Callable, rng: np.random.Generator) -> None:
+    """Steps until half of a cell is forgotten, with a forget gate that stays the same.
 
-    Given are a layer, p `[3, 2]` and two learning rates; once p is to be trained, once
-    it is fixed and has no group. Adam itself is asked what it makes of the groups.
+    Given is one gate between 0.3 and 0.99; the number need not be whole.
     """
-    layer = torch.nn.Linear(2, 1)
-    for fixed in (False, True):
-        p = torch.zeros(3, 2, requires_grad=not fixed)
-        rate = rng.uniform(0.01, 0.02)
-        bias_rate = rng.uniform(0.1, 0.2)
-        rates = _rates_of_adam(answer(layer, p, rate, bias_rate))
-
-        # W always moves
-        w_moves = all(rates.get(id(each)) == rate for each in layer.parameters())
-        assert w_moves, "W moves at `rate`: leave its group"
-
-        # p moves where it is to be trained; a rate of 0 stands for no group
-        if fixed:
-            truth = 0.0
-            otherwise = "p is fixed: it has no group then"
-        else:
-            truth = bias_rate
-            otherwise = "the group of p needs `bias_rate` as its lr"
-        slips = {"p is in no group, and would stay at zero": 0}
-        expect(rates.get(id(p), 0), truth, otherwise, slips)
+    phi = float(rng.uniform(0.3, 0.99))
+    truth = np.log(0.5) / np.log(phi)
+    slips = {
+        "it keeps the share φ, and loses 1 - φ": np.log(0.5) / np.log(1 - phi),
+        "φ is multiplied at each step, not subtracted": 0.5 / (1 - phi),
+        "that is one over it": np.log(phi) / np.log(0.5),
+        "the sign is wrong: logarithms of numbers below 1 are negative": -truth,
+    }
+    otherwise = f"after n steps φⁿ is left: {phi:.3f} to that power is not a half"
+    expect(answer(phi), truth, otherwise, slips, rtol=1e-3)
 
 
-def _rates_of_adam(groups: object) -> dict[int, float]:
-    """The learning rate of each parameter, by its id, once Adam has the groups."""
-    try:
-        adam = torch.optim.Adam(groups)  # type: ignore[arg-type]
-    except Exception as error:  # whatever was returned
-        words = str(error).strip().splitlines()[:1]
-        refused = ": ".join(["Adam takes no such groups", *words])
-        raise AssertionError(refused[:200]) from None
-    rates = {}
-    for group in adam.param_groups:
-        for parameter in group["params"]:
-            rates[id(parameter)] = group["lr"]
-    return rates
+@check(array("two derivatives, ∂L/∂w and ∂L/∂r", 2))
+def two_steps_by_hand(answer: Callable, rng: np.random.Generator) -> None:
+    """The gradient of two steps of a memory by its two weights, `[2]`.
+
+    Given are w and r, two inputs and the wanted output; h1 = tanh(w x1), h2 = tanh(w x2
+    + r h1), L = (h2 - y)².
+    """
+
+    def draw() -> np.ndarray:
+        signs = rng.choice([-1, 1], 5)
+        return signs * rng.uniform(0.4, 1.2, 5)
+
+    case = drawn(draw, lambda case: apart(*_two_steps(*case), rtol=0.02))
+    truth, slips = _two_steps(*case)
+    found = answer(*map(float, case))
+    otherwise = "wrong: go from L back to h2, from there to w, to r and to h1"
+    if np.isclose(found[1], truth[1]):
+        otherwise = "∂L/∂r is right, ∂L/∂w is wrong"
+    expect(found, truth, otherwise, slips, rtol=1e-4)
+
+
+def _two_steps(
+    w: float, r: float, x1: float, x2: float, y: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The gradient [2], and what usual slips give, by what is said of each."""
+    # Forth
+    h1 = np.tanh(w * x1)
+    h2 = np.tanh(w * x2 + r * h1)
+
+    # And back, by both ways on which w acts
+    into_h2 = 2 * (h2 - y) * (1 - h2**2)
+    by_now = into_h2 * x2
+    by_memory = into_h2 * r * (1 - h1**2) * x1
+    by_r = into_h2 * h1
+    truth = np.array([by_now + by_memory, by_r])
+    # As if tanh were a straight line
+    flat = 2 * (h2 - y)
+    return truth, {
+        "w also acts in the first step, by way of h1": np.array([by_now, by_r]),
+        "w also acts in the second step, where x2 comes in": np.array(
+            [by_memory, by_r]
+        ),
+        "the square has a derivative with a factor of 2": truth / 2,
+        "the slope of tanh is missing: 1 - h²": np.array(
+            [flat * (x2 + r * x1), flat * h1]
+        ),
+    }
+
+
+@check(array("a gradient for each p", 4, 2))
+def gradients_per_cloth(answer: Callable, rng: np.random.Generator) -> None:
+    """The gradient of the loss by each p_k, `[4, 2]`.
+
+    Given are the gradients of the stretches' own losses by the p that each was given
+    `[N, 2]`, which cloth each stretch is of `[N]`, and the number of cloths. One cloth
+    has no stretch.
+    """
+    k = rng.permutation([0] * 5 + [1] * 2 + [3] * 4)
+    g = rng.normal(size=(len(k), 2))
+    member = np.eye(4)[k]  # [N, 4]
+    summed = member.T @ g
+    counts = np.maximum(member.sum(axis=0), 1)[:, None]
+
+    # In an assignment to repeated places the last one wins
+    last = np.zeros((4, 2))
+    last[k] = g / len(g)
+    slips = {
+        "L is the mean over all stretches, so that each counts 1/N": summed,
+        "1/N, with the number of all stretches, not of the cloth's own": summed
+        / counts,
+        "`total[k] += g` adds only once where k repeats: use np.add.at, or a "
+        "loop": last,
+        "a stretch moves the p of its own cloth alone": np.tile(g.mean(axis=0), (4, 1)),
+    }
+    otherwise = "wrong: which stretches hear of p_k, and with what weight?"
+    expect(answer(g, k, 4), summed / len(g), otherwise, slips)
 
 
 class _Network(NamedTuple):

@@ -45,6 +45,7 @@ class PBMap(anywidget.AnyWidget):
         labels: names of the dots, such as `{name: cloth.label}`.
         p: chosen at first `[D_p]`.
         reference: p from which a line leads to the chosen one `[D_p]`, if any.
+        symbol: of what is chosen, if it is not p: "z" for a map of images.
     """
 
     _esm = javascript("alive", "text", "map", "map_widget")
@@ -59,8 +60,9 @@ class PBMap(anywidget.AnyWidget):
         *,
         p: ArrayLike,
         reference: ArrayLike | None = None,
+        symbol: str = "p",
     ):
-        self._plane = Plane(biases, labels)
+        self._plane = Plane(biases, labels, symbol)
         line = [] if reference is None else [self._plane.at(reference)]
         about = self._plane.map | {"line": line}
         super().__init__(about=about, chosen=self._plane.at(p))

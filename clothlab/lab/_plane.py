@@ -17,9 +17,15 @@ class Plane:
     Args:
         biases: trained p of each material, `{name: [D_p]}`.
         labels: names of their dots on the map; by default those of the materials.
+        symbol: of what is drawn, if it is not p.
     """
 
-    def __init__(self, biases: Mapping[str, np.ndarray], labels: Mapping[str, str]):
+    def __init__(
+        self,
+        biases: Mapping[str, np.ndarray],
+        labels: Mapping[str, str],
+        symbol: str = "p",
+    ):
         self._axes = principal_axes(dict(biases))
         places = [self.at(p) for p in biases.values()]
         dots = []
@@ -30,7 +36,7 @@ class Plane:
         self.map = {
             "dots": dots,
             "reach": _MARGIN * float(np.abs(places).max()),
-            "axes": ["PC1 of p", "PC2 of p"],
+            "axes": [f"PC1 of {symbol}", f"PC2 of {symbol}"],
         }
 
     def at(self, p: ArrayLike) -> list[float]:

@@ -28,6 +28,8 @@ function pbMap(choose, SIDE = 310) {
 
   function draw(news) {
     shown = { ...shown, ...news };
+    const symbol = shown.axes[0].split(" ").pop();
+    if (symbol && symbol !== "p") canvas.setAttribute("aria-label", `map of ${symbol}: click, or use the arrow keys, to set ${symbol}`);
     side = canvas.clientWidth || SIDE;
     if (canvas.width !== side * SHARP) canvas.width = canvas.height = side * SHARP;
     ctx.setTransform(SHARP, 0, 0, SHARP, 0, 0);

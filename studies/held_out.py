@@ -1,0 +1,299 @@
+"""What a training learns that holds for recordings which it has not seen.
+
+Two experiments: networks with and without p, and with and without a memory, by their
+errors on trials that were held out; and how long a cloth remembers where it was.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from clothlab import data
+from clothlab.method.data import Run, materials_of, set_normalisation, windows
+from clothlab.method.fast_rollout import quicken
+from clothlab.method.model import DPMPB
+from clothlab.method.training import ModelTraining, minimise, seeded
+from clothlab.policies import RandomPolicy
+from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.trials import to_run
+from studies._grid import Experiment, Tables, grid, over
+from studies._rows import Row
+from studies._runs import EVALUATION, RECORDINGS, trained
+
+_WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images
+_WARM = 10  # steps of a window that only fill the memory [step]
+_HORIZON = 16  # how far ahead a closed loop predicts [step]
+_EVERY = 32  # steps between the starts of two closed loops
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One way to train, and what differs from the usual one."""
+
+    bias_size: int = 2
+    frames: int = 0  # of a stack in place of the LSTM; 0: the LSTM
+    bias_rate: float = 6e-3  # of p
+    longer: int = 1  # how many times the updates
+    seeds: int = 2  # trainings
+
+
+KINDS = {
+    "p": _Kind(seeds=3),
+    "none": _Kind(bias_size=0),
+    "4 frames": _Kind(frames=4),
+    "1 frame": _Kind(frames=1),
+    "slow p": _Kind(bias_rate=2e-3),
+    "4 frames, longer": _Kind(frames=4, longer=4),
+    "1 frame, longer": _Kind(frames=1, longer=4),
+    "stored": _Kind(seeds=5),  # nothing is trained: the weights `torque-paper`
+}
+
+
+class Stack(nn.Module):
+    """The paper's network with the last frames in place of the LSTM.
+
+    A frame is a state and the command that was sent in it. It is called as `DPMPB` is;
+    its memory is the frames before, of which the first stands in for earlier ones.
+    """
+
+    def __init__(self, states: int, commands: int, bias_size: int, frames: int):
+        super().__init__()
+        self.bias_size = bias_size
+        self.frames = frames
+        sizes = (frames * (states + commands) + bias_size, 300, 100, 100, 300)
+        layers: list[nn.Module] = []
+        for k in range(4):
+            layers += [nn.Linear(sizes[k], sizes[k + 1]), nn.Tanh()]
+        self.fc_in = nn.Sequential(*layers)
+        self.fc_out = nn.Sequential(nn.Linear(300, states))
+        for name, size in (("s", states), ("u", commands)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_std", torch.ones(size))
+
+    def forward(
+        self, s: Tensor, u: Tensor, p: Tensor, memory: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """The next states `[B, T, D_s]`, and the frames to remember."""
+        s = (s - self.s_mean) / self.s_std
+        u = (u - self.u_mean) / self.u_std
+        frames = torch.cat([s, u], dim=-1)
+        if memory is None:
+            memory = frames[:, :1].expand(-1, self.frames - 1, -1)
+        known = torch.cat([memory, frames], dim=1)
+
+        # Of each step, its own frame and those before
+        stacked = known.unfold(1, self.frames, 1).flatten(2)
+        p = p.expand(len(s), self.bias_size)[:, None].expand(-1, s.shape[1], -1)
+        following = self.fc_out(self.fc_in(torch.cat([stacked, p], dim=-1)))
+        kept = known[:, len(known[0]) - self.frames + 1 :]
+        return following * self.s_std + self.s_mean, kept
+
+
+def _train_one(kind: str, seed: int, updates: int = 300) -> dict[str, Any]:
+    """Errors of one training, on its own trials and on those held out."""
+    chosen = KINDS[kind]
+    known = _runs(RECORDINGS["torque"])
+    unseen = _runs(EVALUATION["torque"])
+    materials = materials_of(known)
+    with seeded(seed):
+        model = _network(chosen, known)
+        p = torch.zeros(len(materials), chosen.bias_size)
+        before = _weights(model)
+        if kind == "stored":
+            learned = trained(f"{_WEIGHTS}-{seed}")
+            model = learned.model
+            p = torch.tensor(np.stack([learned.biases[name] for name in materials]))
+            curves = [(_loss(model, p, known), _loss(model, p, unseen))]
+        else:
+            updates *= chosen.longer
+            curves = list(_train(model, p, chosen, known, unseen, updates))
+
+    # Both losses after each tenth of the training, and what a closed loop is worth
+    training, held_out = np.transpose(curves)
+    biases = dict(zip(materials, p.detach(), strict=True))
+    ahead = _errors_ahead(model, biases, unseen)
+    moved = (_weights(model) - before).abs().median()
+    moved_p = p.detach().abs().median() if chosen.bias_size else torch.zeros(())
+    return {
+        "training": training.round(5),
+        "held_out": held_out.round(5),
+        "error": ahead.mean(axis=0).round(4),
+        "moved_weight": float(moved),
+        "moved_p": float(moved_p),
+    }
+
+
+def _runs(recordings: str) -> list[Run]:
+    autoencoder, _ = data.load_autoencoder(_WEIGHTS)
+    return [to_run(autoencoder, trial) for trial in data.load_trials(recordings)]
+
+
+def _network(kind: _Kind, runs: Sequence[Run]) -> nn.Module:
+    """A network of random weights, normalised by these runs."""
+    states = runs[0].s.shape[1]
+    commands = runs[0].u.shape[1]
+    lstm = DPMPB(states, commands, kind.bias_size)
+    set_normalisation(lstm, runs)
+    if not kind.frames:
+        return quicken(lstm)
+
+    # The stack has the same buffers
+    stack = Stack(states, commands, kind.bias_size, kind.frames)
+    stack.load_state_dict(dict(lstm.named_buffers()), strict=False)
+    return quicken(stack)  # type: ignore[arg-type]
+
+
+def _weights(model: nn.Module) -> Tensor:
+    """All weights, as one vector."""
+    return torch.cat([each.detach().flatten() for each in model.parameters()])
+
+
+def _train(
+    model: nn.Module,
+    p: Tensor,
+    kind: _Kind,
+    known: Sequence[Run],
+    unseen: Sequence[Run],
+    updates: int,
+) -> Iterator[tuple[float, float]]:
+    """Train in place; yields the two losses after each tenth of the updates.
+
+    Args:
+        model: a network.
+        p: of each material `[K, D_p]`.
+        kind: how it is trained.
+        known: runs to learn from.
+        unseen: runs of the same materials that are only looked at.
+        updates: how many.
+    """
+    usual = ModelTraining()
+    s, u, k = windows(known, usual.sequence_length, usual.stride)
+    p.requires_grad_()
+    groups: list[dict[str, Any]] = [{"params": list(model.parameters())}]
+    if kind.bias_size:
+        groups.append({"params": [p], "lr": kind.bias_rate})
+
+    def loss(index: Tensor) -> Tensor:
+        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
+        return _squared(model, predicted, s[index, 1:])
+
+    def batches() -> Sequence[Tensor]:
+        return [torch.randint(len(s), (64,))]
+
+    # An epoch is one update here
+    steps = minimise(groups, loss, batches, updates, usual.learning_rate)
+    for n, _ in enumerate(steps, start=1):
+        if n % (updates // 10) == 0:
+            yield _loss(model, p, known), _loss(model, p, unseen)
+
+
+def _squared(model: nn.Module, predicted: Tensor, s: Tensor) -> Tensor:
+    """Mean squared error of states in standard deviations."""
+    return nn.functional.mse_loss(predicted / model.s_std, s / model.s_std)
+
+
+@torch.no_grad()
+def _loss(model: nn.Module, p: Tensor, runs: Sequence[Run]) -> float:
+    """One-step loss on windows of runs, once there is something to remember."""
+    s, u, k = windows(runs, ModelTraining().sequence_length, 30)
+    predicted, _ = model(s[:, :-1], u, p[k])
+    return float(_squared(model, predicted[:, _WARM:], s[:, _WARM + 1 :]))
+
+
+@torch.no_grad()
+def _errors_ahead(
+    model: nn.Module, biases: dict[str, Tensor], runs: Sequence[Run]
+) -> np.ndarray:
+    """Distances in z of closed loops to the truth [s.d.], `[N, _HORIZON]`."""
+    errors = []
+    for run in runs:
+        s = torch.as_tensor(run.s)
+        u = torch.as_tensor(run.u)
+        p = biases[run.material]
+        for start in range(_EVERY, len(run) - _HORIZON, _EVERY):
+            # All that was recorded fills the memory; then predictions come back
+            _, memory = model(s[None, :start], u[None, :start], p)
+            now = s[None, start : start + 1]
+            predicted = []
+            for t in range(start, start + _HORIZON):
+                now, memory = model(now, u[None, t : t + 1], p, memory)
+                predicted.append(now[0, 0])
+            gap = torch.stack(predicted) - s[start + 1 : start + 1 + _HORIZON]
+            errors.append(gap[:, :3].norm(dim=1).numpy())
+    return np.stack(errors)
+
+
+def _forget(damping: float, seed: int, steps: int = 24) -> dict[str, Any]:
+    """How far two cloths are apart that differ only in their past.
+
+    Both are moved at random for 3 s, each in its own way, and then by the same
+    commands. Distances are of their points, root mean square [m], at each step since.
+    """
+    cloth = Cloth("forgetful", damping=damping)
+    paths = []
+    with closing(ClothEnv("torque", cloth)) as env:
+        for past in (seed, seed + 1000):
+            env.start()
+            for source, count in ((past, 15), (seed + 2000, steps)):
+                policy = RandomPolicy(env.arm)
+                policy.reset(source)
+                places = []
+                for _ in range(count):
+                    env.advance(policy({}))
+                    places.append(env.cloth_points())
+            paths.append(np.stack(places))
+    gap = np.linalg.norm(paths[0] - paths[1], axis=-1)
+    distance = np.sqrt(np.square(gap).reshape(steps, -1).mean(axis=1))
+    return {"distance": distance.round(5)}
+
+
+def _cases(**sizes: Any) -> list[dict[str, Any]]:
+    """Each kind with the seeds that it has."""
+    cases: list[dict[str, Any]] = []
+    for kind, chosen in KINDS.items():
+        cases += grid(**({"kind": kind, "seed": range(chosen.seeds)} | sizes))
+    return cases
+
+
+_ABOUT = """
+What does a network learn that holds for other recordings?
+
+Its errors on trials that were held out, with p and without, with a memory, with the
+last four frames and with one. This is no experiment of the paper.
+"""
+
+
+def _rows(tables: Tables) -> list[Row]:
+    """Errors over eight steps of a closed loop."""
+    table = tables["held_out"]
+    ahead = {}
+    for kind in KINDS:
+        errors = np.stack(table.query("kind == @kind")["error"].to_list())
+        ahead[kind] = errors[:, :8].mean()
+    row = Row(
+        "held_out",
+        "prediction over eight steps, held out: with p over trained without p",
+        ahead["p"] / ahead["none"],
+        below=1,
+        note=f"a network with one frame and no memory, trained longer, over the "
+        f"stored LSTM: {ahead['1 frame, longer'] / ahead['stored']:.2f}",
+    )
+    return [row]
+
+
+EXPERIMENTS = (
+    Experiment("held_out", _train_one, _cases, seconds=25, slow=True),
+    Experiment(
+        "forgetting",
+        _forget,
+        over(damping=(0.05, 0.01, 0.002), seed=range(10)),
+        seconds=3,
+        slow=True,
+    ),
+)
