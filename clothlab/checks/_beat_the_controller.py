@@ -16,6 +16,7 @@ def best_of_equals(answer: Callable, rng: np.random.Generator) -> None:
     a score. Expected is the mean of the largest, within a few per cent, so that it may
     be simulated.
     """
+    # One try, some, and many; with one there is nothing to choose from
     spread = rng.uniform(2.0, 9.0)
     for count in (1, int(rng.integers(4, 7)), int(rng.integers(20, 40))):
         found = answer(count, spread)
@@ -60,12 +61,13 @@ def score_interval(answer: Callable, rng: np.random.Generator) -> None:
     Given are scores `[tasks, throws]`, whose throws resemble each other within a task,
     the share of the resampled means that it holds, and a generator.
     """
-    tasks, throws = 12, 8
-    own = rng.normal(0, 20, (tasks, 1))
-    scores = rng.uniform(30, 60) + own + rng.normal(0, 5, (tasks, throws))
+    # Twelve tasks of eight throws
+    own = rng.normal(0, 20, (12, 1))
+    scores = rng.uniform(30, 60) + own + rng.normal(0, 5, (12, 8))
     for share in (0.5, 0.95):
         found = answer(scores.copy(), share, np.random.default_rng(rng.integers(2**32)))
-        lower, upper = found.tolist()
+        lower = float(found[0])
+        upper = float(found[1])
         assert lower <= upper, "return the lower end first"
         tails = [0.5 - share / 2, 0.5 + share / 2]
         truth = np.quantile(_resampled_tasks(scores, rng), tails)

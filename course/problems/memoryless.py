@@ -6,13 +6,34 @@ many: so compare with a wider network, too.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from clothlab.method.data import Run
+
+
+class _Memoryless(nn.Module):
+    """Predicts the change of a state, with one p for each material."""
+
+    def __init__(self, states: int, commands: int, materials: int):
+        super().__init__()
+        wide = 100  # as the layers of the LSTM
+        self.p = nn.Parameter(torch.zeros(materials, 2))
+        self.network = nn.Sequential(
+            nn.Linear(states + commands + 2, wide),
+            nn.Tanh(),
+            nn.Linear(wide, wide),
+            nn.Tanh(),
+            nn.Linear(wide, wide),
+            nn.Tanh(),
+            nn.Linear(wide, states),
+        )
+
+    def forward(self, s: Tensor, u: Tensor, k: Tensor) -> Tensor:
+        """Changes `[B, D_s]`, all in standard deviations; k names materials `[B]`."""
+        return self.network(torch.cat([s, u, self.p[k]], dim=1))
 
 
 def train_memoryless(
@@ -26,38 +47,17 @@ def train_memoryless(
     command = torch.as_tensor(np.concatenate([run.u[:-1] for run in runs]))
     which = [np.full(len(run.s) - 1, names.index(run.material)) for run in runs]
     material = torch.as_tensor(np.concatenate(which))
+    scales = _Scales(before, command, after - before)
 
-    # In standard deviations; predicted is the change
-    middle = before.mean(0)
-    scale = before.std(0).clamp_min(1e-6)
-    force = command.std(0).clamp_min(1e-6)
-    push = command.mean(0)
-    change = (after - before).std(0).clamp_min(1e-6)
-
-    # One p for each material beside a network of the LSTM's width
+    # The loss is the LSTM's: squared errors of next states in standard deviations
     torch.manual_seed(seed)
-    sizes = (before.shape[1] + command.shape[1] + 2, 100, 100, 100)
-    layers: list[nn.Module] = []
-    for wide, next_wide in pairwise(sizes):
-        layers += [nn.Linear(wide, next_wide), nn.Tanh()]
-    network = nn.Sequential(*layers, nn.Linear(100, before.shape[1]))
-    p = nn.Parameter(torch.zeros(len(names), 2))
-    groups = [
-        {"params": network.parameters(), "lr": rate},
-        {"params": [p], "lr": 3 * rate},
-    ]
-    optimiser = torch.optim.Adam(groups)
+    network = _Memoryless(before.shape[1], command.shape[1], len(names))
+    optimiser = torch.optim.Adam(network.parameters(), rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, updates)
-
-    def following(s: torch.Tensor, u: torch.Tensor, k: torch.Tensor) -> torch.Tensor:
-        x = torch.cat([(s - middle) / scale, (u - push) / force, p[k]], dim=1)
-        return s + change * network(x)
-
-    # The LSTM's loss: squared errors of next states, in their standard deviations
     for _ in range(updates):
         some = torch.randint(len(before), (300,))
-        gap = following(before[some], command[some], material[some]) - after[some]
-        loss = (gap / change).square().mean()
+        found = scales.next(network, before[some], command[some], material[some])
+        loss = ((found - after[some]) / scales.change).square().mean()
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -69,11 +69,28 @@ def train_memoryless(
         k = torch.tensor([names.index(material)])
         states = []
         for each in torch.as_tensor(u, dtype=torch.float32):
-            state = following(state, each[None], k)
+            state = scales.next(network, state, each[None], k)
             states.append(state[0].numpy())
         return np.array(states)
 
     return ahead
+
+
+class _Scales:
+    """Means and standard deviations of states and commands, and those of changes."""
+
+    def __init__(self, s: Tensor, u: Tensor, change: Tensor):
+        self.middle = s.mean(0)
+        self.scale = s.std(0).clamp_min(1e-6)
+        self.push = u.mean(0)
+        self.force = u.std(0).clamp_min(1e-6)
+        self.change = change.std(0).clamp_min(1e-6)
+
+    def next(self, network: _Memoryless, s: Tensor, u: Tensor, k: Tensor) -> Tensor:
+        """States after commands `[B, D_s]`."""
+        unit_s = (s - self.middle) / self.scale
+        unit_u = (u - self.push) / self.force
+        return s + self.change * network(unit_s, unit_u, k)
 
 
 def parts(

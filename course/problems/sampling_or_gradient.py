@@ -31,6 +31,7 @@ def cem(
         calls: plans that may be judged.
         rng: of the draws.
     """
+    # Some rounds share the calls
     rounds = max(3, round(calls**0.5 / 4))
     size = calls // rounds
     floor = 0.05 * spread
@@ -55,53 +56,67 @@ def parts(
     answer: Callable, seed: int = 0
 ) -> Iterator[tuple[int, str, Callable[[], bool]]]:
     """Points, words and condition of each part."""
-    lower = np.array([-1.0, -1.2])
-    upper = np.array([0.9, 1.1])
+    rules = "no more calls than allowed, never out of range"
+    yield 1, rules, lambda: _keeps_rules(answer, seed)
+    far = "a valley: far below as many random draws"
+    yield 2, far, lambda: _goes_down(answer, seed)
+    yield 1, "two valleys: the deeper one", lambda: _finds_the_deeper(answer, seed)
 
-    def found(judge: Callable, calls: int, number: int) -> tuple[np.ndarray, int]:
-        """An answer's plan, and how many plans it judged."""
-        asked = 0
 
-        def counted(plans: np.ndarray) -> np.ndarray:
-            nonlocal asked
-            asked += len(plans)
-            return judge(plans)
+_LOWER = np.array([-1.0, -1.2])
+_UPPER = np.array([0.9, 1.1])
+_SPREAD = 0.4  # of the first draw
 
-        rng = np.random.default_rng([seed, number])
-        start = np.zeros((8, 2))
-        plan = answer(counted, start, np.full((8, 2), 0.4), lower, upper, calls, rng)
-        return np.asarray(plan), asked
 
-    def keeps_rules() -> bool:
-        for number, calls in enumerate((20, 99, 300)):
-            edge = _valley(np.random.default_rng([seed, number]), reach=3.0)
-            plan, asked = found(edge, calls, number)
-            inside = ((plan >= lower) & (plan <= upper)).all()
-            if asked > calls or plan.shape != (8, 2) or not inside:
-                return False
-        return True
+def _found(
+    answer: Callable, judge: Callable, calls: int, seed: list[int]
+) -> tuple[np.ndarray, int]:
+    """An answer's plan, and how many plans it judged."""
+    asked = 0
 
-    def goes_down() -> bool:
-        ratios = []
-        for number in range(20):
-            rng = np.random.default_rng([seed, number])
-            valley = _valley(rng)
-            plan, _ = found(valley, 300, number)
-            draws = np.clip(rng.normal(0, 0.4, (300, 8, 2)), lower, upper)
-            ratios.append(valley(plan[None])[0] / valley(draws).min())
-        return float(np.median(ratios)) < 0.6
+    def counted(plans: np.ndarray) -> np.ndarray:
+        nonlocal asked
+        asked += len(plans)
+        return judge(plans)
 
-    def finds_the_deeper() -> bool:
-        deeper = []
-        for number in range(20):
-            two, goal = _two_valleys(np.random.default_rng([seed, number]))
-            plan, _ = found(two, 1000, number)
-            deeper.append(two(plan[None])[0] < goal)
-        return float(np.mean(deeper)) > 0.6
+    rng = np.random.default_rng(seed)
+    start = np.zeros((8, 2))
+    spread = np.full((8, 2), _SPREAD)
+    plan = answer(counted, start, spread, _LOWER, _UPPER, calls, rng)
+    return np.asarray(plan), asked
 
-    yield 1, "no more calls than allowed, never out of range", keeps_rules
-    yield 2, "a valley: far below as many random draws", goes_down
-    yield 1, "two valleys: the deeper one", finds_the_deeper
+
+def _keeps_rules(answer: Callable, seed: int) -> bool:
+    for number, calls in enumerate((20, 99, 300)):
+        key = [seed, number]
+        edge = _valley(np.random.default_rng(key), reach=3.0)
+        plan, asked = _found(answer, edge, calls, key)
+        inside = ((plan >= _LOWER) & (plan <= _UPPER)).all()
+        if asked > calls or plan.shape != (8, 2) or not inside:
+            return False
+    return True
+
+
+def _goes_down(answer: Callable, seed: int) -> bool:
+    ratios = []
+    for number in range(20):
+        key = [seed, number]
+        rng = np.random.default_rng(key)
+        valley = _valley(rng)
+        plan, _ = _found(answer, valley, 300, key)
+        draws = np.clip(rng.normal(0, _SPREAD, (300, 8, 2)), _LOWER, _UPPER)
+        ratios.append(valley(plan[None])[0] / valley(draws).min())
+    return float(np.median(ratios)) < 0.6
+
+
+def _finds_the_deeper(answer: Callable, seed: int) -> bool:
+    deeper = []
+    for number in range(20):
+        key = [seed, number]
+        two, level = _two_valleys(np.random.default_rng(key))
+        plan, _ = _found(answer, two, 1000, key)
+        deeper.append(two(plan[None])[0] < level)
+    return float(np.mean(deeper)) > 0.6
 
 
 def _valley(rng: np.random.Generator, reach: float = 0.6) -> Callable:
