@@ -21,6 +21,8 @@ def best_of_equals(answer: Callable, rng: np.random.Generator) -> None:
     for count in (1, int(rng.integers(4, 7)), int(rng.integers(20, 40))):
         found = answer(count, spread)
         truth = spread * _mean_of_largest(count)
+
+        # What usual slips give
         slips = {}
         if count > 1:
             slips = {

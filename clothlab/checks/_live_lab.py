@@ -45,6 +45,8 @@ def _other_points(distances: np.ndarray, end: int) -> dict[str, float]:
     still = distances[0]
     counted = distances[1 : end + 1]
     best = counted.min()
+
+    # What is said of each
     too_late = "only the first throws count: what comes after them is too late"
     early = (
         "an observation is made before its command: that after the last command of "
@@ -54,6 +56,8 @@ def _other_points(distances: np.ndarray, end: int) -> dict[str, float]:
     share = "100 is for the target itself, not 1"
     absolute = "compare with the still cloth, which the first observation shows"
     average = "the best image of all counts, not the mean"
+
+    # What each gives
     return {
         too_late: _points(distances, distances[1:].min()),
         early: _points(distances, distances[1:end].min()),

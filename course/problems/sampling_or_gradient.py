@@ -37,6 +37,8 @@ def cem(
     floor = 0.05 * spread
     best = np.clip(mean, lower, upper)
     lowest = np.inf
+
+    # Each draws anew around the best of the one before
     for _ in range(rounds):
         # Draw, judge, and fit to the best
         plans = np.clip(
