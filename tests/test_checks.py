@@ -142,6 +142,86 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 # and this the reader is told. Where `right` is "return", `wrong` is what the last line
 # returns instead; where it is "body", all that it does.
 SLIPS = [
+    (
+        "steps_behind",
+        "abs(np.corrcoef(before, after)[0, 1])",
+        "np.corrcoef(before, after)[0, 1]",
+        "fall where the command rises",
+    ),
+    ("steps_behind", "np.argmax(alike)", "-np.argmax(alike)", "the other way round"),
+    (
+        "steps_behind",
+        "np.argmax(alike)",
+        "np.argmax(alike) + 1",
+        "compare command[:-k]",
+    ),
+    ("challenge_points", "1 : throws * period + 1", "1:", "too late"),
+    ("challenge_points", "period + 1]", "period]", "counts, too"),
+    (
+        "challenge_points",
+        "1 - counted.min() / distances[0]",
+        "counted.min() / distances[0]",
+        "for the rest",
+    ),
+    ("challenge_points", "100 * ", "", "not 1"),
+    ("challenge_points", " / distances[0]", "", "compare with the still cloth"),
+    ("challenge_points", "counted.min()", "counted.mean()", "not the mean"),
+    (
+        "score_interval",
+        "scores[drawn].mean(axis=(1, 2))",
+        "rng.choice(scores.ravel(), (2000, scores.size)).mean(axis=1)",
+        "draw whole tasks anew",
+    ),
+    (
+        "score_interval",
+        "[0.5 - share / 2, 0.5 + share / 2]",
+        "[1 - share, share]",
+        "too narrow",
+    ),
+    (
+        "score_interval",
+        "[0.5 - share / 2, 0.5 + share / 2]",
+        "[0.5 + share / 2, 0.5 - share / 2]",
+        "lower end first",
+    ),
+    ("score_interval", "means, [", "means - scores.mean(), [", "another middle"),
+    ("best_of_equals", "(0, spread, (", "(0, 1, (", "where does it enter"),
+    ("best_of_equals", "luck.max", "np.abs(luck).max", "farthest from the truth"),
+    ("best_of_equals", "luck.max(axis=1).mean()", "luck.mean()", "you show the best"),
+    ("best_of_equals", "return", "spread * np.sqrt(2 * np.log(count))", "from below"),
+    (
+        "next_plan",
+        "tried[np.argmin(distances)]",
+        "tried[-1]",
+        "near the best one so far",
+    ),
+    (
+        "next_plan",
+        "np.clip(best + change, lower, upper)",
+        "best + 20 * change",
+        "left its range",
+    ),
+    ("next_plan", "best + change", "best", "only"),
+    (
+        "next_plan",
+        "np.clip(best + change, lower, upper)",
+        "rng.uniform(lower, upper, (8, 2))",
+        "near the best one so far",
+    ),
+    (
+        "constant_interval",
+        "variance += line[1:] @ covariance @ line[1:]",
+        "pass",
+        "Two things are uncertain",
+    ),
+    (
+        "constant_interval",
+        "(misses**2).sum() / (len(logs) - 3)",
+        "0",
+        "Two things are uncertain",
+    ),
+    ("constant_interval", "1.2816 *", "12 *", "times as wide"),
+    ("constant_interval", "return", "middle + half, middle - half", "lower end first"),
     ("lstm_step", "c = f * c + i * g", "c = i * c + f * g", "changed places"),
     ("lstm_step", "c = f * c + i * g", "c = i * g", "old cell state is missing"),
     ("lstm_step", "c = f * c + i * g", "c = c + i * g", "forget gate is missing"),
@@ -620,6 +700,20 @@ SLIPS = [
 # Other ways to be right, as readers write them: the solution with one piece replaced by
 # another.
 RIGHTS = [
+    ("steps_behind", "return", "np.float32(np.argmax(alike))"),
+    ("challenge_points", "counted.min()", "np.sort(counted)[0]"),
+    (
+        "score_interval",
+        "return",
+        "tuple(np.percentile(means, [50 - 50 * share, 50 + 50 * share]))",
+    ),
+    (
+        "best_of_equals",
+        "luck.max(axis=1).mean()",
+        "np.mean([max(row) for row in luck])",
+    ),
+    ("next_plan", "0.05 * (upper", "0.03 * (upper"),
+    ("constant_interval", "1.2816", "1.44"),
     ("curvature", "return curvatures", "return curvatures.tolist()"),
     (
         "shares_by_hand",
