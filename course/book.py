@@ -31,7 +31,8 @@ PAGES = (
     "LICENSE",
     "data/README.md",
     "docs/*.*",
-    "docs/course/*",
+    "docs/course/*.*",
+    "docs/course/problems/*.md",
     "docs/gallery/*",
 )
 

@@ -29,6 +29,7 @@ from studies import (
     autoencoder_quality,
     calibration_test,
     camera_recalibration,
+    capstone,
     control,
     estimation,
     estimation_race,
@@ -68,6 +69,7 @@ _MODULES = (  # in the order of docs/results.md
     sysid_benchmark,
     calibration_test,
     camera_recalibration,
+    capstone,
     table_setting,
 )
 EXPERIMENTS: dict[str, Experiment] = {

@@ -8,6 +8,12 @@ file of its name, after an underscore.
 """
 
 from clothlab.checks._check import CheckFailed
+from clothlab.checks._beat_the_controller import (
+    best_of_equals,
+    constant_interval,
+    next_plan,
+    score_interval,
+)
 from clothlab.checks._cloth_simulation import (
     cloth_energy,
     count_springs,
@@ -25,6 +31,7 @@ from clothlab.checks._data_and_images import (
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
+from clothlab.checks._live_lab import challenge_points, steps_behind
 from clothlab.checks._model_predictive_control import (
     my_mask,
     plan_gradients,
