@@ -6,6 +6,7 @@ import linecache
 import os
 import re
 from fractions import Fraction
+from itertools import product
 from pathlib import Path
 
 import nbformat
@@ -18,10 +19,27 @@ import clothlab
 from clothlab import checks
 from clothlab.checks._check import array, check, number
 from clothlab.checks._cloth_simulation import acceleration
+from clothlab.simulation.cloth import get_cloth, hanging_points
 from course.solutions import solved
 
 NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
-LESSONS = {"acceleration": acceleration}  # what solutions take from their lesson
+SPRINGS = {"structural": [(1, 0), (0, 1)], "shear": [(1, 1), (1, -1)]}
+SPRINGS |= {"bending": [(2, 0), (0, 2)]}
+
+
+def pairs_of_springs(kind, rows=6, columns=3):
+    for down, right in SPRINGS[kind]:
+        for i, j in product(range(rows), range(columns)):
+            if 0 < i + down < rows and 0 <= j + right < columns:
+                yield (i, j), (i + down, j + right)
+
+
+LESSONS = {  # what solutions take from their lesson
+    "acceleration": acceleration,
+    "NEIGHBOURS": SPRINGS,
+    "springs": pairs_of_springs,
+    "start": hanging_points(get_cloth("damp0.05-mass0.10")),
+}
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -349,6 +367,28 @@ SLIPS = [
         "not the old",
     ),
     ("euler_step", "v = v + dt * a", "v += dt * a", "in place"),
+    ("explicit_step", "d / k", "2 * np.sqrt(m / k)", "of semi-implicit Euler"),
+    ("explicit_step", "d / k", "2 * m / d", "the velocity alone"),
+    ("explicit_step", "d / k", "d / (2 * k)", "still shrinks"),
+    ("explicit_step", "d / k", "m / d", "the swing is multiplied by"),
+    ("stable_step", "2 * k / m", "k / m", "one point on a wall"),
+    ("stable_step", "2 * k / m", "k / (2 * m)", "feel the sum"),
+    ("stable_step", "2 / omega", "1 / omega", "allows more"),
+    ("stable_step", "2 / omega", "2 * np.pi / omega", "a whole period"),
+    ("stable_step", "2 / omega", "3 / omega", "the longest step is not"),
+    ("cloth_energy", ".sum() / 2", ".sum()", "energy of motion is"),
+    ("cloth_energy", "** 2 / 2", "** 2", "k (stretch)² / 2"),
+    ("cloth_energy", "* 9.81", "* -9.81", "sign of the height"),
+    ("cloth_energy", "motion + height", "motion", "height does not count"),
+    ("cloth_energy", '"bending"', '"none"', "cloth.bending"),
+    ("cloth_energy", "cloth.point_mass", "cloth.mass", "not that of all"),
+    ("cloth_energy", "- rest", "- 0 * rest", "make"),
+    ("falling_speed", "1 - np.exp(-t * c / m)", "1 + 0 * t", "at all times"),
+    ("falling_speed", "1 - np.exp(", "np.exp(", "grow towards it"),
+    ("falling_speed", "c / m))", "m / c))", "the wrong way round"),
+    ("falling_speed", "return ", "return -", "positive downwards"),
+    ("falling_speed", "body", "return 9.81 * t", "without air"),
+    ("falling_speed", "m * 9.81 / c", "9.81 / c", "terminal speed should be"),
     ("chamfer_by_hand", "return", "there.mean()", "only, from a to b"),
     (
         "chamfer_by_hand",
@@ -441,6 +481,25 @@ SLIPS = [
     ("pair_stiffness", "3 * k3", "k3", "df/de, not f/e"),
     ("pair_stiffness", "e0**2", "e0", "slope is"),
     ("compliance", "+ 1 / arm.motor_stiffness", "", "motors are rigid"),
+    ("two_link_jacobian", "[of_upper + of_fore,", "[of_upper,", "its column has two"),
+    ("two_link_jacobian", "theta[0] + theta[1]", "theta[1]", "forearm's slope is"),
+    ("two_link_jacobian", "axis=1", "axis=0", "transpose it"),
+    (
+        "two_link_jacobian",
+        "np.array([np.sin(upper), np.cos(upper)])",
+        "0",
+        "nudges give",
+    ),
+    ("sag", "np.diag(k)", "(k.mean() * np.eye(6))", "belongs between"),
+    ("sag", "G.T @ np.diag(k) @ G", "np.eye(2)", "pull back with"),
+    ("sag", "np.linalg.solve(joints, torque)", "joints @ torque", "must sag less"),
+    ("sag", "return ", "return -", "mind the sign"),
+    (
+        "sag",
+        "np.linalg.solve(joints, torque)",
+        "torque / np.diag(joints)",
+        "are coupled",
+    ),
     (
         "compliance",
         "spring_stiffness(f_const)",
@@ -654,6 +713,10 @@ RIGHTS = [
         "return float(max(range(skip, len(overlap)), key=lambda k: overlap[k])) / 5",
     ),
     ("euler_step", "return x, v", "return np.stack([x, v])"),
+    ("explicit_step", "d / k", "(d / m) / (k / m)"),
+    ("stable_step", "2 / omega", "np.sqrt(4 / omega**2)"),
+    ("cloth_energy", "x[1:, :, 2].sum()", "x[..., 2].sum()"),
+    ("falling_speed", "(1 - np.exp(-t * c / m))", "-np.expm1(-c / m * t)"),
     ("chamfer_by_hand", "return (", "return np.float32("),
     ("bce_loss", "body", "return F.binary_cross_entropy_with_logits(logits, images)"),
     (
@@ -664,6 +727,8 @@ RIGHTS = [
         "    loss.backward(); adam.step(); losses.append(loss.item())\nreturn np.array(losses)",
     ),
     ("linear_reconstruction", 'svd_solver="randomized"', 'svd_solver="full"'),
+    ("two_link_jacobian", "return", "(np.stack([of_upper + of_fore, of_fore]).T)"),
+    ("sag", "np.linalg.solve(joints, torque)", "np.linalg.inv(joints) @ torque"),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
     (
         "my_mask",

@@ -8,7 +8,14 @@ file of its name, after an underscore.
 """
 
 from clothlab.checks._check import CheckFailed, Unanswered
-from clothlab.checks._cloth_simulation import count_springs, euler_step
+from clothlab.checks._cloth_simulation import (
+    cloth_energy,
+    count_springs,
+    euler_step,
+    explicit_step,
+    falling_speed,
+    stable_step,
+)
 from clothlab.checks._data_and_images import (
     bce_loss,
     chamfer_by_hand,
@@ -51,6 +58,8 @@ from clothlab.checks._variable_stiffness import (
     compliance,
     length_for_measured_tension,
     pair_stiffness,
+    sag,
+    two_link_jacobian,
 )
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

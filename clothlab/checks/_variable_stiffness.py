@@ -189,3 +189,99 @@ def length_for_measured_tension(answer: Callable, rng: np.random.Generator) -> N
                 f"not {f} N"
             )
             expect(sent, truth, otherwise, slips, atol=1e-7)
+
+
+@check(array("the Jacobian", 2, 2))
+def two_link_jacobian(answer: Callable, rng: np.random.Generator) -> None:
+    """The Jacobian ∂(hand)/∂θ `[2, 2]` [m/rad] of an arm with two links.
+
+    Given are the angles θ `[2]` [rad], positive downwards, the elbow's counted from the
+    upper arm, and the lengths of both links `[2]` [m]. Rows are forward and upward,
+    columns shoulder and elbow.
+    """
+
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        return rng.uniform([0.2, -1.4], [0.8, -0.6]), rng.uniform(0.2, 0.5, size=2)
+
+    def slips_differ(drawn_pair: tuple[np.ndarray, np.ndarray]) -> bool:
+        return apart(_jacobian(*drawn_pair), _jacobian_slips(*drawn_pair))
+
+    for _ in range(2):
+        theta, links = drawn(draw, slips_differ)
+        J = answer(theta, links)
+
+        # Nudge each joint
+        h = 1e-6
+        columns = []
+        for nudge in h * np.eye(2):
+            change = _hand(theta + nudge, links) - _hand(theta - nudge, links)
+            columns.append(change / (2 * h))
+        truth = np.stack(columns, axis=1)
+        otherwise = (
+            f"at θ = {theta.round(2)} rad with links of {links.round(2)} m nudges give "
+            f"{truth.round(3).tolist()}, not {J.round(3).tolist()}"
+        )
+        expect(J, truth, otherwise, _jacobian_slips(theta, links))
+
+
+def _hand(theta: np.ndarray, links: np.ndarray) -> np.ndarray:
+    """Where the hand is, forward and upward of the shoulder `[2]` [m]."""
+    slopes = np.array([theta[0], theta[0] + theta[1]])
+    return np.array([links @ np.cos(slopes), -links @ np.sin(slopes)])
+
+
+def _jacobian(theta: np.ndarray, links: np.ndarray) -> np.ndarray:
+    """The Jacobian `[2, 2]`: each joint turns all links behind it."""
+    slopes = np.array([theta[0], theta[0] + theta[1]])
+    upper, fore = np.stack([-links * np.sin(slopes), -links * np.cos(slopes)], axis=1)
+    return np.stack([upper + fore, fore], axis=1)
+
+
+def _jacobian_slips(theta: np.ndarray, links: np.ndarray) -> dict[str, np.ndarray]:
+    """What is easily written in place of the Jacobian, by what is said of it."""
+    J = _jacobian(theta, links)
+    alone = np.stack([J[:, 0] - J[:, 1], J[:, 1]], axis=1)
+    return {
+        "the shoulder moves the forearm, too: its column has two terms": alone,
+        "the forearm's slope is θ₁ + θ₂": _jacobian(
+            np.array([theta[0], theta[1] - theta[0]]), links
+        ),
+        "rows are forward and upward, columns the joints: transpose it": J.T,
+        "angles are positive downwards: the hand goes down as they grow": J
+        * [[1.0], [-1.0]],
+        "the derivative of the cosine is minus the sine": J * [[-1.0], [1.0]],
+    }
+
+
+@check(array("an angle for each joint", 2))
+def sag(answer: Callable, rng: np.random.Generator) -> None:
+    """How far a torque turns the joints `[2]` [rad] against their muscles.
+
+    Given are the moment arms G `[6, 2]` [m/rad], the stiffness k of each muscle `[6]`
+    [N/m], and torques at both joints `[2]` [N m], small enough for a linear answer.
+    """
+    for _ in range(2):
+        G = _ARM.moment_arms * rng.uniform(0.8, 1.2)
+        k = rng.permutation(np.linspace(1500.0, 9000.0, 6)) * rng.uniform(0.9, 1.1)
+        torque = rng.uniform(0.2, 0.6, size=2)
+        found = answer(G, k, torque)
+
+        # The truth, and what is easily written in its place
+        joints = G.T @ (k[:, None] * G)  # [2, 2] [N m/rad]
+        truth = np.linalg.solve(joints, torque)
+        slips = {
+            "each muscle has its own stiffness: k belongs between Gᵀ and G": (
+                np.linalg.solve(k.mean() * G.T @ G, torque)
+            ),
+            "that is stiffness times torque: a stiff arm must sag less": joints
+            @ torque,
+            "the joints are coupled by the muscles across both: solve for both angles "
+            "at once": torque / np.diag(joints),
+            "a torque turns the joints its own way: mind the sign": -truth,
+        }
+        back = joints @ found
+        otherwise = (
+            f"turned by your angles, the muscles pull back with {back.round(3)} N m, "
+            f"not with {torque.round(3)} N m"
+        )
+        expect(found, truth, otherwise, slips)
