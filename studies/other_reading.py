@@ -155,7 +155,7 @@ def _rows(tables: Tables) -> list[Row]:
             f"other_reading/{reading}",
             f"C_damp as {reading}: R² of log C_damp from p, leave one cloth out",
             r2[:, 0].mean(),
-            spread=r2[:, 0].std(),
+            spread=float(r2[:, 0].std()) if len(r2) > 1 else None,
             paper="in order along PC1",
             note=f"of log C_mass {r2[:, 1].mean():.2f}; the best p of a new run has "
             f"its C_damp in {shares[:, 0].mean():.0%}, its C_mass in "
