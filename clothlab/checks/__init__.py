@@ -7,13 +7,13 @@ variables nor `data/`, and `seed=` repeats a run. Each notebook's checks stand i
 file of its name, after an underscore.
 """
 
-from clothlab.checks._check import CheckFailed
 from clothlab.checks._beat_the_controller import (
     best_of_equals,
     constant_interval,
     next_plan,
     score_interval,
 )
+from clothlab.checks._check import CheckFailed
 from clothlab.checks._cloth_simulation import (
     cloth_energy,
     count_springs,
