@@ -13,11 +13,19 @@ from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.estimation import BiasEstimator
+from clothlab.method.policy import Policy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.trials import recorded_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
-from studies._runs import HEAVY, new_trial, trained
+from studies._runs import HEAVY, RECORDINGS, new_trial, trained
+
+# What control knows of p: it is estimated from a wrong one, stays wrong, or is right
+ESTIMATED = "estimated"
+WRONG = "wrong"
+RIGHT = "right"
+KNOWLEDGE = (ESTIMATED, WRONG, RIGHT)
 
 
 def _run_one(
@@ -27,6 +35,8 @@ def _run_one(
     held: str = cloth_name(0.03, 0.10),
     believed: str = HEAVY,
     steps: int = 250,
+    knowledge: str = ESTIMATED,
+    starts: int = 0,
 ) -> dict[str, Any]:
     """Estimate and control at once, from the p of a cloth that is not in the hand.
 
@@ -37,26 +47,44 @@ def _run_one(
         held: cloth in the hand; as steps and the other cloth, the paper's.
         believed: cloth whose p control starts with.
         steps: control steps.
+        knowledge: what control knows of p: one of `KNOWLEDGE`.
+        starts: how many recorded plans a period may begin with, besides the paper's.
     """
     learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
     right = learned.biases[held]
     start = learned.biases[believed]
 
-    # A controller that is told p by an estimator
-    estimator = BiasEstimator(learned.model, start)
-    controller = learned.controller(mask, start)
-    policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
+    # A controller that knows p, or is told p by an estimator
+    plans = None
+    if starts:
+        recordings = data.load_trials(RECORDINGS["torque"])
+        plans = recorded_plans(recordings, count=starts)
+    first = right if knowledge == RIGHT else start
+    controller = learned.controller(mask, first, plans=plans)
+    policy: Policy = controller
+    if knowledge == ESTIMATED:
+        estimator = BiasEstimator(learned.model, start)
+        policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
     trial = new_trial(policy, learned.arm, held, steps, model)
 
-    left = np.linalg.norm(policy.trace[-1] - right)
+    trace = policy.trace if isinstance(policy, EstimatingPolicy) else [first]
+    left = np.linalg.norm(trace[-1] - right)
     distance = target_distance(learned.autoencoder, trial, mask)
     return {
-        "trace": np.round(policy.trace, 4),  # p after each step [T, D_p]
+        "trace": np.round(trace, 4),  # p after each step [T, D_p], or all the time [1]
         "distance": distance.round(4),  # at each step [T] [s.d. of z]
         # Distance to the right p in the end, over that of the start
         "ratio": float(left / np.linalg.norm(start - right)),
     }
+
+
+def the_papers(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows that are as in the paper: p is estimated, with its start and target."""
+    if "knowledge" not in table:  # of the paper's amount of recordings, all are
+        return table
+    wanted = "knowledge == @ESTIMATED and starts == 0 and target == 'target-1'"
+    return table.query(wanted)
 
 
 def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +101,7 @@ def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
 
 def _rows(tables: Tables) -> list[Row]:
     """How near p comes to the right one."""
-    table = tables["joint_estimation_control"]
+    table = the_papers(tables["joint_estimation_control"])
     seconds = table["steps"].iloc[0] * CONTROL_PERIOD
     row = Row(
         "joint_estimation_control",
@@ -94,13 +122,24 @@ Do estimation and control work at the same time?
 Control starts with the p of a wrong cloth, and p is estimated while the robot works
 (paper, "Simulation Experiment": the last two figures).
 """
+_CASES = over(
+    model=range(5),
+    target=("target-1", "target-2"),
+    knowledge=KNOWLEDGE,
+    starts=(0, 200),
+)
 EXPERIMENTS = (
     Experiment(
         "joint_estimation_control",
         _run_one,
-        over(model=range(5)),
+        _CASES,
         seconds=10,
-        paper={"weights": "torque-paper"},
+        paper={
+            "weights": "torque-paper",
+            "target": "target-1",
+            "knowledge": ESTIMATED,
+            "starts": 0,
+        },
         rows=_rows,
         about=_ABOUT,
     ),

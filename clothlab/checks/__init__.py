@@ -18,11 +18,11 @@ from clothlab.checks._data_and_images import (
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
 from clothlab.checks._model_predictive_control import (
+    farthest,
+    has_slope,
     my_mask,
-    plan_gradients,
-    receding_horizon,
-    shifted,
-    steps_along,
+    together,
+    two_targets,
 )
 from clothlab.checks._online_estimation import (
     curvature,
@@ -45,5 +45,6 @@ from clothlab.checks._variable_stiffness import (
     length_for_measured_tension,
     pair_stiffness,
 )
+from clothlab.checks._why_the_plan_fails import beyond_time, optimism, steps_earlier
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))
