@@ -17,6 +17,7 @@ from clothlab import data
 from clothlab.simulation.env import ClothEnv, Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
+from course.repository import number_of
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
@@ -55,7 +56,7 @@ def gallery() -> None:
         picture.thumbnail(GALLERY_SIZE)
 
         # Few colours: these pictures lie in the repository
-        target = ROOT / "docs" / "gallery" / f"{path.stem[:2]}.png"
+        target = ROOT / "docs" / "gallery" / f"{number_of(path)}.png"
         target.parent.mkdir(exist_ok=True)
         picture.quantize(64).save(target, optimize=True)
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")

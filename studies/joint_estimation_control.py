@@ -26,17 +26,18 @@ ESTIMATED = "estimated"
 WRONG = "wrong"
 RIGHT = "right"
 KNOWLEDGE = (ESTIMATED, WRONG, RIGHT)
+# The cloth in the hand, and the one that it is believed to be, as in the paper
+HELD = cloth_name(0.03, 0.10)
+BELIEVED = HEAVY
 
 
 def _run_one(
     model: int,
     weights: str = "torque",
     target: str = "target-1",
-    held: str = cloth_name(0.03, 0.10),
-    believed: str = HEAVY,
+    held: str = HELD,
+    believed: str = BELIEVED,
     steps: int = 250,
-    knowledge: str = ESTIMATED,
-    starts: int = 0,
 ) -> dict[str, Any]:
     """Estimate and control at once, from the p of a cloth that is not in the hand.
 
@@ -47,44 +48,54 @@ def _run_one(
         held: cloth in the hand; as steps and the other cloth, the paper's.
         believed: cloth whose p control starts with.
         steps: control steps.
-        knowledge: what control knows of p: one of `KNOWLEDGE`.
-        starts: how many recorded plans a period may begin with, besides the paper's.
     """
     learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
     right = learned.biases[held]
     start = learned.biases[believed]
 
-    # A controller that knows p, or is told p by an estimator
-    plans = None
-    if starts:
-        recordings = data.load_trials(RECORDINGS["torque"])
-        plans = recorded_plans(recordings, count=starts)
-    first = right if knowledge == RIGHT else start
-    controller = learned.controller(mask, first, plans=plans)
-    policy: Policy = controller
-    if knowledge == ESTIMATED:
-        estimator = BiasEstimator(learned.model, start)
-        policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
+    # A controller that is told p by an estimator
+    estimator = BiasEstimator(learned.model, start)
+    controller = learned.controller(mask, start)
+    policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
     trial = new_trial(policy, learned.arm, held, steps, model)
 
-    trace = policy.trace if isinstance(policy, EstimatingPolicy) else [first]
-    left = np.linalg.norm(trace[-1] - right)
+    left = np.linalg.norm(policy.trace[-1] - right)
     distance = target_distance(learned.autoencoder, trial, mask)
     return {
-        "trace": np.round(trace, 4),  # p after each step [T, D_p], or all the time [1]
+        "trace": np.round(policy.trace, 4),  # p after each step [T, D_p]
         "distance": distance.round(4),  # at each step [T] [s.d. of z]
         # Distance to the right p in the end, over that of the start
         "ratio": float(left / np.linalg.norm(start - right)),
     }
 
 
-def the_papers(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows that are as in the paper: p is estimated, with its start and target."""
-    if "knowledge" not in table:  # of the paper's amount of recordings, all are
-        return table
-    wanted = "knowledge == @ESTIMATED and starts == 0 and target == 'target-1'"
-    return table.query(wanted)
+def _run_arm(
+    knowledge: str, starts: int, target: str, model: int, steps: int = 250
+) -> dict[str, Any]:
+    """The same task, with p estimated, with the wrong p, or with the right one.
+
+    Args:
+        knowledge: what control knows of p: one of `KNOWLEDGE`.
+        starts: how many recorded plans a period may begin with, besides the paper's.
+        target: what is to be seen, by name.
+        model: seed of the training.
+        steps: control steps.
+    """
+    learned = trained(f"torque-{model}")
+    mask = data.load_target(target)
+    recordings = data.load_trials(RECORDINGS["torque"])
+    plans = recorded_plans(recordings, count=starts) if starts else None
+
+    # A controller that knows p, or is told p by an estimator
+    p = learned.biases[HELD if knowledge == RIGHT else BELIEVED]
+    policy: Policy = learned.controller(mask, p, plans=plans)
+    if knowledge == ESTIMATED:
+        estimator = BiasEstimator(learned.model, p)
+        policy = EstimatingPolicy(policy, estimator, learned.autoencoder)
+    trial = new_trial(policy, learned.arm, HELD, steps, model)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    return {"distance": distance.round(4)}  # at each step [T] [s.d. of z]
 
 
 def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +112,7 @@ def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
 
 def _rows(tables: Tables) -> list[Row]:
     """How near p comes to the right one."""
-    table = the_papers(tables["joint_estimation_control"])
+    table = tables["joint_estimation_control"]
     seconds = table["steps"].iloc[0] * CONTROL_PERIOD
     row = Row(
         "joint_estimation_control",
@@ -122,25 +133,18 @@ Do estimation and control work at the same time?
 Control starts with the p of a wrong cloth, and p is estimated while the robot works
 (paper, "Simulation Experiment": the last two figures).
 """
-_CASES = over(
-    model=range(5),
-    target=("target-1", "target-2"),
-    knowledge=KNOWLEDGE,
-    starts=(0, 200),
+_ARMS = over(
+    knowledge=KNOWLEDGE, starts=200, target=("target-1", "target-2"), model=range(5)
 )
 EXPERIMENTS = (
     Experiment(
         "joint_estimation_control",
         _run_one,
-        _CASES,
+        over(model=range(5)),
         seconds=10,
-        paper={
-            "weights": "torque-paper",
-            "target": "target-1",
-            "knowledge": ESTIMATED,
-            "starts": 0,
-        },
+        paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,
     ),
+    Experiment("joint_arms", _run_arm, _ARMS, seconds=12),
 )

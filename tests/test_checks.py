@@ -115,7 +115,8 @@ def test_an_exercise_has_stub_solution_and_check(path):
         assert check.startswith(f"checks.{name}({name})"), (
             f"the check of {name} is clothlab.checks.{name}"
         )
-        assert getattr(checks, name).__module__ == f"clothlab.checks._{path.stem[3:]}"
+        lesson = path.stem.split("_", 1)[1]
+        assert getattr(checks, name).__module__ == f"clothlab.checks._{lesson}"
 
 
 def test_every_check_belongs_to_an_exercise():
@@ -473,16 +474,31 @@ SLIPS = [
     ("two_targets", "t + horizon + 1", "t + period + 1", "one column for each"),
     ("has_slope", "step <= last_end", "step % period == 0", "all later images"),
     ("has_slope", "step <= last_end", "step > last_end", "the other way round"),
-    ("has_slope", "range(t + 1, t + horizon + 1)", "range(t, t + horizon)", "before the"),
+    (
+        "has_slope",
+        "range(t + 1, t + horizon + 1)",
+        "range(t, t + horizon)",
+        "before the",
+    ),
     ("has_slope", "horizon + 1)", "period + 1)", "commands, not"),
     ("together", " - (z(u + a) - z(u)) - (z(u + b) - z(u))", "", "all that both do"),
     ("together", " - (z(u + a) - z(u))", "", "what the first does"),
     ("together", " - (z(u + b) - z(u))", "", "what the second does"),
-    ("together", "both = z(u + a + b) - z(u)", "both = z(u + a + b) - 2 * z(u)", "z(u)"),
+    (
+        "together",
+        "both = z(u + a + b) - z(u)",
+        "both = z(u + a + b) - 2 * z(u)",
+        "z(u)",
+    ),
     ("together", "return both", "return -both", "compare"),
     ("farthest", " / np.sqrt(horizon * commands)", "", "over the whole plan"),
     ("farthest", "horizon * commands", "horizon", "horizon times commands"),
-    ("farthest", "np.sqrt(horizon * commands)", "(horizon * commands)", "under the root"),
+    (
+        "farthest",
+        "np.sqrt(horizon * commands)",
+        "(horizon * commands)",
+        "under the root",
+    ),
     ("farthest", "iterations * ", "", "each iteration makes a step"),
     ("steps_earlier", "return (", "return (period - ", "how much later"),
     ("steps_earlier", "horizon - 1", "horizon", "steps from now"),
@@ -495,9 +511,24 @@ SLIPS = [
         "(np.linalg.norm(seen - z_ref, axis=1) - length).mean()",
         "whatever the error",
     ),
-    ("optimism", "return", "np.linalg.norm(error, axis=1).mean()", "the size of the error"),
-    ("beyond_time", "gains(estimated) - gains(wrong)", "gains(estimated)", "stays wrong"),
-    ("beyond_time", "[:, 0] - each[:, 1]", "[:, 1] - each[:, 0]", "a distance that falls"),
+    (
+        "optimism",
+        "return",
+        "np.linalg.norm(error, axis=1).mean()",
+        "the size of the error",
+    ),
+    (
+        "beyond_time",
+        "gains(estimated) - gains(wrong)",
+        "gains(estimated)",
+        "stays wrong",
+    ),
+    (
+        "beyond_time",
+        "[:, 0] - each[:, 1]",
+        "[:, 1] - each[:, 0]",
+        "a distance that falls",
+    ),
     (
         "beyond_time",
         "return gains(estimated)",
@@ -629,9 +660,17 @@ RIGHTS = [
         "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))",
     ),
     ("two_targets", "return", "[list(ends & odd), list(ends & ~odd)]"),
-    ("has_slope", "return", "[step <= last_end for step in t + np.arange(horizon) + 1]"),
+    (
+        "has_slope",
+        "return",
+        "[step <= last_end for step in t + np.arange(horizon) + 1]",
+    ),
     ("together", "return", "z(u + a + b) - z(u + a) - z(u + b) + z(u)"),
-    ("farthest", "return", "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)"),
+    (
+        "farthest",
+        "return",
+        "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)",
+    ),
     ("steps_earlier", "return", "int(-(ago + horizon - 1)) % period"),
     ("optimism", "return", "((error * away).sum(1) / length).mean().item()"),
     ("beyond_time", "return", "list(gains(estimated) - gains(wrong))"),

@@ -192,7 +192,9 @@ def test_the_memory_follows_the_observations(env, controller):
     assert torch.allclose(found, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("warm_start", "steps_ago"), [("last", 1), ("earlier", 8), ("periodic", 8)])
+@pytest.mark.parametrize(
+    ("warm_start", "steps_ago"), [("last", 1), ("earlier", 8), ("periodic", 8)]
+)
 def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(
     controller, warm_start, steps_ago
 ):

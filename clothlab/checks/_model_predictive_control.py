@@ -115,12 +115,16 @@ def has_slope(answer: Callable, rng: np.random.Generator) -> None:
         assert len(found) == horizon, (
             f"{case}: one for each of the {horizon} commands, not {len(found)}"
         )
+
+        # A chain in which each step keeps what came before
         settings = ControlSettings(horizon=horizon, period=period)
         mask = torch.as_tensor(period_mask(t, settings))
         u = torch.zeros(horizon, requires_grad=True)
         (mask * u.cumsum(0)).sum().backward()
         assert u.grad is not None
         wanted = (u.grad > 0).numpy().astype(float)
+
+        # What goes wrong easily
         slips = {
             f"{case}: a command acts on all later images, too, and not only on the "
             "one right after it": mask.numpy(),
@@ -177,6 +181,7 @@ def farthest(answer: Callable, rng: np.random.Generator) -> None:
     numbers a command has. The truth is found by walking straight on.
     """
     for _ in range(3):
+        # Straight on, one step after the other
         iterations = int(rng.integers(2, 9))
         longest = rng.uniform(0.5, 2.0)
         horizon = int(rng.integers(4, 17))
@@ -185,6 +190,8 @@ def farthest(answer: Callable, rng: np.random.Generator) -> None:
         moved = iterations * longest * way / np.linalg.norm(way)
         truth = np.sqrt((moved**2).mean())
         size = horizon * commands
+
+        # What goes wrong easily
         slips = {
             "a step has the length γ over the whole plan, not in each number": (
                 iterations * longest

@@ -19,10 +19,13 @@ def steps_earlier(answer: Callable, rng: np.random.Generator) -> None:
         period = int(rng.integers(3, 11))
         cases.append((int(rng.integers(1, 13)), int(rng.integers(2, 14)), period))
     for ago, horizon, period in cases:
+        # Phases at which it was sent, and comes again
         t = 10 * period  # any step will do
         sent_at = (t - ago) % period
         comes_at = (t + horizon - 1) % period
         truth = (sent_at - comes_at) % period
+
+        # What goes wrong easily
         slips = {
             "this is how much later it comes": (comes_at - sent_at) % period,
             "the plan's first command is that of now, so its last is sent horizon - 1 "
@@ -73,7 +76,9 @@ def optimism(answer: Callable, rng: np.random.Generator) -> None:
         "counts": products.mean(),
         "the error is what was seen minus what was predicted": -truth,
     }
-    otherwise = "project each error on the unit vector from the target to the prediction"
+    otherwise = (
+        "project each error on the unit vector from the target to the prediction"
+    )
     expect(answer(*given), truth, otherwise, slips)
 
 
