@@ -68,13 +68,15 @@ def best_per_period(
 ) -> np.ndarray:
     """Smallest distance within each whole period of distances `[T]`.
 
-    A periodic motion meets its target once in each. The first period, in which the arm
-    only swings up from rest, is left out: there are `T // period - 1`.
+    Step 0 is before any command. Period k is steps (k - 1)·8 + 1 to k·8, the last of
+    which is its end, where `period_mask` is 1: there are `(T - 1) // period`, and the
+    first is the throw from rest. A periodic motion meets its target once in each.
     """
     distances = check_array("distances", distances, ("T",))
     period = check_number("period", period, int, at_least=1)
-    whole = len(distances) // period * period
-    return distances[:whole].reshape(-1, period).min(axis=1)[1:]
+    after = distances[1:]
+    whole = len(after) // period * period
+    return after[:whole].reshape(-1, period).min(axis=1)
 
 
 def late_median(best: ArrayLike) -> float:

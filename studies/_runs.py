@@ -189,7 +189,7 @@ def chamfer_against_z(
 
 
 def best_iou(trial: Trial, mask: ArrayLike) -> np.ndarray:
-    """Largest IoU of an image with a mask in each period but the first, `[P]`."""
+    """Largest IoU of an image with a mask in each period, `[P]`."""
     return 1 - best_per_period(1 - iou(trial.images, mask))
 
 

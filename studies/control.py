@@ -42,9 +42,9 @@ def _run_one(
 def _run_periodic(
     target: str, cloth: str, model: int, steps: int = 250
 ) -> dict[str, Any]:
-    """The same where a plan goes on with the command of a period ago."""
-    periodic = ControlSettings(warm_start="periodic")
-    return _distances(target, cloth, model, "torque", steps, periodic)
+    """The same where commands come again in the next period, one step earlier."""
+    earlier = ControlSettings(warm_start="earlier")
+    return _distances(target, cloth, model, "torque", steps, earlier)
 
 
 def _distances(
@@ -119,8 +119,8 @@ Which commands produce the target image?
 
 Control with the right p against random commands, a cloth that hangs still, and an image
 without cloth (paper, "Simulation Experiment": the figure on control). Distances are in
-standard deviations of z, the smallest in each period of 8 steps; the arm swings up in
-the first period, which is left out.
+standard deviations of z, the smallest in each period of 8 steps, of which the last is
+the end of the throw.
 """
 _CASES = over(target=("target-1", "target-2"), cloth=(LIGHT, HEAVY), model=range(5))
 EXPERIMENTS = (

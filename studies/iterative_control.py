@@ -157,8 +157,12 @@ def _run_one(
     return {
         "seed": seed,
         "still": float(distance[0]),  # of the hanging cloth
-        "best": best_per_period(distance).round(4),  # in each period but the first [P]
-        "hand_speed": _fastest(watch, steps).round(3),  # in each of these [P] [m/s]
+        "best": best_per_period(distance).round(
+            4
+        ),  # in each period whose end is seen [P]
+        "hand_speed": _fastest(watch, steps).round(
+            3
+        ),  # in the period after each of these ends [P] [m/s]
         "predicted": predicted.round(4),
         "bias_ratio": _bias_ratio(policy, start, right),
     }

@@ -13,19 +13,30 @@ from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.estimation import BiasEstimator
+from clothlab.method.policy import Policy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.trials import recorded_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
-from studies._runs import HEAVY, new_trial, trained
+from studies._runs import HEAVY, RECORDINGS, new_trial, trained
+
+# What control knows of p: it is estimated from a wrong one, stays wrong, or is right
+ESTIMATED = "estimated"
+WRONG = "wrong"
+RIGHT = "right"
+KNOWLEDGE = (ESTIMATED, WRONG, RIGHT)
+# The cloth in the hand, and the one that it is believed to be, as in the paper
+HELD = cloth_name(0.03, 0.10)
+BELIEVED = HEAVY
 
 
 def _run_one(
     model: int,
     weights: str = "torque",
     target: str = "target-1",
-    held: str = cloth_name(0.03, 0.10),
-    believed: str = HEAVY,
+    held: str = HELD,
+    believed: str = BELIEVED,
     steps: int = 250,
 ) -> dict[str, Any]:
     """Estimate and control at once, from the p of a cloth that is not in the hand.
@@ -57,6 +68,34 @@ def _run_one(
         # Distance to the right p in the end, over that of the start
         "ratio": float(left / np.linalg.norm(start - right)),
     }
+
+
+def _run_arm(
+    knowledge: str, starts: int, target: str, model: int, steps: int = 250
+) -> dict[str, Any]:
+    """The same task, with p estimated, with the wrong p, or with the right one.
+
+    Args:
+        knowledge: what control knows of p: one of `KNOWLEDGE`.
+        starts: how many recorded plans a period may begin with, besides the paper's.
+        target: what is to be seen, by name.
+        model: seed of the training.
+        steps: control steps.
+    """
+    learned = trained(f"torque-{model}")
+    mask = data.load_target(target)
+    recordings = data.load_trials(RECORDINGS["torque"])
+    plans = recorded_plans(recordings, count=starts) if starts else None
+
+    # A controller that knows p, or is told p by an estimator
+    p = learned.biases[HELD if knowledge == RIGHT else BELIEVED]
+    policy: Policy = learned.controller(mask, p, plans=plans)
+    if knowledge == ESTIMATED:
+        estimator = BiasEstimator(learned.model, p)
+        policy = EstimatingPolicy(policy, estimator, learned.autoencoder)
+    trial = new_trial(policy, learned.arm, HELD, steps, model)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    return {"distance": distance.round(4)}  # at each step [T] [s.d. of z]
 
 
 def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -94,6 +133,9 @@ Do estimation and control work at the same time?
 Control starts with the p of a wrong cloth, and p is estimated while the robot works
 (paper, "Simulation Experiment": the last two figures).
 """
+_ARMS = over(
+    knowledge=KNOWLEDGE, starts=200, target=("target-1", "target-2"), model=range(5)
+)
 EXPERIMENTS = (
     Experiment(
         "joint_estimation_control",
@@ -104,4 +146,5 @@ EXPERIMENTS = (
         rows=_rows,
         about=_ABOUT,
     ),
+    Experiment("joint_arms", _run_arm, _ARMS, seconds=12),
 )

@@ -72,7 +72,7 @@ def _run_one(
     before: int = _BEFORE,
     after: int = _AFTER,
 ) -> dict[str, Any]:
-    """Best distance of each period but the first `[P]`, and how long recovery took.
+    """Best distance of each period whose end is seen `[P]`, and how long recovery took.
 
     Args:
         estimated: whether p is estimated on the way, or stays that of `first`.
@@ -108,8 +108,8 @@ def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
     """Periods after a change until the old distance times 1.5 is reached again.
 
     It is reached where the median of three periods in a row is below: one of them may
-    be near by luck. The first period of all is not in `best`; and the last plan with
-    the old material is seen at its end, in the next. Where it is never reached, all
+    be near by luck. A period holds its end, so that `best[before]` is of the first
+    throw with the new material. Where it is never reached, all
     periods and one more count.
     """
     new = best[before:]

@@ -86,7 +86,7 @@ def _papers(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy
 
 
 def _periodic(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
-    return learned.controller(mask, p, ControlSettings(warm_start="periodic"))
+    return learned.controller(mask, p, ControlSettings(warm_start="earlier"))
 
 
 def _iterative(
@@ -200,7 +200,7 @@ def _run_one(
     repeat: int,
     periods: int = 2,
 ) -> dict[str, Any]:
-    """Best distance and best IoU in each period but the first `[P]`.
+    """Best distance and best IoU in each period whose end is seen `[P]`.
 
     Args:
         method: one of `REPLAYS` or of the controllers.
@@ -575,8 +575,7 @@ What is p worth?
 
 Throws with cloths that were never recorded, and towards targets that were not chosen by
 their results. p is estimated from 40 s of random commands before the first throw.
-Distances are the best of a period over that of random commands; in the first period,
-which is left out, the arm swings up.
+Distances are the best of a period over that of random commands.
 """
 EXPERIMENTS = (
     Experiment(

@@ -15,6 +15,8 @@ from clothlab.analysis import (
     target_distance,
 )
 from clothlab.method.autoencoder import Autoencoder, encode
+from clothlab.method.cloth_task import period_mask
+from clothlab.method.control import ControlSettings
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.vision import chamfer_distance
 from studies._runs import bias_error, chamfer_against_z
@@ -79,12 +81,24 @@ def test_the_spread_is_a_distance_and_the_nearest_is_near():
         principal_axes({"a": [0.0, 1.0]})
 
 
-def test_the_best_of_each_period_leaves_the_swing_up_and_the_rest_out():
-    distances = [0, 0, 0, 0, 5, 2, 7, 9, 4, 4, 3, 4, -1]  # three whole periods of four
-    assert best_per_period(distances, period=4) == pytest.approx([2, 3])
-    assert len(best_per_period(distances[:5], period=4)) == 0
+def test_a_period_holds_its_end_and_not_that_of_the_one_before():
+    distances = [-9, 6, 5, 7, 1, 2, 7, 9, 4, 4, 3, 4, 3, -1]  # three whole ones of four
+    assert best_per_period(distances, period=4) == pytest.approx([1, 2, 3])
+    assert len(best_per_period(distances[:4], period=4)) == 0
     with pytest.raises(ValueError, match="period must be at least 1"):
         best_per_period(distances, 0)
+
+
+@pytest.mark.parametrize("period", [1, 3, 8])
+def test_the_mask_and_the_periods_end_at_the_same_steps(period):
+    settings = ControlSettings(horizon=40, period=period)
+    ends = np.flatnonzero(period_mask(0, settings)) + 1  # step 0 is not predicted
+    distances = np.ones(41)
+    for k, end in enumerate(ends):
+        lower = distances.copy()
+        lower[end] = 0
+        found = best_per_period(lower, period)
+        assert np.flatnonzero(found == 0).tolist() == [k]
 
 
 def test_distance_to_a_target_is_that_of_their_z(trial):

@@ -217,7 +217,9 @@ def test_the_memory_follows_the_observations(env, controller):
     assert torch.allclose(found, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("warm_start", "steps_ago"), [("last", 1), ("periodic", 8)])
+@pytest.mark.parametrize(
+    ("warm_start", "steps_ago"), [("last", 1), ("earlier", 8), ("periodic", 8)]
+)
 def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(
     controller, warm_start, steps_ago
 ):
@@ -230,7 +232,7 @@ def test_a_plan_goes_on_with_its_last_command_or_with_that_of_a_period_ago(
 
 
 def test_a_warm_start_has_a_name_that_is_known(controller):
-    with pytest.raises(KeyError, match="choose from last, periodic"):
+    with pytest.raises(KeyError, match="choose from last, earlier, periodic"):
         controller(warm_start="none")
 
 

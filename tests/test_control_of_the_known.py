@@ -82,7 +82,7 @@ class Counting:
 
 @pytest.mark.parametrize(
     ("warm_start", "added"),
-    [("last", [0.9, 0.0, 0.1, 0.2, 0.3]), ("periodic", [0.9, 0.0, 0.1, 0.0, 0.1])],
+    [("last", [0.9, 0.0, 0.1, 0.2, 0.3]), ("earlier", [0.9, 0.0, 0.1, 0.0, 0.1])],
 )
 def test_at_its_end_a_plan_goes_on_with_its_last_command_or_that_of_a_period_ago(
     warm_start, added

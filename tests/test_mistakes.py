@@ -140,7 +140,7 @@ MISTAKES = {
     ],
     "there is nothing": [
         (
-            lambda: analysis.late_median(analysis.best_per_period(np.ones(12))),
+            lambda: analysis.late_median(analysis.best_per_period(np.ones(8))),
             "best are empty",
         ),
         (

@@ -33,11 +33,11 @@ from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
 from clothlab.checks._live_lab import challenge_points, steps_behind
 from clothlab.checks._model_predictive_control import (
+    farthest,
+    has_slope,
     my_mask,
-    plan_gradients,
-    receding_horizon,
-    shifted,
-    steps_along,
+    together,
+    two_targets,
 )
 from clothlab.checks._online_estimation import (
     curvature,
@@ -71,5 +71,6 @@ from clothlab.checks._variable_stiffness import (
     sag,
     two_link_jacobian,
 )
+from clothlab.checks._why_the_plan_fails import beyond_time, optimism, steps_earlier
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from clothlab.checks._check import CheckFailed, array, check, expect
+from clothlab.checks._check import array, check, expect, number
 from clothlab.method.cloth_task import period_mask
 from clothlab.method.control import ControlSettings
 
@@ -66,220 +66,146 @@ def _integers(found: np.ndarray) -> list[float]:
     return [int(value) if value == int(value) else value for value in found.tolist()]
 
 
-_ANY_LENGTH_OF_G = "the length of g must not matter, only its direction"
+@check(array("two rows of 0 and 1", 2, None))
+def two_targets(answer: Callable, rng: np.random.Generator) -> None:
+    """Masks of two targets in turn, `[2, T]`: which predicted steps show which.
 
-
-@check(array("one sequence of commands for each γ", None, 8, 2))
-def steps_along(answer: Callable, rng: np.random.Generator) -> None:
-    """Steps down a gradient, one for each length γ: commands `[C, T, D_u]`.
-
-    Given are a plan `[8, 2]`, its gradient g `[8, 2]`, the lengths `[3]`, and the
-    limits of a command `[2]`. Expected is each step as long as its γ, straight down
-    along g, then clipped; lengths and limits are tried one after the other.
+    Given are t, the horizon and the period, in control steps. The first row counts the
+    ends of the first, third, fifth, … period, the second those of the others.
     """
-    u = rng.uniform(-0.2, 0.2, (8, 2))
-    g = rng.normal(size=(8, 2))
-    gammas = np.array([0.0, rng.uniform(0.01, 0.02), rng.uniform(0.08, 0.12)])
-    # Farther from u than the longest step; an answer that clips to -1 and 1 is seen by
-    # the longer one below
-    lower = np.array([-1.5, -0.4]) + rng.uniform(-0.05, 0.05)
-    upper = np.array([0.5, 0.6]) + rng.uniform(-0.05, 0.05)
-
-    def step(gradient: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        return answer(u.copy(), gradient.copy(), lengths.copy(), lower, upper)
-
-    # Lengths and direction
-    found = step(g, gammas)
-    _expect_straight_steps(found, u, g, gammas)
-    truth = u - gammas[:, None, None] * g / np.linalg.norm(g)
-    expect(step(5 * g, gammas), truth, _ANY_LENGTH_OF_G)
-
-    # Limits
-    far = step(g, np.array([3.0]))[0]
-    inside = np.all((far >= lower - 1e-6) & (far <= upper + 1e-6))
-    assert inside, (
-        "a command left its range: use numpy.clip, with the lower and the upper that "
-        "you are given"
-    )
-    truth = np.clip(u - 3 * g / np.linalg.norm(g), lower, upper)
-    otherwise = "only the commands that leave their range are changed: use numpy.clip"
-    expect(far, truth, otherwise)
-
-
-def _expect_straight_steps(
-    found: np.ndarray, u: np.ndarray, g: np.ndarray, gammas: np.ndarray
-) -> None:
-    """Raise CheckFailed unless there are steps `[C, T, D_u]` from u down along g."""
-    # How many, and which way
-    assert len(found) == 3, (
-        f"one sequence of commands for each γ: three, not {len(found)}"
-    )
-    way = gammas[:, None, None]
-    uphill = u + way * g / np.linalg.norm(g)
-    assert not np.allclose(found, uphill), "the step goes uphill"
-
-    # How long
-    assert not np.allclose(found, u - way * g), _ANY_LENGTH_OF_G
-    moved = np.linalg.norm(found - u, axis=(1, 2))
-    assert np.allclose(moved, gammas, atol=1e-6), (
-        f"a step must be as long as its γ, {gammas}; yours are {moved.round(3)}"
-    )
-
-    # All else
-    otherwise = (
-        "the steps have the right lengths, but another direction than straight down "
-        "along g"
-    )
-    expect(found, u - way * g / np.linalg.norm(g), otherwise)
-
-
-@check(array("a gradient for each plan", 3, 4, 2))
-def plan_gradients(answer: Callable, rng: np.random.Generator) -> None:
-    """The gradient of each plan's own loss, `[3, 4, 2]`.
-
-    Given are a loss of plans, `[B, T, D_u]` -> `[B]`, and three plans whose losses
-    differ in size.
-    """
-    loss = _loss_of_plans()
-    u = torch.as_tensor(rng.normal(size=(3, 4, 2))).float()
-    _fill_randomly(loss, rng)
-
-    def loss_of_one(plan: torch.Tensor) -> torch.Tensor:
-        return loss(plan[None])[0]
-
-    truth = torch.func.vmap(torch.func.grad(loss_of_one))(u).numpy()
-    first_only = truth * np.eye(3)[0][:, None, None]
-    slips = {
-        "these are the gradients over the number of plans: add the losses up, and "
-        "don't average them": truth / 3,
-        "only the first plan has a gradient: add up the losses of all": first_only,
-        "this points downhill: return the gradient itself": -truth,
-    }
-    otherwise = "a plan's gradient is that of its own loss"
-    expect(answer(loss, u), truth, otherwise, slips)
-
-
-def _loss_of_plans() -> torch.nn.Sequential:
-    """A small network, `[B, 4, 2]` -> `[B]`, that does not train."""
-    network = torch.nn.Sequential(
-        torch.nn.Flatten(1),
-        torch.nn.Linear(8, 4),
-        torch.nn.Softplus(),
-        torch.nn.Linear(4, 1),
-        torch.nn.Flatten(0),
-    )
-    return network.requires_grad_(False)
-
-
-def _fill_randomly(network: torch.nn.Sequential, rng: np.random.Generator) -> None:
-    """Random weights, the same with every version of torch."""
-    for layer in network:
-        if isinstance(layer, torch.nn.Linear):
-            layer.weight.copy_(torch.as_tensor(rng.normal(size=layer.weight.shape)))
-            layer.bias.copy_(torch.as_tensor(rng.normal(size=layer.bias.shape)))
-
-
-@check(array("the commands that were sent", None, 2))
-def receding_horizon(answer: Callable, rng: np.random.Generator) -> None:
-    """The commands `[T, 2]` that a receding horizon sends.
-
-    Given are `solve(observation, plan)`, which returns another plan `[4, 2]`,
-    `step(u)`, which sends a command and returns what is observed then, the first
-    observation, a first plan, and the number of steps. What each solve saw and began
-    with, and what was sent, is recorded.
-    """
-    robot = _Robot(rng)
-    steps = int(rng.integers(4, 7))
-    first = rng.normal()
-    plan = rng.normal(size=(4, 2))
-    found = answer(robot.solve, robot.step, first, plan, steps)
-    assert len(robot.plans) == len(found) == len(robot.sent) == steps, (
-        f"in each of {steps} steps, solve once and send one command"
-    )
-
-    # What was sent
-    last_of_plans = [plan[-1] for plan in robot.plans]
-    slips = {"a command was sent that is not the first of its plan": last_of_plans}
-    first_of_plans = [plan[0] for plan in robot.plans]
-    otherwise = "send the first command of each new plan"
-    expect(robot.sent, first_of_plans, otherwise, slips)
-    expect(found, robot.sent, "return the commands that were sent")
-
-    # What each solve saw
-    assert robot.seen[1] != first, (
-        "the second solve sees the first observation again: look after each command"
-    )
-    outcomes = [float(u.sum()) for u in robot.sent[:-1]]
-    assert robot.seen[1:] == outcomes, "a solve sees what the command before it led to"
-
-    # What each solve began with
-    shift = [np.concatenate([plan[1:], plan[-1:]]) for plan in robot.plans[:-1]]
-    otherwise = "each solve starts from the plan before, shifted by one step"
-    expect(robot.starts[1:], shift, otherwise)
-
-
-class _Robot:
-    """A solver and a robot that record what they are asked for."""
-
-    def __init__(self, rng: np.random.Generator):
-        self._rng = rng
-        self.seen: list[object] = []  # observation of each solve
-        self.starts: list[np.ndarray] = []  # plan that each began with
-        self.plans: list[np.ndarray] = []  # and returned
-        self.sent: list[np.ndarray] = []  # command of each step
-
-    def solve(self, observation: object, plan: np.ndarray) -> np.ndarray:
-        """Another plan, unlike all before."""
-        self.seen.append(observation)
-        start = np.array(plan)
-        self.starts.append(start)
-        self.plans.append(
-            start + 10 * len(self.seen) + self._rng.normal(size=start.shape)
+    cases = [(0, 8, 8), (8, 8, 8), (3, 20, 4), *_mask_cases(rng)]
+    for t, horizon, period in cases:
+        found = answer(t, horizon, period)
+        case = f"t = {t}, horizon = {horizon}, period = {period}"
+        assert found.shape[1] == horizon, (
+            f"{case}: one column for each of the {horizon} predicted steps, "
+            f"not {found.shape[1]}"
         )
-        return self.plans[-1].copy()
 
-    def step(self, u: np.ndarray) -> float:
-        """Send a command; what is observed then is the sum of its numbers."""
-        if np.shape(u) != (2,):
-            raise CheckFailed(
-                f"a step takes one command, of shape (2,), not {np.shape(u)}"
-            )
-        self.sent.append(np.array(u))
-        return float(np.sum(u))
-
-
-@check(array("the start of the next solve", 4, 2))
-def shifted(answer: Callable, rng: np.random.Generator) -> None:
-    """A warm start `[4, 2]`: the plan before, moved by one step, its gap filled.
-
-    Given are the plan `[4, 2]`, all commands that were sent `[T, 2]`, the period in
-    control steps, and whether the motion is periodic; after fewer and after more
-    commands than a period has.
-    """
-    period = int(rng.integers(2, 5))
-    plan = rng.normal(size=(4, 2))
-    others = rng.normal(size=(2 * period, 2))
-    cases = (
-        (1, False),
-        (period + 2, False),
-        (2 * period + 1, True),
-        (period, True),
-        (period - 1, True),
-    )
-    for count, periodic in cases:
-        sent = np.concatenate([others[: count - 1], plan[:1]])
-        case = f"after {count} commands, with period={period} and periodic={periodic}"
-        found = answer(plan.copy(), sent.copy(), period, periodic)
+        # Ends of periods, and which of them are odd
+        steps = t + 1 + np.arange(horizon)
+        ends = steps % period == 0
+        odd = steps // period % 2 == 1
+        wanted = np.array([ends & odd, ends & ~odd], dtype=float)
+        slips = {
+            f"{case}: the first period of a run ends at step {period}, and shows A; "
+            "yours shows B there": wanted[::-1],
+            f"{case}: each end of a period counts for one target, not for both": (
+                np.array([ends, ends], dtype=float)
+            ),
+        }
         otherwise = (
-            "all but the last are the plan's commands, moved by one step to the left"
+            f"{case}: the ends are the multiples of {period}, and take turns; the "
+            "first column is that of step t + 1"
         )
-        expect(found[:-1], plan[1:], otherwise)
+        expect(found, wanted, otherwise, slips)
 
-        # The last one, from a period before where there was one
-        gap = f"{case}: the gap is filled by"
-        slips = {f"{gap} the command that was sent just now": sent[-1]}
-        if periodic and count >= period:
-            slips[f"{gap} the plan's last command"] = plan[-1]
-            expect(found[-1], sent[-period], f"{gap} sent[{-period}]", slips)
-        else:
-            expect(found[-1], plan[-1], f"{gap} the plan's last command", slips)
+
+@check(array("True or False for each command", None))
+def has_slope(answer: Callable, rng: np.random.Generator) -> None:
+    """Which commands of a plan can change an image that counts: booleans `[T]`.
+
+    Given are t, the horizon and the period, in control steps. The truth is found by
+    changing each command of a chain, in which a step keeps what came before.
+    """
+    cases = [(0, 8, 8), (5, 8, 8), (7, 8, 8), (8, 8, 8), *_mask_cases(rng)]
+    for t, horizon, period in cases:
+        found = answer(t, horizon, period)
+        case = f"t = {t}, horizon = {horizon}, period = {period}"
+        assert len(found) == horizon, (
+            f"{case}: one for each of the {horizon} commands, not {len(found)}"
+        )
+
+        # A chain in which each step keeps what came before
+        settings = ControlSettings(horizon=horizon, period=period)
+        mask = torch.as_tensor(period_mask(t, settings))
+        u = torch.zeros(horizon, requires_grad=True)
+        (mask * u.cumsum(0)).sum().backward()
+        assert u.grad is not None
+        wanted = (u.grad > 0).numpy().astype(float)
+
+        # What goes wrong easily
+        slips = {
+            f"{case}: a command acts on all later images, too, and not only on the "
+            "one right after it": mask.numpy(),
+            f"{case}: a command that is sent after an image was taken can't change "
+            "it; yours are the other way round": 1 - wanted,
+        }
+        otherwise = (
+            f"{case}: got {_integers(found)}. Which images count, and which commands "
+            "are sent before the last of them?"
+        )
+        expect(found, wanted, otherwise, slips)
+
+
+@check(array("one change of z", 3))
+def together(answer: Callable, rng: np.random.Generator) -> None:
+    """What two changes of a plan do beyond the sum of each alone, `[3]`.
+
+    Given are a function z of a plan `[8, 2]`, the plan, and the two changes.
+    """
+    weights = rng.normal(size=(3, 16))
+    bends = rng.uniform(0.5, 1.5, size=3)
+
+    def z(plan: np.ndarray) -> np.ndarray:
+        sums = weights @ np.asarray(plan).ravel()
+        return sums + bends * sums**2
+
+    u = rng.normal(size=(8, 2))
+    a = np.zeros((8, 2))
+    b = np.zeros((8, 2))
+    a[2] = rng.uniform(0.5, 1.5, 2)
+    b[7] = rng.uniform(0.5, 1.5, 2)
+    alone = z(u + a) - z(u), z(u + b) - z(u)
+    both = z(u + a + b) - z(u)
+    truth = both - alone[0] - alone[1]
+    slips = {
+        "this is all that both do; take away what each does alone": both,
+        "this is what the second does after the first; take away what it does "
+        "alone": both - alone[0],
+        "this is what the first does after the second; take away what it does "
+        "alone": both - alone[1],
+        "z(u) is taken away once too often or too seldom: each change is one from "
+        "z(u)": z(u + a + b) - z(u + a) - z(u + b),
+        "the sign is turned round": -truth,
+    }
+    otherwise = "change a alone, b alone, and both; then compare"
+    expect(answer(z, u, a, b), truth, otherwise, slips)
+
+
+@check(number("the root mean square in units of sigma"))
+def farthest(answer: Callable, rng: np.random.Generator) -> None:
+    """How far a plan moves in one solve at most, as a root mean square per number.
+
+    Given are the iterations, the length of the longest step, the horizon, and how many
+    numbers a command has. The truth is found by walking straight on.
+    """
+    for _ in range(3):
+        # Straight on, one step after the other
+        iterations = int(rng.integers(2, 9))
+        longest = rng.uniform(0.5, 2.0)
+        horizon = int(rng.integers(4, 17))
+        commands = int(rng.integers(2, 4))
+        way = rng.normal(size=(horizon, commands))
+        moved = iterations * longest * way / np.linalg.norm(way)
+        truth = np.sqrt((moved**2).mean())
+        size = horizon * commands
+
+        # What goes wrong easily
+        slips = {
+            "a step has the length γ over the whole plan, not in each number": (
+                iterations * longest
+            ),
+            "a plan has horizon times commands numbers": (
+                iterations * longest / np.sqrt(horizon)
+            ),
+            "the length of a step is the root of a sum of squares: its mean is taken "
+            "under the root": iterations * longest / size,
+            "each iteration makes a step": longest / np.sqrt(size),
+        }
+        otherwise = (
+            f"{iterations} steps of length {longest:.2f}, all in one direction, move "
+            f"{size} numbers"
+        )
+        found = answer(iterations, longest, horizon, commands)
+        expect(found, truth, otherwise, slips)

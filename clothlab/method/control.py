@@ -51,7 +51,8 @@ class ControlSettings(Checked):
     # A logarithmic scale of step sizes needs a lower end; the paper gives none.
     smallest_step: float = setting(1e-3, above=0)
     # The command that a plan gets at its end when it moves on by a step: its "last"
-    # once more, as in the paper, or "periodic", the one sent a period before.
+    # once more, as in the paper, or "earlier": the commands of the last period come
+    # again, each one step earlier in this one. Older settings call that "periodic".
     warm_start: str = setting("last")
     # w_loss, the price of muscle tensions in the loss of an image.
     tension_weight: float = setting(0.001, "1/N", at_least=0)
@@ -306,7 +307,7 @@ class Controller:
         self.search: Search = GradientSearch() if search is None else search
 
         # How a plan goes on, and which is the first.
-        warm_starts = {"last": False, "periodic": True}
+        warm_starts = {"last": False, "earlier": True, "periodic": True}
         self._repeats = choose("warm start", self.settings.warm_start, warm_starts)
         middle = (self.limits.lower + self.limits.upper) / 2
         if home is not None:
@@ -475,7 +476,9 @@ class Controller:
         if not now.t:
             return now
 
-        # The first command of the plan was sent, and one is added at its end.
+        # The first command of the plan was sent, and one is added at its end. The plan
+        # ends at the phase of the command that was sent just now: what was sent a whole
+        # period ago is one step ahead of that.
         period = self.settings.period
         sent = torch.cat([now.sent, now.plan[:1]])[-period:]
         added = now.plan[-1:]

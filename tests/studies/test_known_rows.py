@@ -256,7 +256,7 @@ def test_a_periodic_warm_start_is_asked_for(world, monkeypatch):
     monkeypatch.setattr(type(world.learned), "controller", spy)
     for run in (control._run_one, control._run_periodic):
         run("target-1", LIGHT, 0, steps=8)
-    assert asked == ["last", "periodic"]
+    assert asked == ["last", "earlier"]
 
 
 def test_the_share_of_near_steps_is_counted(world, monkeypatch):

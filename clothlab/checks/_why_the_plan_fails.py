@@ -1,0 +1,109 @@
+"""Checks of notebook 07b."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothlab.checks._check import array, check, drawn, expect, number
+
+
+@check(number("how many steps earlier"))
+def steps_earlier(answer: Callable, rng: np.random.Generator) -> None:
+    """By how many steps of a period a command comes earlier when it comes again.
+
+    Given are how many steps ago it was sent, when a plan that begins now gets it at its
+    end, the horizon, and the period. The truth is found by counting phases.
+    """
+    cases = [(8, 8, 8), (1, 8, 8), (2, 8, 8)]
+    for _ in range(4):
+        period = int(rng.integers(3, 11))
+        cases.append((int(rng.integers(1, 13)), int(rng.integers(2, 14)), period))
+    for ago, horizon, period in cases:
+        # Phases at which it was sent, and comes again
+        t = 10 * period  # any step will do
+        sent_at = (t - ago) % period
+        comes_at = (t + horizon - 1) % period
+        truth = (sent_at - comes_at) % period
+
+        # What goes wrong easily
+        slips = {
+            "this is how much later it comes": (comes_at - sent_at) % period,
+            "the plan's first command is that of now, so its last is sent horizon - 1 "
+            "steps from now": (-ago - horizon) % period,
+            "a whole period is no difference: count from 0 to period - 1": (
+                truth + period
+            ),
+        }
+        case = f"ago = {ago}, horizon = {horizon}, period = {period}"
+        otherwise = (
+            f"{case}: at which phase was it sent, and at which does it come again?"
+        )
+        expect(answer(ago, horizon, period), truth, otherwise, slips)
+
+
+@check(number("the mean part of the errors away from the target"))
+def optimism(answer: Callable, rng: np.random.Generator) -> None:
+    """How much farther from the target than predicted, along the line to it.
+
+    Given are predicted and seen z `[N, 3]`, and that of the target `[3]`. The error of
+    each prediction has a part that points away from the target; expected is its mean.
+    """
+
+    def draw() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        z_ref = rng.normal(size=3)
+        predicted = z_ref + rng.normal(size=(6, 3))
+        return predicted, predicted + rng.normal(size=(6, 3)), z_ref
+
+    def parts(predicted: np.ndarray, seen: np.ndarray, z_ref: np.ndarray) -> tuple:
+        error = seen - predicted
+        away = predicted - z_ref
+        length = np.linalg.norm(away, axis=1)
+        farther = np.linalg.norm(seen - z_ref, axis=1) - length
+        products = (error * away).sum(axis=1)
+        return (products / length).mean(), error, products, farther
+
+    given = drawn(draw, lambda each: abs(parts(*each)[0]) > 0.2)
+    truth, error, products, farther = parts(*given)
+    slips = {
+        "the difference of both distances is above 0 for a prediction at the target, "
+        "whatever the error; take the error's part along the line from the target": (
+            farther.mean()
+        ),
+        "the size of the error is not its part away from the target": (
+            np.linalg.norm(error, axis=1).mean()
+        ),
+        "divide by the length of the way from the target: only its direction "
+        "counts": products.mean(),
+        "the error is what was seen minus what was predicted": -truth,
+    }
+    otherwise = (
+        "project each error on the unit vector from the target to the prediction"
+    )
+    expect(answer(*given), truth, otherwise, slips)
+
+
+@check(array("one number for each training", None))
+def beyond_time(answer: Callable, rng: np.random.Generator) -> None:
+    """What estimation gains beyond what time gains, for each training `[K]`.
+
+    Given are distances in the first and the last third of runs `[K, 2]`: with p
+    estimated, and with a wrong p that stays.
+    """
+    count = int(rng.integers(4, 7))
+    estimated = rng.uniform(0.3, 1.0, (count, 2))
+    wrong = rng.uniform(0.3, 1.0, (count, 2))
+    gained = estimated[:, 0] - estimated[:, 1]
+    by_time = wrong[:, 0] - wrong[:, 1]
+    truth = gained - by_time
+    slips = {
+        "this is the gain with time and with p: take away the gain of the runs whose "
+        "p stays wrong": gained,
+        "a gain is a distance that falls: first third minus last": -truth,
+        "the last thirds differ by where both began, too: compare the gains": (
+            wrong[:, 1] - estimated[:, 1]
+        ),
+    }
+    found = answer(estimated, wrong)
+    assert len(found) == count, f"one number for each of the {count} trainings"
+    otherwise = "from each gain, first third minus last, take that of the wrong p"
+    expect(found, truth, otherwise, slips)
