@@ -89,7 +89,7 @@ def _gradient(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: Tensor) -> 
     return gradient
 
 
-def newton_path(
+def _newton_path(
     model: DPMPB, run: Run, freedom: float, longest: float, warmup: int
 ) -> np.ndarray:
     """Gauss-Newton: p after each step `[T, D_p]`."""
@@ -131,7 +131,7 @@ def _tune_one(
     row = {key: np.array([each[key] for each in SGD_GRID]) for key in SGD_GRID[0]}
     row["distance"] = _distance(paths[:, moments], learned, cloth).round(3)
 
-    paths = np.stack([newton_path(learned.model, run, **each) for each in NEWTON_GRID])
+    paths = np.stack([_newton_path(learned.model, run, **each) for each in NEWTON_GRID])
     for key in NEWTON_GRID[0]:
         row[f"newton_{key}"] = np.array([each[key] for each in NEWTON_GRID])
     row["newton_distance"] = _distance(paths[:, moments], learned, cloth).round(3)
@@ -170,7 +170,7 @@ def _race_one(
         if name.startswith("sgd"):
             (path,) = descend(learned.model, start, [EstimationSettings(**settings)])
         else:
-            path = newton_path(learned.model, start, **settings)
+            path = _newton_path(learned.model, start, **settings)
         row[name] = _distance(path, learned, cloth).round(3)
 
     # How sure the curvature is
