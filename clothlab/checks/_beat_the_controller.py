@@ -23,19 +23,18 @@ def best_of_equals(answer: Callable, rng: np.random.Generator) -> None:
         truth = spread * _mean_of_largest(count)
 
         # What usual slips give
-        slips = {}
+        farthest = "the best is the highest score, not the one farthest from the truth"
+        slips = {farthest: spread * _mean_of_farthest(count)}
         if count > 1:
-            slips = {
-                "a score scatters by `spread`: where does it enter?": truth / spread,
-                "the best is the highest score, not the one farthest from the truth": (
-                    spread * _mean_of_farthest(count)
-                ),
-                "the average score is unbiased, but you show the best": 0,
+            scatters = "a score scatters by `spread`: where does it enter?"
+            slips[scatters] = truth / spread
+            shown = "the average score is unbiased, but you show the best"
+            slips[shown] = 0
+            limit = (
                 "that is what the best approaches from below for very many tries; for "
-                "few, average the largest of many draws": (
-                    spread * np.sqrt(2 * np.log(count))
-                ),
-            }
+                "few, average the largest of many draws"
+            )
+            slips[limit] = spread * np.sqrt(2 * np.log(count))
         otherwise = (
             f"of {count} equal tries that scatter by {spread:.2f}, the best shows "
             f"{truth:.2f} too much, not {found:.2f}"
