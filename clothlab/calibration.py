@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
-from clothlab._certainty import SHARE, EstimateReport, radius
+from clothlab._certainty import (
+    SHARE,
+    EstimateReport,
+    inside as inside,
+    outline as outline,
+    radius,
+)
 from clothlab._validation import choose
 from clothlab.method._inputs import check_runs
 from clothlab.method.data import Run

@@ -167,7 +167,7 @@ def hidden_cloth(seed: int) -> Cloth:
     Logarithms of its constants are uniform.
     """
     rng = np.random.default_rng([9, seed])
-    values = {}
+    values: dict[str, Any] = {}
     for name, ends in RANGE.items():
         low, high = np.log(ends)
         values[name] = float(np.exp(rng.uniform(low, high)))

@@ -38,7 +38,7 @@ NEWTON_GRID = grid(freedom=(3.0, 10.0, 1e6), longest=(0.5, 1.0), warmup=(0, 10))
 # "as in 06" is what the package has. Each other rule has the settings of its grid, with
 # this warm-up, whose median distances at both moments have the lowest sum over the
 # development runs.
-RULES: dict[str, dict[str, float]] = {
+RULES: dict[str, dict[str, Any]] = {
     "sgd, as in 06": {"rate": 0.1, "momentum": 0.9, "warmup": 10},
     "sgd, tuned, warm-up 10": {"rate": 8.0, "momentum": 0.5, "warmup": 10},
     "sgd, tuned": {"rate": 8.0, "momentum": 0.0, "warmup": 0},

@@ -14,10 +14,11 @@ import torch
 from torch import Tensor, nn
 
 from clothlab import data
+from clothlab.method._optimise import minimise, seeded
+from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.fast_rollout import quicken
 from clothlab.method.model import DPMPB
-from clothlab.method.training import ModelTraining, minimise, seeded
+from clothlab.method.training import ModelTraining
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
@@ -61,6 +62,11 @@ class Stack(nn.Module):
     A frame is a state and the command that was sent in it. It is called as `DPMPB` is;
     its memory is the frames before, of which the first stands in for earlier ones.
     """
+
+    s_mean: Tensor
+    s_std: Tensor
+    u_mean: Tensor
+    u_std: Tensor
 
     def __init__(self, states: int, commands: int, bias_size: int, frames: int):
         super().__init__()
@@ -146,7 +152,7 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> nn.Module:
     # The stack has the same buffers
     stack = Stack(states, commands, kind.bias_size, kind.frames)
     stack.load_state_dict(dict(lstm.named_buffers()), strict=False)
-    return quicken(stack)  # type: ignore[arg-type]
+    return quicken(stack)
 
 
 def _weights(model: nn.Module) -> Tensor:
@@ -193,7 +199,7 @@ def _train(
             yield _loss(model, p, known), _loss(model, p, unseen)
 
 
-def _squared(model: nn.Module, predicted: Tensor, s: Tensor) -> Tensor:
+def _squared(model: Any, predicted: Tensor, s: Tensor) -> Tensor:
     """Mean squared error of states in standard deviations."""
     return nn.functional.mse_loss(predicted / model.s_std, s / model.s_std)
 

@@ -25,7 +25,6 @@ from clothlab.method.control import (
     best_step,
     optimise_commands,
     steepest_ascent,
-    step_sizes,
 )
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
@@ -367,7 +366,7 @@ def _run_descents(
     drawn = np.concatenate([drawn_starts(kind, learned.arm, model) for kind in kinds])
     starts = torch.as_tensor(drawn, dtype=torch.float32)
     plans = torch.cat([problem.plan[None], starts])
-    gamma = step_sizes(problem.settings)[:, None, None, None] * problem.limits.scale
+    gamma = problem.settings.step_sizes()[:, None, None, None] * problem.limits.scale
     losses = []
     for _ in range(iterations):
         before, direction = steepest_ascent(problem.loss, plans, problem.limits.scale)

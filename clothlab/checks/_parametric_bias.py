@@ -1,6 +1,7 @@
 """Checks of notebook 05."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -174,7 +175,7 @@ def same_predictions(answer: Callable, rng: np.random.Generator) -> None:
     Given are random weights, points and A. Weights times points must stay as they are.
     """
     for size in (2, 3):
-        case = drawn(lambda n=size: _map_case(rng, n), _map_slips_differ)
+        case = drawn(partial(_map_case, rng, size), _map_slips_differ)
         weights, points, A = case
         found_weights, found_points = answer(weights.copy(), points.copy(), A.copy())
 
@@ -282,13 +283,15 @@ def _lucky(case: _LuckCase) -> tuple[float, dict[str, float]]:
     """The share, and what usual slips give, by what is said of them."""
     scores = np.array([_agreement(case.p, case.y[order]) for order in case.orders])
     truth = _agreement(case.p, case.y)
-    share = np.mean(scores >= truth)
+    share = float(np.mean(scores >= truth))
     return share, {
-        "as high counts, too: at least the score of y as it is": np.mean(
-            scores > truth
+        "as high counts, too: at least the score of y as it is": float(
+            np.mean(scores > truth)
         ),
-        "that is the share that scores less": np.mean(scores < truth),
-        "that is the share that scores at most as high": np.mean(scores <= truth),
+        "that is the share that scores less": float(np.mean(scores < truth)),
+        "that is the share that scores at most as high": float(
+            np.mean(scores <= truth)
+        ),
         "a share, not a count: divide by the number of orders": share * len(scores),
         "shuffle y alone: where p is shuffled along, nothing has changed": 1.0,
     }
