@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from clothlab._certainty import (
     SHARE,
-    EstimateReport,
+    EstimateReport as EstimateReport,
     inside as inside,
     outline as outline,
     radius,

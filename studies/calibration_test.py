@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab._certainty import inside
 from clothlab.analysis import nearest_material
-from clothlab.calibration import Calibration, calibrate
+from clothlab.calibration import Calibration, calibrate, inside
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD

@@ -150,7 +150,7 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> nn.Module:
         return quicken(lstm)
 
     # The stack has the same buffers
-    stack = Stack(states, commands, kind.bias_size, kind.frames)
+    stack: Any = Stack(states, commands, kind.bias_size, kind.frames)
     stack.load_state_dict(dict(lstm.named_buffers()), strict=False)
     return quicken(stack)
 

@@ -69,7 +69,8 @@ BUDGETS = {  # at most; lines are only reported
     "rooms": 20,
     "floors": 8,
     "imports between rooms": 90,
-    "public names": 160,
+    # An exercise has one check, which only its page calls.
+    "public names without the checks of exercises": 132,
 }
 
 
@@ -192,7 +193,9 @@ MEASURES = {
         floor_of(room(path)) for path in [*MODULES, *STUDY_MODULES, *SCRIPTS]
     ),
     "imports between rooms": lambda: len(doors()),
-    "public names": lambda: sum(len(public_names(path)) for path in MODULES),
+    "public names without the checks of exercises": lambda: sum(
+        len(public_names(path)) for path in MODULES if room(path) != "checks"
+    ),
 }
 
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._certainty import outline
 from clothlab.analysis import principal_axes
+from clothlab.calibration import outline
 
 _MARGIN = 1.2  # how much wider than the trained p the map is
 

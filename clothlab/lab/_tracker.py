@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab import data
-from clothlab._certainty import EstimateReport
-from clothlab.calibration import Calibration, calibrate
+from clothlab.calibration import Calibration, EstimateReport, calibrate
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 
