@@ -140,7 +140,7 @@ def _runs(recordings: str) -> list[Run]:
     return [to_run(autoencoder, trial) for trial in data.load_trials(recordings)]
 
 
-def _network(kind: _Kind, runs: Sequence[Run]) -> nn.Module:
+def _network(kind: _Kind, runs: Sequence[Run]) -> DPMPB | Stack:
     """A network of random weights, normalised by these runs."""
     states = runs[0].s.shape[1]
     commands = runs[0].u.shape[1]
@@ -155,13 +155,13 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> nn.Module:
     return quicken(stack)
 
 
-def _weights(model: nn.Module) -> Tensor:
+def _weights(model: DPMPB | Stack) -> Tensor:
     """All weights, as one vector."""
     return torch.cat([each.detach().flatten() for each in model.parameters()])
 
 
 def _train(
-    model: nn.Module,
+    model: DPMPB | Stack,
     p: Tensor,
     kind: _Kind,
     known: Sequence[Run],
@@ -199,13 +199,13 @@ def _train(
             yield _loss(model, p, known), _loss(model, p, unseen)
 
 
-def _squared(model: Any, predicted: Tensor, s: Tensor) -> Tensor:
+def _squared(model: DPMPB | Stack, predicted: Tensor, s: Tensor) -> Tensor:
     """Mean squared error of states in standard deviations."""
     return nn.functional.mse_loss(predicted / model.s_std, s / model.s_std)
 
 
 @torch.no_grad()
-def _loss(model: nn.Module, p: Tensor, runs: Sequence[Run]) -> float:
+def _loss(model: DPMPB | Stack, p: Tensor, runs: Sequence[Run]) -> float:
     """One-step loss on windows of runs, once there is something to remember."""
     s, u, k = windows(runs, ModelTraining().sequence_length, 30)
     predicted, _ = model(s[:, :-1], u, p[k])
@@ -214,7 +214,7 @@ def _loss(model: nn.Module, p: Tensor, runs: Sequence[Run]) -> float:
 
 @torch.no_grad()
 def _errors_ahead(
-    model: nn.Module, biases: dict[str, Tensor], runs: Sequence[Run]
+    model: DPMPB | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
 ) -> np.ndarray:
     """Distances in z of closed loops to the truth [s.d.], `[N, _HORIZON]`."""
     errors = []
