@@ -157,12 +157,8 @@ def _run_one(
     return {
         "seed": seed,
         "still": float(distance[0]),  # of the hanging cloth
-        "best": best_per_period(distance).round(
-            4
-        ),  # in each period whose end is seen [P]
-        "hand_speed": _fastest(watch, steps).round(
-            3
-        ),  # in the period after each of these ends [P] [m/s]
+        "best": best_per_period(distance).round(4),  # in each period [P]
+        "hand_speed": _fastest(watch, steps).round(3),  # in the next of each [P] [m/s]
         "predicted": predicted.round(4),
         "bias_ratio": _bias_ratio(policy, start, right),
     }

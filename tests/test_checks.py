@@ -645,7 +645,12 @@ SLIPS = [
         "under the root",
     ),
     ("farthest", "iterations * ", "", "each iteration makes a step"),
-    ("steps_earlier", "return (", "return (period - ", "how much later"),
+    (
+        "steps_earlier",
+        "(-ago - (horizon - 1))",
+        "(ago + horizon - 1)",
+        "how much later",
+    ),
     ("steps_earlier", "horizon - 1", "horizon", "steps from now"),
     ("steps_earlier", " % period", " % period + period", "a whole period"),
     ("optimism", " / length", "", "only its direction"),

@@ -62,6 +62,7 @@ def optimism(answer: Callable, rng: np.random.Generator) -> None:
         products = (error * away).sum(axis=1)
         return (products / length).mean(), error, products, farther
 
+    # Such as have a part away, and what goes wrong easily
     given = drawn(draw, lambda each: abs(parts(*each)[0]) > 0.2)
     truth, error, products, farther = parts(*given)
     slips = {

@@ -476,9 +476,8 @@ class Controller:
         if not now.t:
             return now
 
-        # The first command of the plan was sent, and one is added at its end. The plan
-        # ends at the phase of the command that was sent just now: what was sent a whole
-        # period ago is one step ahead of that.
+        # One command was sent, and one is added: at the phase of what was just sent, so
+        # that what was sent a whole period ago comes one step earlier.
         period = self.settings.period
         sent = torch.cat([now.sent, now.plan[:1]])[-period:]
         added = now.plan[-1:]
