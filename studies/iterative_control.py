@@ -143,10 +143,7 @@ def _run_one(
     right = learned.biases[cloth]
     start = _first_p(learned, cloth, p)
     inner = CONTROLLERS[controller](learned, mask, cloth, model, start)
-    policy = inner
-    if p == "estimated":
-        estimator = BiasEstimator(learned.model, start)
-        policy = EstimatingPolicy(inner, estimator, learned.autoencoder)
+    policy = _estimating(inner, learned, start) if p == "estimated" else inner
 
     seed = 20_000 + 100 * model + repeat
     trial, watch = _watched(policy, arm, cloth, steps, seed, random_start=repeat > 0)
@@ -162,6 +159,14 @@ def _run_one(
         "predicted": predicted.round(4),
         "bias_ratio": _bias_ratio(policy, start, right),
     }
+
+
+def _estimating(
+    policy: Policy, learned: ClothCheckpoint, p: np.ndarray
+) -> EstimatingPolicy:
+    """The policy, with an estimator of p beside it that starts from p `[D_p]`."""
+    estimator = BiasEstimator(learned.model, p)
+    return EstimatingPolicy(policy, estimator, learned.autoencoder)
 
 
 def _watched(

@@ -49,6 +49,7 @@ def optimism(answer: Callable, rng: np.random.Generator) -> None:
     each prediction has a part that points away from the target; expected is its mean.
     """
 
+    # Random predictions, what was seen, and the target
     def draw() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         z_ref = rng.normal(size=3)
         predicted = z_ref + rng.normal(size=(6, 3))
