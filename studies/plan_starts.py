@@ -46,6 +46,7 @@ SEARCHES = {
     SAMPLING: ControlSettings(),
     "horizon 16": ControlSettings(horizon=16),
     "12 iterations": ControlSettings(iterations=12),
+    "both": ControlSettings(horizon=16, iterations=12),
 }
 # How many starts each period has besides the plan at hand
 STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
