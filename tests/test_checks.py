@@ -808,7 +808,6 @@ RIGHTS = [
     ("shift_for_iou", "body", "return width * (2 / (1 + share) - 1)"),
     (
         "rhythm",
-        "best_moment",
         "body",
         "low = overlap - overlap.mean()\n"
         "alike = [low[k:] @ low[:-k] for k in range(3, 14)]\n"
