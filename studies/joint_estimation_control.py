@@ -134,7 +134,10 @@ Control starts with the p of a wrong cloth, and p is estimated while the robot w
 (paper, "Simulation Experiment": the last two figures).
 """
 _ARMS = over(
-    knowledge=KNOWLEDGE, starts=(0, 200), target=("target-1", "target-2"), model=range(5)
+    knowledge=KNOWLEDGE,
+    starts=(0, 200),
+    target=("target-1", "target-2"),
+    model=range(5),
 )
 EXPERIMENTS = (
     Experiment(

@@ -7,6 +7,7 @@ argument `data` of these functions is the folder to use instead of the one that
 is missing, damaged or altered is a ValueError that names it, and what brings it back.
 """
 
+from clothlab._store import own_trials
 from clothlab.data._reading import (
     load,
     load_autoencoder,
@@ -23,4 +24,5 @@ __all__ = [
     "load_target",
     "load_targets",
     "load_trials",
+    "own_trials",
 ]
