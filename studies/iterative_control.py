@@ -447,8 +447,8 @@ Does learning from outcomes spread the cloth?
 
 Iterative learning control against the paper's controller, replay of the best recording,
 and random commands, on both arms. All have the same time for each command. A run has 31
-periods of 8 steps; the arm swings up in the first, which is left out. Distances are in
-standard deviations of z, and most rows give them over the median of random commands.
+periods of 8 steps, each to the end of its throw. Distances are in standard deviations
+of z, and most rows give them over the median of random commands.
 """
 EXPERIMENTS = (
     Experiment(
