@@ -70,16 +70,24 @@ def half_life(answer: Callable, rng: np.random.Generator) -> None:
 
     Given is one gate between 0.3 and 0.99; the number need not be whole.
     """
-    phi = float(rng.uniform(0.3, 0.99))
-    truth = np.log(0.5) / np.log(phi)
-    slips = {
-        "it keeps the share φ, and loses 1 - φ": np.log(0.5) / np.log(1 - phi),
-        "φ is multiplied at each step, not subtracted": 0.5 / (1 - phi),
-        "that is one over it": np.log(phi) / np.log(0.5),
-        "the sign is wrong: logarithms of numbers below 1 are negative": -truth,
-    }
+    phi = drawn(
+        lambda: float(rng.uniform(0.3, 0.99)),
+        lambda phi: apart(*_half_life(phi), rtol=0.02),
+    )
+    truth, slips = _half_life(phi)
     otherwise = f"after n steps φⁿ is left: {phi:.3f} to that power is not a half"
     expect(answer(phi), truth, otherwise, slips, rtol=1e-3)
+
+
+def _half_life(phi: float) -> tuple[float, dict[str, float]]:
+    """Steps until a half is left, and what usual slips give."""
+    truth = float(np.log(0.5) / np.log(phi))
+    return truth, {
+        "it keeps the share φ, and loses 1 - φ": np.log(0.5) / np.log(1 - phi),
+        "φ is multiplied at each step, not subtracted": 0.5 / (1 - phi),
+        "that is one over it": 1 / truth,
+        "the sign is wrong: logarithms of numbers below 1 are negative": -truth,
+    }
 
 
 @check(array("two derivatives, ∂L/∂w and ∂L/∂r", 2))

@@ -38,9 +38,9 @@ class ModelTraining(Checked):
     sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
     bias_size: int = setting(2, at_least=0)  # D_p
 
-    # The paper stops here. What follows keeps a large network from learning 4,500 steps
-    # by heart (notebook 04): windows overlap, learning rates fall to zero along a
-    # cosine, and that of p is larger, since its few numbers must travel far.
+    # The paper stops here; what follows is ours. Windows overlap, so that an epoch has
+    # more updates: without, 300 epochs learn too little (notebook 05). Learning rates
+    # fall to zero along a cosine. That of p is larger; it need not be (notebook 04).
     stride: int = setting(5, "step", at_least=1)  # between the starts of two windows
     learning_rate: float = setting(2e-3, above=0)
     bias_learning_rate: float = setting(6e-3, above=0)

@@ -6,7 +6,7 @@ import torch
 
 from clothlab.checks import steps_earlier
 from clothlab.method.control import ControlSettings
-from clothlab.simulation.arm import get_arm
+from clothlab.simulation._arm_data import get_arm
 from studies import plan_starts
 from studies.plan_starts import PERIOD, NotingSearch, earlier_by
 
