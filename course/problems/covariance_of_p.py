@@ -1,8 +1,13 @@
 """The covariance of p: a model solution, and its reference values.
 
-Of the half page: the textbook's ellipse is too small where errors resemble those of the
-steps before, which they do. Yours is right about scatter. The mean of the estimates is
-off by what the model always does wrong, and no function of one run's errors sees that.
+Of the half page, measured on twenty random runs of 100 steps with each of two cloths:
+the textbook's deviations are 1.1 and 0.6 times the scatter of the estimates with (0.05,
+0.10) and 0.7 and 0.5 times with (0.03, 0.15), those of this function 0.9 to 1.4 times.
+What the textbook misses here is *not* memory: terms of the sum hardly resemble those of
+the step before (correlations below 0.2), and the same without any products of
+neighbours gives as much. Errors are larger where slopes are, and those of several
+sensors go together. The mean of the estimates is off by up to 0.15, what the model
+always does wrong, and no function of one run's errors sees that.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,9 +1,22 @@
 """Sampling against the gradient: a model solution, and its reference values.
 
-Of the half page: from rest CEM is ahead, since its draws move all commands at once and
-the gradient moves the last alone. From the best of twenty recorded plans both arrive at
-about the same, and what starts decide is more than what searches do. More calls lower
-the prediction of CEM steadily, and its throws hardly: it finds the model's errors.
+Of the half page, measured on the eight development targets of the torque arm. Distances
+over those of the still cloth, medians over targets of means over three seeds; the first
+spread of CEM is one standard deviation of a command:
+
+                           predicted at               achieved at
+                           99     300    1,000 calls  99     300    1,000 calls
+    rest, CEM              0.15   0.10   0.02         0.32   0.57   0.38
+    rest, gradient         0.37   0.28   0.15         0.42   0.35   0.33
+    recorded, CEM          0.08   0.05   0.02         0.33   0.35   0.34
+    recorded, gradient     0.13   0.06   0.01         0.25   0.17   0.16
+
+From rest CEM predicts the nearer plan, at each number of calls. Its throw is nearer
+than the gradient's on seven targets of eight at 99 calls, on two at 300, on four at
+1,000. The best of twenty recorded plans, thrown as it is, already comes to 0.25
+(predicted 0.27), and the descent from there throws best. More calls lower the
+prediction of CEM several times over and its throws not at all: it finds the model's
+errors. Eight targets and one training: an answer with other numbers may be right.
 """
 
 from collections.abc import Callable, Iterator
