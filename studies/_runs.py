@@ -10,7 +10,9 @@ from functools import cache
 from itertools import chain
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike
+from torch import Tensor
 
 from clothlab import data
 from clothlab._validation import HEIGHT, WIDTH, check_array, check_mask, choose
@@ -18,9 +20,12 @@ from clothlab.analysis import best_per_period, spread, target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, encode
+from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
+from clothlab.method.estimation import BiasEstimator, prediction_loss
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import nearest_plans
+from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
@@ -163,6 +168,36 @@ def estimate_at_random(
     """
     trial = random_trial(learned.arm.name, cloth, steps, seed)
     return estimate_bias(learned.model, learned.to_run(trial))
+
+
+def estimating(
+    policy: Policy, learned: ClothCheckpoint, p: np.ndarray
+) -> EstimatingPolicy:
+    """The policy, with an estimator of p beside it that starts from p `[D_p]`."""
+    estimator = BiasEstimator(learned.model, p)
+    return EstimatingPolicy(policy, estimator, learned.autoencoder)
+
+
+@torch.no_grad()
+def loss_of_run(model: DPMPB, run: Run, p: Tensor) -> np.ndarray:
+    """Loss of predicting a run with one p `[D_p]`, `[]`, or with several `[B, D_p]`."""
+    s = torch.as_tensor(run.s)
+    u = torch.as_tensor(run.u)
+    return prediction_loss(model, s, u, p).numpy()
+
+
+def moved_at_random(env: ClothEnv, seed: int, steps: int) -> np.ndarray:
+    """The cloth's points after each of some random commands [m].
+
+    Their shape is `[steps, rows, columns, 3]`.
+    """
+    policy = RandomPolicy(env.arm)
+    policy.reset(seed)
+    places = []
+    for _ in range(steps):
+        env.advance(policy({}))
+        places.append(env.cloth_points())
+    return np.stack(places)
 
 
 def bias_error(p: ArrayLike, material: str, biases: dict[str, np.ndarray]) -> float:

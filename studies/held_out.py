@@ -19,13 +19,12 @@ from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
-from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import to_run
 from studies._grid import Experiment, Tables, grid, over
 from studies._rows import Row
-from studies._runs import EVALUATION, RECORDINGS, trained
+from studies._runs import EVALUATION, RECORDINGS, moved_at_random, trained
 
 _WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images
 _WARM = 10  # steps of a window that only fill the memory [step]
@@ -246,14 +245,8 @@ def _forget(damping: float, seed: int, steps: int = 24) -> dict[str, Any]:
     with closing(ClothEnv("torque", cloth)) as env:
         for past in (seed, seed + 1000):
             env.start()
-            for source, count in ((past, 15), (seed + 2000, steps)):
-                policy = RandomPolicy(env.arm)
-                policy.reset(source)
-                places = []
-                for _ in range(count):
-                    env.advance(policy({}))
-                    places.append(env.cloth_points())
-            paths.append(np.stack(places))
+            moved_at_random(env, past, 15)
+            paths.append(moved_at_random(env, seed + 2000, steps))
     gap = np.linalg.norm(paths[0] - paths[1], axis=-1)
     distance = np.sqrt(np.square(gap).reshape(steps, -1).mean(axis=1))
     return {"distance": distance.round(5)}

@@ -24,7 +24,6 @@ from clothlab.analysis import (
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
-from clothlab.method.estimation import BiasEstimator
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy
@@ -39,6 +38,7 @@ from studies._runs import (
     RECORDINGS,
     SAMPLES,
     TASKS,
+    estimating,
     recorded_runs,
     replay_nearest,
     trained,
@@ -143,7 +143,7 @@ def _run_one(
     right = learned.biases[cloth]
     start = _first_p(learned, cloth, p)
     inner = CONTROLLERS[controller](learned, mask, cloth, model, start)
-    policy = _estimating(inner, learned, start) if p == "estimated" else inner
+    policy = estimating(inner, learned, start) if p == "estimated" else inner
 
     seed = 20_000 + 100 * model + repeat
     trial, watch = _watched(policy, arm, cloth, steps, seed, random_start=repeat > 0)
@@ -159,14 +159,6 @@ def _run_one(
         "predicted": predicted.round(4),
         "bias_ratio": _bias_ratio(policy, start, right),
     }
-
-
-def _estimating(
-    policy: Policy, learned: ClothCheckpoint, p: np.ndarray
-) -> EstimatingPolicy:
-    """The policy, with an estimator of p beside it that starts from p `[D_p]`."""
-    estimator = BiasEstimator(learned.model, p)
-    return EstimatingPolicy(policy, estimator, learned.autoencoder)
 
 
 def _watched(

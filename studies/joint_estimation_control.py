@@ -11,15 +11,13 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
-from clothlab.method.cloth_task import EstimatingPolicy
-from clothlab.method.estimation import BiasEstimator
 from clothlab.method.policy import Policy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import recorded_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
-from studies._runs import HEAVY, RECORDINGS, new_trial, trained
+from studies._runs import HEAVY, RECORDINGS, estimating, new_trial, trained
 
 # What control knows of p: it is estimated from a wrong one, stays wrong, or is right
 ESTIMATED = "estimated"
@@ -55,9 +53,7 @@ def _run_one(
     start = learned.biases[believed]
 
     # A controller that is told p by an estimator
-    estimator = BiasEstimator(learned.model, start)
-    controller = learned.controller(mask, start)
-    policy = EstimatingPolicy(controller, estimator, learned.autoencoder)
+    policy = estimating(learned.controller(mask, start), learned, start)
     trial = new_trial(policy, learned.arm, held, steps, model)
 
     left = np.linalg.norm(policy.trace[-1] - right)
@@ -91,8 +87,7 @@ def _run_arm(
     p = learned.biases[HELD if knowledge == RIGHT else BELIEVED]
     policy: Policy = learned.controller(mask, p, plans=plans)
     if knowledge == ESTIMATED:
-        estimator = BiasEstimator(learned.model, p)
-        policy = EstimatingPolicy(policy, estimator, learned.autoencoder)
+        policy = estimating(policy, learned, p)
     trial = new_trial(policy, learned.arm, HELD, steps, model)
     distance = target_distance(learned.autoencoder, trial, mask)
     return {"distance": distance.round(4)}  # at each step [T] [s.d. of z]

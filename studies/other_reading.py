@@ -14,7 +14,6 @@ import torch
 from clothlab import data
 from clothlab.analysis import spread
 from clothlab.method.data import Run
-from clothlab.method.estimation import prediction_loss
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
@@ -23,6 +22,7 @@ from clothlab.simulation.scene import Scene
 from clothlab.trials import rollout, to_run
 from studies._grid import Experiment, Tables, over, shared
 from studies._rows import Row
+from studies._runs import loss_of_run, moved_at_random
 from studies.estimation import MaterialReadout
 
 DRAG = "drag of the points"  # that of this project
@@ -84,10 +84,7 @@ def _run_one(
     p = torch.as_tensor(np.stack([biases[name] for name in CLOTHS]))
     losses = []
     for run in _record(reading, 1, steps, _FIRST_SEED + _HELD_OUT):
-        s = torch.as_tensor(run.s)
-        u = torch.as_tensor(run.u)
-        with torch.no_grad():
-            losses.append(prediction_loss(learned, s, u, p).numpy())
+        losses.append(loss_of_run(learned, run, p))
     return {
         "p": p.numpy().round(4),  # in the order of CLOTHS [9, D_p]
         "spread": spread(biases),
@@ -122,14 +119,8 @@ def _shift(reading: str, time_step: float, seed: int, steps: int = 3) -> dict[st
 def _move(cloth: Cloth, time_step: float, seed: int, steps: int) -> np.ndarray:
     """The points after each control step of random commands, `[steps, 6, 3, 3]` [m]."""
     scene = Scene(time_step=time_step)
-    moments = []
     with closing(ClothEnv("torque", cloth, scene=scene)) as env:
-        policy = RandomPolicy(env.arm)
-        policy.reset(seed)
-        for _ in range(steps):
-            env.advance(policy({}))
-            moments.append(env.cloth_points())
-    return np.array(moments)
+        return moved_at_random(env, seed, steps)
 
 
 def named(held_out: np.ndarray) -> np.ndarray:

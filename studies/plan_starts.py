@@ -30,7 +30,7 @@ from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.trials import recorded_plans, rollout
+from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Experiment, over
 from studies._runs import HEAVY, LIGHT, RECORDINGS, new_trial, trained
 
@@ -392,9 +392,13 @@ _KEPT = (0, 1, 3, 6, 12, 24, 50, 100, 200)
 
 def _thrown(env: ClothEnv, learned: Any, mask: np.ndarray, plan: Tensor) -> float:
     """Distance at the end of a plan of eight commands [s.d. of z]."""
-    u = plan.double().numpy()
-    trial = rollout(env, ReplayPolicy(np.vstack([u, u[-1:]])), PERIOD + 1)
+    trial = _sent(env, plan.double().numpy())
     return float(target_distance(learned.autoencoder, trial, mask)[PERIOD])
+
+
+def _sent(env: ClothEnv, u: np.ndarray) -> Trial:
+    """A run from rest that sends eight commands `[8, D_u]` and looks after the last."""
+    return rollout(env, ReplayPolicy(np.vstack([u, u[-1:]])), PERIOD + 1)
 
 
 def _run_influence(
@@ -422,8 +426,7 @@ def _run_influence(
 
         def end(u: np.ndarray) -> np.ndarray:
             u = np.clip(u, learned.arm.command_lower, learned.arm.command_upper)
-            trial = rollout(env, ReplayPolicy(np.vstack([u, u[-1:]])), PERIOD + 1)
-            return encode(learned.autoencoder, trial.images[PERIOD:])[0]
+            return encode(learned.autoencoder, _sent(env, u).images[PERIOD:])[0]
 
         at_rest = end(plan)
         single = [end(plan + step * (np.arange(8) == k)[:, None]) for k in range(8)]

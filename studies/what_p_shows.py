@@ -20,7 +20,6 @@ from clothlab import data
 from clothlab._validation import choose
 from clothlab.method.autoencoder import encode
 from clothlab.method.data import Run
-from clothlab.method.estimation import prediction_loss
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy
@@ -28,7 +27,7 @@ from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
 from studies._grid import Experiment, over
-from studies._runs import EVALUATION, recorded_runs, trained
+from studies._runs import EVALUATION, loss_of_run, recorded_runs, trained
 
 _MIDDLE = Cloth("middle", damping=0.05, mass=0.10)
 # Factors of drag, of mass, and of springs and their dampers. The first two leave the
@@ -146,11 +145,8 @@ def _held_out(model: DPMPB, biases: dict[str, np.ndarray]) -> float:
     losses = []
     for trial in data.load_trials(EVALUATION["torque"]):
         run = learned.to_run(trial)
-        s = torch.as_tensor(run.s)
-        u = torch.as_tensor(run.u)
         p = torch.as_tensor(biases[run.material])
-        with torch.no_grad():
-            losses.append(prediction_loss(model, s, u, p).item())
+        losses.append(float(loss_of_run(model, run, p)))
     return float(np.mean(losses))
 
 
