@@ -118,7 +118,7 @@ bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
 	$(BIN)/python scripts/bench.py
 
 measured: $(STAMP)  ## measure what a student needs of a server, into docs/course/measured.md, half an hour; OPTIONS="--small" is sooner
-	$(BIN)/python course/measure.py $(OPTIONS)
+	$(BIN)/python scripts/measure.py $(OPTIONS)
 
 nightly: $(DEV) $(GRADING) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
 	$(BIN)/python scripts/nightly.py

@@ -139,6 +139,13 @@ def test_quick_tests_run_on_every_machine_that_the_readme_names():
         )
 
 
+def test_make_runs_programs_that_are_there():
+    makefile = (ROOT / "Makefile").read_text()
+    programs = re.findall(r"\$\(BIN\)/python ([\w/]+\.py)", makefile)
+    assert programs
+    assert [each for each in programs if not (ROOT / each).exists()] == []
+
+
 def test_ci_is_make_test_and_nothing_else():
     lines = [
         line
