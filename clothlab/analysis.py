@@ -1,27 +1,30 @@
 """What figures and tables show: geometry of p, distances to a target, success rates."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import binomtest
-from sklearn.decomposition import PCA
 
 from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 from clothlab.trials import Trial
 
+if TYPE_CHECKING:
+    from sklearn.decomposition import PCA
+
 # The last periods of a run, by which what learns from its outcomes is judged
 LATE = slice(-10, None)
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
-    """ClothCheckpoint p of all materials, `[K, D_p]`."""
+    """Trained p of all materials, `[K, D_p]`."""
     return check_array("trained p", list(biases.values()), ("K", "D_p"))
 
 
-def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
+def principal_axes(biases: dict[str, np.ndarray]) -> "PCA":
     """PCA of the trained p.
 
     `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their
@@ -33,6 +36,8 @@ def principal_axes(biases: dict[str, np.ndarray]) -> PCA:
             "two axes need two materials and two numbers for each at the least, "
             f"got {list(p.shape)}"
         )
+    from sklearn.decomposition import PCA  # slow to import
+
     return PCA(n_components=2).fit(p)
 
 

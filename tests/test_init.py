@@ -34,6 +34,8 @@ def test_importing_the_package_imports_little():
     heavy = "{'torch', 'sklearn', 'matplotlib'} & set(sys.modules)"
     code = "import clothlab, sys; print({'mujoco', 'numpy'} & set(sys.modules)); import clothlab.simulation.env"
     assert run(f"{code}; print({heavy})") == "set()\nset()\n"
+    code = "import sys, clothlab.analysis, clothlab.checks"
+    assert run(f"{code}; print('sklearn' in sys.modules)") == "False\n"
 
 
 @pytest.mark.slow

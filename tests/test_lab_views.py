@@ -124,7 +124,6 @@ def test_a_frame_has_pictures_and_traces_as_long_as_the_history(
         decoded = decode(autoencoder, encode(autoencoder, image.astype(bool)))
         assert frame["seen"] == encoded(image.astype(bool))
         assert frame["decoded"] == encoded(decoded)
-        assert frame["decoded"] != frame["seen"]
         assert len(frame["trail"]) == len(steps)
         assert all(
             len(line["values"]) == len(steps)
@@ -146,13 +145,14 @@ def test_beside_what_the_camera_sees_stands_what_the_autoencoder_makes_of_it(
     session, shown, history
 ):
     autoencoder = session.trained.autoencoder
-    for steps in ([], history):
-        image = steps[-1].image if steps else session.observation["image"] > 0
-        frame = shown.frame(steps)
+    # A cloth can be decoded so well that the two pictures are the same; a board can't
+    board = np.indices((96, 128)).sum(axis=0) % 2 == 1
+    for image in (history[-1].image, board):
+        frame = shown.frame([replace(history[-1], image=image)])
         assert np.array_equal(picture(frame["seen"]), 255 * image)
         decoded = decode(autoencoder, encode(autoencoder, image))
         assert picture(frame["decoded"]) / 255 == pytest.approx(decoded, abs=0.02)
-        assert np.abs(decoded - image).max() > 0.1  # they can be told apart
+    assert np.abs(decoded - board).max() > 0.1  # they can be told apart
 
 
 def test_predictions_stand_beside_the_distance_and_where_their_period_ended(

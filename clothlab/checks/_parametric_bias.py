@@ -5,8 +5,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.linear_model import LinearRegression
-from sklearn.model_selection import cross_val_predict
 
 from clothlab.analysis import principal_axes
 from clothlab.checks._check import apart, array, arrays, check, drawn, expect, number
@@ -71,6 +69,9 @@ def left_out(answer: Callable, rng: np.random.Generator) -> None:
     Given are random p `[K, 2]` and values `[K]` of nine cloths, then of fewer; expected
     is what scikit-learn's cross-validation predicts.
     """
+    from sklearn.linear_model import LinearRegression  # slow to import
+    from sklearn.model_selection import cross_val_predict
+
     for count in (9, int(rng.integers(6, 9))):
         p = rng.normal(size=(count, 2))
         y = rng.normal(2.0, 1.0, count)
