@@ -135,6 +135,14 @@ def test_a_free_first_row_has_springs_of_its_own():
     assert {(a, b) for a, b, _ in more} == pairs
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_scene_has_the_springs_of_how_the_cloth_is_held(held):
+    cloth, spec = get_cloth("soft-1"), mujoco.MjSpec()
+    hand = spec.worldbody.add_body(name="hand") if held else None
+    add_cloth(spec, cloth, hand, np.zeros(3))
+    assert len(spec.tendons) == len(list(springs(cloth, held=held)))
+
+
 def test_a_cloth_that_nobody_holds_falls_as_a_whole():
     cloth, spec = get_cloth("soft-1"), mujoco.MjSpec()
     add_cloth(spec, cloth, None, np.zeros(3))

@@ -22,7 +22,7 @@ from clothlab.method.iterative import (
     ResidualModel,
     nearest_plans,
 )
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, Memory
 from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import rollout
 
@@ -60,7 +60,8 @@ def attempts_of(problem, residual, count=3):
     made = []
     for _ in range(count):
         s = torch.randn(7, generator=generator)
-        memory = model.initial_memory()
+        h, c = torch.randn(2, *model.initial_memory().h.shape, generator=generator)
+        memory = Memory(0.5 * h, c)
         share = torch.rand(8, 2, generator=generator)
         u = limits.lower + (limits.upper - limits.lower) * share
         with torch.no_grad():

@@ -78,6 +78,14 @@ def test_a_force_beyond_the_muscles_is_refused():
         stiffness_ellipse(ARM, BENT, 30.0, force=1e3)
 
 
+@pytest.mark.parametrize(
+    ("force", "joint"), [(25.0, "elbow below"), (40.0, "shoulder above")]
+)
+def test_one_joint_beyond_its_stop_is_enough_to_refuse_a_push(force, joint):
+    with pytest.raises(ValueError, match="push less"):
+        static_posture(ARM, [0.9, -1.57, 10.0], [-force, 0.0])
+
+
 def test_a_stretched_arm_has_an_ellipse_too():
     angles = np.linspace(0, 2 * np.pi, 25)
     moved = [

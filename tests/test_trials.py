@@ -312,6 +312,10 @@ def test_what_does_not_belong_together_is_no_trial(trial, change, message):
         replace(trial, **change(trial))
 
 
+def test_the_time_of_a_trial_starts_at_zero_and_ends_a_step_before_its_length(trial):
+    assert trial.time == pytest.approx(0.2 * np.arange(len(trial)))
+
+
 def test_a_part_of_a_trial_is_a_trial_and_a_step_is_none(trial):
     assert len(trial[2:5]) == 3
     assert np.array_equal(trial[2:5].robot, trial.robot[2:5])
