@@ -60,7 +60,7 @@ check: $(DEV)  ## linter, types and unit tests, in parallel
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test:  ## check, slow tests, every notebook, the live lab and the site in a browser; about 15 minutes
+test:  ## check, slow tests, every notebook, the live lab and the site in a browser; ten to fifteen minutes
 	@$(SYSTEM) $(NEEDED) || true
 	@if CHECK=1 $(SYSTEM) $(NEEDED) >/dev/null; then $(MAKE) parts; \
 	else $(MAKE) --keep-going CHECK=1 parts; status=$$?; CHECK=1 $(SYSTEM) $(NEEDED) && exit $$status; fi
@@ -70,7 +70,7 @@ parts: doctor check slow notebooks pages
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
 
-mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; an hour or more (OPTIONS="--count 20")
+mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; ten minutes or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
 # Two of these five run at a time, in this order: with three, a click or a message came too late for its test in two of

@@ -3,9 +3,9 @@
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
 every notebook at full size, a wheel of every pin for every platform, the student
-edition's site, speed, and 200 mutants of the method and the simulation. A summary goes
-to `build/nightly.md`; `python scripts/nightly.py --only soak` does one part and writes
-nothing.
+edition's site, every control of the lessons, speed, and 200 mutants of the method and
+the simulation. A summary goes to `build/nightly.md`; `python scripts/nightly.py --only
+soak` does one part and writes nothing.
 """
 
 import argparse
@@ -40,6 +40,17 @@ PARTS = {  # what it is: command, and settings in the environment
     "student site": (("make", "book", "STUDENT=1"), {}),
     "every page": (
         (sys.executable, "-m", "pytest", "-m", "book", "tests/book"),
+        {"CLOTHLAB_PAGES": "1"},
+    ),
+    "every control": (
+        (
+            sys.executable,
+            "-m",
+            "pytest",
+            "-m",
+            "browser",
+            "tests/browser/test_lessons.py",
+        ),
         {"CLOTHLAB_PAGES": "1"},
     ),
     "bench": ((sys.executable, "scripts/bench.py"), {}),
