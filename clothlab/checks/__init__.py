@@ -17,7 +17,6 @@ from clothlab.checks._check import CheckFailed
 from clothlab.checks._cloth_simulation import (
     cloth_energy,
     count_springs,
-    euler_step,
     explicit_step,
     falling_speed,
     stable_step,
@@ -25,7 +24,6 @@ from clothlab.checks._cloth_simulation import (
 from clothlab.checks._data_and_images import (
     bce_loss,
     chamfer_by_hand,
-    denoise,
     linear_reconstruction,
     mirror_padding,
 )

@@ -64,38 +64,6 @@ def _springs_of_each_kind(rows: int, columns: int) -> dict[str, int]:
     }
 
 
-@check(array("the new positions and the new velocities", 2, 6, 3, 3))
-def euler_step(answer: Callable, rng: np.random.Generator) -> None:
-    """One step of semi-implicit Euler: new positions [m] and velocities [m/s].
-
-    Given is a cloth of 6 × 3 points that is pushed together and moves at random, its
-    first row at rest, and a time step [s] that is none of the notebook's.
-    """
-    dt = rng.uniform(0.0015, 0.0025)
-    pushed_together = [1.0, 1.0, rng.uniform(0.75, 0.85)]
-    x = hanging_points(_CLOTH) * pushed_together + [0.0, 0.0, 0.01]
-    v = 0.1 * rng.normal(size=x.shape)
-    v[0] = 0.0
-    new_x, new_v = answer(_CLOTH, x, v, dt)
-
-    # The truth for all points that the hand does not hold
-    a = acceleration(_CLOTH, x, v)
-    free_v = (v + dt * a)[1:]
-    free_x = x[1:] + dt * free_v
-    assert not np.allclose(new_v[1:], free_x), (
-        "first the positions, then the velocities"
-    )
-
-    # Velocities first: wrong ones make wrong positions
-    slips = {"the accelerations are not yet multiplied by the time step": (v + a)[1:]}
-    otherwise = "new velocities are v + dt · acceleration(cloth, x, v)"
-    expect(new_v[1:], free_v, otherwise, slips)
-    slips = {"move the points with the new velocities, not the old": (x + dt * v)[1:]}
-    otherwise = "new positions are x + dt · new velocity"
-    expect(new_x[1:], free_x, otherwise, slips)
-    assert not new_v[0].any(), "the hand holds the first row: its velocity stays zero"
-
-
 @check(number("a time step in s"))
 def explicit_step(answer: Callable, rng: np.random.Generator) -> None:
     """The longest step [s] at which explicit Euler lets a damped swing not grow.
@@ -253,22 +221,3 @@ def falling_speed(answer: Callable, rng: np.random.Generator) -> None:
             "at first"
         )
         expect(found, truth, otherwise, slips)
-
-
-def acceleration(cloth: Cloth, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Accelerations `[rows, columns, 3]` [m/s²] by Newton's law, as in the notebook.
-
-    Positions `x` [m] and velocities `v` [m/s] are `[rows, columns, 3]`, too.
-    """
-    start = hanging_points(cloth)
-    force = _GRAVITY * cloth.point_mass - cloth.damping * v
-    for *ends, stiffness in springs(cloth):
-        a, b = (tuple(map(int, name.split("_")[1:])) for name in ends)
-        rest = np.linalg.norm(start[b] - start[a])
-        length = np.linalg.norm(x[b] - x[a])
-        n = (x[b] - x[a]) / length  # from a to b
-        damping = cloth.spring_damping * (v[b] - v[a]) @ n
-        tension = stiffness * (length - rest) + damping
-        force[a] += tension * n
-        force[b] -= tension * n
-    return force / cloth.point_mass

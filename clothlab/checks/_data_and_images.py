@@ -1,7 +1,6 @@
 """Checks of notebook 03."""
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -161,111 +160,6 @@ def mirror_padding(answer: Callable, rng: np.random.Generator) -> None:
         missing = size - (2 * small - 1)
         otherwise = f"from {small} back to {size} takes an output_padding of {missing}"
         expect(found[1], missing, otherwise)
-
-
-@check(array("the loss of each batch", 4))
-def denoise(answer: Callable, rng: np.random.Generator) -> None:
-    """The losses `[4]` of a training on four batches, one step of descent on each.
-
-    Given are a small linear network, plain gradient descent on its weights, and pairs
-    of noisy and clean images.
-    """
-
-    def losses_differ(seed: int) -> bool:
-        return apart(_losses(seed), _denoise_slips(seed))
-
-    seed = drawn(lambda: int(rng.integers(2**31)), losses_differ)
-    truth = _losses(seed)
-    training = _training(seed)
-    found = answer(training.network, training.descent, training.batches)
-
-    # The first loss is computed before any update
-    otherwise = (
-        "the first loss is wrong: it is the binary cross entropy of network(noisy) "
-        "and clean"
-    )
-    if np.isclose(found[0], truth[0]):
-        otherwise = "the first loss is right, and those after an update are wrong"
-    expect(found, truth, otherwise, _denoise_slips(seed))
-
-
-class _Training(NamedTuple):
-    network: torch.nn.Module
-    descent: torch.optim.Optimizer
-    batches: list[tuple[Tensor, Tensor]]  # noisy and clean
-
-
-def _training(seed: int) -> _Training:
-    """A small network, its descent and four pairs of batches, all of one seed."""
-    rng = np.random.default_rng(seed)
-    with torch.random.fork_rng(devices=[]):
-        network = torch.nn.Linear(5, 5)
-    with torch.no_grad():
-        network.weight.copy_(torch.as_tensor(rng.normal(0.1, 0.1, (5, 5))))
-    torch.nn.init.zeros_(network.bias)
-    descent = torch.optim.SGD(network.parameters(), lr=0.5)
-    images = _float32(rng.integers(0, 2, (4, 2, 8, 5)))
-    return _Training(network, descent, [(noisy, clean) for noisy, clean in images])
-
-
-# The calls of a step, and the places of the images in a batch
-_ZERO_GRAD = "zero_grad"
-_BACKWARD = "backward"
-_STEP = "step"
-_NOISY = 0
-_CLEAN = 1
-
-
-def _losses(
-    seed: int,
-    calls: Sequence[str] = (_ZERO_GRAD, _BACKWARD, _STEP),
-    given: int = _NOISY,
-    target: int = _CLEAN,
-    loss: Callable = F.binary_cross_entropy_with_logits,
-) -> list[float]:
-    """Losses of a training, right by default, whose calls come in this order.
-
-    The network is `given` one image of a batch, and its output compared with the other.
-    """
-    network, descent, batches = _training(seed)
-    losses = []
-    for images in batches:
-        value = loss(network(images[given]), images[target])
-        losses.append(value.item())
-        for call in calls:
-            if call == _BACKWARD:
-                value.backward()
-            else:
-                getattr(descent, call)()
-    return losses
-
-
-def _denoise_slips(seed: int) -> dict[str, list[float]]:
-    """The losses of a training with a usual slip, by what is said of it."""
-    # Calls that are missing or in another order
-    never_zeroed = _losses(seed, (_BACKWARD, _STEP))
-    stepped_early = _losses(seed, (_STEP, _ZERO_GRAD, _BACKWARD))
-    never_stepped = _losses(seed, (_ZERO_GRAD, _BACKWARD))
-
-    # Images that have changed places, and another loss
-    towards_noisy = _losses(seed, target=_NOISY)
-    from_clean = _losses(seed, given=_CLEAN)
-    swapped = _losses(seed, given=_CLEAN, target=_NOISY)
-    squared = _losses(seed, loss=F.mse_loss)
-
-    # What is said of each
-    return {
-        "gradients of the batch before are still there: zero_grad() comes before "
-        "backward()": never_zeroed,
-        "the update comes too early: backward() computes the gradient that step() "
-        "needs": stepped_early,
-        "the weights do not move: zero_grad(), then loss.backward(), then "
-        "step()": never_stepped,
-        "the loss compares with the clean image, not with the noisy one": towards_noisy,
-        "the network is given the noisy image, not the clean one": from_clean,
-        "the noisy image is given, and the clean one is the target": swapped,
-        "take the binary cross entropy, not a squared error": squared,
-    }
 
 
 @check(array("the reconstructed images", None, _PIXELS))

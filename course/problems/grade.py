@@ -15,9 +15,9 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[2]
 FUNCTIONS = {
     "stability_bound": "longest_step",
-    "memoryless": "train_memoryless",
+    "memory_probe": "share_known",
     "covariance_of_p": "covariance_of_p",
-    "sampling_or_gradient": "cem",
+    "one_plan": "plan_for_all",
 }
 
 

@@ -8,20 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from course.problems import (
-    covariance_of_p,
-    memoryless,
-    sampling_or_gradient,
-    stability_bound,
-)
+from course.problems import covariance_of_p, memory_probe, one_plan, stability_bound
 from course.problems.grade import FUNCTIONS, ROOT, judge
 
 PAGES = ROOT / "docs" / "course" / "problems"
 SOLUTIONS = {
     "stability_bound": stability_bound.longest_step,
-    "memoryless": memoryless.train_memoryless,
+    "memory_probe": memory_probe.share_known,
     "covariance_of_p": covariance_of_p.covariance_of_p,
-    "sampling_or_gradient": sampling_or_gradient.cem,
+    "one_plan": one_plan.plan_for_all,
 }
 
 
@@ -33,26 +28,55 @@ def helpful_damper(count, stiffness, damping, mass):
     return stability_bound.longest_step(count, stiffness, -damping, mass)
 
 
-def nothing_changes(runs, updates, rate, seed):
-    return lambda s, u, material: np.tile(s, (len(u), 1))
+def known_of_some_steps(features, values):
+    """Every fifth step is judged by a map that is fitted to its neighbours."""
+    x = np.concatenate([np.c_[run, np.ones(len(run))] for run in features])
+    y = np.concatenate(values)
+    judged = np.arange(len(y)) % 5 == 0
+    weights = np.linalg.lstsq(x[~judged], y[~judged])[0]
+    errors = y[judged] - x[judged] @ weights
+    return 1 - (errors**2).sum() / ((y[judged] - y.mean()) ** 2).sum()
 
 
-def random_draws(loss, mean, spread, lower, upper, calls, rng):
-    plans = np.clip(rng.normal(mean, spread, (calls, 8, 2)), lower, upper)
-    return plans[loss(plans).argmin()]
+def known_without_a_penalty(features, values):
+    x = [np.c_[run, np.ones(len(run))] for run in features]
+    errors = []
+    for out in range(len(values)):
+        others = [run for run in range(len(values)) if run != out]
+        pairs = [np.concatenate([each[run] for run in others]) for each in (x, values)]
+        errors.append(values[out] - x[out] @ np.linalg.lstsq(*pairs)[0])
+    return 1 - np.mean(np.square(errors)) / np.var(values)
 
 
-def too_many(loss, mean, spread, lower, upper, calls, rng):
-    return sampling_or_gradient.cem(loss, mean, spread, lower, upper, 4 * calls, rng)
+def random_draws(losses, mean, spread, lower, upper, calls, rng):
+    size = calls // len(losses)
+    plans = np.clip(rng.normal(mean, spread, (size, 8, 2)), lower, upper)
+    return plans[np.max([loss(plans) for loss in losses], axis=0).argmin()]
+
+
+def too_many(losses, mean, spread, lower, upper, calls, rng):
+    more = calls * len(losses)
+    return one_plan.plan_for_all(losses, mean, spread, lower, upper, more, rng)
+
+
+def for_the_mean(losses, *others):
+    def mean_loss(plans):
+        return np.mean([loss(plans) for loss in losses], axis=0)
+
+    start, spread, lower, upper, calls, rng = others
+    calls = calls // len(losses)
+    return one_plan.plan_for_all([mean_loss], start, spread, lower, upper, calls, rng)
 
 
 MISTAKES = [
     ("stability_bound", one_spring, 2),
     ("stability_bound", helpful_damper, 4),
-    ("memoryless", nothing_changes, 0),
+    ("memory_probe", known_of_some_steps, 2),
+    ("memory_probe", known_without_a_penalty, 4),
     ("covariance_of_p", covariance_of_p.textbook, 3),
-    ("sampling_or_gradient", random_draws, 1),
-    ("sampling_or_gradient", too_many, 3),
+    ("one_plan", random_draws, 1),
+    ("one_plan", too_many, 3),
+    ("one_plan", for_the_mean, 3),
 ]
 
 
