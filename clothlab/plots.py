@@ -130,18 +130,31 @@ def image_grid(
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
     """Several runs of masks, one below the other: `{label: masks [T, H, W]}`.
 
-    Each of the T columns has a title.
+    Each of the T columns has a title. All are cut to where cloth is in any of them.
     """
-    figure, axes = new_axes(len(rows), len(titles), size=(1.3, 1.05))
+    lines, columns = _with_cloth(np.stack([*rows.values()]))
+    figure, axes = new_axes(len(rows), len(titles), size=(1.45, 1.6))
     for line, (label, images) in zip(axes, rows.items(), strict=True):
-        line[0].set_ylabel(label, fontsize=9)
+        line[0].set_ylabel(label, fontsize=12)
         for ax, image, title in zip(line, images, titles, strict=True):
-            ax.imshow(image, cmap="gray", vmin=0, vmax=1)
+            ax.imshow(image[lines, columns], cmap="gray", vmin=0, vmax=1)
             # The label is for `_alt_text`
             ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
     for ax, title in zip(axes[0], titles, strict=True):
-        ax.set_title(title, fontsize=9)
+        ax.set_title(title, fontsize=12)
     return figure
+
+
+def _with_cloth(masks: np.ndarray) -> tuple[slice, slice]:
+    """Lines and columns of masks `[..., H, W]` with cloth in any, and a few around."""
+    seen = (masks > 0.5).any(axis=tuple(range(masks.ndim - 2)))
+    if not seen.any():
+        return slice(None), slice(None)
+    ranges = []
+    for axis in (1, 0):
+        (places,) = np.nonzero(seen.any(axis=axis))
+        ranges.append(slice(max(places[0] - 4, 0), places[-1] + 5))
+    return ranges[0], ranges[1]
 
 
 def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
