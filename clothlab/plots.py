@@ -132,8 +132,14 @@ def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) ->
 
     Each of the T columns has a title. All are cut to where cloth is in any of them.
     """
-    lines, columns = _with_cloth(np.stack([*rows.values()]))
-    figure, axes = new_axes(len(rows), len(titles), size=(1.45, 1.6))
+    masks = np.stack([*rows.values()])
+    lines, columns = _with_cloth(masks)
+    height, width = masks[0, 0, lines, columns].shape
+
+    # As large as fits: 1.45 inches wide or 2.1 high, and a title
+    across = min(1.45, 2.1 * width / height)
+    size = (max(across, 0.8), across * height / width + 0.2)
+    figure, axes = new_axes(len(rows), len(titles), size=size)
     for line, (label, images) in zip(axes, rows.items(), strict=True):
         line[0].set_ylabel(label, fontsize=12)
         for ax, image, title in zip(line, images, titles, strict=True):
@@ -185,7 +191,7 @@ def material_map(
         covariances: `{label: [D_p, D_p]}` of last estimates, shown as 90 % regions.
     """
     pca = principal_axes(biases)
-    figure, ((ax,),) = new_axes(size=(6.4, 5.0))
+    figure, ((ax,),) = new_axes(size=(7.4, 5.4))
 
     # The trained ones
     for name, cloth in cloths.items():
@@ -208,10 +214,10 @@ def material_map(
     ax.set_xlabel(f"PC1 ({first:.0%} of the variance)")
     ax.set_ylabel(f"PC2 ({second:.0%})")
     if not all(cloth.foam for cloth in cloths.values()):
-        ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
+        ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=12)
     if trajectories:
         columns = min(len(trajectories), 3)
-        figure.legend(loc="outside lower center", fontsize=8, ncols=columns)
+        figure.legend(loc="outside lower center", fontsize=12, ncols=columns)
     return figure
 
 
@@ -223,10 +229,10 @@ def _mark(ax: Axes, cloth: Cloth, place: np.ndarray) -> None:
         y,
         s=900 * cloth.mass,
         marker=MARKERS.get(cloth.foam or cloth.damping, "D"),
-        color="0.75",
-        edgecolor="0.2",
+        color="0.6",
+        edgecolor="0.1",
         zorder=2,
     )
     ax.annotate(
-        cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=8
+        cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=12
     )
