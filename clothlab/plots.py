@@ -130,18 +130,37 @@ def image_grid(
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
     """Several runs of masks, one below the other: `{label: masks [T, H, W]}`.
 
-    Each of the T columns has a title.
+    Each of the T columns has a title. All are cut to where cloth is in any of them.
     """
-    figure, axes = new_axes(len(rows), len(titles), size=(1.3, 1.05))
+    masks = np.stack([*rows.values()])
+    lines, columns = _with_cloth(masks)
+    height, width = masks[0, 0, lines, columns].shape
+
+    # As large as fits: 1.45 inches wide or 2.1 high, and a title
+    across = min(1.45, 2.1 * width / height)
+    size = (max(across, 0.8), across * height / width + 0.2)
+    figure, axes = new_axes(len(rows), len(titles), size=size)
     for line, (label, images) in zip(axes, rows.items(), strict=True):
-        line[0].set_ylabel(label, fontsize=9)
+        line[0].set_ylabel(label, fontsize=12)
         for ax, image, title in zip(line, images, titles, strict=True):
-            ax.imshow(image, cmap="gray", vmin=0, vmax=1)
+            ax.imshow(image[lines, columns], cmap="gray", vmin=0, vmax=1)
             # The label is for `_alt_text`
             ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
     for ax, title in zip(axes[0], titles, strict=True):
-        ax.set_title(title, fontsize=9)
+        ax.set_title(title, fontsize=12)
     return figure
+
+
+def _with_cloth(masks: np.ndarray) -> tuple[slice, slice]:
+    """Lines and columns of masks `[..., H, W]` with cloth in any, and a few around."""
+    seen = (masks > 0.5).any(axis=tuple(range(masks.ndim - 2)))
+    if not seen.any():
+        return slice(None), slice(None)
+    ranges = []
+    for axis in (1, 0):
+        (places,) = np.nonzero(seen.any(axis=axis))
+        ranges.append(slice(max(places[0] - 4, 0), places[-1] + 5))
+    return ranges[0], ranges[1]
 
 
 def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
@@ -172,7 +191,7 @@ def material_map(
         covariances: `{label: [D_p, D_p]}` of last estimates, shown as 90 % regions.
     """
     pca = principal_axes(biases)
-    figure, ((ax,),) = new_axes(size=(6.4, 5.0))
+    figure, ((ax,),) = new_axes(size=(7.4, 5.4))
 
     # The trained ones
     for name, cloth in cloths.items():
@@ -195,10 +214,10 @@ def material_map(
     ax.set_xlabel(f"PC1 ({first:.0%} of the variance)")
     ax.set_ylabel(f"PC2 ({second:.0%})")
     if not all(cloth.foam for cloth in cloths.values()):
-        ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=9)
+        ax.set_title("labels: (C_damp [N s/m], C_mass [kg])", fontsize=12)
     if trajectories:
         columns = min(len(trajectories), 3)
-        figure.legend(loc="outside lower center", fontsize=8, ncols=columns)
+        figure.legend(loc="outside lower center", fontsize=12, ncols=columns)
     return figure
 
 
@@ -210,10 +229,10 @@ def _mark(ax: Axes, cloth: Cloth, place: np.ndarray) -> None:
         y,
         s=900 * cloth.mass,
         marker=MARKERS.get(cloth.foam or cloth.damping, "D"),
-        color="0.75",
-        edgecolor="0.2",
+        color="0.6",
+        edgecolor="0.1",
         zorder=2,
     )
     ax.annotate(
-        cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=8
+        cloth.label, (x, y), xytext=(8, 5), textcoords="offset points", fontsize=12
     )

@@ -54,6 +54,20 @@ def test_runs_of_masks_stand_below_each_other():
     assert rows == ["one", "", "", "other", "", ""]
 
 
+def test_runs_of_masks_are_cut_to_where_cloth_is_in_any_of_them():
+    masks = np.zeros((2, 2, 96, 128), bool)
+    masks[0, 0, 20:30, 50] = True
+    masks[1, 1, 40, 60:70] = True
+    figure = plots.film_strips(dict(zip("ab", masks, strict=True)), ["1", "2"])
+    shown = np.array([ax.images[0].get_array() for ax in figure.axes])
+    assert np.array_equal(shown, masks.reshape(4, 96, 128)[:, 16:45, 46:74])
+
+
+def test_runs_without_any_cloth_are_shown_whole():
+    figure = plots.film_strips({"a": np.zeros((1, 96, 128))}, ["1"])
+    assert figure.axes[0].images[0].get_array().shape == (96, 128)
+
+
 def test_a_map_has_pc1_across_and_pc2_upwards():
     """Five times as far apart across as upwards, whichever number of p that is."""
     grid = np.array([(5.0 * i, 1.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
