@@ -28,7 +28,7 @@ from clothlab.method.control import (
 )
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.cloth import cloth_name, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Experiment, over
@@ -49,7 +49,9 @@ SEARCHES = {
     "both": ControlSettings(horizon=16, iterations=12),
 }
 # How many starts each period has besides the plan at hand
-STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
+STARTS = ("last", "random 10", "random 2000", "recorded 10", "recorded 200")
+# Of plans that one training chooses and all of them predict
+CHOSEN = ("random 200", "random 2000", "recorded 200")
 # Of runs that send a plan as it is
 PLANS = ("unsearched", "recorded 10", "recorded 100")
 # By how many steps a command comes earlier in the next period
@@ -204,12 +206,14 @@ def _run_start(
     """A run in which each period may begin with one of several plans.
 
     Args:
-        start: one of `STARTS`.
+        start: one of `STARTS`; "last" is the plan at hand alone.
         target, cloth: of the task, by name.
         model: seed of the training.
         steps: control steps.
     """
-    plans = drawn_starts(start, trained(f"torque-{model}").arm, model)
+    plans = None
+    if start != "last":
+        plans = drawn_starts(start, trained(f"torque-{model}").arm, model)
     search = NotingSearch(plans=plans)
     return _followed(target, cloth, model, steps, search, ControlSettings())
 
@@ -390,6 +394,67 @@ def _run_descents(
 _KEPT = (0, 1, 3, 6, 12, 24, 50, 100, 200)
 
 
+def _run_judged(
+    start: str, target: str, cloth: str, model: int, draws: int = 10
+) -> dict[str, Any]:
+    """Plans that one training chooses, as it and the other trainings predict them.
+
+    All begin at rest. As the controller does, a training takes the start which it
+    predicts to come nearest, and descends from there; then the plan is thrown. Beside
+    these stand as many plans of the same kind that nobody chose.
+
+    Args:
+        start: kind and number of the starts, one of `CHOSEN`.
+        target, cloth: of the task, by name.
+        model: seed of the training that chooses.
+        draws: of starts, and so of chosen plans.
+    """
+    learned = trained(f"torque-{model}")
+    mask = data.load_target(target)
+    with closing(ClothEnv(learned.arm, cloth)) as env:
+        s = observe(learned.autoencoder, env.reset(seed=0)[0])
+        judges = [trained(f"torque-{k}") for k in range(5)]
+        problems = [
+            each.controller(mask, cloth).controller.problem(s) for each in judges
+        ]
+
+        # Some that nobody chose, then those that this training chooses
+        seeds = [1000 * model + draw for draw in range(draws)]
+        drawn = [drawn_starts(start, learned.arm, seed) for seed in seeds]
+        starts = torch.as_tensor(np.array(drawn), dtype=torch.float32)
+        chosen = [_chosen(problems[model], each) for each in starts]
+        plans = torch.cat([starts[:, 0], torch.stack(chosen)])
+        trials = [_sent(env, plan.double().numpy()) for plan in plans]
+
+    # What they came to, and what each training predicts of them [5, 2 draws, D_z]
+    ends = np.stack([trial.images[PERIOD] for trial in trials])
+    seen = encode(learned.autoencoder, ends)
+    with torch.no_grad():
+        states = [each.predict(plans)[:, PERIOD - 1] for each in problems]
+    foreseen = torch.stack(states)[..., learned.layout.z].numpy()
+
+    # How far from the target, and how wrong
+    z_ref = encode(learned.autoencoder, mask)
+    lengths = np.linalg.norm(foreseen[model] - z_ref, axis=1)
+    errors = np.linalg.norm(seen - foreseen, axis=2)
+    others = np.arange(len(judges)) != model
+    return {
+        "predicted": lengths[draws:].round(4),  # distance [draws] [s.d. of z]
+        "seen": np.linalg.norm(seen - z_ref, axis=1)[draws:].round(4),
+        "error": errors[model, draws:].round(4),  # of the training that chose
+        "others": errors[others, draws:].mean(0).round(4),  # of the rest, in the mean
+        "plain": errors[model, :draws].round(4),  # of plans that nobody chose
+    }
+
+
+def _chosen(problem: Problem, starts: Tensor) -> Tensor:
+    """The plan that the paper's descent finds from the best predicted start."""
+    with torch.no_grad():
+        best = starts[problem.loss(starts).argmin()]
+    plan, _ = optimise_commands(problem.loss, best, problem.limits, ControlSettings())
+    return plan
+
+
 def _thrown(env: ClothEnv, learned: Any, mask: np.ndarray, plan: Tensor) -> float:
     """Distance at the end of a plan of eight commands [s.d. of z]."""
     trial = _sent(env, plan.double().numpy())
@@ -439,19 +504,28 @@ def _run_influence(
 
 
 _TASKS = {
-    "target": "target-1",  # the one that the paper's controller misses
+    "target": ("target-1", "target-2"),  # the paper's controller misses the first
     "cloth": (LIGHT, HEAVY),
     "model": range(5),
 }
+# The cloth in the hand of `joint_arms`, which is light and has a middle mass
+_OTHER = over(
+    start=("last", "recorded 200"),
+    target=("target-1", "target-2"),
+    cloth=cloth_name(0.03, 0.10),
+    model=range(5),
+)
 EXPERIMENTS = (
     Experiment(
         "why_plans_fail", _run_search, over(search=SEARCHES, **_TASKS), seconds=10
     ),
     Experiment("starts", _run_start, over(start=STARTS, **_TASKS), seconds=5),
+    Experiment("starts_other_cloth", _run_start, _OTHER, seconds=5),
     Experiment(
         "warm_start_phase", _run_phase, over(earlier=PHASES, **_TASKS), seconds=5
     ),
     Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS), seconds=2),
+    Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS), seconds=5),
     Experiment("descents", _run_descents, over(**_TASKS), seconds=10),
     Experiment("plan_line", _run_line, over(**_TASKS), seconds=5),
     Experiment(
