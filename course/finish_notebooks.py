@@ -42,6 +42,7 @@ TIMES = re.compile(
     r"\*\*Working time\*\*: about (?P<learning>\d+) minutes\. "
     r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
 )
+SIDE_ROADS = re.compile(r"\*\*Side roads\*\*: about (\d+) minutes more")
 ROW = re.compile(
     r"^(?P<start>\| \[[^]]*\]\((?:notebooks/)?(?P<name>[\w.]+)\) \| [^|]* \|)"
     r" [^|]* \| [^|]* \|$",
@@ -55,8 +56,14 @@ LESSON = re.compile(  # of the syllabus
 WEEK = re.compile(
     r"^(?P<start>\| \d+\. [^|]* \| (?P<numbers>[^|]*) \|) [^|]* \|", re.MULTILINE
 )
-SUMS = re.compile(r"^About [\d.]+ hours of work, \d+ points\.", re.MULTILINE)
-PART = re.compile(r"(?<=\*\*Part I, the method\*\*, in )[^,]*, about \d+ hours")
+SUMS = re.compile(
+    r"^About [\d.]+ hours of work(?: and [\d.]+ of side roads)?, \d+ points\.",
+    re.MULTILINE,
+)
+PART = re.compile(
+    r"(?<=\*\*Part I, the method\*\*, in )[^,]*, about \d+ hours"
+    r"(?: and \d+ of side roads)?"
+)
 NEXT = re.compile(r"^Next: \[[^]]*\]\([^)]*\)", re.MULTILINE)
 OPEN = re.compile(r"(?<=<!-- open -->\n).*?(?=\n<!-- /open -->)", re.DOTALL)
 
@@ -132,11 +139,20 @@ def minutes(notebook: nbformat.NotebookNode) -> int:
     return int(learning.removesuffix(" min"))
 
 
+def side_minutes(notebook: nbformat.NotebookNode) -> int:
+    """Working time of the sections that a hurried reader skips."""
+    found = SIDE_ROADS.search(notebook.cells[0].source)
+    return int(found[1]) if found else 0
+
+
 def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     """The README with the number of notebooks of Part I, and their hours."""
     part = [each for name, each in notebooks.items() if name < "10"]
     hours = sum(map(minutes, part)) / 60
-    return PART.sub(f"{len(part)} notebooks, about {hours:.0f} hours", readme)
+    text = f"{len(part)} notebooks, about {hours:.0f} hours"
+    if aside := sum(map(side_minutes, part)) / 60:
+        text += f" and {aside:.0f} of side roads"
+    return PART.sub(text, readme)
 
 
 def with_exercises(
@@ -147,10 +163,12 @@ def with_exercises(
     Exercises that are not in `weights` count 1.
     """
     spent = {}
+    aside = {}
     worth = {}
     for name, notebook in notebooks.items():
         number, _, _ = name.partition("_")
         spent[number] = minutes(notebook)
+        aside[number] = side_minutes(notebook)
         worth[number] = {
             each: weights.get(each, 1) for each in exercises(notebook.cells)
         }
@@ -176,7 +194,10 @@ def with_exercises(
         numbers = [each for each in listed.split(", ") if each in spent]
         hours = sum(spent[each] for each in numbers) / 60
         points = sum(sum(worth[each].values()) for each in numbers)
-        sums = f"About {hours:.1f} hours of work, {points} points."
+        sums = f"About {hours:.1f} hours of work"
+        if besides := sum(aside[each] for each in numbers) / 60:
+            sums += f" and {besides:.1f} of side roads"
+        sums += f", {points} points."
         plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
     return "\n## ".join(plans)
 

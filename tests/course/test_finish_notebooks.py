@@ -67,9 +67,24 @@ def test_the_readme_has_the_hours_of_part_one_and_times_of_a_notebook_with_a_let
     )
     found = finish_notebooks.part_one(readme, LESSONS)
     assert found.startswith("**Part I, the method**, in 2 notebooks, about 2 hours: a")
+    assert finish_notebooks.part_one(found, LESSONS) == found
     timed = finish_notebooks.with_times(found, LESSONS).splitlines()
     assert timed[1].endswith("| Why? | 45 min | 20 s |")
     assert timed[2].endswith("| Own? | 2 min | 2 s |")
+
+
+def test_side_roads_are_summed_beside_the_hours():
+    longer = lesson("07b Why", 45, "start")
+    longer.cells[0].source += ". **Side roads**: about 90 minutes more, for a section."
+    lessons = LESSONS | {"07b_why.ipynb": longer}
+    readme = "**Part I, the method**, in two notebooks, about 9 hours: a cloth\n"
+    for _ in range(2):  # twice is as once
+        readme = finish_notebooks.part_one(readme, lessons)
+        assert "in 2 notebooks, about 2 hours and 2 of side roads: a" in readme
+    found = SYLLABUS
+    for _ in range(2):
+        found = finish_notebooks.with_exercises(found, lessons, {})
+        assert "About 2.2 hours of work and 1.5 of side roads, 2 points." in found
 
 
 def test_a_notebook_leads_on_to_the_next_one():
