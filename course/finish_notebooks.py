@@ -155,6 +155,14 @@ def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     return PART.sub(text, readme)
 
 
+def _sums(hours: float, besides: float, points: int) -> str:
+    """The line above a plan of the syllabus."""
+    work = f"About {hours:.1f} hours of work"
+    if besides:
+        work += f" and {besides:.1f} of side roads"
+    return f"{work}, {points} points."
+
+
 def with_exercises(
     syllabus: str, notebooks: dict[str, nbformat.NotebookNode], weights: dict[str, int]
 ) -> str:
@@ -194,10 +202,8 @@ def with_exercises(
         numbers = [each for each in listed.split(", ") if each in spent]
         hours = sum(spent[each] for each in numbers) / 60
         points = sum(sum(worth[each].values()) for each in numbers)
-        sums = f"About {hours:.1f} hours of work"
-        if besides := sum(aside[each] for each in numbers) / 60:
-            sums += f" and {besides:.1f} of side roads"
-        sums += f", {points} points."
+        besides = sum(aside[each] for each in numbers) / 60
+        sums = _sums(hours, besides, points)
         plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
     return "\n## ".join(plans)
 
