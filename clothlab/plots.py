@@ -153,12 +153,12 @@ def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) ->
 
 def _with_cloth(masks: np.ndarray) -> tuple[slice, slice]:
     """Lines and columns of masks `[..., H, W]` with cloth in any, and a few around."""
-    seen = (masks > 0.5).any(axis=tuple(range(masks.ndim - 2)))
+    seen = np.any(masks.reshape(-1, *masks.shape[-2:]) > 0.5, axis=0)
     if not seen.any():
         return slice(None), slice(None)
     ranges = []
-    for axis in (1, 0):
-        (places,) = np.nonzero(seen.any(axis=axis))
+    for along in (seen.any(axis=1), seen.any(axis=0)):
+        (places,) = np.nonzero(along)
         ranges.append(slice(max(places[0] - 4, 0), places[-1] + 5))
     return ranges[0], ranges[1]
 
