@@ -585,14 +585,6 @@ SLIPS = [
         "under the root",
     ),
     ("farthest", "iterations * ", "", "each iteration makes a step"),
-    (
-        "steps_earlier",
-        "(-ago - (horizon - 1))",
-        "(ago + horizon - 1)",
-        "how much later",
-    ),
-    ("steps_earlier", "horizon - 1", "horizon", "steps from now"),
-    ("steps_earlier", " % period", " % period + period", "a whole period"),
     ("optimism", " / length", "", "only its direction"),
     ("optimism", "seen - predicted", "predicted - seen", "seen minus"),
     (
@@ -791,7 +783,6 @@ RIGHTS = [
         "return",
         "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)",
     ),
-    ("steps_earlier", "return", "int(-(ago + horizon - 1)) % period"),
     ("optimism", "return", "((error * away).sum(1) / length).mean().item()"),
     ("beyond_time", "return", "list(gains(estimated) - gains(wrong))"),
     (
