@@ -260,9 +260,6 @@ SLIPS = [
     ("closed_loop", "s, memory = model", "_, memory = model", "s stays what it was"),
     ("closed_loop", "s, memory = model(", "s, _ = model(", "memory before it"),
     ("closed_loop", "t : t + 1", "0:1", "take u[t]"),
-    ("influence", "[0, -1, :3]", "[0, :, :3]", "the last image alone"),
-    ("influence", "z.square().sum()", "z.norm()", "‖z‖, not of its square"),
-    ("influence", "u[None], p, memory", "u[None], p, None", "pass the memory on"),
     ("shares_by_hand", "[::-1]", "", "the larger one first"),
     (
         "shares_by_hand",

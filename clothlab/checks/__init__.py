@@ -55,7 +55,6 @@ from clothlab.checks._predictive_model import (
     closed_loop,
     gradients_per_cloth,
     half_life,
-    influence,
     two_steps_by_hand,
 )
 from clothlab.checks._results import verdict
