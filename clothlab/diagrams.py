@@ -468,10 +468,10 @@ def _sketch_error(sheet: _Sheet, y: float, seen: bool) -> None:
     # With what was seen each step begins anew; else errors add up, to a limit
     steps = np.linspace(0, 2.3, 60)
     if seen:
-        error = 0.14 + 0.02 * np.sin(9 * steps)
+        error = 0.5 + 0.02 * np.sin(9 * steps)
         words = "stays that of one step"
     else:
-        error = 0.14 + 0.82 * (1 - np.exp(-1.0 * steps**2))
+        error = 0.5 + 0.25 * (1 - np.exp(-2.5 * steps))
         words = "grows, then levels off"
     curve = list(zip(left + steps, bottom + error, strict=True))
     sheet.line(curve, color=_PURPLE, lw=2.5)

@@ -260,9 +260,6 @@ SLIPS = [
     ("closed_loop", "s, memory = model", "_, memory = model", "s stays what it was"),
     ("closed_loop", "s, memory = model(", "s, _ = model(", "memory before it"),
     ("closed_loop", "t : t + 1", "0:1", "take u[t]"),
-    ("influence", "[0, -1, :3]", "[0, :, :3]", "the last image alone"),
-    ("influence", "z.square().sum()", "z.norm()", "‖z‖, not of its square"),
-    ("influence", "u[None], p, memory", "u[None], p, None", "pass the memory on"),
     ("shares_by_hand", "[::-1]", "", "the larger one first"),
     (
         "shares_by_hand",
@@ -588,14 +585,6 @@ SLIPS = [
         "under the root",
     ),
     ("farthest", "iterations * ", "", "each iteration makes a step"),
-    (
-        "steps_earlier",
-        "(-ago - (horizon - 1))",
-        "(ago + horizon - 1)",
-        "how much later",
-    ),
-    ("steps_earlier", "horizon - 1", "horizon", "steps from now"),
-    ("steps_earlier", " % period", " % period + period", "a whole period"),
     ("optimism", " / length", "", "only its direction"),
     ("optimism", "seen - predicted", "predicted - seen", "seen minus"),
     (
@@ -794,7 +783,6 @@ RIGHTS = [
         "return",
         "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)",
     ),
-    ("steps_earlier", "return", "int(-(ago + horizon - 1)) % period"),
     ("optimism", "return", "((error * away).sum(1) / length).mean().item()"),
     ("beyond_time", "return", "list(gains(estimated) - gains(wrong))"),
     (

@@ -55,7 +55,6 @@ from clothlab.checks._predictive_model import (
     closed_loop,
     gradients_per_cloth,
     half_life,
-    influence,
     two_steps_by_hand,
 )
 from clothlab.checks._results import verdict
@@ -69,6 +68,6 @@ from clothlab.checks._variable_stiffness import (
     sag,
     two_link_jacobian,
 )
-from clothlab.checks._why_the_plan_fails import beyond_time, optimism, steps_earlier
+from clothlab.checks._why_the_plan_fails import beyond_time, optimism
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

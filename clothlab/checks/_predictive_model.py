@@ -9,8 +9,6 @@ import torch
 from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.method.model import DPMPB, Memory, predict
 
-_Z = slice(0, 3)  # the numbers of the state that are the image
-
 
 @check(array("position and speed at the end", 2))
 def arrival(answer: Callable, rng: np.random.Generator) -> None:
@@ -206,42 +204,6 @@ def _states(
     return truth, {
         "pass the memory on to the model, in each step": torch.stack(forgetful),
         "s stays what it was: the prediction is the next s": s.expand(len(u), -1),
-    }
-
-
-@check(array("a length for each command", 4))
-def influence(answer: Callable, rng: np.random.Generator) -> None:
-    """How much each of four commands moves the last image: lengths `[4]`.
-
-    Given is the same as in `closed_loop`; expected is the length of the gradient of the
-    last predicted z's square, with respect to each command.
-    """
-    case = drawn(lambda: _network(rng), lambda case: apart(*_lengths(*case), rtol=0.2))
-    truth, slips = _lengths(*case)
-    found = answer(*case._replace(u=case.u.clone()))
-    otherwise = "wrong: of what is it the gradient, and with respect to what?"
-    expect(found, truth, otherwise, slips, rtol=0.05)
-
-
-def _lengths(
-    model: DPMPB, s: torch.Tensor, u: torch.Tensor, p: torch.Tensor, memory: Memory
-) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """The lengths of the gradients [T], and what usual slips give, by what is said."""
-    u = u.clone().requires_grad_()
-    z = predict(model, s, u[None], p, memory)[0, :, _Z]
-    forgetful_z = predict(model, s, u[None], p)[0, :, _Z]
-
-    def lengths(value: torch.Tensor) -> torch.Tensor:
-        (gradient,) = torch.autograd.grad(value, u, retain_graph=True)
-        return gradient.norm(dim=1)
-
-    truth = lengths(z[-1].square().sum())
-    return truth, {
-        "the last image alone is asked for, not the sum over all steps": lengths(
-            z.square().sum()
-        ),
-        "that is the gradient of ‖z‖, not of its square": lengths(z[-1].norm()),
-        "pass the memory on to `predict`": lengths(forgetful_z[-1].square().sum()),
     }
 
 

@@ -7,40 +7,6 @@ import numpy as np
 from clothlab.checks._check import array, check, drawn, expect, number
 
 
-@check(number("how many steps earlier"))
-def steps_earlier(answer: Callable, rng: np.random.Generator) -> None:
-    """By how many steps of a period a command comes earlier when it comes again.
-
-    Given are how many steps ago it was sent, when a plan that begins now gets it at its
-    end, the horizon, and the period. The truth is found by counting phases.
-    """
-    cases = [(8, 8, 8), (1, 8, 8), (2, 8, 8)]
-    for _ in range(4):
-        period = int(rng.integers(3, 11))
-        cases.append((int(rng.integers(1, 13)), int(rng.integers(2, 14)), period))
-    for ago, horizon, period in cases:
-        # Phases at which it was sent, and comes again
-        t = 10 * period  # any step will do
-        sent_at = (t - ago) % period
-        comes_at = (t + horizon - 1) % period
-        truth = (sent_at - comes_at) % period
-
-        # What goes wrong easily
-        slips = {
-            "this is how much later it comes": (comes_at - sent_at) % period,
-            "the plan's first command is that of now, so its last is sent horizon - 1 "
-            "steps from now": (-ago - horizon) % period,
-            "a whole period is no difference: count from 0 to period - 1": (
-                truth + period
-            ),
-        }
-        case = f"ago = {ago}, horizon = {horizon}, period = {period}"
-        otherwise = (
-            f"{case}: at which phase was it sent, and at which does it come again?"
-        )
-        expect(answer(ago, horizon, period), truth, otherwise, slips)
-
-
 @check(number("the mean part of the errors away from the target"))
 def optimism(answer: Callable, rng: np.random.Generator) -> None:
     """How much farther from the target than predicted, along the line to it.

@@ -1,4 +1,4 @@
-"""The panel of notebook 07: predicted beside achieved images, stiffness and its
+"""The panel of control alone: predicted beside achieved images, stiffness and its
 ellipse, and a fault that shows.
 """
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.checks import steps_earlier
 from clothlab.method.control import ControlSettings
 from clothlab.simulation._arm_data import get_arm
 from studies import plan_starts
@@ -19,10 +18,6 @@ def test_a_command_comes_so_many_steps_earlier_in_the_next_period(steps):
     added = int(earlier_by(steps)(plan, sent, rng)[0])
     lies_at = len(sent) + PERIOD - 1
     assert (added - lies_at) % PERIOD == steps % PERIOD
-    ago = len(sent) - added
-    checked = lambda ago, horizon, period: (1 - horizon - ago) % period  # noqa: E731
-    steps_earlier(checked)
-    assert checked(ago, PERIOD, PERIOD) == steps % PERIOD
 
 
 def test_until_a_period_was_sent_the_last_command_fills_the_gap():
