@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -131,6 +131,9 @@ train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
 
 results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
 	$(BIN)/python scripts/reproduce.py results $(NAMES)
+
+worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, then tables side by side (OPTIONS="--paper-only --count 3")
+	$(BIN)/python scripts/reproduce.py worlds $(OPTIONS)
 
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)

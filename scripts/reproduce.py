@@ -1,11 +1,12 @@
 """Make recordings, trainings and results anew, or everything from nothing.
 
-Four commands, each of which `make` calls under a name of its own:
+Five commands, each of which `make` calls under a name of its own:
 
     reproduce.py record [SET ...]           make data: trials and targets
     reproduce.py train [WEIGHTS ...]        make train: autoencoders and DPMPBs
     reproduce.py results [EXPERIMENT ...]   make results: every figure of the tables
     reproduce.py everything [OPTIONS]       make reproduce: all of these from nothing
+    reproduce.py worlds [OPTIONS]           make worlds: so ten times, from other seeds
 
 The first three work in `data/` itself, and replace what is there. Names choose;
 experiments that take hours run only when they are named. `everything` writes into
@@ -18,6 +19,7 @@ docs/scaling.md.
 import argparse
 import inspect
 import os
+import subprocess
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+import pandas as pd
 
 import studies
 from clothlab import _store
@@ -47,6 +50,7 @@ from studies.datasets import (
 from studies.training_configs import TRAINING_CONFIGS, TrainingConfig
 
 ROOT = Path(__file__).resolve().parents[1]
+_APART = 10_000_000  # seeds of one world from those of the next
 FOLDER = Path("build") / "reproduce"
 
 
@@ -59,6 +63,9 @@ class Plan:
     paper_only: bool = False  # only what the paper's amount of recordings teaches
     # Tiny sizes, in which everything takes part and nothing is learned
     small: bool = False
+    # Other recordings, autoencoders, W and p, all from seeds of their own; targets are
+    # part of the task, and stay. World 0 is the one in `data/`.
+    world: int = 0
 
     @property
     def endings(self) -> tuple[str, ...]:
@@ -68,14 +75,19 @@ class Plan:
     def configs(self) -> list[TrainingConfig]:
         """What is trained."""
         names = [arm + end for arm in ("torque", "muscle") for end in self.endings]
-        configs = [TRAINING_CONFIGS[name] for name in names]
+        first = self.world * _APART
+        configs = [replace(TRAINING_CONFIGS[name], first_seed=first) for name in names]
         return [_shortened(each) for each in configs] if self.small else configs
 
     def datasets(self) -> list[Dataset]:
         """What is recorded."""
         names = [name for config in self.configs() for name in config.recordings]
         names += ["evaluation", "muscle-evaluation"]
-        datasets = [DATASETS[name] for name in dict.fromkeys(names)]
+        datasets = []
+        for name in dict.fromkeys(names):
+            dataset = DATASETS[name]
+            first = dataset.first_seed + self.world * _APART
+            datasets.append(replace(dataset, first_seed=first))
         if not self.small:
             return datasets
         short: dict[str, Any] = {"steps": 24, "policies": ("operator",)}
@@ -256,7 +268,7 @@ def from_nothing(arguments: argparse.Namespace) -> int:
     data = folder / "data"
     data.mkdir(parents=True, exist_ok=True)
     os.environ["CLOTHLAB_DATA"] = str(data)
-    plan = Plan(arguments.seeds, arguments.paper_only, arguments.small)
+    plan = Plan(arguments.seeds, arguments.paper_only, arguments.small, arguments.world)
     options = {"workers": arguments.workers, "progress": True, "keep": folder / "kept"}
     try:
         with workers_of(arguments.scheduler, data):
@@ -266,6 +278,39 @@ def from_nothing(arguments: argparse.Namespace) -> int:
         return 130
     print(f"everything lies in {folder}")
     return 0
+
+
+def worlds(arguments: argparse.Namespace) -> int:
+    """Several worlds from nothing, and their tables side by side.
+
+    In each, recordings, autoencoders and DPMPBs are made from seeds of its own. A table
+    of all, with a column `world`, goes into `data/results`. Returned is the exit
+    status.
+    """
+    home = _store.data_folder()
+    kind = "worlds-small" if arguments.small else "worlds"
+    folders = [ROOT / "build" / kind / str(k) for k in range(arguments.count)]
+    for k, folder in enumerate(folders):
+        words = ["everything", "--world", str(k), "--seeds", "1"]
+        words += ["--folder", str(folder), "--workers", str(arguments.workers)]
+        words += ["--small"] * arguments.small + ["--paper-only"] * arguments.paper_only
+        status = subprocess.run([sys.executable, __file__, *words]).returncode
+        if status:
+            return status
+    if not arguments.small:
+        save_side_by_side([folder / "data" for folder in folders], home)
+    return 0
+
+
+def save_side_by_side(data: Sequence[Path], home: Path) -> None:
+    """Save each table that all these data folders have as one, `worlds-NAME`."""
+    named = [{each.stem for each in (one / "results").glob("*.csv")} for one in data]
+    for name in sorted(set.intersection(*named)):
+        parts = [studies.load(name, data=one) for one in data]
+        for k, part in enumerate(parts):
+            part.insert(0, "world", k)
+        studies.save(pd.concat(parts, ignore_index=True), f"worlds-{name}", data=home)
+    _store.write_checksums(home)
 
 
 def _again(function: Callable[..., None], arguments: argparse.Namespace) -> int:
@@ -284,7 +329,18 @@ def command_line() -> argparse.ArgumentParser:
     _again_command(commands, "train", train_again, TRAINING_CONFIGS)
     _again_command(commands, "results", run_again, studies.EXPERIMENTS)
 
-    # And all of them, which has sizes and a folder of its own
+    _everything_command(commands)
+
+    # Several of these
+    several = _command(commands, "worlds", worlds)
+    several.set_defaults(run=worlds)
+    several.add_argument("--count", type=int, default=10, help="by default 10")
+    _sizes(several)
+    return parser
+
+
+def _everything_command(commands: Any) -> None:
+    """All of them, with sizes and a folder of its own."""
     everything = _command(commands, "everything", from_nothing)
     everything.set_defaults(run=from_nothing)
     everything.add_argument(
@@ -299,21 +355,31 @@ def command_line() -> argparse.ArgumentParser:
         help=f"trainings of each DPMPB, by default {Plan.seeds}",
     )
     everything.add_argument(
-        "--small",
-        action="store_true",
-        help="tiny sizes, a minute, to see whether it works here",
+        "--world",
+        type=int,
+        default=0,
+        help="another one has recordings and trainings from other seeds",
     )
-    everything.add_argument(
-        "--paper-only",
-        action="store_true",
-        help="only what the paper's amount of recordings teaches",
-    )
+    _sizes(everything)
     everything.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="of a Dask scheduler, whose workers do the work",
     )
-    return parser
+
+
+def _sizes(command: argparse.ArgumentParser) -> None:
+    """Options that make less of everything."""
+    command.add_argument(
+        "--small",
+        action="store_true",
+        help="tiny sizes, a minute, to see whether it works here",
+    )
+    command.add_argument(
+        "--paper-only",
+        action="store_true",
+        help="only what the paper's amount of recordings teaches",
+    )
 
 
 def _again_command(

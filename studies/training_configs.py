@@ -26,6 +26,8 @@ class TrainingConfig:
     recordings: tuple[str, ...]  # names of the sets of trials
     autoencoder: AutoencoderTraining
     model: ModelTraining
+    # Of the autoencoder; DPMPBs count on from it. Another one makes all of it anew.
+    first_seed: int = 0
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -45,7 +47,9 @@ class TrainingConfig:
     def train_autoencoder(self) -> tuple[Autoencoder, list[float]]:
         """The autoencoder of all images, and its loss of each epoch [nat per pixel]."""
         images = np.concatenate([trial.images for trial in self.load_trials()])
-        return train_autoencoder(images, self.autoencoder, seed=0, progress=False)
+        return train_autoencoder(
+            images, self.autoencoder, seed=self.first_seed, progress=False
+        )
 
     def encoded_runs(self) -> list[Run]:
         """All that the model learns from, as the stored autoencoder encodes it."""
@@ -56,7 +60,7 @@ class TrainingConfig:
         """A DPMPB on top of the stored autoencoder."""
         autoencoder, _ = data.load_autoencoder(self.name)
         model, biases, trace = train_dpmpb(
-            self.encoded_runs(), self.model, seed=seed, progress=False
+            self.encoded_runs(), self.model, seed=self.first_seed + seed, progress=False
         )
         return ClothCheckpoint(
             name=f"{self.name}-{seed}",

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pandas as pd
 import psutil
 import pytest
 import reproduce
@@ -47,6 +48,34 @@ def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
         (0, 16),
         (1, 16),
     ]
+
+
+def test_worlds_share_no_seed_and_the_first_is_the_stored_one():
+    plans = [Plan(world=k) for k in range(10)]
+    assert plans[0].datasets() == Plan().datasets()
+    assert {config.first_seed for config in plans[0].configs()} == {0}
+    seeds = []
+    for plan in plans:
+        for dataset in plan.datasets():
+            seeds += [run["seed"] for run in dataset.runs().values()]
+    assert len(set(seeds)) == len(seeds)
+    assert len({plan.configs()[0].first_seed for plan in plans}) == 10
+
+
+def test_tables_of_worlds_stand_side_by_side(tmp_path):
+    folders = [tmp_path / name for name in "ab"]
+    home = tmp_path / "home"
+    for folder in (*folders, home):
+        folder.mkdir()
+    for k, folder in enumerate(folders):
+        table = pd.DataFrame({"model": [0, 0], "error": [k, [1.0, 2.0]]})
+        reproduce.studies.save(table, "both", data=folder)
+    reproduce.studies.save(table, "one", data=folders[0])
+    reproduce.save_side_by_side(folders, home)
+    assert [path.name for path in (home / "results").iterdir()] == ["worlds-both.csv"]
+    both = reproduce.studies.load("worlds-both", data=home)
+    assert list(both.columns) == ["world", "model", "error"]
+    assert list(both["world"]) == [0, 0, 1, 1]
 
 
 @pytest.mark.parametrize(
