@@ -343,6 +343,8 @@ def _everything_command(commands: Any) -> None:
     """All of them, with sizes and a folder of its own."""
     everything = _command(commands, "everything", from_nothing)
     everything.set_defaults(run=from_nothing)
+
+    # Where, and how much
     everything.add_argument(
         "--folder",
         type=Path,
@@ -361,6 +363,8 @@ def _everything_command(commands: Any) -> None:
         help="another one has recordings and trainings from other seeds",
     )
     _sizes(everything)
+
+    # And by whom
     everything.add_argument(
         "--scheduler",
         metavar="ADDRESS",
