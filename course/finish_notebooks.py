@@ -149,18 +149,14 @@ def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     """The README with the number of notebooks of Part I, and their hours."""
     part = [each for name, each in notebooks.items() if name < "10"]
     hours = sum(map(minutes, part)) / 60
-    text = f"{len(part)} notebooks, about {hours:.0f} hours"
-    if aside := sum(map(side_minutes, part)) / 60:
-        text += f" and {aside:.0f} of side roads"
+    besides = _besides(sum(map(side_minutes, part)) / 60, digits=0)
+    text = f"{len(part)} notebooks, about {hours:.0f} hours{besides}"
     return PART.sub(text, readme)
 
 
-def _sums(hours: float, besides: float, points: int) -> str:
-    """The line above a plan of the syllabus."""
-    work = f"About {hours:.1f} hours of work"
-    if besides:
-        work += f" and {besides:.1f} of side roads"
-    return f"{work}, {points} points."
+def _besides(hours: float, digits: int) -> str:
+    """What is said of hours of side roads behind those of work; nothing of none."""
+    return f" and {hours:.{digits}f} of side roads" if hours else ""
 
 
 def with_exercises(
@@ -202,8 +198,8 @@ def with_exercises(
         numbers = [each for each in listed.split(", ") if each in spent]
         hours = sum(spent[each] for each in numbers) / 60
         points = sum(sum(worth[each].values()) for each in numbers)
-        besides = sum(aside[each] for each in numbers) / 60
-        sums = _sums(hours, besides, points)
+        besides = _besides(sum(aside[each] for each in numbers) / 60, digits=1)
+        sums = f"About {hours:.1f} hours of work{besides}, {points} points."
         plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
     return "\n## ".join(plans)
 

@@ -68,6 +68,11 @@ class Plan:
     world: int = 0
 
     @property
+    def offset(self) -> int:
+        """How far the seeds of this world are from those of world 0."""
+        return self.world * _APART
+
+    @property
     def endings(self) -> tuple[str, ...]:
         """Amounts of recordings, by the endings of names."""
         return (PAPER,) if self.paper_only else ("", PAPER)
@@ -75,8 +80,9 @@ class Plan:
     def configs(self) -> list[TrainingConfig]:
         """What is trained."""
         names = [arm + end for arm in ("torque", "muscle") for end in self.endings]
-        first = self.world * _APART
-        configs = [replace(TRAINING_CONFIGS[name], first_seed=first) for name in names]
+        configs = [
+            replace(TRAINING_CONFIGS[name], first_seed=self.offset) for name in names
+        ]
         return [_shortened(each) for each in configs] if self.small else configs
 
     def datasets(self) -> list[Dataset]:
@@ -86,7 +92,7 @@ class Plan:
         datasets = []
         for name in dict.fromkeys(names):
             dataset = DATASETS[name]
-            first = dataset.first_seed + self.world * _APART
+            first = dataset.first_seed + self.offset
             datasets.append(replace(dataset, first_seed=first))
         if not self.small:
             return datasets

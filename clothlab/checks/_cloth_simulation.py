@@ -10,7 +10,6 @@ from clothlab.simulation._lattice import springs
 from clothlab.simulation.cloth import Cloth, get_cloth, hanging_points
 
 _CLOTH = get_cloth("damp0.05-mass0.10")  # in the middle of the trained ones
-_GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s²]
 
 
 @check(array("three numbers, structural, shear and bending", 3))
