@@ -11,9 +11,10 @@ import subprocess
 import sys
 import time
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 
-import nbformat
+import nbformat.v4
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
 from playwright.sync_api import BrowserType, ConsoleMessage, Locator, Page
@@ -74,11 +75,11 @@ class Lab:
 
     def __init__(self, folder: Path):
         """Start it, with a folder for the copies, the settings and the log."""
-        notebooks = folder / "notebooks"
-        notebooks.mkdir()
+        self.notebooks = folder / "notebooks"
+        self.notebooks.mkdir()
         for path in (ROOT / "notebooks").glob("*.ipynb"):
             notebook = small(nbformat.read(path, as_version=4))
-            nbformat.write(notebook, notebooks / path.name)
+            nbformat.write(notebook, self.notebooks / path.name)
 
         # Or it asks whether to look for news, in front of the panel
         settings = folder / "settings"
@@ -97,8 +98,16 @@ class Lab:
         self.log = folder / "lab.log"
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
-                command, cwd=notebooks, stdout=log, stderr=log
+                command, cwd=self.notebooks, stdout=log, stderr=log
             )
+
+    def add(self, name: str, cells: Sequence[str], texts: int = 0) -> None:
+        """Put a notebook beside the copies: cells of code, then some of empty text."""
+        made = [nbformat.v4.new_code_cell(source) for source in cells]
+        made += [nbformat.v4.new_markdown_cell("") for _ in range(texts)]
+        kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+        notebook = nbformat.v4.new_notebook(cells=made, metadata=kernel)
+        nbformat.write(notebook, self.notebooks / name)
 
     def ask(self, path: str, method: str = "GET"):
         """What the server's REST interface answers; None where that is nothing."""

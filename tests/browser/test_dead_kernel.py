@@ -11,14 +11,12 @@ import re
 import signal
 import time
 
-import nbformat.v4
 import pytest
 from browser_lab import Notebook
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
 IMPORTS = """
 from matplotlib.figure import Figure
 from clothlab import data
@@ -46,13 +44,7 @@ WITHIN = 2.0  # [s] from the end of the kernel to the words, as the page is aske
 def notebook(lab, browser, request):
     """A fresh notebook with one of each widget, all of them shown, and its kernel."""
     name = f"{request.node.name.replace('[', '-').strip(']')}.ipynb"
-    cells = [
-        nbformat.v4.new_code_cell(source) for source in (IMPORTS, *WIDGETS.values())
-    ]
-    nbformat.write(
-        nbformat.v4.new_notebook(metadata=KERNEL, cells=cells),
-        lab.folder / "notebooks" / name,
-    )
+    lab.add(name, [IMPORTS, *WIDGETS.values()])
     context = browser.new_context(viewport={"width": 1400, "height": 2600})
     page = context.new_page()
     notebook = Notebook(lab, page, name)

@@ -5,14 +5,12 @@ A browser that zooms to 150 % lays a page out as if its window were smaller by a
 911 × 512.
 """
 
-import nbformat.v4
 import pytest
 from browser_lab import Notebook
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
 CODE = {  # what notebooks 00, 04 and 05, and 08 show
     "00": "from clothlab.lab import RecordedRun\nRecordedRun(170, 87)",
     "05": """
@@ -55,11 +53,7 @@ output => {
 @pytest.fixture(scope="module")
 def shown(lab, browser):
     """A notebook with the three, run."""
-    cells = [nbformat.v4.new_code_cell(source) for source in CODE.values()]
-    nbformat.write(
-        nbformat.v4.new_notebook(metadata=KERNEL, cells=cells),
-        lab.folder / "notebooks" / "layout.ipynb",
-    )
+    lab.add("layout.ipynb", [*CODE.values()])
     context = browser.new_context(viewport={"width": 1366, "height": 768})
     page = context.new_page()
     notebook = Notebook(lab, page, "layout.ipynb")

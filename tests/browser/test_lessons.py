@@ -4,12 +4,14 @@ A lesson runs with CI's small sizes and its solutions up to its last control, wh
 somebody without a mouse then moves.
 """
 
+import ast
 import os
+from collections import Counter
 
-import nbformat.v4
+import nbformat
 import pytest
 from browser_lab import Notebook
-from playwright.sync_api import Page
+from playwright.sync_api import Locator, Page
 
 from course.solutions import solved, tags
 
@@ -44,24 +46,15 @@ deaf = Control(draw, size=(0.0, 2.0, 1.0))
 """
 
 
-def shown(notebook_of_lesson, controls: list[str]):
-    """A notebook with all code of a lesson in its first cell, and a control in each of
-    the others.
-    """
+def code_before(lesson: nbformat.NotebookNode, controls: list[str]) -> str:
+    """All code of a lesson up to the last of these controls, which shows nothing."""
+    ends = [cell.source.split("\n")[-1] in controls for cell in lesson.cells]
+    last = len(ends) - ends[::-1].index(True)
     lines = ["%%capture"]
-    end = max(
-        k
-        for k, cell in enumerate(notebook_of_lesson.cells)
-        if cell.source.split("\n")[-1] in controls
-    )
-    for cell in notebook_of_lesson.cells[: end + 1]:
+    for cell in lesson.cells[:last]:
         if cell.cell_type == "code" and not {"stub", "claim"} & {*tags(cell)}:
             lines.append(cell.source)
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-    cells = ["\n".join(lines), *controls]
-    return nbformat.v4.new_notebook(
-        cells=[nbformat.v4.new_code_cell(source) for source in cells], metadata=kernel
-    )
+    return "\n".join(lines)
 
 
 def run(notebook: Notebook, page: Page) -> None:
@@ -72,51 +65,69 @@ def run(notebook: Notebook, page: Page) -> None:
     notebook.connect()
 
 
-def moved(notebook: Notebook, page: Page, number: int, name: str) -> dict[str, bool]:
-    """Which parts of a control draw another figure when an arrow key moves them."""
+def moved(
+    notebook: Notebook, page: Page, number: int, name: str, patience: float = 40
+) -> dict[str, bool]:
+    """Which parts of a control draw another figure within some time when moved.
+
+    It stands in the cell of this number.
+    """
     cell = page.locator(".jp-CodeCell").nth(number)
     cell.scroll_into_view_if_needed()
+    parts = f"[(k, type(w).__name__) for k, w in {name}.controls.items()]"
     drawn = {}
-    kinds = notebook.evaluate(
-        f"'|'.join(f'{{k}}={{type(w).__name__}}' for k, w in {name}.controls.items())"
-    )
-    counts: dict[str, int] = {}  # parts of each role so far
-    for each in kinds.strip("'").split("|"):
-        part, kind = each.split("=")
+    counts = Counter()
+    for part, kind in ast.literal_eval(notebook.evaluate(parts)):
         role = ROLES.get(kind, "slider")
-        element = cell.get_by_role(role).nth(counts.get(role, 0))
-        counts[role] = counts.get(role, 0) + 1
+        element = cell.get_by_role(role).nth(counts[role])
+        counts[role] += 1
+        drawn[part] = draws(notebook, element, role, name, part, patience)
+    return drawn
 
-        raw = f"{name}.controls[{part!r}].value"
-        value, start = f"str({raw})", notebook.evaluate(raw)
-        picture = f"hash({name}.picture.value)"
-        before, figure = notebook.evaluate(value), notebook.evaluate(picture)
-        for act in ACTS[role]:
-            if notebook.evaluate(value) == before:
-                act(element)
-                page.wait_for_timeout(500)
-        notebook.until(f"{value} != {before}")
-        try:
-            notebook.until(f"{picture} != {figure}", 2 if name == "deaf" else 40)
-            drawn[part] = True
-        except TimeoutError:
-            drawn[part] = False
-        notebook.until(f"{name}.message.value == ''")
 
-        # Back to where it was: at another end a second control may have no effect
-        if role == "slider":
-            notebook.evaluate(f"setattr({name}.controls[{part!r}], 'value', {start})")
-            notebook.until(f"{picture} == {figure}", 40)
+def draws(
+    notebook: Notebook,
+    element: Locator,
+    role: str,
+    name: str,
+    part: str,
+    patience: float,
+) -> bool:
+    """Whether another figure is drawn when one part of a control is moved."""
+    value = f"{name}.controls[{part!r}].value"
+    text = f"str({value})"
+    picture = f"hash({name}.picture.value)"
+    start = notebook.evaluate(value)
+    before = notebook.evaluate(text)
+    figure = notebook.evaluate(picture)
+
+    # Move it, and see what comes of it
+    for act in ACTS[role]:
+        if notebook.evaluate(text) == before:
+            act(element)
+            notebook.page.wait_for_timeout(500)
+    notebook.until(f"{text} != {before}")
+    try:
+        notebook.until(f"{picture} != {figure}", patience)
+        drawn = True
+    except TimeoutError:
+        drawn = False
+    notebook.until(f"{name}.message.value == ''")
+
+    # Back to where it was: at another end a second control may have no effect
+    if role == "slider":
+        notebook.evaluate(f"setattr({name}.controls[{part!r}], 'value', {start})")
+        notebook.until(f"{picture} == {figure}", 40)
     return drawn
 
 
 @pytest.mark.parametrize("lesson", TRIED)
 def test_every_control_draws_another_figure(lab, page, screenshot, lesson):
-    file = lab.folder / "notebooks" / f"{lesson}.ipynb"
     controls = LESSONS[lesson]
-    made = shown(solved(nbformat.read(file, as_version=4)), controls)
-    nbformat.write(made, lab.folder / "notebooks" / f"controls_{lesson}.ipynb")
-    notebook = Notebook(lab, page, f"controls_{lesson}.ipynb")
+    whole = nbformat.read(lab.notebooks / f"{lesson}.ipynb", as_version=4)
+    file = f"controls_{lesson}.ipynb"
+    lab.add(file, [code_before(solved(whole), controls), *controls])
+    notebook = Notebook(lab, page, file)
     run(notebook, page)
     try:
         for number, name in enumerate(controls, start=1):
@@ -131,13 +142,10 @@ def test_every_control_draws_another_figure(lab, page, screenshot, lesson):
 
 
 def test_a_control_that_hears_nothing_is_told(lab, page):
-    cells = [nbformat.v4.new_code_cell(source) for source in (DEAF, "deaf")]
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-    made = nbformat.v4.new_notebook(cells=cells, metadata=kernel)
-    nbformat.write(made, lab.folder / "notebooks" / "deaf.ipynb")
+    lab.add("deaf.ipynb", [DEAF, "deaf"])
     notebook = Notebook(lab, page, "deaf.ipynb")
     run(notebook, page)
     try:
-        assert moved(notebook, page, 1, "deaf") == {"size": False}
+        assert moved(notebook, page, 1, "deaf", patience=2) == {"size": False}
     finally:
         lab.stop_kernel(notebook.name)

@@ -5,7 +5,6 @@ ellipse, and a fault that shows.
 import re
 
 import cv2
-import nbformat.v4
 import numpy as np
 import pytest
 from browser_lab import slider
@@ -14,7 +13,6 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 CODE = "from clothlab.lab import LivePanel, LiveSession\npanel = LivePanel(LiveSession(), only='control')\npanel"
-KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
 
 
 def ellipse_length(page):
@@ -31,10 +29,7 @@ def ellipse_length(page):
 def test_predicted_and_achieved_images_of_a_drawn_target_and_a_softer_arm(
     lab, open_notebook, page, screenshot
 ):
-    new = nbformat.v4.new_notebook(
-        metadata=KERNEL, cells=[nbformat.v4.new_code_cell(CODE)]
-    )
-    nbformat.write(new, lab.folder / "notebooks" / "mpc.ipynb")
+    lab.add("mpc.ipynb", [CODE])
     notebook = open_notebook("mpc.ipynb")
     notebook.run_all()
     panel, canvas = (

@@ -4,7 +4,6 @@ the function that draws it.
 
 import re
 
-import nbformat.v4
 import pytest
 from playwright.sync_api import expect
 
@@ -28,15 +27,7 @@ control
 
 
 def test_clicks_and_arrow_keys_on_the_map_of_p(lab, open_notebook, page, screenshot):
-    cells = [
-        nbformat.v4.new_code_cell(CODE),
-        *(nbformat.v4.new_markdown_cell("") for _ in range(3)),
-    ]
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-    nbformat.write(
-        nbformat.v4.new_notebook(cells=cells, metadata=kernel),
-        lab.folder / "notebooks" / "map.ipynb",
-    )
+    lab.add("map.ipynb", [CODE], texts=3)
     notebook = open_notebook("map.ipynb")
     notebook.run_all()
     the_map = page.get_by_role(
