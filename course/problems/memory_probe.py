@@ -17,6 +17,10 @@ may be right.
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from sklearn.linear_model import Ridge
+from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 
 def share_known(features: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> float:
@@ -24,59 +28,24 @@ def share_known(features: Sequence[np.ndarray], values: Sequence[np.ndarray]) ->
 
     Features `[T, D]` and values `[T]` come run by run.
     """
-    errors = []
-    spreads = []
-    for out in range(len(values)):
-        kept = [run for run in range(len(values)) if run != out]
-        penalty = min(
-            10.0 ** np.arange(-3, 5), key=_inner_error(features, values, kept)
-        )
-        error = _error(features, values, kept, out, penalty)
-        errors.append(error)
-        middle = np.concatenate([values[run] for run in kept]).mean()
-        spreads.append(((values[out] - middle) ** 2).sum())
-    return 1 - sum(errors) / sum(spreads)
+    x = np.concatenate(features)
+    y = np.concatenate(values)
+    run = np.repeat(np.arange(len(values)), [len(each) for each in values])
 
+    # A ridge for features in standard deviations, its penalty chosen on runs left out
+    ridge = make_pipeline(StandardScaler(), Ridge())
+    penalties = {"ridge__alpha": 10.0 ** np.arange(-3, 5)}
+    judged = {"cv": LeaveOneGroupOut(), "scoring": "neg_mean_squared_error"}
+    chosen = GridSearchCV(ridge, penalties, **judged)
 
-def _inner_error(
-    features: Sequence[np.ndarray], values: Sequence[np.ndarray], kept: list[int]
-) -> Callable[[float], float]:
-    """The error of a penalty, each of the kept runs read off by the others."""
-
-    def error(penalty: float) -> float:
-        total = 0.0
-        for out in kept:
-            others = [run for run in kept if run != out]
-            total += _error(features, values, others, out, penalty)
-        return total
-
-    return error
-
-
-def _error(
-    features: Sequence[np.ndarray],
-    values: Sequence[np.ndarray],
-    fitted: list[int],
-    out: int,
-    penalty: float,
-) -> float:
-    """Sum of squared errors in one run of a ridge that is fitted to others.
-
-    Args:
-        features: of each run `[T, D]`.
-        values: of each run `[T]`.
-        fitted: runs of the fit.
-        out: the run that is judged.
-        penalty: of the ridge, for features in standard deviations.
-    """
-    x = np.concatenate([features[run] for run in fitted])
-    y = np.concatenate([values[run] for run in fitted])
-    scale = x.std(axis=0) + 1e-9
-    unit = (x - x.mean(axis=0)) / scale
-    normal = unit.T @ unit + penalty * np.eye(unit.shape[1])
-    weights = np.linalg.solve(normal, unit.T @ (y - y.mean()))
-    found = (features[out] - x.mean(axis=0)) / scale @ weights + y.mean()
-    return float(((values[out] - found) ** 2).sum())
+    # Each run is read off by what was fitted and chosen on all the others
+    error = 0.0
+    spread = 0.0
+    for train, test in LeaveOneGroupOut().split(x, y, run):
+        chosen.fit(x[train], y[train], groups=run[train])
+        error += ((y[test] - chosen.predict(x[test])) ** 2).sum()
+        spread += ((y[test] - y[train].mean()) ** 2).sum()
+    return float(1 - error / spread)
 
 
 def parts(
