@@ -48,8 +48,9 @@ SEARCHES = {
     "12 iterations": ControlSettings(iterations=12),
     "both": ControlSettings(horizon=16, iterations=12),
 }
-# How many starts each period has besides the plan at hand
-STARTS = ("last", "random 10", "random 2000", "recorded 10", "recorded 200")
+# How many starts each period has besides the plan at hand. That one alone is the search
+# "last" of `why_plans_fail`.
+STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
 # Of plans that one training chooses and all of them predict
 CHOSEN = ("random 200", "random 2000", "recorded 200")
 # Of runs that send a plan as it is
@@ -206,7 +207,7 @@ def _run_start(
     """A run in which each period may begin with one of several plans.
 
     Args:
-        start: one of `STARTS`; "last" is the plan at hand alone.
+        start: one of `STARTS`, or "last": the plan at hand alone.
         target, cloth: of the task, by name.
         model: seed of the training.
         steps: control steps.
