@@ -57,6 +57,20 @@ def lacks_chromium(chromium: BrowserType) -> str:
     )
 
 
+def faults_in(log: str) -> list[str]:
+    """How the tracebacks in a server's log end, if not with a closed page.
+
+    A page may close while the server writes to it. That is reported, by more than one
+    part of the server, although it is no fault.
+    """
+    # A traceback may be indented: what belongs to it is indented further
+    traceback = re.compile(
+        r"^( *)Traceback \(most recent call last\):\n(?:\1 +.*\n)*\1(.*)", re.MULTILINE
+    )
+    endings = [ending for _, ending in traceback.findall(log)]
+    return [each for each in endings if not each.endswith("WebSocketClosedError")]
+
+
 def frame(page: Page) -> int:
     """Number of the live lab's frame that the browser shows."""
     return page.eval_on_selector("[data-frame]", "element => +element.dataset.frame")

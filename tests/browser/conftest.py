@@ -1,9 +1,14 @@
 """JupyterLab and Chromium for the tests, and screenshots of what they do."""
 
-import re
-
 import pytest
-from browser_lab import ROOT, Lab, Notebook, lacks_chromium, launch_options
+from browser_lab import (
+    ROOT,
+    Lab,
+    Notebook,
+    faults_in,
+    lacks_chromium,
+    launch_options,
+)
 
 SCREENSHOTS = ROOT / "build" / "screenshots"
 
@@ -55,10 +60,7 @@ def open_notebook(lab, page):
     for notebook in opened:
         lab.stop_kernel(notebook.name)
     assert opened[0].errors == []
-    # A page may close while the server writes to it. Tornado reports that, although it
-    # is no fault.
-    closed = r"Task exception was never retrieved\n.*WebSocketClosedError\(\)>\n(?s:.*?)WebSocketClosedError\n"
-    assert "Traceback" not in re.sub(closed, "", lab.log.read_text())
+    assert faults_in(lab.log.read_text()) == []
 
 
 @pytest.fixture
