@@ -38,7 +38,9 @@ def test_a_fault_is_told_from_closed_pages():
 
 
 def test_a_fault_while_another_is_handled_is_told():
-    during = "\n    During handling of the above exception, another exception occurred:\n\n"
+    during = (
+        "\n    During handling of the above exception, another exception occurred:\n\n"
+    )
     _, traceback = FAULT.split("\n", 1)
     log = CLOSED + during + traceback
     assert faults_in(log) == ["ValueError: no such target"]

@@ -119,7 +119,8 @@ class FastDPMPB:
                 gates = torch.addmm(cell.below.bias, x, cell.below.weight)
                 gates = torch.addmm(gates, h[k], cell.own).sigmoid_()
                 i, f, g, o = gates.chunk(4, dim=-1)
-                c[k] = _next_cell(f, c[k], i, g)
+                # tanh of the cell's input is 2g - 1
+                c[k] = torch.addcmul(f * c[k], i, 2 * g - 1)
                 h[k] = o * c[k].tanh()
                 x = h[k]
             for layer in net.most_out:
@@ -135,19 +136,6 @@ def _kinds(layers: nn.Sequential) -> str:
     """L for each linear layer, T for each tanh, ? for any other."""
     names = {nn.Linear: "L", nn.Tanh: "T", SigmoidTanh: "T"}
     return "".join(names.get(type(layer), "?") for layer in layers)
-
-
-def _next_cell(f: Tensor, c: Tensor, i: Tensor, g: Tensor) -> Tensor:
-    """The next cell state f c + i (2g - 1).
-
-    A closed loop makes much of last digits, and all stored results were made with this
-    rounding: that of one formula for the value, and of another for the gradient.
-    """
-    if not torch.is_grad_enabled():
-        return torch.addcmul(f * c, i, g, value=2) - i
-    state = torch.addcmul(f * c, i, 2 * g - 1)
-    with torch.no_grad():
-        return state.copy_(torch.addcmul(f * c, i, g, value=2) - i)
 
 
 _Weights = tuple[Tensor, Tensor]  # bias [out], weight [out, in], as torch has them

@@ -1,14 +1,7 @@
 """JupyterLab and Chromium for the tests, and screenshots of what they do."""
 
 import pytest
-from browser_lab import (
-    ROOT,
-    Lab,
-    Notebook,
-    faults_in,
-    lacks_chromium,
-    launch_options,
-)
+from browser_lab import ROOT, Lab, Notebook, faults_in, lacks_chromium, launch_options
 
 SCREENSHOTS = ROOT / "build" / "screenshots"
 
