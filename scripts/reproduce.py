@@ -104,6 +104,8 @@ class Plan:
         experiment = studies.get(name)
         sizes = dict(experiment.paper) if name.endswith(PAPER) else {}
         sizes |= {"model": range(self.seeds)} if "model" in experiment.keys else {}
+        if self.seeds == 1 and "repeat" in experiment.keys:
+            sizes["repeat"] = 0  # what repeats a world is another one
         if not self.small:
             return experiment.cases(**sizes)
         sizes |= {"steps": 16} if "steps" in experiment.keys else {}
