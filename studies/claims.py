@@ -132,7 +132,7 @@ def _of_world(values: pd.Series, table: pd.DataFrame) -> pd.Series:
 # p of the cloths
 
 
-def _maps(evidence: Evidence, arm: str) -> dict[int, dict[str, np.ndarray]]:
+def biases_of(evidence: Evidence, arm: str) -> dict[int, dict[str, np.ndarray]]:
     """Trained p of each material, for each unit."""
     table = evidence["trained_p"]
     table = table[table["weights"].str.startswith(arm)]
@@ -155,7 +155,7 @@ def _logs(names: list[str]) -> dict[str, np.ndarray]:
 def _pc1_follows(evidence: Evidence, rival: str) -> pd.Series:
     """Rank correlation of PC1 with C_damp, less that with a rival."""
     found = {}
-    for unit, biases in _maps(evidence, "torque").items():
+    for unit, biases in biases_of(evidence, "torque").items():
         pc1, _ = _principal_components(np.stack([*biases.values()]))
         logs = _logs([*biases])
         damping = abs(spearmanr(pc1, logs["damping"]).statistic)
@@ -181,7 +181,7 @@ def _mass_less_ordered(evidence: Evidence) -> pd.Series:
 
 def _share_of_pc1(evidence: Evidence, arm: str) -> pd.Series:
     shares = {}
-    for unit, biases in _maps(evidence, arm).items():
+    for unit, biases in biases_of(evidence, arm).items():
         _, shares[unit] = _principal_components(np.stack([*biases.values()]))
     return pd.Series(shares)
 
@@ -196,12 +196,12 @@ def _known(evidence: Evidence) -> pd.DataFrame:
 
 
 # In the paper's figure
-_SHOWN = ("damp0.05-mass0.05", "damp0.07-mass0.10", "damp0.03-mass0.15")
+SHOWN = ("damp0.05-mass0.05", "damp0.07-mass0.10", "damp0.03-mass0.15")
 
 
 def _estimate_approaches(evidence: Evidence) -> pd.Series:
     runs = _known(evidence)
-    runs = runs[runs["cloth"].isin(_SHOWN)]
+    runs = runs[runs["cloth"].isin(SHOWN)]
     return _of_world(1 - runs["distance"] / runs["start"], runs)
 
 
@@ -351,7 +351,7 @@ def _ellipse(evidence: Evidence) -> pd.Series:
 def _foam_corners(evidence: Evidence) -> pd.Series:
     """Whether the diagonals of the square cross."""
     found = {}
-    for unit, p in _maps(evidence, "muscle").items():
+    for unit, p in biases_of(evidence, "muscle").items():
         start = p["soft-1"]
         first = p["hard-3"] - start
         second = p["hard-1"] - p["soft-2"]
