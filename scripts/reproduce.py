@@ -179,7 +179,7 @@ def results() -> str:
     """The results as `docs/results.md` has them, from the tables in the data folder."""
     asked = report.questions(report.stored())
     papers = report.questions(report.stored(PAPER))
-    return report.in_docs(asked or papers, report.by_key(papers))
+    return report.page(report.verdicts(), asked or papers, report.by_key(papers))
 
 
 @contextlib.contextmanager

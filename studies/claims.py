@@ -12,6 +12,7 @@ are as the paper says. README, `docs/results.md` and notebook 15 show what comes
 and have no verdict of their own.
 """
 
+import contextlib
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -38,11 +39,16 @@ AMOUNTS = (PAPER, TWENTY)
 VERDICTS = ("holds", "equal", "contradicted", "inconclusive")
 
 
+class NotMeasured(KeyError):
+    """A claim of which nothing is stored for an amount of recordings."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Claim:
     """A sentence of the paper, and what is measured for it; see `claims.toml`."""
 
     name: str
+    part: str
     short: str
     says: str
     figure: str
@@ -85,14 +91,22 @@ class Judged:
         return self.claim.verdict(self.low, self.high)
 
     @property
+    def short(self) -> str:
+        """The mean with its unit, to a tenth of the margin."""
+        unit = "" if self.claim.unit in ("", "of 1") else f" {self.claim.unit}"
+        return f"{self.mean:.{self._digits}f}{unit}"
+
+    @property
     def figure(self) -> str:
         """Mean and interval in words."""
-        unit = "" if self.claim.unit in ("", "of 1") else f" {self.claim.unit}"
         if self.low == self.high:
-            return f"{self.mean:.2f}{unit}"
-        digits = 3 if self.claim.margin < 0.02 else 2
-        ends = f"{self.low:.{digits}f} to {self.high:.{digits}f}"
-        return f"{self.mean:.{digits}f} ({ends}){unit}"
+            return self.short
+        ends = f"{self.low:.{self._digits}f} to {self.high:.{self._digits}f}"
+        return f"{self.short} ({ends})"
+
+    @property
+    def _digits(self) -> int:
+        return 0 if self.claim.margin >= 1 else 3 if self.claim.margin < 0.02 else 2
 
 
 class Evidence:
@@ -112,13 +126,19 @@ class Evidence:
         self.of = "training"
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """A table; a KeyError if there is none of this amount."""
-        try:
-            table = load(f"worlds-{name}{self.amount}", data=self._data)
-        except KeyError:
-            table = load(f"{name}{self.amount}", data=self._data)
+        """A table; `NotMeasured` if there is none of this amount."""
+        table = self._stored(f"worlds-{name}{self.amount}")
+        if table is None:
+            table = self._stored(f"{name}{self.amount}")
+        if table is None:
+            raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
         self.of = "world" if "world" in table else "training"
         return table.assign(unit=table["world" if "world" in table else "model"])
+
+    def _stored(self, name: str) -> pd.DataFrame | None:
+        with contextlib.suppress(KeyError):
+            return load(name, data=self._data)
+        return None
 
 
 Numbers = Callable[[Evidence], pd.Series]
@@ -352,14 +372,22 @@ def _foam_corners(evidence: Evidence) -> pd.Series:
     """Whether the diagonals of the square cross."""
     found = {}
     for unit, p in biases_of(evidence, "muscle").items():
-        start = p["soft-1"]
-        first = p["hard-3"] - start
-        second = p["hard-1"] - p["soft-2"]
-        # start + a first = soft-2 + b second
-        sides = np.stack([first, -second], axis=1)
-        along = np.linalg.solve(sides, p["soft-2"] - start)
-        found[unit] = bool(np.all((along > 0) & (along < 1)))
+        first = p["soft-1"], p["hard-3"]
+        second = p["soft-2"], p["hard-1"]
+        found[unit] = _parts(first, second) and _parts(second, first)
     return pd.Series(found)
+
+
+_Line = tuple[np.ndarray, np.ndarray]  # two points [2]
+
+
+def _parts(line: _Line, ends: _Line) -> bool:
+    """Whether two points are on different sides of a line."""
+    start, end = line
+    along = end - start
+    first, second = (each - start for each in ends)
+    sides = [along[0] * each[1] - along[1] * each[0] for each in (first, second)]
+    return bool(sides[0] * sides[1] < 0)
 
 
 def _places(evidence: Evidence) -> pd.DataFrame:
@@ -456,7 +484,7 @@ def _foam_start(evidence: Evidence) -> pd.Series:
 def _table_set(evidence: Evidence) -> pd.Series:
     """Runs of one model of the table, with what it learned from."""
     if evidence.amount == PAPER:
-        raise KeyError("the table's model has one amount of recordings")
+        raise NotMeasured("the table's model has one amount of recordings")
     evidence.of = "run"
     runs = load("table_setting").query("method == 'dynamic'")
     return runs["spread"] & runs["placed"]
@@ -528,13 +556,13 @@ def all_claims() -> dict[str, Claim]:
 def numbers(name: str, amount: str = PAPER, *, data: Folder = None) -> pd.Series:
     """The numbers on which a verdict stands, one for each unit.
 
-    A KeyError where nothing was measured with this amount of recordings.
+    `NotMeasured` where there is none with this amount of recordings.
     """
     return choose("claim", name, _NUMBERS)(Evidence(amount, data))
 
 
 def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
-    """Mean, interval and verdict of a claim; a KeyError as `numbers` has it."""
+    """Mean, interval and verdict of a claim; `NotMeasured` as `numbers` has it."""
     claim = choose("claim", name, all_claims())
     evidence = Evidence(amount, data)
     found = _NUMBERS[name](evidence)
@@ -543,3 +571,12 @@ def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
     else:
         mean, low, high = (each - claim.chance for each in rate_interval(found))
     return Judged(claim, mean, low, high, len(found), evidence.of)
+
+
+def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
+    """All claims that were measured with an amount of recordings, in order."""
+    found = []
+    for name in all_claims():
+        with contextlib.suppress(NotMeasured):
+            found.append(judge(name, amount, data=data))
+    return found
