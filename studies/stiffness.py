@@ -47,9 +47,8 @@ _SPRINGS = {
     "linear": replace(ARM, spring_linear=5000.0, spring_cubic=0.0),
 }
 ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
-# What moves them meanwhile: random commands, the paper's controller, or the same with
-# recorded plans to begin a period with
-MOTIONS = ("random", "control", "recorded starts")
+# What moves them meanwhile: random commands, or the paper's controller
+MOTIONS = ("random", "control")
 HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
 # The paper's conditions
 CORRECT = "Correct"
@@ -124,10 +123,7 @@ def _estimate_moved(
         p, trace = estimate_at_random(learned, cloth, steps, seed)
     else:
         nothing = np.zeros(learned.model.bias_size)
-        plans = _recorded_starts(model) if motion == "recorded starts" else None
-        controller = learned.controller(
-            data.load_target("muscle"), nothing, plans=plans
-        )
+        controller = learned.controller(data.load_target("muscle"), nothing)
         policy = estimating(controller, learned, nothing)
         new_trial(policy, learned.arm, cloth, steps, seed)
         trace = np.stack(policy.trace)
