@@ -291,7 +291,8 @@ def from_nothing(arguments: argparse.Namespace) -> int:
 def worlds(arguments: argparse.Namespace) -> int:
     """Several worlds from nothing, and their tables side by side.
 
-    In each, recordings, autoencoders and DPMPBs are made from seeds of its own. A table
+    In each, recordings, autoencoders and DPMPBs are made from seeds of its own; world 0
+    is the one in `data/`, on which all choices were made, and not among them. A table
     of all, with a column `world`, goes into `data/results`; what it has of other worlds
     stays. Returned is the exit status.
     """
@@ -358,7 +359,7 @@ def command_line() -> argparse.ArgumentParser:
     several = _command(commands, "worlds", worlds)
     several.set_defaults(run=worlds)
     several.add_argument("--count", type=int, default=10, help="by default 10")
-    several.add_argument("--first", type=int, default=0, help="number of the first")
+    several.add_argument("--first", type=int, default=1, help="number of the first")
     _sizes(several)
     return parser
 

@@ -58,10 +58,10 @@ def test_a_number_of_the_paper_is_met_within_the_margin(low, high, verdict):
     assert claim.verdict(low, high) == verdict
 
 
-def test_nearness_is_the_area_under_the_curve_up_to_the_hanging_cloth():
-    distance = np.array([2.0, 1.0, 3.0, 0.0, 2.0])
+def test_nearness_is_the_area_under_the_curve_up_to_half_the_hanging_cloth():
+    distance = np.array([4.0, 1.0, 3.0, 0.0, 2.0])
     assert nearness(distance) == pytest.approx((0.5 + 0 + 1 + 0) / 4)
-    assert nearness(np.array([2.0, 2.0, 2.0])) == 0  # hanging still
+    assert nearness(np.array([2.0, 2.0, 1.1])) == 0  # hanging, or hardly nearer
     thresholds = np.linspace(0, 2, 20_001)
     below = (distance[1:, None] < thresholds).mean(axis=0)
     assert nearness(distance) == pytest.approx(below.mean(), abs=1e-3)
