@@ -1,11 +1,11 @@
 """Verdicts say no more and no less than their numbers."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from same_verdicts import differences, verdicts_in
 
 import clothlab
 from studies import PAPER, claims, figures, report, save
@@ -199,23 +199,13 @@ def test_conditions_that_change_places_change_the_verdict(altered):
 # The pages
 
 
-def verdicts_in(text):
-    """Verdicts of a page's tables, by the claim in bold."""
-    found = {}
-    for line in text.splitlines():
-        head = re.match(r"\| \*\*(.*?)\*\*", line)
-        if head:
-            cells = [cell.strip() for cell in line.strip("|").split("|")]
-            found[head[1]] = [cell for cell in cells if cell in claims.VERDICTS]
-    return found
-
-
 def test_readme_and_results_have_the_verdicts_that_are_computed():
     judged = report.verdicts()
     expected = {}
     for claim in CLAIMS.values():
         of = [judged[amount].get(claim.name) for amount in AMOUNTS]
-        expected[claim.short] = [each.verdict for each in of if each is not None]
+        said = [each.verdict for each in of if each is not None]
+        expected[claim.short] = tuple(said)
     results = verdicts_in((ROOT / "docs" / "results.md").read_text())
     assert results == expected
     readme = verdicts_in((ROOT / "README.md").read_text())
@@ -223,9 +213,15 @@ def test_readme_and_results_have_the_verdicts_that_are_computed():
     assert readme.items() <= expected.items()
 
 
-def test_verdicts_of_a_page_are_read():
-    text = "| **a b** (by our method): x | 0.1 | holds |  |  |\n| other | 1 | holds |"
-    assert verdicts_in(text) == {"a b": ["holds"]}
+def test_pages_that_say_different_things_of_a_claim_are_told():
+    page = "| **a b** (by our method): x | 0.1 | holds |  |  |\n| other | 1 | holds |"
+    first = verdicts_in(page)
+    assert first == {"a b": ("holds",)}
+    assert differences({"one": first, "two": first}) == []
+    other = verdicts_in(page.replace("holds", "equal"))
+    (told,) = differences({"one": first, "two": first, "three": other})
+    assert told == "a b: one and two: holds; three: equal"
+    assert differences({"one": first, "two": {}}) == ["two has no verdict"]
 
 
 @pytest.mark.parametrize("name", figures.FIGURES)
