@@ -165,20 +165,6 @@ def _control_one(
         policy = _controller(condition, cloth, model, weights, fixed_tension)
         trial = new_trial(policy, learned.arm, cloth, steps, model)
 
-    # How the arm comes down in each period
-    theta = replay(trial, samples=_FINE).theta
-    moves = {
-        "fall": _falls_of_tension(trial.commands),
-        "delay": _delay_of_shoulder(theta),
-        "lowering": _lowering_times(theta),
-    }
-
-    # Of model 0: commands as sent [T, 3] [rad] [rad] [N], and joint angles ten times a
-    # step [10 T, 2] [rad]
-    shown: dict[str, Any] = {"commands": [], "theta": []}
-    if model == 0:
-        shown = {"commands": trial.commands.round(4), "theta": theta.round(4)}
-
     # The hand's speed, where the controller knows the right p
     speeds: list[float] = []
     if condition in (CORRECT, FIXED, WARM):
@@ -191,9 +177,28 @@ def _control_one(
         "distance": distance.round(4),
         "rate": float((distance < _THRESHOLD).mean()),
         "peak_hand_speed": speeds,
-        **moves,
-        **shown,
+        **_motion(trial, in_full=model == 0),
     }
+
+
+def _motion(trial: Trial, *, in_full: bool) -> dict[str, Any]:
+    """How the arm comes down.
+
+    And in full commands as sent `[T, 3]` [rad] [rad] [N] and joint angles ten times a
+    step `[10 T, 2]` [rad].
+    """
+    theta = replay(trial, samples=_FINE).theta
+    found: dict[str, Any] = {
+        "fall": _falls_of_tension(trial.commands),
+        "delay": _delay_of_shoulder(theta),
+        "lowering": _lowering_times(theta),
+        "commands": [],
+        "theta": [],
+    }
+    if in_full:
+        found["commands"] = trial.commands.round(4)
+        found["theta"] = theta.round(4)
+    return found
 
 
 def _falls_of_tension(commands: np.ndarray) -> np.ndarray:
