@@ -3,6 +3,7 @@
 Both pages, README and `docs/results.md`, are written from the stored tables alone.
 """
 
+import contextlib
 import textwrap
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -146,7 +147,8 @@ def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
         drawn[f"part-{k}"] = figures.verdicts(of_part(part, judged))
     evidence = Evidence(PAPER, data)
     for label, function in figures.FIGURES.items():
-        drawn[label] = function(evidence)
+        with contextlib.suppress(claims.NotMeasured):
+            drawn[label] = function(evidence)
     for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png", dpi=80)
 
