@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binomtest
+from scipy import stats
 
 from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
@@ -109,6 +109,46 @@ def difference_interval(
     return float(values.mean()), float(low), float(high)
 
 
+def crossed_interval(values: ArrayLike) -> tuple[float, float, float]:
+    """Mean, lower and upper end of a 95 % interval where two things vary at once.
+
+    `values` are `[units, repeats]`: each unit, such as a cloth and a target, was tried
+    in each repeat, such as a training. Both are samples: the interval is about other
+    units and other repeats. With one repeat, it is Student's.
+
+    The variance of the mean is estimated by a two-way analysis of variance, its degrees
+    of freedom by Satterthwaite (1946, "An approximate distribution of estimates of
+    variance components").
+    """
+    table = check_some("values", check_array("values", values, ("K", "N")))
+    mean = float(table.mean())
+    if table.size == 1:
+        return mean, -np.inf, np.inf  # one number says nothing of its spread
+
+    # How much units and repeats move the mean, and how much what is left of both does
+    units, repeats = table.shape
+    of_units = table.mean(axis=1) - mean
+    of_repeats = table.mean(axis=0) - mean
+    left = table - mean - of_units[:, None] - of_repeats
+    squares = np.array(
+        [
+            repeats * of_units @ of_units,
+            units * of_repeats @ of_repeats,
+            (left**2).sum(),
+        ]
+    )
+    freedom = np.array([units - 1, repeats - 1, (units - 1) * (repeats - 1)])
+    parts = squares / np.maximum(freedom, 1) / table.size
+
+    # What is left is in both of the others, and counts once
+    variance = max(parts[0] + parts[1] - parts[2], parts[0], parts[1])
+    if variance == 0:
+        return mean, mean, mean
+    degrees = variance**2 / (parts**2 / np.maximum(freedom, 1)).sum()
+    half = float(stats.t.ppf(0.975, degrees) * np.sqrt(variance))
+    return mean, mean - half, mean + half
+
+
 def half_widths_from_zero(differences: ArrayLike) -> float:
     """Mean of paired differences `[K, N]` over half the width of its interval.
 
@@ -128,6 +168,6 @@ def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
         raise ValueError(
             f"held says of each episode whether it did, True or False, got {held!s:.80}"
         )
-    found = binomtest(int(values.sum()), len(values))
+    found = stats.binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(method="wilson")
     return float(found.statistic), float(low), float(high)

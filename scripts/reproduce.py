@@ -17,12 +17,12 @@ docs/scaling.md.
 """
 
 import argparse
+import contextlib
 import inspect
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -104,6 +104,8 @@ class Plan:
         experiment = studies.get(name)
         sizes = dict(experiment.paper) if name.endswith(PAPER) else {}
         sizes |= {"model": range(self.seeds)} if "model" in experiment.keys else {}
+        if self.seeds == 1 and "repeat" in experiment.keys:
+            sizes["repeat"] = 0  # what repeats a world is another one
         if not self.small:
             return experiment.cases(**sizes)
         sizes |= {"steps": 16} if "steps" in experiment.keys else {}
@@ -177,10 +179,10 @@ def results() -> str:
     """The results as `docs/results.md` has them, from the tables in the data folder."""
     asked = report.questions(report.stored())
     papers = report.questions(report.stored(PAPER))
-    return report.in_docs(asked or papers, report.by_key(papers))
+    return report.page(report.verdicts(), asked or papers, report.by_key(papers))
 
 
-@contextmanager
+@contextlib.contextmanager
 def workers_of(address: str | None, data: Path) -> Iterator[None]:
     """Inside, the workers of a Dask scheduler do all jobs, also those that join later.
 
@@ -249,13 +251,15 @@ def train_again(names: Sequence[str], **options: Any) -> None:
 def run_again(names: Sequence[str], **options: Any) -> None:
     """Run these experiments, or all that do not take hours, and write their results.
 
-    They go into `data/results`, README and `docs/results.md`.
+    They go into `data/results`, README and `docs/results.md`. With the paper's amount
+    of recordings, most experiments are run in worlds alone; those that are not have a
+    table of that amount, which is made anew, too.
     """
     usual = [name for name, each in studies.EXPERIMENTS.items() if not each.slow]
+    stored = report.stored(PAPER)
     keep = ROOT / "build" / "experiments"
     for name in names or usual:
-        endings = ("", PAPER) if studies.EXPERIMENTS[name].paper else ("",)
-        for ending in endings:
+        for ending in ("", PAPER) if name in stored else ("",):
             table = studies.run(name + ending, **options, keep=keep)
             studies.save(table, name + ending)
             _store.write_checksums()
@@ -289,14 +293,16 @@ def from_nothing(arguments: argparse.Namespace) -> int:
 def worlds(arguments: argparse.Namespace) -> int:
     """Several worlds from nothing, and their tables side by side.
 
-    In each, recordings, autoencoders and DPMPBs are made from seeds of its own. A table
-    of all, with a column `world`, goes into `data/results`. Returned is the exit
-    status.
+    In each, recordings, autoencoders and DPMPBs are made from seeds of its own; world 0
+    is the one in `data/`, on which all choices were made, and not among them. A table
+    of all, with a column `world`, goes into `data/results`; what it has of other worlds
+    stays. Returned is the exit status.
     """
     home = _store.data_folder()
     kind = "worlds-small" if arguments.small else "worlds"
-    folders = [ROOT / "build" / kind / str(k) for k in range(arguments.count)]
-    for k, folder in enumerate(folders):
+    numbers = range(arguments.first, arguments.first + arguments.count)
+    folders = {k: ROOT / "build" / kind / str(k) for k in numbers}
+    for k, folder in folders.items():
         words = ["everything", "--world", str(k), "--seeds", "1"]
         words += ["--folder", str(folder), "--workers", str(arguments.workers)]
         words += ["--small"] * arguments.small + ["--paper-only"] * arguments.paper_only
@@ -304,18 +310,32 @@ def worlds(arguments: argparse.Namespace) -> int:
         if status:
             return status
     if not arguments.small:
-        save_side_by_side([folder / "data" for folder in folders], home)
+        worlds = {k: folder / "data" for k, folder in folders.items()}
+        save_side_by_side(worlds, home)
     return 0
 
 
-def save_side_by_side(data: Sequence[Path], home: Path) -> None:
-    """Save each table that all these data folders have as one, `worlds-NAME`."""
-    named = [{each.stem for each in (one / "results").glob("*.csv")} for one in data]
+def save_side_by_side(worlds: Mapping[int, Path], home: Path) -> None:
+    """Save each table that the data folders of all these worlds have as one.
+
+    It is called `worlds-NAME`, and keeps the rows that it has of other worlds.
+    """
+    folders = [data / "results" for data in worlds.values()]
+    named = [{path.stem for path in folder.glob("*.csv")} for folder in folders]
     for name in sorted(set.intersection(*named)):
-        parts = [studies.load(name, data=one) for one in data]
-        for k, part in enumerate(parts):
+        parts = {k: studies.load(name, data=data) for k, data in worlds.items()}
+        for k, part in parts.items():
             part.insert(0, "world", k)
-        studies.save(pd.concat(parts, ignore_index=True), f"worlds-{name}", data=home)
+
+        # Those made before
+        with contextlib.suppress(KeyError):
+            stored = studies.load(f"worlds-{name}", data=home)
+            others = stored[~stored["world"].isin(worlds)]
+            parts |= dict([*others.groupby("world")])
+
+        in_order = [parts[k] for k in sorted(parts)]
+        table = pd.concat(in_order, ignore_index=True)
+        studies.save(table, f"worlds-{name}", data=home)
     _store.write_checksums(home)
 
 
@@ -341,6 +361,7 @@ def command_line() -> argparse.ArgumentParser:
     several = _command(commands, "worlds", worlds)
     several.set_defaults(run=worlds)
     several.add_argument("--count", type=int, default=10, help="by default 10")
+    several.add_argument("--first", type=int, default=1, help="number of the first")
     _sizes(several)
     return parser
 

@@ -11,12 +11,15 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
+from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
+from clothlab.method.iterative import nearest_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
 from studies._runs import (
     HEAVY,
     LIGHT,
+    RECORDINGS,
     empty_distance,
     median_best,
     new_trial,
@@ -55,7 +58,10 @@ def _distances(
     steps: int,
     settings: ControlSettings,
 ) -> dict[str, Any]:
-    """Distances to the target [s.d. of z]: of runs, a hanging cloth, an empty image."""
+    """Distances to the target [s.d. of z].
+
+    Those of runs, of a hanging cloth, of an empty image, and of the nearest recording.
+    """
     learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
 
@@ -64,11 +70,18 @@ def _distances(
     control = new_trial(controller, learned.arm, cloth, steps, model)
     random = random_trial(learned.arm.name, cloth, steps, seed=7000 + model)
 
+    # How near this cloth came to the target in the paper's amount of recordings
+    trials = data.load_trials(RECORDINGS[learned.arm.name])
+    runs = [learned.to_run(trial) for trial in trials if trial.cloth.name == cloth]
+    z_ref = encode(learned.autoencoder, mask)
+    recorded = nearest_plans(runs, z_ref, count=1).distance[0]
+
     controlled = target_distance(learned.autoencoder, control, mask)
     at_random = target_distance(learned.autoencoder, random, mask)
     return {
         "still": float(controlled[0]),  # every run begins with the cloth hanging still
         "empty": empty_distance(learned.autoencoder, mask),
+        "recorded": float(recorded),
         "control": controlled.round(4),
         "random": at_random.round(4),
     }

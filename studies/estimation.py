@@ -124,15 +124,19 @@ def _run_one(
     seed = first_seed + 100 * model + 20 * repeat + number
     p, trace = estimate_at_random(learned, right, steps, seed)
 
-    # Of the final p to the trained one; a cloth never trained on has none
+    # Of the first p and of the final one to the trained one; a cloth never trained on
+    # has none
+    start = None
     distance = None
     if cloth in learned.biases:
+        start = bias_error(np.zeros_like(p), cloth, learned.biases)
         distance = bias_error(p, cloth, learned.biases)
     read = np.array(MaterialReadout.fit(learned.biases, CLOTHS)(p))
     return {
         "trace": trace.round(3),  # p after each step [T, D_p]
         "nearest": nearest_material(p, learned.biases),
-        "distance": distance,  # [spreads of the trained p]
+        "start": start,  # [spreads of the trained p]
+        "distance": distance,
         "read": read,  # C_damp [N s/m] and C_mass [kg] read off the final p
         "error": read / (right.damping, right.mass) - 1,
     }

@@ -67,7 +67,12 @@ def _run_one(
 
 
 def _run_arm(
-    knowledge: str, starts: int, target: str, model: int, steps: int = 250
+    knowledge: str,
+    starts: int,
+    target: str,
+    model: int,
+    weights: str = "torque",
+    steps: int = 250,
 ) -> dict[str, Any]:
     """The same task, with p estimated, with the wrong p, or with the right one.
 
@@ -76,9 +81,10 @@ def _run_arm(
         starts: how many recorded plans a period may begin with, besides the paper's.
         target: what is to be seen, by name.
         model: seed of the training.
+        weights: name of the training.
         steps: control steps.
     """
-    learned = trained(f"torque-{model}")
+    learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
     recordings = data.load_trials(RECORDINGS["torque"])
     plans = recorded_plans(recordings, count=starts) if starts else None
@@ -144,5 +150,11 @@ EXPERIMENTS = (
         rows=_rows,
         about=_ABOUT,
     ),
-    Experiment("joint_arms", _run_arm, _ARMS, seconds=12),
+    Experiment(
+        "joint_arms",
+        _run_arm,
+        _ARMS,
+        seconds=12,
+        paper={"weights": "torque-paper", "starts": 0, "target": "target-1"},
+    ),
 )

@@ -1,4 +1,7 @@
-"""The results as Markdown: all rows by question, and the chosen ones for the README."""
+"""The results as pages: the paper's claims with their verdicts, then this project's.
+
+Both pages, README and `docs/results.md`, are written from the stored tables alone.
+"""
 
 import textwrap
 from collections.abc import Iterable, Mapping
@@ -6,31 +9,34 @@ from itertools import chain
 from pathlib import Path
 
 from clothlab._store import Folder, data_folder
-from studies import EXPERIMENTS, PAPER, Row, load
+from studies import EXPERIMENTS, PAPER, Row, claims, figures, load
 from studies._grid import Tables
+from studies.claims import Claim, Evidence, Judged
 
-README = (  # keys of the README's rows
-    "chamfer",
-    "self_organisation/C_damp",
-    "estimation/accuracy",
-    "control/target-1/damp0.03-mass0.05",
-    "joint_estimation_control",
-    "stiffness_ellipse",
-    "foam_control/hard-1/distance",
-    "iterative_control/paper's controller minus the same with a wrong p/torque",
-    "iterative_control/speed",
-    "iterative_control/iterative learning control",
-    "transfer/torque/first",
-    "transfer/torque/farthest",
-    "transfer/muscle/farthest",
-    "material_change/torque",
-    "table_setting/success",
+# Of the README: claims by which the paper stands, and rows of this project's own
+CLAIMS = (
+    "pc1_damping_not_ratio",
+    "damping_in_p",
+    "mass_in_p",
+    "estimate_approaches",
+    "control_1_light",
+    "nearer_than_still_1",
+    "control_2_light",
+    "nearer_than_still_2",
+    "found_in_control",
+    "improves_by_p",
+    "chamfer_target_2",
+    "ellipse",
+    "stiffness_speed",
+    "foam_random",
+    "foam_random_as_published",
+    "foam_wrong_p",
+    "foam_no_stiffness",
+    "table_set",
 )
 Questions = dict[str, list[Row]]  # rows by what is said about them
 _PAGE_WIDTH = 120  # [columns] of the pages
-# Heads of columns
-_HERE = "here"
-_BESIDE = "here, from the paper's amount of recordings"
+_AMOUNTS = {PAPER: "the paper's recordings", claims.TWENTY: "twenty times as many"}
 
 
 def stored(ending: str = "", *, data: Folder = None) -> Tables:
@@ -60,15 +66,71 @@ def by_key(asked: Questions) -> dict[str, Row]:
     return {row.key: row for row in chain(*asked.values())}
 
 
-def _in_readme(rows: Mapping[str, Row], beside: Mapping[str, Row]) -> str:
-    """The README's table, with a verdict on what the paper says."""
-    lines = [("", "paper", _BESIDE, _HERE, "what the paper says")]
-    for key in README:
-        if key in rows:
-            row = rows[key]
-            papers = beside[key].figure if key in beside else ""
-            lines.append((row.label, row.paper, papers, row.figure, row.verdict))
+Verdicts = dict[str, dict[str, Judged]]  # by amount of recordings, then by claim
+
+
+def verdicts(*, data: Folder = None) -> Verdicts:
+    """All claims that were measured, by amount of recordings and name."""
+    found = {}
+    for amount in claims.AMOUNTS:
+        judged = claims.judged(amount, data=data)
+        found[amount] = {each.claim.name: each for each in judged}
+    return found
+
+
+def claims_table(chosen: Iterable[Claim], judged: Verdicts) -> str:
+    """Claims as Markdown: a number and a verdict for each amount of recordings."""
+    head = ["what the paper says, and what is measured"]
+    for amount in claims.AMOUNTS:
+        head += [_AMOUNTS[amount], "verdict"]
+    lines = [tuple(head)]
+    for claim in chosen:
+        line = [_in_words(claim)]
+        for amount in claims.AMOUNTS:
+            line += _number_and_verdict(judged[amount].get(claim.name))
+        lines.append(tuple(line))
     return _markdown(lines)
+
+
+def _in_words(claim: Claim) -> str:
+    """The claim, who is judged, and the measure."""
+    by = {"method": "", "ours": " (by our method)", "assumption": " (by assumption)"}
+    return f"**{claim.short}**{by[claim.by]}: {claim.measured}"
+
+
+def _number_and_verdict(judged: Judged | None) -> tuple[str, str]:
+    if judged is None:
+        return "", ""
+    return judged.short, judged.verdict
+
+
+def claims_in_docs(judged: Verdicts) -> str:
+    """All claims under the parts of the paper, each with its figures."""
+    parts: dict[str, list[Claim]] = {}
+    for claim in claims.all_claims().values():
+        parts.setdefault(claim.part, []).append(claim)
+    written = [f"![{_ALL}](results/verdicts.png)"]
+    for part, those in parts.items():
+        written.append(f"### {part[0].upper()}{part[1:]}")
+        for label in dict.fromkeys(claim.figure for claim in those):
+            if label in figures.FIGURES:
+                about = figures.FIGURES[label].__doc__ or ""
+                written.append(f"![{about.splitlines()[0]}](results/{label}.png)")
+        written.append(claims_table(those, judged))
+    return "\n\n".join(written)
+
+
+_ALL = "Every claim: its number over its margin, with both amounts of recordings"
+
+
+def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
+    """Draw all figures of the page into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    evidence = Evidence(PAPER, data)
+    for label, function in figures.FIGURES.items():
+        function(evidence).savefig(folder / f"{label}.png", dpi=80)
+    both = {_AMOUNTS[amount]: [*judged[amount].values()] for amount in claims.AMOUNTS}
+    figures.verdicts(both).savefig(folder / "verdicts.png", dpi=80)
 
 
 def in_docs(asked: Questions, beside: Mapping[str, Row]) -> str:
@@ -87,27 +149,51 @@ def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
 
     Beside them stand those of the paper's amount of recordings, by key.
     """
-    marks = {True: "✓", False: "not met", None: ""}
-    lines = [("", "paper", _BESIDE, _HERE, "aim", "")]
+    marks = {True: "met", False: "not met"}
+    lines = [("", *_AMOUNTS.values(), "aim")]
     for row in rows:
-        papers = beside[row.key].here if row.key in beside else ""
-        mark = marks[row.met]
-        lines.append((row.label, row.paper, papers, row.here, row.aim, mark))
+        papers = beside[row.key].figure if row.key in beside else ""
+        aim = "" if row.met is None else f"{row.aim}: {marks[row.met]}"
+        lines.append((row.label, papers, row.figure, aim))
     return _markdown(lines)
 
 
 def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     """Write the stored results into `README.md` and `docs/results.md` of a folder.
 
-    They go between the marks of these pages; a ValueError where there are none.
-    Returned are all rows.
+    They go between the marks of these pages; a ValueError where there are none. Figures
+    go into `docs/results`. Returned are all rows of this project's own experiments.
     """
+    judged = verdicts(data=data)
     asked = questions(stored(data=data))
-    rows = by_key(asked)
     beside = by_key(questions(stored(PAPER, data=data)))
-    _write(folder, "README.md", _in_readme(rows, beside))
-    _write(folder, "docs/results.md", in_docs(asked, beside))
+    chosen = [claims.all_claims()[name] for name in CLAIMS]
+    _write(folder, "README.md", claims_table(chosen, judged))
+    _write(folder, "docs/results.md", page(judged, asked, beside))
+    draw(folder / "docs" / "results", judged, data=data)
     return [*chain(*asked.values())]
+
+
+def page(judged: Verdicts, asked: Questions, beside: Mapping[str, Row]) -> str:
+    """What stands between the marks of `docs/results.md`."""
+    return "\n\n".join(
+        [
+            "## What does the paper claim?",
+            textwrap.fill(" ".join(_CLAIMED.split()), _PAGE_WIDTH),
+            claims_in_docs(judged),
+            in_docs(asked, beside),
+        ]
+    )
+
+
+_CLAIMED = """
+A number above zero is as the paper says; **verdict** goes by its 95 % interval, which
+the first figure shows: *holds* (all of it above zero), *contradicted* (all of it
+below), *equal* (all of it nearer to zero than a margin that was set before), or
+*inconclusive*. Where the paper prints a number, *holds* is: nearer to it than the
+margin. "By our method" is said where the paper's alone was not enough, "by assumption"
+where a result follows from what we had to assume.
+"""
 
 
 def _write(folder: Path, name: str, text: str) -> None:

@@ -31,6 +31,15 @@ def _run_one(model: int, weights: str = "torque") -> dict[str, Any]:
     }
 
 
+def _trained_p(model: int, weights: str = "torque") -> dict[str, Any]:
+    """The trained p of all materials."""
+    biases = trained(f"{weights}-{model}").biases
+    return {
+        "materials": " ".join(biases),
+        "p": np.stack([*biases.values()]).round(4),  # [K, D_p]
+    }
+
+
 def _rows(tables: Tables) -> list[Row]:
     """R² of each constant, and of their ratio."""
     table = tables["self_organisation"]
@@ -70,5 +79,12 @@ EXPERIMENTS = (
         paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,
+    ),
+    Experiment(
+        "trained_p",
+        _trained_p,
+        over(model=range(5), weights=("torque", "muscle")),
+        seconds=1,
+        paper={"weights": ("torque-paper", "muscle-paper")},
     ),
 )

@@ -13,10 +13,12 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import nearest_material, target_distance
+from clothlab.method.control import ControlSettings
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.policy import Policy
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
+from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, recorded_plans
 from studies._grid import Experiment, Tables, over
@@ -27,6 +29,7 @@ from studies._runs import (
     bias_error,
     empty_distance,
     estimate_at_random,
+    estimating,
     median_best,
     new_trial,
     random_trial,
@@ -44,6 +47,8 @@ _SPRINGS = {
     "linear": replace(ARM, spring_linear=5000.0, spring_cubic=0.0),
 }
 ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
+# What moves them meanwhile: random commands, or the paper's controller
+MOTIONS = ("random", "control")
 HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
 # The paper's conditions
 CORRECT = "Correct"
@@ -56,6 +61,7 @@ WARM = "Correct, warm start only"
 _CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 # Sign of Correct minus another
 QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}
+_FINE = 10  # samples of the joint angles in a control step
 _THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
 # What the hand's speed may depend on, and the paper does not publish
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -96,12 +102,32 @@ def _estimate_recorded(
 
 
 def _estimate_moved(
-    cloth: str, model: int, weights: str = "muscle", steps: int = 150
+    cloth: str,
+    model: int,
+    motion: str = "random",
+    weights: str = "muscle",
+    steps: int = 150,
 ) -> dict[str, Any]:
-    """Estimate p of a foam from 0 while it is moved at random, 30 s."""
+    """Estimate p of a foam from 0 while it is moved, 30 s.
+
+    Args:
+        cloth: one of `ESTIMATED`, by name.
+        model: seed of the training.
+        motion: one of `MOTIONS`.
+        weights: name of the training.
+        steps: control steps.
+    """
     learned = trained(f"{weights}-{model}")
     seed = 16000 + 100 * model + ESTIMATED.index(cloth)
-    p, trace = estimate_at_random(learned, cloth, steps, seed)
+    if motion == "random":
+        p, trace = estimate_at_random(learned, cloth, steps, seed)
+    else:
+        nothing = np.zeros(learned.model.bias_size)
+        controller = learned.controller(data.load_target("muscle"), nothing)
+        policy = estimating(controller, learned, nothing)
+        new_trial(policy, learned.arm, cloth, steps, seed)
+        trace = np.stack(policy.trace)
+        p = trace[-1]
 
     # Where the last p lies from hard-1 (0) to hard-3 (1)
     first = learned.biases[ESTIMATED[0]]
@@ -139,13 +165,19 @@ def _control_one(
         policy = _controller(condition, cloth, model, weights, fixed_tension)
         trial = new_trial(policy, learned.arm, cloth, steps, model)
 
+    # How the arm comes down in each period
+    theta = replay(trial, samples=_FINE).theta
+    moves = {
+        "fall": _falls_of_tension(trial.commands),
+        "delay": _delay_of_shoulder(theta),
+        "lowering": _lowering_times(theta),
+    }
+
     # Of model 0: commands as sent [T, 3] [rad] [rad] [N], and joint angles ten times a
     # step [10 T, 2] [rad]
-    commands: Any = []
-    theta: Any = []
+    shown: dict[str, Any] = {"commands": [], "theta": []}
     if model == 0:
-        commands = trial.commands.round(4)
-        theta = replay(trial, samples=10).theta.round(4)
+        shown = {"commands": trial.commands.round(4), "theta": theta.round(4)}
 
     # The hand's speed, where the controller knows the right p
     speeds: list[float] = []
@@ -159,9 +191,60 @@ def _control_one(
         "distance": distance.round(4),
         "rate": float((distance < _THRESHOLD).mean()),
         "peak_hand_speed": speeds,
-        "commands": commands,
-        "theta": theta,
+        **moves,
+        **shown,
     }
+
+
+def _falls_of_tension(commands: np.ndarray) -> np.ndarray:
+    """Fall of f_const while the arm comes down, in each whole period but one `[P]` [N].
+
+    From commands `[T, 3]`. The arm begins to come down where the shoulder is highest,
+    and larger angles are lower. The first period swings up.
+    """
+    period = ControlSettings.period
+    falls = []
+    for start in range(period, len(commands) - period + 1, period):
+        part = commands[start : start + period]
+        highest = part[:, 0].argmin()
+        falls.append(part[highest, -1] - part[-1, -1])
+    return np.round(falls, 3)
+
+
+def _delay_of_shoulder(theta: np.ndarray) -> float:
+    """How much later the shoulder moves than the elbow [s].
+
+    It is the shift at which their speeds are most alike, of joint angles `[N, 2]`; with
+    an arm that hangs still, 0.
+    """
+    shoulder, elbow = np.gradient(theta, axis=0).T
+    reach = _FINE * 2  # at most two control steps either way
+    shifts = np.arange(-reach, reach + 1)
+    middle = slice(reach, len(theta) - reach)
+    alike = [np.roll(elbow, shift)[middle] @ shoulder[middle] for shift in shifts]
+    if not np.any(alike):
+        return 0.0
+    return float(shifts[np.argmax(alike)] * CONTROL_PERIOD / _FINE)
+
+
+def _lowering_times(theta: np.ndarray) -> np.ndarray:
+    """How long the arm takes to come down, in each whole period but one `[P]` [s].
+
+    The range of the sum of joint angles `[N, 2]` over its highest speed downwards.
+    """
+    period = ControlSettings.period * _FINE
+    fold = theta.sum(axis=1)
+    speed = np.gradient(fold, CONTROL_PERIOD / _FINE)
+    times = []
+    for start in range(period, len(fold) - period + 1, period):
+        part = slice(start, start + period)
+        times.append(np.ptp(fold[part]) / max(speed[part].max(), 1e-9))
+    return np.round(times, 4)
+
+
+def _recorded_starts(model: int) -> np.ndarray:
+    """Recorded plans with which a period may begin `[200, 8, 3]`."""
+    return recorded_plans(data.load_trials(RECORDINGS["muscle"]), seed=model)
 
 
 def _peak_speeds(trial: Trial) -> list[float]:
@@ -184,8 +267,7 @@ def _controller(
         told = next(each for each in HELD if each != cloth)
     plans = None
     if condition != WARM:
-        recordings = data.load_trials(RECORDINGS["muscle"])
-        plans = recorded_plans(recordings, seed=model)
+        plans = _recorded_starts(model)
     arm = learned.arm
     if condition == FIXED:
         arm = arm.with_stiffness(fixed_tension)
@@ -233,7 +315,7 @@ def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
 
     By one training, `[T + 1, D_p]`.
     """
-    of_model = table[table["model"] == model]
+    of_model = table[(table["model"] == model) & (table["motion"] == "random")]
     found = {}
     for cloth, trace in zip(of_model["cloth"], of_model["trace"], strict=True):
         label = f"estimate of {get_cloth(str(cloth)).label}"
@@ -274,7 +356,8 @@ def _recorded_rows(tables: Tables) -> list[Row]:
 
 def _moved_rows(tables: Tables) -> list[Row]:
     """Whether a foam that was never trained on lies where it belongs."""
-    places = tables["foam_estimation"].query("cloth == 'hard-2'")["place"]
+    runs = tables["foam_estimation"].query("motion == 'random'")
+    places = runs.query("cloth == 'hard-2'")["place"]
     most = len(places)
     row = Row(
         "foam_estimation",
@@ -344,7 +427,7 @@ EXPERIMENTS = (
     Experiment(
         "foam_estimation",
         _estimate_moved,
-        over(cloth=ESTIMATED, model=_MODELS),
+        over(cloth=ESTIMATED, model=_MODELS, motion=MOTIONS),
         seconds=4,
         paper=_PAPER,
         rows=_moved_rows,

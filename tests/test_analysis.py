@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from clothlab.analysis import (
     best_per_period,
+    crossed_interval,
     difference_interval,
     nearest_material,
     principal_axes,
@@ -141,6 +143,35 @@ def test_an_interval_of_differences_covers_what_it_says_and_knows_that_runs_of_a
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("of_units", "of_repeats", "rest"), [(1, 0.5, 1), (0, 1, 1), (0, 0, 1), (1, 0, 0)]
+)
+def test_an_interval_over_units_and_repeats_covers_what_it_says(
+    of_units, of_repeats, rest
+):
+    rng = np.random.default_rng(0)
+    held = []
+    for _ in range(400):
+        values = of_units * rng.normal(size=(12, 1)) + of_repeats * rng.normal(size=5)
+        values = values + rest * rng.normal(size=(12, 5))
+        _, low, high = crossed_interval(values)
+        held.append(low <= 0 <= high)
+    assert np.mean(held) > 0.92
+
+
+def test_with_one_repeat_the_interval_is_students():
+    values = np.array([0.3, 0.1, 0.4, 0.2])
+    students = stats.ttest_1samp(values, 0).confidence_interval()
+    found = crossed_interval(values[:, None])
+    assert found == pytest.approx((0.25, *students))
+    assert crossed_interval(values[None]) == pytest.approx(found)
+
+
+def test_an_interval_of_equal_numbers_is_a_point_and_of_one_number_everything():
+    assert crossed_interval(np.full((3, 2), 0.5)) == (0.5, 0.5, 0.5)
+    assert crossed_interval([[0.5]]) == (0.5, -np.inf, np.inf)
+
+
 def test_a_rate_has_an_interval_that_holds_the_true_one():
     rng = np.random.default_rng(0)
     for truth in (0.1, 0.5, 0.9):

@@ -71,11 +71,25 @@ def test_tables_of_worlds_stand_side_by_side(tmp_path):
         table = pd.DataFrame({"model": [0, 0], "error": [k, [1.0, 2.0]]})
         reproduce.studies.save(table, "both", data=folder)
     reproduce.studies.save(table, "one", data=folders[0])
-    reproduce.save_side_by_side(folders, home)
+    reproduce.save_side_by_side(dict(enumerate(folders)), home)
     assert [path.name for path in (home / "results").iterdir()] == ["worlds-both.csv"]
     both = reproduce.studies.load("worlds-both", data=home)
     assert list(both.columns) == ["world", "model", "error"]
     assert list(both["world"]) == [0, 0, 1, 1]
+
+
+def test_more_worlds_are_added_to_those_that_are_there(tmp_path):
+    for k in range(3):
+        (tmp_path / str(k)).mkdir()
+        table = pd.DataFrame({"error": [float(k)]})
+        reproduce.studies.save(table, "both", data=tmp_path / str(k))
+    home = tmp_path / "home"
+    home.mkdir()
+    reproduce.save_side_by_side({k: tmp_path / str(k) for k in (0, 2)}, home)
+    reproduce.studies.save(pd.DataFrame({"error": [7.0]}), "both", data=tmp_path / "2")
+    reproduce.save_side_by_side({k: tmp_path / str(k) for k in (1, 2)}, home)
+    both = reproduce.studies.load("worlds-both", data=home)
+    assert both.to_dict("list") == {"world": [0, 1, 2], "error": [0.0, 1.0, 7.0]}
 
 
 @pytest.mark.parametrize(
