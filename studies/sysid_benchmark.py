@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab.analysis import crossed_interval
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.simulation.cloth import CLOTHS, DAMPINGS, MASSES, Cloth
@@ -165,12 +164,10 @@ def errors(table: pd.DataFrame, quantity: str) -> np.ndarray:
     return np.abs(np.stack([*table["error"]]) @ QUANTITIES[quantity])
 
 
-def error_gap(
+def error_gaps(
     table: pd.DataFrame, first: tuple[str, int], second: tuple[str, int], quantity: str
-) -> tuple[float, float, float]:
-    """How much larger one error of a logarithm is than another.
-
-    The mean, and the ends of its 95 % interval over cloths and trainings: both vary.
+) -> np.ndarray:
+    """How much larger one error of a logarithm is than another, `[cloths, trainings]`.
 
     Args:
         table: rows of `sysid_benchmark`, of the cloths that count.
@@ -190,7 +187,7 @@ def error_gap(
     # A fitted simulation has one training, with which all others are compared
     alone = other.shape[1] == 1
     gaps = mine.sub(other.iloc[:, 0], axis=0) if alone else mine - other
-    return crossed_interval(gaps.dropna().to_numpy())
+    return gaps.dropna().to_numpy()
 
 
 def over_bound(
