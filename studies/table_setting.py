@@ -50,7 +50,6 @@ _JUDGING = 20  # other starts, which judge them
 # [m] of the table onto which throws were recorded, on which hard-3 cannot be laid, and
 # of one on which three of the four foams cannot be
 _LEARNED_PLACES = (Furniture.near, 0.45)
-_LEARNED_STARTS = 2  # from which each training throws each foam
 _REPLAY = "recorded"  # in place of a p: the foam's own recording, without a network
 _SETTLING = 8  # [step] with the hand open until the cloth lies
 
@@ -214,7 +213,7 @@ def _run_border(foam: str, near: float) -> dict[str, Any]:
 
 
 def _run_learned(
-    foam: str, near: float, p: str, model: int, repeat: int
+    foam: str, near: float, p: str, model: int, start: int
 ) -> dict[str, Any]:
     """What the model throws onto a table on which foams cannot be laid.
 
@@ -228,10 +227,9 @@ def _run_learned(
             one, which is the farthest, or what is "estimated" from one motion before;
             or the foam's own "recorded" throw that came nearest to the target.
         model: seed of the training.
-        repeat: number of the start, one of those that judge the operator's throws.
+        start: its number, one of those that judge the operator's throws.
     """
     learned = trained(f"table-{model}")
-    start = _CHOOSING + repeat
     furniture = Furniture(near=near)
     noted: dict[str, Any] = {"released": True, "predicted": None}
 
@@ -389,13 +387,22 @@ and how far away the table may be until slow laying stops working, and throwing.
 """
 _MATERIAL_CASES = over(foam=_FOAMS, model=range(5), repeat=range(5))
 _BORDER_CASES = over(foam=_FOAMS, near=_PLACES)
-_LEARNED_CASES = over(
-    repeat=range(_LEARNED_STARTS),
-    model=range(5),
-    near=_LEARNED_PLACES,
-    foam=_FOAMS,
-    p=("right", "wrong", "estimated", _REPLAY),
-)
+
+
+def _learned_cases(model: int | Iterable[int] = range(5), **same: Any) -> list[Case]:
+    """Each training throws from the first start that judges, and from one of its own.
+
+    A recorded throw that is sent again from one start is always the same throw.
+    """
+    cases = []
+    for training in grid(model=model):
+        own = _CHOOSING + 1 + training["model"]
+        axes = {"start": (_CHOOSING, own), "near": _LEARNED_PLACES, "foam": _FOAMS}
+        known = {"p": ("right", "wrong", "estimated", _REPLAY)}
+        cases += grid(**(training | axes | known | same))
+    return cases
+
+
 EXPERIMENTS = (
     Experiment(
         "table_setting",
@@ -410,5 +417,5 @@ EXPERIMENTS = (
     Experiment(
         "table_setting_border", _run_border, _BORDER_CASES, seconds=200, slow=True
     ),
-    Experiment("table_setting_learned", _run_learned, _LEARNED_CASES, seconds=3),
+    Experiment("table_setting_learned", _run_learned, _learned_cases, seconds=3),
 )
