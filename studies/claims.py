@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -60,6 +61,7 @@ class Claim:
     notebook: str
     why: str
     chance: float | None = None
+    varies: bool = True
 
     def verdict(self, low: float, high: float) -> str:
         """One of `VERDICTS`, by the ends of a 95 % interval."""
@@ -123,18 +125,29 @@ class Evidence:
 
     def __init__(self, amount: str = PAPER, data: Folder = None):
         self.amount = amount
-        self._data = data
         self.of = "training"
+        self._data = data
+        self._read: dict[str, pd.DataFrame] = {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table; `NotMeasured` if there is none of this amount."""
-        table = self._stored(f"worlds-{name}{self.amount}")
-        if table is None:
-            table = self._stored(f"{name}{self.amount}")
-        if table is None:
-            raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
+        if name not in self._read:
+            self._read[name] = self._find(name)
+        table = self._read[name]
         self.of = "world" if "world" in table else "training"
-        return table.assign(unit=table["world" if "world" in table else "model"])
+        return table
+
+    def _find(self, name: str) -> pd.DataFrame:
+        """Of worlds, or of trainings, with the number of each unit."""
+        worlds = self._stored(f"worlds-{name}{self.amount}")
+        if worlds is not None:
+            return worlds.assign(unit=worlds["world"])
+        trainings = self._stored(f"{name}{self.amount}")
+        if trainings is None:
+            raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
+        if "model" not in trainings:  # one for all
+            return trainings.assign(unit=0)
+        return trainings.assign(unit=trainings["model"])
 
     def _stored(self, name: str) -> pd.DataFrame | None:
         with contextlib.suppress(KeyError):
@@ -311,11 +324,12 @@ def _heavy_is_easier(evidence: Evidence) -> pd.Series:
 
 
 def _reproducible(evidence: Evidence) -> pd.Series:
-    """A quarter less how far each nearness is from the mean, mean of four tasks."""
-    near = []
-    for target in (1, 2):
-        near += [_near(evidence, target, cloth) for cloth in _CLOTHS]
-    table = pd.concat(near, axis=1)
+    """A quarter less how far each best distance is from the mean, of four tasks."""
+    best = []
+    for target, cloth in product((1, 2), _CLOTHS):
+        runs = _task(evidence, target, cloth)
+        best.append(_of_world(_median_best(runs, "control"), runs))
+    table = pd.concat(best, axis=1)
     return 0.25 - (table / table.mean() - 1).abs().mean(axis=1)
 
 
@@ -566,9 +580,14 @@ def numbers(name: str, amount: str = PAPER, *, data: Folder = None) -> pd.Series
 def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
     """Mean, interval and verdict of a claim; `NotMeasured` as `numbers` has it."""
     claim = choose("claim", name, all_claims())
-    evidence = Evidence(amount, data)
-    found = _NUMBERS[name](evidence)
-    if claim.chance is None:
+    return _judge(claim, Evidence(amount, data))
+
+
+def _judge(claim: Claim, evidence: Evidence) -> Judged:
+    found = _NUMBERS[claim.name](evidence)
+    if not claim.varies:
+        mean = low = high = float(found.item())
+    elif claim.chance is None:
         mean, low, high = crossed_interval(found.to_numpy(dtype=float)[:, None])
     else:
         mean, low, high = (each - claim.chance for each in rate_interval(found))
@@ -577,8 +596,9 @@ def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
 
 def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
     """All claims that were measured with an amount of recordings, in order."""
+    evidence = Evidence(amount, data)
     found = []
-    for name in all_claims():
+    for claim in all_claims().values():
         with contextlib.suppress(NotMeasured):
-            found.append(judge(name, amount, data=data))
+            found.append(_judge(claim, evidence))
     return found
