@@ -108,35 +108,30 @@ def _cases(model: Any = (0, 1), **same: Any) -> list[Case]:
 def effects(table: pd.DataFrame) -> pd.DataFrame:
     """What a moved setting adds to the distance over random commands'.
 
-    A row for each moved setting: mean and 95 % interval, over cloth-target pairs and
-    trainings, of the first throw and, in runs that go on, of the last periods.
+    A row for each moved setting: the mean, and its 95 % interval over cloth-target
+    pairs and trainings. It is of the "first" throw for the weight of p, which acts on
+    nothing else, and of the "late" periods for the others, which act on what is learned
+    from throws.
     """
-    first = table["best"].map(lambda best: min(best[:_FIRST]))
-    late = table["best"].map(lambda best: np.median(best[-_LATE:]))
     scores = table.assign(
-        first=first / table["random"],
-        late=(late / table["random"]).where(table["periods"] > _FIRST),
+        first=table["best"].map(lambda best: min(best[:_FIRST])) / table["random"],
+        late=table["best"].map(lambda best: np.median(best[-_LATE:])) / table["random"],
     )
-    chosen = _by_unit(scores[scores["setting"] == AS_CHOSEN])
-
     rows = []
     for (setting, value), runs in scores.groupby(["setting", "value"], sort=False):
         if setting == AS_CHOSEN:
             continue
-        gaps = _by_unit(runs) - chosen
-        for when in ("first", "late"):
-            if gaps[when].notna().all(axis=None):
-                found = crossed_interval(gaps[when].to_numpy())
-                rows.append((setting, value, when, *found))
+        when = "first" if (runs["periods"] == _FIRST).all() else "late"
+        chosen = scores[scores["setting"] == AS_CHOSEN]
+        gaps = _by_unit(runs, when) - _by_unit(chosen, when)
+        rows.append((setting, value, when, *crossed_interval(gaps.to_numpy())))
     names = ["setting", "value", "when", "mean", "low", "high"]
     return pd.DataFrame(rows, columns=names)
 
 
-def _by_unit(scores: pd.DataFrame) -> pd.DataFrame:
-    """Scores of each cloth and target, in a column for each score and training."""
-    return scores.pivot_table(
-        ["first", "late"], ["cloth", "target"], "model", dropna=False
-    )
+def _by_unit(scores: pd.DataFrame, when: str) -> pd.DataFrame:
+    """Scores of each cloth and target, in a column for each training."""
+    return scores.pivot(index=["cloth", "target"], columns="model", values=when)
 
 
 def _rows(tables: Tables) -> list[Row]:
