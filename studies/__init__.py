@@ -46,6 +46,7 @@ from studies import (
     sysid_benchmark,
     table_setting,
     transfer,
+    tuning,
     what_p_shows,
 )
 from studies._grid import PAPER, Experiment
@@ -64,6 +65,7 @@ _MODULES = (  # in the order of docs/results.md
     joint_estimation_control,
     stiffness,
     iterative_control,
+    tuning,
     oracle,
     transfer,
     material_change,
