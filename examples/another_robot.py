@@ -478,13 +478,29 @@ def control(
         seed: of goals and random commands.
     """
     torch.set_num_threads(1)
-    env = make_robot(material)
-    goals = draw_goals(seed)
-    policy: Callable[[np.ndarray], np.ndarray]
     if trained is None:
-        policy = without_model(method, env, seed)
-    else:
-        policy = Attempts(method, trained, material, replan, seed)
+        env = make_robot(material)
+        return attempts(without_model(method, env, seed), material, seed, env)
+    policy = Attempts(method, trained, material, replan, seed)
+    return attempts(policy, material, seed)
+
+
+def attempts(
+    policy: Callable[[np.ndarray], np.ndarray],
+    material: Material,
+    seed: int,
+    env: Any = None,
+) -> np.ndarray:
+    """How far the tip ends from each of ten goals `[10]` [m].
+
+    Args:
+        policy: state → command; its first 10 s are its own.
+        material: of the robot.
+        seed: of the goals.
+        env: the robot, if the policy has it, too.
+    """
+    env = env or make_robot(material)
+    goals = draw_goals(seed)
 
     # One step more: the state after the last attempt is seen before it
     steps = ESTIMATE + ATTEMPT * len(goals) + 1

@@ -33,7 +33,9 @@ from clothlab.method.training import ModelTraining, train_dpmpb
 BUDGET = replace(TRAINING, epochs=35, batch_size=50)
 LONG = 150  # steps of a long window
 BURN_IN = 50  # its first steps, in which the memory fills; they are not in the loss
-MODELS: dict[str, str | int] = {  # how each is trained: with p, in long windows, or with so long a context
+MODELS: dict[
+    str, str | int
+] = {  # how each is trained: with p, in long windows, or with so long a context
     "p": "p",
     "long memory": "long memory",
     "context of 100": 100,
