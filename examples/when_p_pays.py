@@ -37,6 +37,7 @@ from torch import Tensor
 from tqdm.auto import tqdm
 
 import studies
+from clothlab import load_model
 from clothlab._store import write_checksums
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run
@@ -53,7 +54,7 @@ PAIRS = {  # by numbers of the nine materials, the first property running slowes
     "both": (0, 8),
 }
 FEEDBACK = {"never": 1000, "every 4 steps": 4, "every step": 1}  # plans anew
-TRAININGS = range(2)
+TRAININGS = {"reacher": 2, "pendulum": 1}  # of the network in each world
 ESTIMATE = 200  # steps of random commands for an estimate: 10 s
 KEEP = Path("build/when_p_pays")
 
@@ -335,11 +336,14 @@ kept = joblib.Memory(KEEP, verbose=0).cache
 train_once = kept(train)
 
 
-def models(world: World) -> list[TrainedRobot]:
-    """Trainings of the network for a world."""
-    if world.name == "reacher":
-        return [fair_rivals.train_once("p", seed) for seed in TRAININGS]
-    return [train_once(world.name, seed) for seed in TRAININGS]
+def trained_for(name: str, training: int) -> TrainedRobot:
+    """A training for a world: of the Reacher the stored one, and one of half of it."""
+    if name == "pendulum":
+        return train_once(name, training)
+    if training:
+        return fair_rivals.train_once("p", training - 1)
+    stored = load_model(name)
+    return TrainedRobot(stored.model, stored.biases)
 
 
 def tasks(name: str) -> list[tuple[int, str]]:
@@ -387,7 +391,7 @@ def estimates(name: str, training: int) -> dict[int, np.ndarray]:
     """p of each material in a pair, from 10 s of random commands `[D_p]`."""
     torch.set_num_threads(1)
     world = WORLDS[name]
-    model = models(world)[training].model
+    model = trained_for(name, training).model
     found = {}
     for material in sorted({*itertools.chain(*PAIRS.values())}):
         run = record(world, material, ESTIMATE, 5000 + material)
@@ -401,7 +405,7 @@ def measure_gain(
     """Rows of one training, goal and pair: how near with which p [m]."""
     torch.set_num_threads(1)
     world = WORLDS[name]
-    trained = models(world)[training]
+    trained = trained_for(name, training)
     known = list(trained.biases.values())
     found = kept(estimates)(name, training)
     rows = []
@@ -441,16 +445,16 @@ RULES = {  # what each makes a gain of, with one number
 def in_units(rows: pd.DataFrame) -> pd.DataFrame:
     """The same rows, with distances over those of random commands in their world."""
     lengths = [each for each in rows if each in ("gap", "left", "own", "gain")]
-    scales = rows["world"].map({name: yardstick(name) for name in WORLDS})
-    return rows.assign(**{each: rows[each] / scales for each in lengths})
+    return rows.assign(**{each: rows[each] / rows["random"] for each in lengths})
 
 
 def gains(which: str) -> pd.DataFrame:
     """Gains by p of half of the tasks, beside what the oracle says of them [m]."""
     rows = []
-    for name, training in itertools.product(WORLDS, TRAININGS):
-        for goal, pair in tqdm(half(name, which), desc=f"gains of the {name}"):
-            rows += kept(measure_gain)(name, training, goal, pair)
+    for name, count in TRAININGS.items():
+        cases = itertools.product(range(count), half(name, which))
+        for training, task in tqdm(list(cases), desc=f"gains of the {name}"):
+            rows += kept(measure_gain)(name, training, *task)
     table = pd.DataFrame(rows)
     table["gain"] = table["wrong"] - table["estimated"]
     return table.merge(studies.load("when_p_pays_oracle"), on=TASK)
@@ -468,8 +472,10 @@ def measure() -> None:
     """Gaps of all tasks, by the oracle; gains of the first half."""
     rows = []
     for name in WORLDS:
+        scale = yardstick(name)
         for goal, pair in tqdm(tasks(name), desc=f"gaps of the {name}"):
-            rows += kept(measure_gap)(name, goal, pair)
+            found = kept(measure_gap)(name, goal, pair)
+            rows += [row | {"random": scale} for row in found]
     save(pd.DataFrame(rows), "when_p_pays_oracle")
     save(gains("development"), "when_p_pays_development")
 
