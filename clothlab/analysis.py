@@ -109,6 +109,24 @@ def difference_interval(
     return float(values.mean()), float(low), float(high)
 
 
+def crossed_interval(
+    values: ArrayLike, *, resamples: int = 10_000, seed: int = 0
+) -> tuple[float, float, float]:
+    """Mean, lower and upper end of a 95 % bootstrap interval of crossed values.
+
+    They are `[units, repeats]`, such as tasks by trainings, each of which has met each
+    other. Both are drawn anew each time.
+    """
+    matrix = check_array("values", values, ("K", "N"))
+    k, n = check_some("values", matrix).shape
+    rng = np.random.default_rng(seed)
+    units = rng.integers(k, size=(resamples, k, 1))
+    repeats = rng.integers(n, size=(resamples, 1, n))
+    means = matrix[units, repeats].mean(axis=(1, 2))
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(matrix.mean()), float(low), float(high)
+
+
 def half_widths_from_zero(differences: ArrayLike) -> float:
     """Mean of paired differences `[K, N]` over half the width of its interval.
 
