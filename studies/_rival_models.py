@@ -243,12 +243,12 @@ def _stretches(
 class HindsightPlans(nn.Module):
     """Where a plan should lead to a plan that led there.
 
-    It is told the state at the start, z at the end, and what is known of the material,
-    and answers with a mixture of normal distributions of plans. Its training is on
-    recorded stretches, of each of which what it led to was, in hindsight, the goal.
+    It is told z at the end, perhaps the state at the start, and what is known of the
+    material, and answers with a mixture of normal distributions of plans. Its training
+    is on recorded stretches: what each led to was, in hindsight, its goal.
 
     Args:
-        inputs: D_s + D_z + the size of what is known of a material.
+        inputs: how many numbers it is told.
         steps: of a plan, T.
         commands: D_u.
         components: of the mixture; with one, it is a regression.
@@ -293,6 +293,7 @@ def train_hindsight(
     *,
     latent: int,
     period: int,
+    from_state: bool,
     components: int,
     updates: int,
     seed: int,
@@ -305,6 +306,7 @@ def train_hindsight(
         model: whose normalisation is used.
         latent: size of z, D_z.
         period: steps of a plan.
+        from_state: whether the network is told the state at the start.
         components: of the mixture.
         updates: of 256 stretches each.
         seed: of the first weights, and of what is drawn.
@@ -313,7 +315,8 @@ def train_hindsight(
     s, u, k = windows(runs, period, 1)
     table = np.stack([codes[name] for name in materials_of(runs)])
     known = torch.as_tensor(table, dtype=torch.float32)
-    x = hindsight_input(model, s[:, 0], s[:, -1, :latent], known[k])
+    start = s[:, 0] if from_state else None
+    x = hindsight_input(model, start, s[:, -1, :latent], known[k])
     plans = ((u - model.u_mean) / model.u_std).flatten(1)
 
     with seeded(seed):
@@ -330,9 +333,13 @@ def train_hindsight(
     return network.eval()
 
 
-def hindsight_input(model: DPMPB, s: Tensor, z: Tensor, code: Tensor) -> Tensor:
-    """States `[..., D_s]`, goals `[..., D_z]`, codes: normalised, side by side."""
+def hindsight_input(model: DPMPB, s: Tensor | None, z: Tensor, code: Tensor) -> Tensor:
+    """What such a network is told, normalised and side by side, `[..., D]`.
+
+    States `[..., D_s]` at the start, if they are told, goals `[..., D_z]` and codes.
+    """
     latent = z.shape[-1]
-    start = (s - model.s_mean) / model.s_std
-    goal = (z - model.s_mean[:latent]) / model.s_std[:latent]
-    return torch.cat([start, goal, code], dim=-1)
+    parts = [(z - model.s_mean[:latent]) / model.s_std[:latent], code]
+    if s is not None:
+        parts.append((s - model.s_mean) / model.s_std)
+    return torch.cat(parts, dim=-1)

@@ -233,6 +233,7 @@ def errors_ahead(
     u = torch.as_tensor(run.u)
     errors = []
     for start in starts:
+        # What was before fills the memory; then predictions come back
         remembered = memory
         if start:
             _, remembered = model(s[None, :start], u[None, :start], p, memory)
@@ -241,6 +242,8 @@ def errors_ahead(
         for t in range(start, start + horizon):
             now, remembered = model(now, u[None, t : t + 1], p, remembered)
             predicted.append(now[0, 0])
+
+        # In z alone
         gap = torch.stack(predicted) - s[start + 1 : start + 1 + horizon]
         errors.append(gap[:, :_LATENT].norm(dim=1).numpy())
     return np.stack(errors)
