@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from clothlab.masks import Observation
+from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.control import ControlSettings
-from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
 from clothlab.method.model import DPMPB
 from clothlab.method.policy import Policy
@@ -103,7 +103,7 @@ class EnsemblePolicy(PeriodPolicy):
         self._rollouts = []
         for model, _, p in beliefs:
             told = torch.as_tensor(p, dtype=torch.float32)
-            self._rollouts.append(FastDPMPB(model, told))
+            self._rollouts.append(rollout_of(model)(model, told))
         super().__init__(task)
 
         # Where the search begins

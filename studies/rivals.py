@@ -319,13 +319,13 @@ def _hindsight(
 # Of an ensemble: does it first throw a recorded plan, penalty of the variance
 _ENSEMBLES = tuple(itertools.product((True, False), (0.1, 1.0, 10.0)))
 # Of a policy by hindsight: is it told the state, components, updates
-_HINDSIGHTS = tuple(itertools.product((True, False), (1, 10), (500, 2000)))
+_HINDSIGHTS = tuple(itertools.product((True, False), (1, 10), (1000,)))
 CHOSEN = {  # beliefs
     "without p": "without p, windows of 100, kept",
     "context": "context of 100",
 }
 _ENSEMBLE = (False, 1.0)
-_HINDSIGHT = (False, 10, 2000)
+_HINDSIGHT = (False, 10, 1000)
 
 
 def _rivals() -> dict[str, Rival]:
@@ -553,7 +553,8 @@ def over_random(table: pd.DataFrame, method: str, period: int = 0) -> pd.DataFra
     """
     runs = table[table["method"] == method]
     runs = runs.assign(over=transfer.over_random(runs, period))
-    return runs.pivot_table(index=["arm", "target", "cloth"], columns="model")["over"]
+    task = ["arm", "target", "cloth"]
+    return runs.pivot_table(index=task, columns="model", values="over")
 
 
 def effects(table: pd.DataFrame, period: int = 0) -> pd.DataFrame:
