@@ -32,10 +32,14 @@ throw with estimated p, over tasks and trainings. The margin is 0.05.
 * A rival is "no worse" if the upper end of its interval is at most the margin, "worse"
   if the lower end is above zero and the upper one above the margin, otherwise "open".
 * p is worth nothing for a first throw if the rival without p that the development
-  chose (`CHOSEN`) is no worse. It is chosen on cloths and targets of which no table
-  but `rivals_development` knows. The others without p are shown beside it.
+  chose (`CHOSEN`) is no worse. The others without p are shown beside it.
 * p's way of being found, by gradient, is worth nothing if the chosen context encoder
   is no worse; the search is worth nothing if ensemble or hindsight with p is no worse.
+
+Settings are chosen on cloths that no throw of `rivals` is made with: what is done with
+the memory, and the length of windows and contexts, by predictions of the eight steps
+from rest (`best_beliefs` of the table `rival_predictions`), settings of ensemble and
+hindsight by first throws at targets of their own (`rivals_development`).
 """
 
 import itertools
@@ -463,19 +467,15 @@ def _cases(model: Iterable[int] = range(3), periods: int | None = None) -> list[
     return cases
 
 
-def _development_cases(model: Iterable[int] = range(2)) -> list[Case]:
+def _development_cases(model: Iterable[int] = (0,)) -> list[Case]:
     """First throws with cloths and at targets that no other table uses."""
     held = [cloth.name for cloth in DEVELOPMENT["torque"]]
     targets = [
         "development/torque_damp0.03-mass0.15_0",
-        "development/torque_damp0.05-mass0.10_1",
         "development/torque_damp0.07-mass0.05_0",
     ]
-    tried = ["p", *_ENCODERS, *_TRIED]
-    tried += [f"{kind}, {memory}" for kind in _WINDOWS for memory in _MEMORIES]
-    return grid(
-        method=tried, arm="torque", target=targets, cloth=held, model=model, periods=2
-    )
+    task = {"arm": "torque", "target": targets, "cloth": held}
+    return grid(method=["p", *_TRIED], **task, model=model, periods=2)
 
 
 # How well they predict
@@ -541,6 +541,23 @@ def _prediction_cases(model: Iterable[int] = range(3)) -> list[Case]:
     names = [cloth.name for cloth in NEW["torque"] + DEVELOPMENT["torque"]]
     names += trained(f"{WEIGHTS['torque']}-0").biases
     return grid(belief=[*BELIEFS], arm="torque", cloth=names, model=model)
+
+
+def best_beliefs(table: pd.DataFrame) -> dict[str, str]:
+    """Which belief of each family foresees a throw best, `{family: belief}`.
+
+    It has the least mean distance over the steps of a period from rest, with cloths of
+    the development.
+    """
+    held = [cloth.name for cloth in DEVELOPMENT["torque"]]
+    runs = table[table["cloth"].isin(held)]
+    errors = runs["rest"].map(lambda rest: rest[:_PERIOD].mean())
+    by_belief = errors.groupby(runs["belief"]).mean()
+    families = {"without p": "without p, ", "context": "context of "}
+    return {
+        family: by_belief[by_belief.index.str.startswith(start)].idxmin()
+        for family, start in families.items()
+    }
 
 
 # What follows from the rows
