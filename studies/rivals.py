@@ -325,10 +325,10 @@ _ENSEMBLES = tuple(itertools.product((True, False), (0.1, 1.0, 10.0)))
 # Of a policy by hindsight: is it told the state, components, updates
 _HINDSIGHTS = tuple(itertools.product((True, False), (1, 10), (1000,)))
 CHOSEN = {  # beliefs
-    "without p": "without p, windows of 100, kept",
-    "context": "context of 100",
+    "without p": "without p, another run first, settled",
+    "context": "context of 30",
 }
-_ENSEMBLE = (False, 1.0)
+_ENSEMBLE = (True, 1.0)
 _HINDSIGHT = (False, 10, 1000)
 
 
