@@ -326,7 +326,7 @@ _ENSEMBLES = tuple(itertools.product((True, False), (0.1, 1.0, 10.0)))
 _HINDSIGHTS = tuple(itertools.product((True, False), (1, 10), (1000,)))
 CHOSEN = {  # beliefs
     "without p": "without p, another run first, settled",
-    "context": "context of 30",
+    "context": "context of 100",
 }
 _ENSEMBLE = (True, 1.0)
 _HINDSIGHT = (False, 10, 1000)
