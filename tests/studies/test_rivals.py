@@ -146,6 +146,13 @@ def test_plans_in_hindsight_differ_with_what_is_known_of_the_material():
 # How they throw
 
 
+def test_each_cloth_has_the_p_of_its_own_random_commands(world):
+    for name in (LIGHT, HEAVY):
+        task = rivals.task_of("torque", "target-1", name, 0)
+        assert rivals._stored(task).p == pytest.approx(toy.bias_of(name), abs=0.02)
+        assert rivals._nearest_trained(task).p == pytest.approx(toy.bias_of(name))
+
+
 def test_an_ensemble_is_charged_for_where_its_models_disagree(world):
     task = rivals.task_of("torque", "target-1", LIGHT, 0)
     p = np.float32([[0.1, 0.2], [0.3, -0.2]])
