@@ -40,6 +40,11 @@ Settings are chosen on cloths that no throw of `rivals` is made with: what is do
 the memory, and the length of windows and contexts, by predictions of the eight steps
 from rest (`best_beliefs` of the table `rival_predictions`), settings of ensemble and
 hindsight by first throws at targets of their own (`rivals_development`).
+
+What was computed is less than what was planned: p, the rival without p and the replays
+have three trainings; the others have one, so that their intervals are over tasks alone,
+and say nothing of another training. A context of 200 steps, and a model with p of the
+rivals' compute, can be had by name and are in no table.
 """
 
 import itertools
