@@ -335,7 +335,7 @@ CHOSEN = {  # beliefs
     "without p": "without p, another run first, settled",
     "context": "context of 100",
 }
-_ENSEMBLE = (True, 1.0)
+_ENSEMBLE = (True, 0.1)
 _HINDSIGHT = (False, 10, 1000)
 
 
@@ -587,7 +587,8 @@ def effects(table: pd.DataFrame, period: int = 0) -> pd.DataFrame:
     """Each method beside estimated p: one row a method, the best one first.
 
     Columns are its mean distance over that of random commands, the difference to p with
-    both ends of its 95 % interval over tasks and trainings, and the verdict.
+    both ends of its 95 % interval over tasks and trainings, how many trainings both
+    have, and the verdict.
     """
     enough = table[table["best"].map(len) > period]
     base = over_random(enough, "p", period)
@@ -604,6 +605,7 @@ def effects(table: pd.DataFrame, period: int = 0) -> pd.DataFrame:
                 "difference": gap,
                 "low": low,
                 "high": high,
+                "trainings": gaps.shape[1],
                 "verdict": verdict(low, high),
             }
         )
