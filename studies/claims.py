@@ -14,7 +14,7 @@ and have no verdict of their own.
 
 import contextlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
@@ -27,6 +27,7 @@ from scipy.stats import spearmanr
 from clothlab._store import Folder
 from clothlab._validation import choose
 from clothlab.analysis import best_per_period, crossed_interval, rate_interval
+from clothlab.claims import Findings
 from clothlab.simulation.cloth import get_cloth
 from clothlab.tables import load
 from studies._grid import PAPER
@@ -602,3 +603,44 @@ def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
         with contextlib.suppress(NotMeasured):
             found.append(_judge(claim, evidence))
     return found
+
+
+# Conditions of a notebook
+
+
+def lower_end(values: np.ndarray) -> float:
+    """Of the interval of numbers `[units]`, or of differences `[units, repeats]`."""
+    return crossed_interval(np.reshape(values, (len(values), -1)))[1]
+
+
+def upper_end(values: np.ndarray) -> float:
+    """The other one."""
+    return crossed_interval(np.reshape(values, (len(values), -1)))[2]
+
+
+def farther_end(values: np.ndarray) -> float:
+    """How far from zero the farther of both is."""
+    return max(abs(lower_end(values)), abs(upper_end(values)))
+
+
+def state(
+    findings: Findings, verdict: str, names: Sequence[str], amount: str = PAPER
+) -> None:
+    """State that claims have the verdict that a page says they have.
+
+    Args:
+        findings: of the page.
+        verdict: "holds", "contradicted" or "equal".
+        names: of the claims.
+        amount: of recordings.
+    """
+    for name in names:
+        values = numbers(name, amount).to_numpy(dtype=float)
+        claim = f"{name}: {verdict}"
+        if verdict == "holds":
+            findings.stored(claim, lower_end, above=0, values=values)
+        elif verdict == "contradicted":
+            findings.stored(claim, upper_end, below=0, values=values)
+        else:
+            margin = all_claims()[name].margin
+            findings.stored(claim, farther_end, below=margin, values=values)
