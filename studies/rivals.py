@@ -592,6 +592,8 @@ def effects(table: pd.DataFrame, period: int = 0) -> pd.DataFrame:
     """
     enough = table[table["best"].map(len) > period]
     base = over_random(enough, "p", period)
+
+    # The same tasks, by the trainings that both have
     found = []
     for method in enough["method"].unique():
         values = over_random(enough, method, period)
