@@ -41,9 +41,10 @@ the memory, and the length of windows and contexts, by predictions of the eight 
 from rest (`best_beliefs` of the table `rival_predictions`), settings of ensemble and
 hindsight by first throws at targets of their own (`rivals_development`).
 
-What was computed is less than what was planned: p, the rival without p and the replays
-have three trainings; the others have one, so that their intervals are over tasks alone,
-and say nothing of another training. A context of 200 steps, and a model with p of the
+What was computed is less than what was planned: p, the rival without p and the context
+encoder that the development chose, and the replays have three trainings; the others
+have one, so that their intervals are over tasks alone, and say nothing of another
+training. Ten periods were thrown with one training. A context of 200 steps, and a model with p of the
 rivals' compute, can be had by name and are in no table.
 """
 
