@@ -44,8 +44,8 @@ hindsight by first throws at targets of their own (`rivals_development`).
 What was computed is less than what was planned: p, the rival without p and the context
 encoder that the development chose, and the replays have three trainings; the others
 have one, so that their intervals are over tasks alone, and say nothing of another
-training. Ten periods were thrown with one training. A context of 200 steps, and a model with p of the
-rivals' compute, can be had by name and are in no table.
+training. Ten periods were thrown with one training. A context of 200 steps, and a model
+with p of the rivals' compute, can be had by name and are in no table.
 """
 
 import itertools
@@ -443,7 +443,7 @@ def _run_one(
 
 # Methods by how much of them was computed: three trainings, ten periods of the first
 # training, and first throws of the first training
-_REPEATED = ("p", CHOSEN["without p"], "replay, nearest p", "replay, any other cloth")
+_REPEATED = ("p", *CHOSEN.values(), "replay, nearest p", "replay, any other cloth")
 _LONG = ("p", CHOSEN["without p"], CHOSEN["context"], "ensemble, p")
 _FIRST = (
     "p without difference",
