@@ -41,10 +41,11 @@ the memory, and the length of windows and contexts, by predictions of the eight 
 from rest (`best_beliefs` of the table `rival_predictions`), settings of ensemble and
 hindsight by first throws at targets of their own (`rivals_development`).
 
-What was computed is less than what was planned: p, the rival without p and the replays
-have three trainings; the others have one, so that their intervals are over tasks alone,
-and say nothing of another training. A context of 200 steps, and a model with p of the
-rivals' compute, can be had by name and are in no table.
+What was computed is less than what was planned: p, the rival without p and the context
+encoder that the development chose, and the replays have three trainings; the others
+have one, so that their intervals are over tasks alone, and say nothing of another
+training. Ten periods were thrown with one training. A context of 200 steps, and a model
+with p of the rivals' compute, can be had by name and are in no table.
 """
 
 import itertools
@@ -442,7 +443,7 @@ def _run_one(
 
 # Methods by how much of them was computed: three trainings, ten periods of the first
 # training, and first throws of the first training
-_REPEATED = ("p", CHOSEN["without p"], "replay, nearest p", "replay, any other cloth")
+_REPEATED = ("p", *CHOSEN.values(), "replay, nearest p", "replay, any other cloth")
 _LONG = ("p", CHOSEN["without p"], CHOSEN["context"], "ensemble, p")
 _FIRST = (
     "p without difference",
@@ -592,6 +593,8 @@ def effects(table: pd.DataFrame, period: int = 0) -> pd.DataFrame:
     """
     enough = table[table["best"].map(len) > period]
     base = over_random(enough, "p", period)
+
+    # The same tasks, by the trainings that both have
     found = []
     for method in enough["method"].unique():
         values = over_random(enough, method, period)
