@@ -275,9 +275,9 @@ def foam_quantities(evidence: Evidence) -> Figure:
     for ax, (label, values) in zip(axes[0], quantities.items(), strict=True):
         for k, foam in enumerate(FOAMS):
             of_foam = values[table["cloth"] == foam].groupby(table["condition"])
-            mean = of_foam.mean().reindex(_CONDITIONS)
-            spread = of_foam.std().reindex(_CONDITIONS)
-            x = np.arange(len(_CONDITIONS)) + 0.2 * (k - 0.5)
+            mean = of_foam.mean().reindex(_CONDITIONS).dropna()
+            spread = of_foam.std().reindex(mean.index).fillna(0)
+            x = [_CONDITIONS.index(name) + 0.2 * (k - 0.5) for name in mean.index]
             look: dict[str, Any] = {
                 "color": plots.COLOURS[k],
                 "fmt": "os"[k],

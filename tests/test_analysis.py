@@ -190,3 +190,10 @@ def test_a_rate_of_all_or_none_is_not_sure():
     # Wilson's, solved for all of fifty
     assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)
     assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)
+
+
+def test_a_crossed_interval_draws_units_and_repeats():
+    """Where repeats alone differ, as many units as one likes tell no more of them."""
+    apart = np.tile([-1.0, 1.0], (50, 1))
+    assert crossed_interval(apart) == pytest.approx((0, -1, 1))
+    assert crossed_interval(np.full((4, 3), 0.2)) == pytest.approx((0.2, 0.2, 0.2))
