@@ -605,6 +605,26 @@ def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
     return found
 
 
+def side_by_side(*names: str, data: Folder = None) -> pd.DataFrame:
+    """What is measured for claims, in words: a column for each amount of recordings."""
+    columns = {PAPER: "the paper's amount", TWENTY: "twenty times as many"}
+    table: dict[str, dict[str, str]] = {}
+    for amount in AMOUNTS:
+        measured = {}
+        for name in names:
+            measured[all_claims()[name].short] = _in_words(name, amount, data)
+        table[columns[amount]] = measured
+    return pd.DataFrame(table)
+
+
+def _in_words(name: str, amount: str, data: Folder) -> str:
+    try:
+        found = judge(name, amount, data=data)
+    except NotMeasured:
+        return "not measured"
+    return f"{found.verdict}: {found.figure}, {found.count} {found.of}s"
+
+
 # Conditions of a notebook
 
 

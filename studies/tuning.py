@@ -69,6 +69,7 @@ def _run_one(
         model: seed of the training.
         periods: of the run.
     """
+    # The cloth's p, as a robot would know it
     learned = trained(f"{_WEIGHTS}-{model}")
     mask = data.load_target(target)
     excited = _excited(cloth, model)
@@ -83,6 +84,7 @@ def _run_one(
     policy = learned.iterative_controller(mask, p, runs, settings)
     trial = new_trial(policy, "torque", _CLOTHS[cloth], 8 * periods + 1, model)
 
+    # How near each period came, and what random commands reach
     distance = target_distance(learned.autoencoder, trial, mask)
     random = target_distance(learned.autoencoder, excited, mask)
     return {
