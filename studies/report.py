@@ -193,10 +193,22 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     asked = questions(stored(data=data))
     beside = by_key(questions(stored(PAPER, data=data)))
     chosen = [claims.all_claims()[name] for name in CLAIMS]
-    _write(folder, "README.md", claims_table(chosen, judged))
+    _write(folder, "README.md", f"{claims_table(chosen, judged)}\n\n{_counts(judged)}")
     _write(folder, "docs/results.md", page(judged, asked, beside))
     draw(folder / "docs" / "results", judged, data=data)
     return [*chain(*asked.values())]
+
+
+def _counts(judged: Verdicts) -> str:
+    """Over how many worlds and trainings the numbers are."""
+    said = []
+    for amount, label in _AMOUNTS.items():
+        of: dict[str, int] = {}
+        for each in judged[amount].values():
+            of[each.of] = max(each.count, of.get(each.of, 0))
+        counts = [f"{count} {name}s" for name, count in of.items()]
+        said.append(f"{label}: {' and '.join(counts)}")
+    return f"Numbers are means over units: {'; '.join(said)}."
 
 
 def page(judged: Verdicts, asked: Questions, beside: Mapping[str, Row]) -> str:
@@ -205,6 +217,7 @@ def page(judged: Verdicts, asked: Questions, beside: Mapping[str, Row]) -> str:
         [
             "## What does the paper claim?",
             textwrap.fill(" ".join(_CLAIMED.split()), _PAGE_WIDTH),
+            _counts(judged),
             claims_in_docs(judged),
             in_docs(asked, beside),
         ]
