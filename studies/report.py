@@ -144,7 +144,9 @@ def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {"verdicts": figures.verdict_counts(by_label(judged))}
     for k, part in enumerate(_parts()):
-        drawn[f"part-{k}"] = figures.verdicts(of_part(part, judged))
+        found = of_part(part, judged)
+        if any(found.values()):
+            drawn[f"part-{k}"] = figures.verdicts(found)
     evidence = Evidence(PAPER, data)
     for label, function in figures.FIGURES.items():
         with contextlib.suppress(claims.NotMeasured):
