@@ -6,6 +6,7 @@ and with which plan each optimisation begins.
 
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from clothlab import data
@@ -73,7 +74,7 @@ def _distances(
     trials = data.load_trials(RECORDINGS[learned.arm.name])
     runs = [learned.to_run(trial) for trial in trials if trial.cloth.name == cloth]
     z_ref = encode(learned.autoencoder, mask)
-    recorded = nearest_plans(runs, z_ref, count=1).distance[0]
+    recorded = nearest_plans(runs, z_ref, count=1).distance[0] if runs else np.nan
 
     controlled = target_distance(learned.autoencoder, control, mask)
     at_random = target_distance(learned.autoencoder, random, mask)

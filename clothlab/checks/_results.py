@@ -36,41 +36,10 @@ _CASES = (
     _Case(
         t=0.3,
         n=5,
-        margin=1.0,
+        margin=0.1,
         truth=0,
         otherwise="the interval holds zero and reaches beyond the margin, so nothing "
         "is known: return 0",
-    ),
-    _Case(
-        t=0.3,
-        n=5,
-        margin=5.0,
-        truth=2,
-        otherwise="the whole interval is within the margin, so there is no difference "
-        "that matters: return 2",
-    ),
-    _Case(
-        t=0.3,
-        n=5,
-        margin=2.0,
-        truth=0,
-        otherwise="that the mean is within the margin is not enough: the whole "
-        "interval has to be",
-    ),
-    _Case(
-        t=4.0,
-        n=5,
-        margin=9.0,
-        truth=2,
-        otherwise="an interval without zero may still be within the margin: such a "
-        "difference is sure, but too small to matter, so look at the margin first",
-    ),
-    _Case(
-        t=-4.0,
-        n=5,
-        margin=9.0,
-        truth=2,
-        otherwise="the margin counts on both sides of zero",
     ),
     _Case(
         t=4.0,
@@ -103,6 +72,37 @@ _CASES = (
         truth=1,
         otherwise="with twenty values 2.776 is too much: the degrees of freedom are "
         "one less than the values",
+    ),
+    _Case(
+        t=0.3,
+        n=5,
+        margin=5.0,
+        truth=2,
+        otherwise="the whole interval is within the margin, so there is no difference "
+        "that matters: return 2",
+    ),
+    _Case(
+        t=0.3,
+        n=5,
+        margin=2.0,
+        truth=0,
+        otherwise="that the mean is within the margin is not enough: the whole "
+        "interval has to be",
+    ),
+    _Case(
+        t=4.0,
+        n=5,
+        margin=9.0,
+        truth=2,
+        otherwise="an interval without zero may still be within the margin: such a "
+        "difference is sure, but too small to matter, so look at the margin first",
+    ),
+    _Case(
+        t=-4.0,
+        n=5,
+        margin=9.0,
+        truth=2,
+        otherwise="the margin counts on both sides of zero",
     ),
 )
 
