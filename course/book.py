@@ -34,6 +34,7 @@ PAGES = (
     "docs/course/*.*",
     "docs/course/problems/*.md",
     "docs/gallery/*",
+    "docs/results/*",
 )
 
 
