@@ -104,6 +104,7 @@ site-tested: site-built
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	$(BIN)/python scripts/same_verdicts.py
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)

@@ -261,6 +261,8 @@ def test_a_periodic_warm_start_is_asked_for(world, monkeypatch):
 
 def test_the_share_of_near_steps_is_counted(world, monkeypatch):
     world.learned = toy.learned("muscle", FOAMS)
+    # A trial of no arm can't be sent again
+    monkeypatch.setattr(stiffness, "_motion", lambda trial, *, in_full: {})
     distances = np.array([0.2, 0.4, 0.6, 3.0])
     shown = np.pad(distances[:, None], ((0, 0), (0, 2)))
     trial = toy.trial_of(shown, arm="muscle", cloth="hard-1")
@@ -339,7 +341,7 @@ def test_of_every_method_the_first_throw_in_a_known_world_is_known(
     runs = [world.learned.to_run(trial) for trial in recorded]
     replaced = {
         "recorded_runs": lambda learned: runs,
-        "_aim": lambda arm, target: toy.image_of(aim),
+        "known_aim": lambda arm, target: toy.image_of(aim),
         "_random_z": lambda *_: np.ones((24, 3)),
     }
     for name, instead in replaced.items():
@@ -688,3 +690,30 @@ def test_the_border_is_where_laying_and_throwing_stop_working(monkeypatch):
     assert row["best_slow"].all()
     assert row["best_thrown"].all()
     assert row["best_thrown"].shape == row["best_slow"].shape == (20,)
+
+
+def swings(delay=0.0, period=1.6, depth=1.0, samples=400):
+    """Joint angles [samples, 2] of an arm in swing, its shoulder so much later [s]."""
+    seconds = np.arange(samples) * 0.02
+    turns = 2 * np.pi * np.stack([seconds - delay, seconds], axis=1) / period
+    return depth * np.sin(turns)
+
+
+@pytest.mark.parametrize("delay", [-0.1, 0.0, 0.06, 0.2])
+def test_the_delay_of_the_shoulder_is_found(delay):
+    assert stiffness._delay_of_shoulder(swings(delay)) == pytest.approx(delay)
+    assert stiffness._delay_of_shoulder(np.ones((400, 2))) == 0
+
+
+def test_an_arm_in_swing_comes_down_in_a_third_of_its_period_however_wide():
+    # The range of a sine is 2, and its highest speed 2 pi / T
+    for depth in (0.2, 1.0):
+        times = stiffness._lowering_times(swings(depth=depth))
+        assert times == pytest.approx(np.full(4, 1.6 / np.pi), rel=0.01)
+
+
+def test_the_fall_of_tension_begins_where_the_shoulder_is_highest():
+    shoulder = np.tile([0.5, 0.2, -0.4, -0.9, 0.0, 0.4, 0.8, 1.0], 3)
+    tension = np.tile([10, 20, 40, 60, 50, 40, 30, 15], 3)
+    commands = np.stack([shoulder, 0 * shoulder, tension], axis=1)
+    assert list(stiffness._falls_of_tension(commands)) == [45, 45]
