@@ -126,7 +126,7 @@ def test_each_rival_trains_and_reaches(kind):
     few = replace(fair_rivals.BUDGET, epochs=1)
     trained = fair_rivals.train(kind, 0, 260, few)
     method = fair_rivals.METHODS[kind]
-    far = another_robot.control(trained, method, another_robot.BETWEEN[0], False, 0)
+    far = another_robot.control(trained, method, another_robot.MATERIALS[0], False, 0)
     assert far.shape == (10,)
     assert (far < 0.42).all()
 
