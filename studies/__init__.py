@@ -46,6 +46,7 @@ from studies import (
     sysid_benchmark,
     table_setting,
     transfer,
+    what_p_buys,
     what_p_shows,
 )
 from studies._grid import PAPER, Experiment
@@ -66,6 +67,7 @@ _MODULES = (  # in the order of docs/results.md
     iterative_control,
     oracle,
     transfer,
+    what_p_buys,
     material_change,
     identifiability,
     sysid_benchmark,

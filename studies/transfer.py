@@ -116,7 +116,7 @@ _CONTROLLERS: dict[str, Callable[[ClothCheckpoint, np.ndarray, np.ndarray], Poli
 
 
 @cache
-def _aim(arm: str, target: str) -> np.ndarray:
+def known_aim(arm: str, target: str) -> np.ndarray:
     """The target as the autoencoder knows it (`known_target`), `[H, W]`.
 
     That is the target itself, or the most similar one of every fourth recorded image.
@@ -224,7 +224,7 @@ def _run_one(
         among = REPLAYS[method](learned.biases, cloth, value)
         policy = _replay(learned, mask, among)
     else:
-        aim = _aim(arm, target) if method == CHOSEN else mask
+        aim = known_aim(arm, target) if method == CHOSEN else mask
         policy = _CONTROLLERS[method](learned, aim, value)
     steps = periods * ControlSettings.period
     seed = 51_000 + 100 * model + repeat

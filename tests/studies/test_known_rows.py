@@ -339,7 +339,7 @@ def test_of_every_method_the_first_throw_in_a_known_world_is_known(
     runs = [world.learned.to_run(trial) for trial in recorded]
     replaced = {
         "recorded_runs": lambda learned: runs,
-        "_aim": lambda arm, target: toy.image_of(aim),
+        "known_aim": lambda arm, target: toy.image_of(aim),
         "_random_z": lambda *_: np.ones((24, 3)),
     }
     for name, instead in replaced.items():
