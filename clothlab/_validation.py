@@ -235,7 +235,7 @@ def setting(
     return dataclasses.field(default=default, metadata={"unit": unit, "bounds": bounds})
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Checked:
     """Settings that check types and bounds of their fields when they are made.
 

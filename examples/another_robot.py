@@ -152,12 +152,13 @@ def columns(biases: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 class ContextEncoder(nn.Module):
     """The last steps to p, in place of p's training.
 
-    From `[B, CONTEXT, D_s + D_u]` to `[B, D_p]`.
+    From `[B, context, D_s + D_u]` to `[B, D_p]`.
     """
 
-    def __init__(self, model: DPMPB):
+    def __init__(self, model: DPMPB, context: int = CONTEXT):
         super().__init__()
-        width = CONTEXT * (model.state_size + model.command_size)
+        self.context = context
+        width = context * (model.state_size + model.command_size)
         self.layers = nn.Sequential(
             nn.Flatten(),
             nn.Linear(width, 100),
@@ -168,7 +169,7 @@ class ContextEncoder(nn.Module):
         self.std = torch.cat([model.s_std, model.u_std])
 
     def forward(self, s: Tensor, u: Tensor) -> Tensor:
-        """p of states `[B, CONTEXT, D_s]` and commands `[B, CONTEXT, D_u]`."""
+        """p of states `[B, context, D_s]` and commands `[B, context, D_u]`."""
         steps = torch.cat([s, u], dim=-1)
         return self.layers((steps - self.mean) / self.std)
 
@@ -182,24 +183,24 @@ class TrainedRobot(NamedTuple):
 
 
 def train_with_context(
-    runs: list[Run], settings: ModelTraining, seed: int
+    runs: list[Run], settings: ModelTraining, seed: int, context: int = CONTEXT
 ) -> tuple[DPMPB, ContextEncoder]:
     """The same network, loss and training, with an encoder in place of p.
 
     p is what it makes of the steps before a sequence.
     """
     # Each sequence has those steps before it
-    length = CONTEXT + settings.sequence_length
+    length = context + settings.sequence_length
     s, u, _ = windows(runs, length, settings.stride)
     with seeded(seed):
         model = quicken(DPMPB(s.shape[-1], u.shape[-1], settings.bias_size))
         set_normalisation(model, runs)
-        encoder = ContextEncoder(model)
+        encoder = ContextEncoder(model, context)
 
         def loss(index: Tensor) -> Tensor:
-            p = encoder(s[index, :CONTEXT], u[index, :CONTEXT])
-            predicted, _ = model(s[index, CONTEXT:-1], u[index, CONTEXT:], p)
-            return model.loss(predicted, s[index, CONTEXT + 1 :])
+            p = encoder(s[index, :context], u[index, :context])
+            predicted, _ = model(s[index, context:-1], u[index, context:], p)
+            return model.loss(predicted, s[index, context + 1 :])
 
         def batches() -> Sequence[Tensor]:
             return torch.randperm(len(s)).split(settings.batch_size)
@@ -213,7 +214,7 @@ def train_with_context(
 @torch.no_grad()
 def encoded_bias(encoder: ContextEncoder, run: Run) -> np.ndarray:
     """Mean p `[D_p]` of all stretches of a run."""
-    s, u, _ = windows([run], CONTEXT, 1)
+    s, u, _ = windows([run], encoder.context, 1)
     return encoder(s[:, :-1], u).mean(0).numpy()
 
 
@@ -418,7 +419,7 @@ class Attempts:
         method: str, trained: TrainedRobot, material: Material
     ) -> np.ndarray:
         """p at the start `[D_p]`."""
-        if method in ("estimated p", "p = 0", "context encoder"):
+        if method in ("estimated p", "p = 0", "without p", "context encoder"):
             return np.zeros(trained.model.bias_size)
         right = trained.biases[str(material)]
         if method == "wrong p":
@@ -437,9 +438,11 @@ class Attempts:
         step = self.t - ESTIMATE
         begins = step >= 0 and step % ATTEMPT == 0
 
-        # An encoder takes all that was seen so far
+        # An encoder takes all that was seen so far; what comes next is not in it
         if begins and self.encoder is not None:
-            seen = Run(np.array(self.states), np.array(self.commands), "")
+            states = np.array([*self.states, s])
+            commands = np.array([*self.commands, np.zeros(2)])
+            seen = Run(states, commands, "")
             self.controller.set_bias(encoded_bias(self.encoder, seen))
 
         # Move
@@ -475,13 +478,29 @@ def control(
         seed: of goals and random commands.
     """
     torch.set_num_threads(1)
-    env = make_robot(material)
-    goals = draw_goals(seed)
-    policy: Callable[[np.ndarray], np.ndarray]
     if trained is None:
-        policy = without_model(method, env, seed)
-    else:
-        policy = Attempts(method, trained, material, replan, seed)
+        env = make_robot(material)
+        return attempts(without_model(method, env, seed), material, seed, env)
+    policy = Attempts(method, trained, material, replan, seed)
+    return attempts(policy, material, seed)
+
+
+def attempts(
+    policy: Callable[[np.ndarray], np.ndarray],
+    material: Material,
+    seed: int,
+    env: Any = None,
+) -> np.ndarray:
+    """How far the tip ends from each of ten goals `[10]` [m].
+
+    Args:
+        policy: state → command; its first 10 s are its own.
+        material: of the robot.
+        seed: of the goals.
+        env: the robot, if the policy has it, too.
+    """
+    env = env or make_robot(material)
+    goals = draw_goals(seed)
 
     # One step more: the state after the last attempt is seen before it
     steps = ESTIMATE + ATTEMPT * len(goals) + 1

@@ -26,8 +26,9 @@ def verdicts_in(text: str) -> Verdicts:
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         _, mark, rest = cells[0].partition("**")
         claim, end, _ = rest.partition("**")
-        if mark and end:
-            found[claim] = tuple(cell for cell in cells[1:] if cell in VERDICTS)
+        verdicts = tuple(cell for cell in cells[1:] if cell in VERDICTS)
+        if mark and end and verdicts:
+            found[claim] = verdicts
     return found
 
 

@@ -3,15 +3,15 @@
 One is without p, one is given C_damp and C_mass in its place.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.training import train_dpmpb
-from clothlab.simulation.cloth import get_cloth
 from studies._grid import shared
-from studies._runs import config_of, recorded_runs, trained
+from studies._runs import config_of, find_cloth, recorded_runs, trained
 
 KINDS = ("none", "known")
 
@@ -32,7 +32,8 @@ def train(kind: str, arm: str, seed: int) -> ClothCheckpoint:
     if kind == "none":
         settings = replace(settings, bias_size=0)
     else:
-        known = _constants([*learned.biases])
+        names = [*learned.biases]
+        known = {name: constants(name, names) for name in names}
 
     runs = recorded_runs(learned)
     model, biases, trace = train_dpmpb(
@@ -41,9 +42,12 @@ def train(kind: str, arm: str, seed: int) -> ClothCheckpoint:
     return replace(learned, model=model, biases=biases, losses=trace.losses)
 
 
-def _constants(names: list[str]) -> dict[str, np.ndarray]:
-    """Standardised log C_damp and log C_mass of cloths, `{name: [2]}`."""
-    cloths = [get_cloth(name) for name in names]
-    logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths])
-    standardised = (logs - logs.mean(0)) / logs.std(0)
-    return dict(zip(names, standardised, strict=True))
+def constants(name: str, recorded: Sequence[str]) -> np.ndarray:
+    """Log C_damp and log C_mass of a cloth `[2]`, standardised by recorded ones."""
+    logs = np.array([_logs(each) for each in recorded])
+    return (_logs(name) - logs.mean(0)) / logs.std(0)
+
+
+def _logs(name: str) -> np.ndarray:
+    cloth = find_cloth(name)
+    return np.log([cloth.damping, cloth.mass])

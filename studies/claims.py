@@ -14,10 +14,11 @@ and have no verdict of their own.
 
 import contextlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,7 @@ from scipy.stats import spearmanr
 from clothlab._store import Folder
 from clothlab._validation import choose
 from clothlab.analysis import best_per_period, crossed_interval, rate_interval
+from clothlab.claims import Findings
 from clothlab.simulation.cloth import get_cloth
 from clothlab.tables import load
 from studies._grid import PAPER
@@ -60,6 +62,7 @@ class Claim:
     notebook: str
     why: str
     chance: float | None = None
+    varies: bool = True
 
     def verdict(self, low: float, high: float) -> str:
         """One of `VERDICTS`, by the ends of a 95 % interval."""
@@ -123,18 +126,29 @@ class Evidence:
 
     def __init__(self, amount: str = PAPER, data: Folder = None):
         self.amount = amount
-        self._data = data
         self.of = "training"
+        self._data = data
+        self._read: dict[str, pd.DataFrame] = {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table; `NotMeasured` if there is none of this amount."""
-        table = self._stored(f"worlds-{name}{self.amount}")
-        if table is None:
-            table = self._stored(f"{name}{self.amount}")
-        if table is None:
-            raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
+        if name not in self._read:
+            self._read[name] = self._find(name)
+        table = self._read[name]
         self.of = "world" if "world" in table else "training"
-        return table.assign(unit=table["world" if "world" in table else "model"])
+        return table
+
+    def _find(self, name: str) -> pd.DataFrame:
+        """Of worlds, or of trainings, with the number of each unit."""
+        worlds = self._stored(f"worlds-{name}{self.amount}")
+        if worlds is not None:
+            return worlds.assign(unit=worlds["world"])
+        trainings = self._stored(f"{name}{self.amount}")
+        if trainings is None:
+            raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
+        if "model" not in trainings:  # one for all
+            return trainings.assign(unit=0)
+        return trainings.assign(unit=trainings["model"])
 
     def _stored(self, name: str) -> pd.DataFrame | None:
         with contextlib.suppress(KeyError):
@@ -311,11 +325,12 @@ def _heavy_is_easier(evidence: Evidence) -> pd.Series:
 
 
 def _reproducible(evidence: Evidence) -> pd.Series:
-    """A quarter less how far each nearness is from the mean, mean of four tasks."""
-    near = []
-    for target in (1, 2):
-        near += [_near(evidence, target, cloth) for cloth in _CLOTHS]
-    table = pd.concat(near, axis=1)
+    """A quarter less how far each best distance is from the mean, of four tasks."""
+    best = []
+    for target, cloth in product((1, 2), _CLOTHS):
+        runs = _task(evidence, target, cloth)
+        best.append(_of_world(_median_best(runs, "control"), runs))
+    table = pd.concat(best, axis=1)
     return 0.25 - (table / table.mean() - 1).abs().mean(axis=1)
 
 
@@ -566,9 +581,14 @@ def numbers(name: str, amount: str = PAPER, *, data: Folder = None) -> pd.Series
 def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
     """Mean, interval and verdict of a claim; `NotMeasured` as `numbers` has it."""
     claim = choose("claim", name, all_claims())
-    evidence = Evidence(amount, data)
-    found = _NUMBERS[name](evidence)
-    if claim.chance is None:
+    return _judge(claim, Evidence(amount, data))
+
+
+def _judge(claim: Claim, evidence: Evidence) -> Judged:
+    found = _NUMBERS[claim.name](evidence)
+    if not claim.varies:
+        mean = low = high = float(found.item())
+    elif claim.chance is None:
         mean, low, high = crossed_interval(found.to_numpy(dtype=float)[:, None])
     else:
         mean, low, high = (each - claim.chance for each in rate_interval(found))
@@ -577,8 +597,70 @@ def judge(name: str, amount: str = PAPER, *, data: Folder = None) -> Judged:
 
 def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
     """All claims that were measured with an amount of recordings, in order."""
+    evidence = Evidence(amount, data)
     found = []
-    for name in all_claims():
+    for claim in all_claims().values():
         with contextlib.suppress(NotMeasured):
-            found.append(judge(name, amount, data=data))
+            found.append(_judge(claim, evidence))
     return found
+
+
+def side_by_side(*names: str, data: Folder = None) -> pd.DataFrame:
+    """What is measured for claims, in words: a column for each amount of recordings."""
+    columns = {PAPER: "the paper's amount", TWENTY: "twenty times as many"}
+    table: dict[str, dict[str, str]] = {}
+    for amount in AMOUNTS:
+        measured = {}
+        for name in names:
+            measured[all_claims()[name].short] = _in_words(name, amount, data)
+        table[columns[amount]] = measured
+    return pd.DataFrame(table)
+
+
+def _in_words(name: str, amount: str, data: Folder) -> str:
+    try:
+        found = judge(name, amount, data=data)
+    except NotMeasured:
+        return "not measured"
+    return f"{found.verdict}: {found.figure}, {found.count} {found.of}s"
+
+
+# Conditions of a notebook
+
+
+def lower_end(values: np.ndarray) -> float:
+    """Of the interval of numbers `[units]`, or of differences `[units, repeats]`."""
+    return crossed_interval(np.reshape(values, (len(values), -1)))[1]
+
+
+def upper_end(values: np.ndarray) -> float:
+    """The other one."""
+    return crossed_interval(np.reshape(values, (len(values), -1)))[2]
+
+
+def farther_end(values: np.ndarray) -> float:
+    """How far from zero the farther of both is."""
+    return max(abs(lower_end(values)), abs(upper_end(values)))
+
+
+def state(
+    findings: Findings, verdict: str, names: Sequence[str], amount: str = PAPER
+) -> None:
+    """State that claims have the verdict that a page says they have.
+
+    Args:
+        findings: of the page.
+        verdict: "holds", "contradicted" or "equal".
+        names: of the claims.
+        amount: of recordings.
+    """
+    for name in names:
+        values = numbers(name, amount).to_numpy(dtype=float)
+        claim = f"{name}: {verdict}"
+        if verdict == "holds":
+            findings.stored(claim, lower_end, above=0, values=values)
+        elif verdict == "contradicted":
+            findings.stored(claim, upper_end, below=0, values=values)
+        else:
+            margin = all_claims()[name].margin
+            findings.stored(claim, farther_end, below=margin, values=values)

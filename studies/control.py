@@ -6,11 +6,10 @@ and with which plan each optimisation begins.
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import best_per_period, target_distance
+from clothlab.analysis import target_distance
 from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.iterative import nearest_plans
@@ -111,19 +110,11 @@ def _row(key: str, task: str, runs: pd.DataFrame, at_most: float) -> Row:
     """One task, all trainings."""
     control = median_best(runs["control"])
     random = median_best(runs["random"])
-    by_training = [np.median(best_per_period(each)) for each in runs["control"]]
-    still = runs["still"].iloc[0]
-    empty = runs["empty"].iloc[0]
     return Row(
         key,
         f"{task}: best distance a period, median, over that of random commands",
         control / random,
-        spread=float(np.std([best / random for best in by_training])),
-        paper="Control better",
-        below=1,
         at_most=at_most,
-        note=f"{control:.2f} / {random:.2f}; hanging still {still:.2f}, empty image "
-        f"{empty:.2f}",
     )
 
 

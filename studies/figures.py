@@ -37,16 +37,11 @@ VERDICT_COLOURS = {
 def maps(evidence: Evidence) -> Figure:
     """Trained p on its principal axes, a map for each unit; first with estimates."""
     trained = biases_of(evidence, "torque")
-    columns = min(len(trained), 5)
-    rows = -(-len(trained) // columns)
-    figure, axes = plots.new_axes(rows, columns, size=(2.9, 2.7))
     runs = evidence["estimation"]
-    for ax, (unit, biases) in zip(axes.flat, trained.items(), strict=False):
+    figure, axes = _small_multiples([*trained], evidence.of)
+    for ax, (unit, biases) in zip(axes, trained.items(), strict=True):
         estimates = runs[(runs["unit"] == unit) & runs["cloth"].isin(SHOWN)]
         _draw_map(ax, biases, estimates.drop_duplicates("cloth"))
-        ax.set_title(f"{evidence.of} {unit}", fontsize=11)
-    for ax in axes.flat[len(trained) :]:
-        ax.set_axis_off()
 
     # What colours, markers and lines say
     key = []
@@ -60,6 +55,18 @@ def maps(evidence: Evidence) -> Figure:
     key.append(Line2D([], [], color="0.3", label="estimate, from p = 0"))
     figure.legend(handles=key, loc="outside lower center", ncols=4, fontsize=10)
     return figure
+
+
+def _small_multiples(units: Sequence[int], of: str) -> tuple[Figure, list[Axes]]:
+    """A small panel for each unit, at most five in a row."""
+    columns = min(max(len(units), 3), 5)
+    rows = -(-len(units) // columns)
+    figure, axes = plots.new_axes(rows, columns, size=(2.9, 2.7))
+    for ax, unit in zip(axes.flat, units, strict=False):
+        ax.set_title(f"{of} {unit}", fontsize=11)
+    for ax in axes.flat[len(units) :]:
+        ax.set_axis_off()
+    return figure, [*axes.flat[: len(units)]]
 
 
 def _draw_map(ax: Axes, biases: dict[str, np.ndarray], estimates: pd.DataFrame) -> None:
@@ -178,11 +185,10 @@ def chamfer_scatter(evidence: Evidence) -> Figure:
 def foam_maps(evidence: Evidence) -> Figure:
     """Trained p of four foams, and estimates of three under control."""
     trained = biases_of(evidence, "muscle")
-    columns = min(len(trained), 5)
-    rows = -(-len(trained) // columns)
-    figure, axes = plots.new_axes(rows, columns, size=(2.9, 2.7))
     runs = evidence["foam_estimation"].query("motion == 'control'")
-    for ax, (unit, biases) in zip(axes.flat, trained.items(), strict=False):
+    figure, axes = _small_multiples([*trained], evidence.of)
+    for ax, (unit, biases) in zip(axes, trained.items(), strict=True):
+        # The trained ones
         for k, (name, p) in enumerate(biases.items()):
             look: dict[str, Any] = {
                 "color": plots.COLOURS[k],
@@ -190,17 +196,15 @@ def foam_maps(evidence: Evidence) -> Figure:
                 "ls": "none",
             }
             ax.plot(*p, ms=9, label=name, **look)
+
+        # The ways of the estimates
         of_unit = runs[runs["unit"] == unit]
-        for k, (trace, name) in enumerate(
-            zip(of_unit["trace"], of_unit["cloth"], strict=True)
-        ):
+        ways = zip(of_unit["trace"], of_unit["cloth"], strict=True)
+        for k, (trace, name) in enumerate(ways):
             look = {"color": "0.3", "ls": plots.STYLES[k], "lw": 1}
             ax.plot(*np.asarray(trace).T, label=f"estimate of {name}", **look)
-        ax.set_title(f"{evidence.of} {unit}", fontsize=11)
         ax.set(xlabel="p, first number", ylabel="p, second number")
-    for ax in axes.flat[len(trained) :]:
-        ax.set_axis_off()
-    lines = axes.flat[0].get_legend_handles_labels()
+    lines = axes[0].get_legend_handles_labels()
     figure.legend(*lines, loc="outside lower center", ncols=4, fontsize=10)
     return figure
 
@@ -211,11 +215,14 @@ def foam_throws(evidence: Evidence) -> Figure:
     table = evidence["foam_control"]
     table = table[(table["condition"] == CORRECT) & (table["theta"].map(len) > 0)]
     for column, foam in zip(axes.T, FOAMS, strict=True):
+        # One run's angles and tensions
         run = table[table["cloth"] == foam].iloc[0]
         theta = np.asarray(run["theta"])
         tension = np.asarray(run["commands"])[:, 2]
-        fine = CONTROL_PERIOD * len(tension) / len(theta)
-        seconds = np.arange(len(theta)) * fine
+        seconds = np.linspace(0, len(tension) * CONTROL_PERIOD, len(theta))
+        steps = np.arange(len(tension)) * CONTROL_PERIOD
+
+        # Angles above, tension below
         for k, joint in enumerate(("shoulder", "elbow")):
             look: dict[str, Any] = {
                 "color": plots.COLOURS[k],
@@ -223,7 +230,6 @@ def foam_throws(evidence: Evidence) -> Figure:
                 "lw": 2,
             }
             column[0].plot(seconds, np.rad2deg(theta[:, k]), label=joint, **look)
-        steps = np.arange(len(tension)) * CONTROL_PERIOD
         column[1].step(steps, tension, where="post", color=plots.COLOURS[2], lw=2)
         column[0].set_title(foam)
         column[1].set(xlabel="time [s]", xlim=(5, 15))
@@ -254,6 +260,8 @@ def foam_quantities(evidence: Evidence) -> Figure:
     """Nearness, least and largest distance and hand speed, by condition."""
     figure, axes = plots.new_axes(1, 4, size=(3.2, 3.2))
     table = evidence["foam_control"]
+
+    # What is shown of each run
     speed = table["peak_hand_speed"].map(lambda row: row[0] if len(row) else np.nan)
     quantities = {
         "nearness [0 to 1]": table["distance"].map(nearness),
@@ -261,22 +269,21 @@ def foam_quantities(evidence: Evidence) -> Figure:
         "largest distance\n[s.d. of z]": table["distance"].map(np.max),
         "highest hand speed\n[m/s]": speed,
     }
+
+    # A panel for each, with both foams side by side under each condition
+    names = [name.removeprefix("Correct").strip(", ") or name for name in _CONDITIONS]
     for ax, (label, values) in zip(axes[0], quantities.items(), strict=True):
         for k, foam in enumerate(FOAMS):
-            found = values.groupby([table["condition"], table["cloth"]])
-            mean = found.mean().xs(foam, level=1).reindex(_CONDITIONS)
-            spread = found.std().xs(foam, level=1).reindex(_CONDITIONS)
-            x = np.arange(len(_CONDITIONS)) + 0.2 * (k - 0.5)
+            of_foam = values[table["cloth"] == foam].groupby(table["condition"])
+            mean = of_foam.mean().reindex(_CONDITIONS).dropna()
+            spread = of_foam.std().reindex(mean.index).fillna(0)
+            x = [_CONDITIONS.index(name) + 0.2 * (k - 0.5) for name in mean.index]
             look: dict[str, Any] = {
                 "color": plots.COLOURS[k],
                 "fmt": "os"[k],
                 "capsize": 3,
             }
             ax.errorbar(x, mean, spread, label=foam, **look)
-        names = [
-            name.replace("Correct, ", "").replace("Correct ", "")
-            for name in _CONDITIONS
-        ]
         ax.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=9)
         ax.set_ylabel(label)
     axes[0, 0].legend(fontsize=10)
@@ -287,36 +294,88 @@ def verdicts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
     """Means and intervals of claims in units of their margins, by amount.
 
     Args:
-        judged: for each amount of recordings, by its label, the claims in one order.
+        judged: for each amount of recordings, by its label, claims in their order.
     """
-    first = next(iter(judged.values()))
-    rows = {each.claim.name: k for k, each in enumerate(first)}
-    figure, ((ax,),) = plots.new_axes(size=(11.0, 1.2 + 0.3 * len(first)))
+    # A row for each claim, in which the amounts stand below each other
+    claims = {
+        each.claim.name: each.claim for found in judged.values() for each in found
+    }
+    rows = {name: k for k, name in enumerate(claims)}
+    height = 1.5 + 0.42 * len(rows)
+    figure, ((ax,),) = plots.new_axes(size=(11.0, height))
     ax.axvspan(-1, 1, color="0.9", zorder=0)
-    for k, (label, found) in enumerate(judged.items()):
+    for k, found in enumerate(judged.values()):
         for each in found:
             y = rows[each.claim.name] + 0.32 * (k - 0.5)
             _draw_interval(ax, each, y, "oD"[k])
-        ax.plot([], [], "oD"[k], color="0.3", label=label)
-    for name, colour in VERDICT_COLOURS.items():
-        ax.plot([], [], "s", color=colour, label=name)
-    ax.set_yticks(range(len(first)), [each.claim.short for each in first], fontsize=10)
-    ax.set_ylim(len(first) - 0.5, -0.5)
-    ax.set_xlim(-_scaled(1e9) * 1.03, _scaled(1e9) * 1.03)
+
+    # What rows, colours and markers say
+    ax.set_yticks(range(len(rows)), [claim.short for claim in claims.values()])
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    edge = 1.03 * _scaled(np.inf)
+    ax.set_xlim(-edge, edge)
     ticks = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
     ax.set_xticks([_scaled(tick) for tick in ticks], [str(tick) for tick in ticks])
-    ax.set_xlabel(
-        "against the paper   ←   number over its margin   →   as the paper says"
-    )
-    figure.legend(loc="outside upper center", ncols=6, fontsize=10)
+    ax.set_xlabel("against the paper  ←  number over its margin  →  as the paper says")
+    markers = _verdict_key()
+    for k, label in enumerate(judged):
+        markers.append(
+            Line2D([], [], color="0.3", marker="oD"[k], ls="none", label=label)
+        )
+    figure.legend(handles=markers, loc="outside upper center", ncols=3, fontsize=11)
     return figure
+
+
+def _verdict_key() -> list[Line2D]:
+    """Entries of a legend for the colours of verdicts."""
+    look: dict[str, Any] = {"marker": "s", "ls": "none"}
+    return [
+        Line2D([], [], color=colour, label=verdict, **look)
+        for verdict, colour in VERDICT_COLOURS.items()
+    ]
+
+
+def verdict_counts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
+    """How many claims have which verdict, by part of the paper and amount."""
+    # A bar for each part and amount
+    parts = dict.fromkeys(
+        each.claim.part for found in judged.values() for each in found
+    )
+    figure, ((ax,),) = plots.new_axes(size=(9.5, 0.9 * len(parts) + 1.2))
+    ticks = []
+    for n, part in enumerate(parts):
+        for k, (label, found) in enumerate(judged.items()):
+            y = n + 0.36 * (k - 0.5)
+            words = [each.verdict for each in found if each.claim.part == part]
+            _draw_counts(ax, y, words)
+            ticks.append((y, f"{part}, {label}" if k == 0 else label))
+
+    # Words
+    ax.set_yticks([y for y, _ in ticks], [label for _, label in ticks], fontsize=10)
+    ax.set_ylim(len(parts) - 0.5, -0.5)
+    ax.set_xlabel("claims of the paper")
+    figure.legend(handles=_verdict_key(), loc="outside upper center", ncols=4)
+    return figure
+
+
+def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:
+    """One bar: its pieces are verdicts, with their numbers in them."""
+    start = 0
+    for verdict, colour in VERDICT_COLOURS.items():
+        count = words.count(verdict)
+        if count:
+            ax.barh(y, count, 0.3, left=start, color=colour)
+            ax.text(
+                start + count / 2, y, str(count), ha="center", va="center", fontsize=9
+            )
+        start += count
 
 
 def _scaled(number: float) -> float:
     """Linear within a margin, logarithmic beyond, and cut at 30 margins."""
     number = float(np.clip(number, -30, 30))
     size = abs(number)
-    return number if size <= 1 else np.sign(number) * (1 + np.log(size))
+    return number if size <= 1 else float(np.sign(number) * (1 + np.log(size)))
 
 
 def _draw_interval(ax: Axes, judged: Judged, y: float, marker: str) -> None:

@@ -24,7 +24,7 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.trials import to_run
 from studies._grid import Experiment, Tables, grid, over
 from studies._rows import Row
-from studies._runs import EVALUATION, RECORDINGS, moved_at_random, trained
+from studies._runs import EVALUATION, RECORDINGS, errors_ahead, moved_at_random, trained
 
 _WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images
 _WARM = 10  # steps of a window that only fill the memory [step]
@@ -213,27 +213,16 @@ def _loss(model: DPMPB | Stack, p: Tensor, runs: Sequence[Run]) -> float:
     return float(_squared(model, predicted[:, _WARM:], s[:, _WARM + 1 :]))
 
 
-@torch.no_grad()
 def _errors_ahead(
     model: DPMPB | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
 ) -> np.ndarray:
     """Distances in z of closed loops to the truth [s.d.], `[N, _HORIZON]`."""
     errors = []
     for run in runs:
-        s = torch.as_tensor(run.s)
-        u = torch.as_tensor(run.u)
+        starts = range(_EVERY, len(run) - _HORIZON, _EVERY)
         p = biases[run.material]
-        for start in range(_EVERY, len(run) - _HORIZON, _EVERY):
-            # All that was recorded fills the memory; then predictions come back
-            _, memory = model(s[None, :start], u[None, :start], p)
-            now = s[None, start : start + 1]
-            predicted = []
-            for t in range(start, start + _HORIZON):
-                now, memory = model(now, u[None, t : t + 1], p, memory)
-                predicted.append(now[0, 0])
-            gap = torch.stack(predicted) - s[start + 1 : start + 1 + _HORIZON]
-            errors.append(gap[:, :3].norm(dim=1).numpy())
-    return np.stack(errors)
+        errors.append(errors_ahead(model, run, p, starts, _HORIZON))
+    return np.concatenate(errors)
 
 
 def _forget(damping: float, seed: int, steps: int = 24) -> dict[str, Any]:

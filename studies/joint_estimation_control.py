@@ -120,9 +120,6 @@ def _rows(tables: Tables) -> list[Row]:
         f"control from a wrong p: distance to the right p after {seconds:g} s, over "
         "that of the start",
         table["ratio"].mean(),
-        spread=table["ratio"].std(ddof=0),
-        paper="approaches",
-        below=1,
         at_most=1 / 3,
     )
     return [row]

@@ -3,6 +3,7 @@
 Both pages, README and `docs/results.md`, are written from the stored tables alone.
 """
 
+import contextlib
 import textwrap
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -104,33 +105,57 @@ def _number_and_verdict(judged: Judged | None) -> tuple[str, str]:
     return judged.short, judged.verdict
 
 
-def claims_in_docs(judged: Verdicts) -> str:
-    """All claims under the parts of the paper, each with its figures."""
+def of_part(part: str, judged: Verdicts) -> dict[str, list[Judged]]:
+    """Judged claims of one part of the paper, by the amount of recordings in words."""
+    found = {}
+    for amount, label in _AMOUNTS.items():
+        every = judged[amount].values()
+        found[label] = [each for each in every if each.claim.part == part]
+    return found
+
+
+def _parts() -> dict[str, list[Claim]]:
+    """Claims by the part of the paper."""
     parts: dict[str, list[Claim]] = {}
     for claim in claims.all_claims().values():
         parts.setdefault(claim.part, []).append(claim)
-    written = [f"![{_ALL}](results/verdicts.png)"]
-    for part, those in parts.items():
+    return parts
+
+
+def claims_in_docs(judged: Verdicts) -> str:
+    """All claims under the parts of the paper, each part with its figures."""
+    written = [f"![{_COUNTS}](results/verdicts.png)"]
+    for k, (part, those) in enumerate(_parts().items()):
         written.append(f"### {part[0].upper()}{part[1:]}")
         for label in dict.fromkeys(claim.figure for claim in those):
             if label in figures.FIGURES:
                 about = figures.FIGURES[label].__doc__ or ""
                 written.append(f"![{about.splitlines()[0]}](results/{label}.png)")
+        written.append(f"![Numbers over their margins: {part}](results/part-{k}.png)")
         written.append(claims_table(those, judged))
     return "\n\n".join(written)
 
 
-_ALL = "Every claim: its number over its margin, with both amounts of recordings"
+_COUNTS = "How many claims of each part of the paper have which verdict"
 
 
 def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
     """Draw all figures of the page into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
+    drawn = {"verdicts": figures.verdict_counts(by_label(judged))}
+    for k, part in enumerate(_parts()):
+        drawn[f"part-{k}"] = figures.verdicts(of_part(part, judged))
     evidence = Evidence(PAPER, data)
     for label, function in figures.FIGURES.items():
-        function(evidence).savefig(folder / f"{label}.png", dpi=80)
-    both = {_AMOUNTS[amount]: [*judged[amount].values()] for amount in claims.AMOUNTS}
-    figures.verdicts(both).savefig(folder / "verdicts.png", dpi=80)
+        with contextlib.suppress(claims.NotMeasured):
+            drawn[label] = function(evidence)
+    for name, figure in drawn.items():
+        figure.savefig(folder / f"{name}.png", dpi=80)
+
+
+def by_label(judged: Verdicts) -> dict[str, list[Judged]]:
+    """All judged claims, by the amount of recordings in words."""
+    return {label: [*judged[amount].values()] for amount, label in _AMOUNTS.items()}
 
 
 def in_docs(asked: Questions, beside: Mapping[str, Row]) -> str:
@@ -168,10 +193,22 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     asked = questions(stored(data=data))
     beside = by_key(questions(stored(PAPER, data=data)))
     chosen = [claims.all_claims()[name] for name in CLAIMS]
-    _write(folder, "README.md", claims_table(chosen, judged))
+    _write(folder, "README.md", f"{claims_table(chosen, judged)}\n\n{_counts(judged)}")
     _write(folder, "docs/results.md", page(judged, asked, beside))
     draw(folder / "docs" / "results", judged, data=data)
     return [*chain(*asked.values())]
+
+
+def _counts(judged: Verdicts) -> str:
+    """Over how many worlds and trainings the numbers are."""
+    said = []
+    for amount, label in _AMOUNTS.items():
+        of: dict[str, int] = {}
+        for each in judged[amount].values():
+            of[each.of] = max(each.count, of.get(each.of, 0))
+        counts = [f"{count} {name}s" for name, count in of.items()]
+        said.append(f"{label}: {' and '.join(counts)}")
+    return f"Numbers are means over units: {'; '.join(said)}."
 
 
 def page(judged: Verdicts, asked: Questions, beside: Mapping[str, Row]) -> str:
@@ -180,6 +217,7 @@ def page(judged: Verdicts, asked: Questions, beside: Mapping[str, Row]) -> str:
         [
             "## What does the paper claim?",
             textwrap.fill(" ".join(_CLAIMED.split()), _PAGE_WIDTH),
+            _counts(judged),
             claims_in_docs(judged),
             in_docs(asked, beside),
         ]

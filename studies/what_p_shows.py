@@ -173,10 +173,10 @@ def _recorded_by_one(
 
 def _half_of(runs: list[Run], recorded_by: str) -> list[Run]:
     """One of the two runs of each cloth, or the first half of both."""
-    operator, random = runs[::2], runs[1::2]
     if recorded_by == "both":
         return [run[: len(run) // 2] for run in runs]
-    return choose("recording", recorded_by, {"random": random, "operator": operator})
+    halves = {"operator": runs[::2], "random": runs[1::2]}
+    return choose("recording", recorded_by, halves)
 
 
 def _judged(

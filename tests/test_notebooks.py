@@ -181,7 +181,11 @@ def test_every_finding_has_a_condition_in_the_last_cell_and_types_no_figure(path
     if findings or claims:
         assert claims == [found[-1]], "conditions stand in one cell, the last one"
         assert (
-            len(re.findall(r"findings\.(?:stored|live)\(", claims[0].source))
+            len(
+                re.findall(
+                    r"findings\.(?:stored|live)\(|claims\.state\(", claims[0].source
+                )
+            )
             >= len(findings)
             > 0
         )

@@ -14,6 +14,7 @@ from clothlab._validation import (
     choose,
     setting,
 )
+from clothlab.method.data import Run
 
 NO_NUMBERS = [np.nan, np.inf, "1", None, True, 1j, [1.0], 10**400]
 
@@ -156,3 +157,12 @@ def test_settings_take_lists_and_numpy_and_can_be_written_as_json():
 def test_a_setting_that_is_refused_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         Widths(**given)
+
+
+def test_what_holds_arrays_equals_nothing_but_itself():
+    """A cache by runs would otherwise give one of them what belongs to another."""
+    one, other = (Run(np.full((3, 2), k), np.zeros((3, 1)), "a") for k in (0, 1))
+    assert one == one
+    assert one != other
+    assert len({one, other}) == 2
+    assert Widths(3) == Widths(3.0) != Widths(4)

@@ -23,7 +23,7 @@ from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run
 from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import NotVisibleError, find_cloth_centre
-from studies.table_scene.scene import Basket
+from studies.table_scene.scene import Basket, Furniture
 from studies.table_scene.servoing import AHEAD_LOW, CLEAR, RobotDriver, grasp
 from studies.table_scene.table_env import ClothPose, Placement, TableEnv
 from studies.table_scene.throwing import (
@@ -273,10 +273,52 @@ def successful_throws(learned: ClothCheckpoint) -> tuple[Run, ...]:
 
 
 @cache
-def spread_target(foam: str = FOAM) -> np.ndarray:
-    """Mask `[H, W]` of the foam as it should lie, laid by hand."""
-    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
-        return laid_by_hand(env, TARGET_AHEAD)
+def spread_target(foam: str = FOAM, near: float = Furniture.near) -> np.ndarray:
+    """Mask `[H, W]` of the foam as it should lie, laid by hand.
+
+    The table's edge is `near` ahead of the shoulder [m], and the cloth always lies as
+    far behind it.
+    """
+    furniture = Furniture(near=near)
+    with closing(TableEnv(ARM, foam, furniture=furniture, start_in="hand")) as env:
+        return laid_by_hand(env, TARGET_AHEAD + near - Furniture.near)
+
+
+def excite(driver: RobotDriver, learned: ClothCheckpoint) -> np.ndarray:
+    """Swing the cloth in the hand to feel which it is: the estimate of p `[D_p]`."""
+    estimator = NewtonEstimator(learned.model, np.zeros(learned.model.bias_size))
+    excitation = ExcitationPolicy(driver.env.arm)
+    estimating = EstimatingPolicy(excitation, estimator, learned.autoencoder)
+    throw(driver, estimating, EXCITATION)
+    return estimating.trace[-1]
+
+
+def throw_policy(
+    env: TableEnv,
+    learned: ClothCheckpoint,
+    target: np.ndarray,
+    p: np.ndarray,
+    settings: ThrowSettings | None = None,
+) -> ThrowPolicy:
+    """Throws a cloth like recorded ones, so that it comes to lie as a mask shows.
+
+    Args:
+        env: the scene with the table; the arm rests at the home that it has there.
+        learned: the model, and its trained p.
+        target: mask `[H, W]`.
+        p: of the cloth in the hand `[D_p]`.
+        settings: how a throw is planned.
+    """
+    return ThrowPolicy(
+        learned.model,
+        learned.autoencoder,
+        env.arm,
+        target,
+        p,
+        successful_throws(learned),
+        learned.biases,
+        settings,
+    )
 
 
 def excite_and_throw(
@@ -286,25 +328,11 @@ def excite_and_throw(
 
     Returned are the estimate `[D_p]` and the policy that threw.
     """
-    # Swing, to feel which cloth it is
-    arm = driver.env.arm
-    estimator = NewtonEstimator(learned.model, np.zeros(learned.model.bias_size))
-    excitation = ExcitationPolicy(arm)
-    estimating = EstimatingPolicy(excitation, estimator, learned.autoencoder)
-    throw(driver, estimating, EXCITATION)
-    p = estimating.trace[-1]
+    p = excite(driver, learned)
 
     # Throw as that material flew
     nearest = nearest_material(p, learned.biases)
-    policy = ThrowPolicy(
-        learned.model,
-        learned.autoencoder,
-        arm,
-        spread_target(),
-        learned.biases[nearest],
-        successful_throws(learned),
-        learned.biases,
-        settings,
-    )
+    known = learned.biases[nearest]
+    policy = throw_policy(driver.env, learned, spread_target(), known, settings)
     throw(driver, policy, done=lambda: policy.done)
     return p, policy

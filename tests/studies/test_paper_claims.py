@@ -170,7 +170,7 @@ def test_estimates_of_another_cloth_find_nothing(altered):
         return table.assign(nearest=rng.permutation(table["nearest"]))
 
     altered("estimation", shuffled)
-    assert claims.judge("estimate_finds").verdict in ("contradicted", "inconclusive")
+    assert claims.judge("estimate_finds").verdict != "holds"
 
 
 def test_time_reversed_runs_improve_the_other_way(altered):

@@ -67,15 +67,13 @@ def test_rows_are_computed_once_for_each_amount_of_recordings(tmp_path, monkeypa
     assert (row.value, computed) == (2.0, [["counted"]] * 2)
     written = (tmp_path / "docs" / "results.md").read_text()
     assert "## A question?\n\nA paragraph.\n\n| " in written
-    assert "| what | – | 3.00 | 2.00 |" in written
+    assert "| what | 3.00 | 2.00 |  |" in written
 
 
 @pytest.mark.slow
 def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others(rows):
     here, papers = rows
-    assert len(here) <= 65
-    assert set(report.README) <= here.keys()
-    assert len(report.README) <= 15
+    assert len(here) <= 90
     assert papers.keys() <= here.keys()
 
 
@@ -94,30 +92,13 @@ def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
     assert (row.here, row.aim, row.met) == ("0.75", aim, met)
 
 
-@pytest.mark.parametrize(
-    ("value", "interval", "bounds", "verdict"),
-    [
-        (-0.4, None, {"below": 0}, "holds"),
-        (0.1, None, {"below": 0}, "does not hold"),
-        (-0.1, (-0.2, 0.1), {"below": 0}, "not significant"),
-        (-0.4, (-0.5, -0.3), {"below": 0}, "holds"),
-        (3.8, (1.0, 7.0), {"above": 10}, "does not hold"),
-        (0.4, (0.3, 0.5), {}, "–"),
-    ],
-)
-def test_a_verdict_is_left_open_where_the_interval_reaches_beyond_the_bound(
-    value, interval, bounds, verdict
-):
-    assert Row("k", "what", value, interval=interval, **bounds).verdict == verdict
-
-
 def test_markdown_has_a_line_for_each_row():
     few = Row("b", "b", 2.0, " %")
     rows = [
-        Row("a", "a", 2.0, paper="1", spread=0.1, note="of 3"),
+        Row("a", "a", 2.0),
         Row("b", "b", 3.0, " %", at_least=4, interval=(1.2, 4.8)),
     ]
     assert report.table(rows, {"b": few}).splitlines()[2:] == [
-        "| a | 1 |  | 2.00 ± 0.10 (of 3) | – |  |",
-        "| b | – | 2.00 % | 3.00 % (1 to 5 %) | ≥ 4 % | not met |",
+        "| a |  | 2.00 |  |",
+        "| b | 2.00 % | 3.00 % (1 to 5 %) | ≥ 4 %: not met |",
     ]

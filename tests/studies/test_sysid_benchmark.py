@@ -10,7 +10,7 @@ import pytest
 from clothlab.simulation.cloth import CLOTHS
 from studies import get, sysid_benchmark
 from studies.sysid import logs
-from studies.sysid_benchmark import _ALL, _METHODS, over_bound
+from studies.sysid_benchmark import _ALL, _METHODS, error_gaps, over_bound
 
 MIDDLE = CLOTHS["damp0.05-mass0.10"]
 
@@ -79,3 +79,19 @@ def test_errors_are_compared_with_the_bound_of_the_same_cloth():
         pd.DataFrame(runs), pd.DataFrame(known), "z + joints", "C_damp / C_mass"
     )
     assert over == pytest.approx([0.2 / 0.1, 0.1 / 0.05])
+
+
+def test_errors_are_compared_on_the_cloths_that_both_methods_have():
+    rows = []
+    for cloth, worse in (("a", 0.2), ("b", 0.4)):
+        for model in range(2):
+            error = np.array([[0.1 + worse, 0.0], [-0.1, 0.0]])
+            rows.append({"method": "p", "cloth": cloth, "model": model, "error": error})
+        fitted = np.array([[0.1, 0.0], [0.1, 0.0]])
+        rows.append({"method": "sysid", "cloth": cloth, "model": 0, "error": fitted})
+    lone = {"method": "sysid", "cloth": "c", "model": 0, "error": fitted + 9}
+    table = pd.DataFrame([*rows, lone])
+    gaps = error_gaps(table, ("p", 0), ("sysid", 1), "C_damp")
+    assert gaps == pytest.approx(np.array([[0.2, 0.2], [0.4, 0.4]]))
+    gaps = error_gaps(table, ("p", 1), ("p", 0), "C_damp")
+    assert gaps == pytest.approx(np.array([[-0.2, -0.2], [-0.4, -0.4]]))

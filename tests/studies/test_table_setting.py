@@ -89,7 +89,7 @@ def learned(monkeypatch):
         monkeypatch.setattr(
             module,
             "spread_target",
-            lambda foam="hard-1": recorded("hard-1", 3).images[0],
+            lambda foam="hard-1", near=0.35: recorded("hard-1", 3).images[0],
         )
     return found
 
@@ -151,6 +151,55 @@ def test_the_border_is_tried_with_every_margin_and_every_throw(monkeypatch):
     assert not far["slow"].any()
     assert not far["best_slow"].any()
     assert far["thrown"].tolist() == far["best_thrown"].tolist() == [False, False]
+
+
+def test_what_the_model_takes_for_p_is_right_wrong_or_felt(learned, monkeypatch):
+    def known(p):
+        return table_setting._known_bias(None, learned, "hard-1", p).tolist()
+
+    monkeypatch.setattr(table_setting, "excite", lambda *_: np.array([0.3, 0.1]))
+    assert known("right") == [0.5, 0.0]
+    assert known("wrong") == [-0.5, 0.0], "the farthest of all"
+    assert known("estimated") == [0.3, 0.1]
+
+
+def test_each_training_throws_from_a_start_of_its_own():
+    cases = pd.DataFrame(get("table_setting_learned").cases())
+    starts = cases.groupby("model")["start"].unique()
+    assert len(set.intersection(*map(set, starts))) == 1
+    assert len(set.union(*map(set, starts))) == 1 + len(starts)
+    judging = range(table_setting._CHOOSING, 3 + table_setting._JUDGING)
+    assert set(cases["start"]) <= {*judging}, "none of them chose the operator's throw"
+
+
+@pytest.mark.slow
+def test_the_target_moves_with_the_table():
+    near, far = (task.spread_target("hard-1", place) for place in (0.35, 0.45))
+    assert near.sum() > 200 < far.sum()
+    places = [np.argwhere(mask).mean(axis=0) for mask in (near, far)]
+    assert np.linalg.norm(np.subtract(*places)) > 3, "pixels"
+
+
+@pytest.mark.slow
+def test_a_learned_throw_is_judged_where_the_table_is(learned, monkeypatch):
+    tiny = ThrowSettings(steps=4, release=(1.0, 3.0), attempts=1, rest=1)
+    monkeypatch.setattr(task.ThrowPolicy, "__init__", with_settings(tiny))
+    run_one = get("table_setting_learned").run_one
+    row = run_one("hard-1", 0.45, "right", 0, 3)
+    assert row["released"]
+    assert row["predicted"] > 0
+    assert not row["spread"], "nobody learned to throw"
+    assert run_one("hard-1", 0.45, "recorded", 0, 3)["predicted"] is None
+
+
+def with_settings(settings):
+    """The policy's beginning, whatever settings it is given."""
+    begin = task.ThrowPolicy.__init__
+
+    def __init__(self, *given):
+        begin(self, *given[:-1], settings)
+
+    return __init__
 
 
 @pytest.mark.parametrize(
