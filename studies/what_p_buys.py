@@ -394,6 +394,8 @@ def _run_one(
     """
     hand = _hand(p, arm, target, cloth, model, seconds, materials)
     policy = _policy(method, sending, arm, model, hand)
+
+    # A first throw is its plan alone
     if periods == 1:
         plan = _first_plan(policy, hand)
         trial = _thrown(arm, cloth, plan.astype(np.float64).tobytes())
@@ -405,7 +407,6 @@ def _run_one(
     mask = data.load_target(target)
     autoencoder = hand.learned.autoencoder
     by_chance = target_distance(autoencoder, _chance(arm, cloth), mask)
-
     distance = target_distance(autoencoder, trial, mask)
     return {
         "best": best_per_period(distance).round(4),
@@ -590,6 +591,13 @@ def select(
 
     It is the first throw's, or the best one of all `periods`. The columns of the index
     are arm, target and cloth.
+
+    Args:
+        table: stored rows of `what_p_buys`.
+        method, p, sending: the way.
+        periods: of the runs; one for first throws.
+        seconds: of random commands from which p was estimated [s].
+        materials: recorded ones that were used, at most.
     """
     way = {"method": method, "p": p, "sending": sending, "periods": periods}
     way |= {"seconds": seconds, "materials": materials}
