@@ -173,13 +173,13 @@ class _ImprovingSearch(IterativeSearch):
 
 # How far a step of the evolution goes, and how the Gaussian process is set: chosen by
 # `refinement_development`, which `best_settings` reads.
-STEPS = (0.1, 0.2, 0.4)
+STEPS = (0.05, 0.1, 0.2, 0.4)
 PROCESSES = tuple(
     ProcessSettings(scale, caution)
     for scale in (1.0, 2.0, 4.0)
     for caution in (-0.1, 0.05, 1.0)
 )
-STEP = 0.2
+STEP = 0.1
 SETTINGS = ProcessSettings(scale=2.0, caution=0.05)
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 import toy
 
+import studies
 from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.iterative import nearest_plans
@@ -292,8 +293,14 @@ def test_verdicts_follow_the_margin(interval, said):
 
 
 def test_the_settings_in_use_are_the_best_of_the_development():
+    stored = studies.load("refinement_development")
+    in_use = (what_p_buys.STEP, what_p_buys.SETTINGS)
+    assert what_p_buys.best_settings(stored) == in_use
+
+
+def test_the_best_settings_are_those_of_the_least_distance():
     rows = []
-    for method, count in ((EVOLUTION, 3), (PROCESS, len(what_p_buys.PROCESSES))):
+    for method, count in ((EVOLUTION, 4), (PROCESS, 9)):
         for number in range(count):
             least = 0.1 if number == 1 else 0.4
             rows.append({"method": method, "number": number, "best": [0.5, least]})
