@@ -48,6 +48,7 @@ from studies import (
     table_setting,
     transfer,
     tuning,
+    what_p_buys,
     what_p_shows,
 )
 from studies._grid import PAPER, Experiment
@@ -70,6 +71,7 @@ _MODULES = (  # in the order of docs/results.md
     oracle,
     transfer,
     rivals,
+    what_p_buys,
     material_change,
     identifiability,
     sysid_benchmark,

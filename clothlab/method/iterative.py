@@ -31,6 +31,7 @@ from clothlab.method.control import (
     Limits,
     Problem,
     Solution,
+    _LossOfPlans,
     best_step,
     steepest_ascent,
 )
@@ -452,11 +453,13 @@ class IterativeSearch:
             losses = loss(plans)
         count = self.settings.starts if self.exploring else 1
         best = losses.argsort()[:count]
-        plans = plans[best]
-        losses = losses[best]
-        trace = [losses.min().item()]
+        return self._improved(problem, loss, plans[best], losses[best])
 
-        # Improve them side by side.
+    def _improved(
+        self, problem: Problem, loss: _LossOfPlans, plans: Tensor, losses: Tensor
+    ) -> _Choice:
+        """The best plan after a descent from plans `[B, T, D_u]` with losses `[B]`."""
+        trace = [losses.min().item()]
         few = replace(
             problem.settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP
         )

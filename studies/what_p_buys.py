@@ -1,0 +1,801 @@
+"""What does p buy? First throws and tenth periods with cloths that were never recorded.
+
+A throw needs a plan, and p may help to choose it in two places: it says which recorded
+cloth is like the one in the hand, and it is told to the network that predicts where a
+plan leads. Each row of the first table switches one of them. The plan of the first
+throw is the recorded one with the least
+
+    predicted² + trust (seen² + difference gap²)
+
+where `seen` is how near it came when it was recorded, `gap` the distance in p between
+the cloth of the recording and this one. All settings are those of iterative learning
+control but for what the table says:
+
+    knowledge                network       trust     difference
+    no p                     without p     1         0
+    p chooses                without p     very much 0.1
+    p chooses, blind         without p     1         0.1
+    p predicts               with p        1         0
+    both                     with p        1         0.1
+
+With so much trust predictions don't count: p chooses a recording, and nothing else
+does. "Blind" has the choice of "both" with a network that knows no p, so that "no p",
+"blind", "predicts" and "both" are the four corners of a square. The network without p
+was trained as the other one was, on the same recordings. From the third period on
+"p chooses" uses it, too.
+
+p itself is one of three: "estimated" is the continuous one, by Gauss-Newton from 40 s
+of random commands; "nearest" is the trained p of the recorded cloth that is nearest to
+it, and "farthest" that of the farthest one, as a control.
+
+The plan is sent in one of three ways: "as recorded", period after period; "replanned",
+twice as recorded and then as iterative learning control has it, by the outcomes and the
+network; "improved", where the network changes the plan before its first throw, by the
+descent of iterative learning control. The first throw of the first two is the same, so
+that rows of first throws have "as recorded" and "improved", longer ones "as recorded"
+and "replanned".
+
+Floors are replays: of the nearest recording of any cloth, or of the cloth with the
+nearest p. A replay of the same cloth exists for recorded cloths alone (`transfer`).
+Rivals without a network begin with the replay by nearest p, and refine it by its
+outcomes: an evolution strategy and a Gaussian process (`_without_network`), whose
+settings were chosen on recorded cloths whose own recordings were left out, and on
+targets of the development (`refinement_development`). The oracle, which searches on the
+true simulator, is that of `oracle_transfer`; it sees with the other autoencoder, and
+only its distance over that of random commands compares.
+
+All learned from the paper's amount of recordings. A unit is a new cloth and a target,
+crossed with the trainings: three of them for first throws, two for ten periods and for
+the curves, in which the network is not trained again. Distances are the best of a
+period over that of random commands with the same cloth.
+
+Written before the table was made. The margin is 0.05 of random commands' distance. By
+the 95 % interval of a difference over units and trainings (`crossed_interval`), all
+targets and both arms in one, then each by itself:
+
+* p is worth nothing if "both, estimated" minus "no p" lies within ± 0.05;
+* the continuous p is worth nothing over a class if "both, estimated" minus "both,
+  nearest" does, and nothing over the simplest use of a class if minus the replay by
+  nearest p does;
+* p in the prediction is worth nothing if "p predicts, estimated" minus the same with
+  the farthest p does;
+* the network is worth nothing beyond refinement without one if "both, estimated,
+  replanned" minus the evolution strategy or minus the Gaussian process does, by the
+  best of ten periods, which each of them could send again: else a strategy would be
+  blamed for what it tries.
+
+An interval below zero that is not within the margin is "worth something"; one above
+zero "does harm"; any other leaves it open.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from torch import nn
+
+from clothlab import data
+from clothlab.analysis import (
+    best_per_period,
+    crossed_interval,
+    nearest_material,
+    target_distance,
+)
+from clothlab.cloth_checkpoint import ClothCheckpoint
+from clothlab.method.cloth_task import ControlPolicy
+from clothlab.method.control import ControlSettings, Problem
+from clothlab.method.data import Run
+from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
+from clothlab.method.model import DPMPB
+from clothlab.method.policy import Policy
+from clothlab.policies import ReplayPolicy
+from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.trials import Trial
+from studies import ablations, transfer
+from studies._grid import PAPER, Case, Experiment, Tables, grid, shared
+from studies._rows import Row
+from studies._runs import (
+    NEW,
+    best_iou,
+    find_cloth,
+    new_trial,
+    own_cloth,
+    random_trial,
+    recorded_runs,
+    replay_nearest,
+    trained,
+)
+from studies._without_network import (
+    EvolutionPolicy,
+    ProcessPolicy,
+    ProcessSettings,
+    Refining,
+)
+
+MARGIN = 0.05  # of random commands' distance, written down beforehand
+_PERIOD = ControlSettings.period  # [step]
+_EXCITED = 200  # [step] of random commands from which p is estimated
+_CHANCE_PERIODS = 31  # of random commands with which throws are compared
+SECONDS = (2, 5, 10, 20, 40)  # of random commands
+MATERIALS = (9, 7, 5, 3)  # recorded ones that may be used
+
+# Methods: what is known of p, as the docstring's table has it
+NONE = "no p"
+CHOOSES = "p chooses"
+BLIND = "p chooses, blind"
+PREDICTS = "p predicts"
+BOTH = "both"
+# Floors, and refinement without a network
+ANY_OTHER = transfer.ANY_OTHER
+NEAREST_P = transfer.NEAREST_P
+EVOLUTION = "evolution strategy"
+PROCESS = "Gaussian process"
+# Ways to send a plan
+RECORDED = "as recorded"
+REPLANNED = "replanned"
+IMPROVED = "improved"
+
+
+@dataclass(frozen=True)
+class _Knowledge:
+    """Where p is used."""
+
+    in_prediction: bool
+    settings: IterativeLearningSettings
+
+
+_VERY_MUCH = 1e6
+_WITHOUT_GAP = IterativeLearningSettings(difference=0)
+_CHOICE_ALONE = IterativeLearningSettings(trust=_VERY_MUCH)
+_USUAL = IterativeLearningSettings()
+KNOWLEDGE = {
+    NONE: _Knowledge(False, _WITHOUT_GAP),
+    CHOOSES: _Knowledge(False, _CHOICE_ALONE),
+    BLIND: _Knowledge(False, _USUAL),
+    PREDICTS: _Knowledge(True, _WITHOUT_GAP),
+    BOTH: _Knowledge(True, _USUAL),
+}
+
+
+class _ImprovingSearch(IterativeSearch):
+    """Improves the recorded plan by the network before it is thrown."""
+
+    def _recorded_plan(self, problem: Problem) -> Any:
+        chosen = super()._recorded_plan(problem)
+        loss = self.forecast(problem).distance
+        plans = chosen.u[None]
+        return self._improved(problem, loss, plans, loss(plans).detach())
+
+
+# How far a step of the evolution goes, and how the Gaussian process is set: chosen by
+# `refinement_development`, which `best_settings` reads.
+STEPS = (0.05, 0.1, 0.2, 0.4)
+PROCESSES = tuple(
+    ProcessSettings(scale, caution)
+    for scale in (1.0, 2.0, 4.0)
+    for caution in (-0.1, 0.05, 1.0)
+)
+STEP = 0.1
+SETTINGS = ProcessSettings(scale=2.0, caution=0.05)
+
+
+# What is known before a throw
+
+
+def _weights(arm: str) -> str:
+    """Name of the trainings with the paper's amount of recordings."""
+    return arm + PAPER
+
+
+@shared
+def _excited(arm: str, cloth: str, model: int) -> Run:
+    """Random commands with the cloth in the hand, as the model sees them."""
+    learned = trained(f"{_weights(arm)}-{model}")
+    trial = random_trial(arm, find_cloth(cloth), _EXCITED, 50_000 + 100 * model)
+    return learned.to_run(trial)
+
+
+@shared
+def _estimates(arm: str, cloth: str, model: int) -> np.ndarray:
+    """p after each step of the random commands `[T, D_p]`."""
+    learned = trained(f"{_weights(arm)}-{model}")
+    run = _excited(arm, cloth, model)
+    _, path = estimate_bias(learned.model, run, method="newton")
+    return path
+
+
+@shared
+def _chance(arm: str, cloth: str) -> Trial:
+    """31 periods of random commands, with which throws are compared."""
+    steps = _CHANCE_PERIODS * _PERIOD
+    return random_trial(arm, find_cloth(cloth), steps, 58_000)
+
+
+@cache
+def _without_p(arm: str, model: int) -> DPMPB:
+    """The network that was trained without p."""
+    return _deaf(ablations.train("none", _weights(arm), model).model)
+
+
+def _deaf(model: DPMPB, bias_size: int = 2) -> DPMPB:
+    """The same predictions by a network that is told p and doesn't listen."""
+    deaf = DPMPB(model.state_size, model.command_size, bias_size)
+    weights = model.state_dict()
+    first = "fc_in.0.weight"  # p comes last
+    weights[first] = nn.functional.pad(weights[first], (0, bias_size))
+    deaf.load_state_dict(weights)
+    return deaf.eval().requires_grad_(False)
+
+
+class _Hand(NamedTuple):
+    """What is known of the cloth in the hand, and what may be used."""
+
+    learned: ClothCheckpoint  # its trained p are those of the materials in use
+    aim: np.ndarray  # the target as the autoencoder knows it [H, W]
+    runs: list[Run]  # recordings in use
+    p: np.ndarray  # [D_p]
+    s: np.ndarray  # the state at rest, in which a throw begins [D_s]
+
+
+def _hand(
+    p: str,
+    arm: str,
+    target: str,
+    cloth: str,
+    model: int,
+    seconds: float,
+    materials: int,
+) -> _Hand:
+    """What is known after some seconds of random commands."""
+    learned = trained(f"{_weights(arm)}-{model}")
+    runs = recorded_runs(learned)
+
+    # The recorded materials that may be used
+    names = _in_use([*learned.biases], cloth, model, materials)
+    biases = {name: learned.biases[name] for name in names}
+    runs = [run for run in runs if run.material in biases]
+
+    # p, as it is told
+    steps = round(seconds / CONTROL_PERIOD)
+    estimate = _estimates(arm, cloth, model)[steps - 1]
+    aim = transfer.known_aim(_weights(arm), target)
+    at_rest = _excited(arm, cloth, model).s[0]
+    told = _told(p, estimate, biases)
+    return _Hand(replace(learned, biases=biases), aim, runs, told, at_rest)
+
+
+def _in_use(names: list[str], cloth: str, model: int, count: int) -> list[str]:
+    """So many of the recorded materials at most, drawn anew for each cloth and model.
+
+    Fewer of them are among those of more.
+    """
+    rng = np.random.default_rng([model, *cloth.encode()])
+    drawn = {*rng.permutation(names)[:count]}
+    return [name for name in names if name in drawn]
+
+
+def _told(p: str, estimate: np.ndarray, biases: dict[str, np.ndarray]) -> np.ndarray:
+    """p of a kind, "estimated", "nearest" or "farthest"."""
+    if p == "estimated":
+        return estimate
+    if p == "nearest":
+        return biases[nearest_material(estimate, biases)]
+    return max(biases.values(), key=lambda each: np.linalg.norm(each - estimate))
+
+
+# Policies
+
+
+def _controller(method: str, sending: str, hand: _Hand, without: DPMPB) -> Policy:
+    """A controller with one of `KNOWLEDGE`."""
+    learned = hand.learned
+    knowledge = KNOWLEDGE[method]
+    model = learned.model if knowledge.in_prediction else without
+    kind = _ImprovingSearch if sending == IMPROVED else IterativeSearch
+    search = kind(hand.runs, knowledge.settings, biases=learned.biases)
+    return ControlPolicy(
+        model, learned.autoencoder, learned.arm, hand.aim, hand.p, search=search
+    )
+
+
+def _nearest_runs(hand: _Hand) -> list[Run]:
+    """Recordings of the cloth with the nearest p."""
+    name = nearest_material(hand.p, hand.learned.biases)
+    return [run for run in hand.runs if run.material == name]
+
+
+def _replay_any(hand: _Hand) -> Policy:
+    return replay_nearest(hand.runs, hand.learned.autoencoder, hand.aim)
+
+
+def _replay_nearest_p(hand: _Hand) -> Policy:
+    return replay_nearest(_nearest_runs(hand), hand.learned.autoencoder, hand.aim)
+
+
+def _evolution(hand: _Hand, step: float = STEP) -> Policy:
+    return EvolutionPolicy(hand.learned, hand.aim, _nearest_runs(hand), step)
+
+
+def _process(hand: _Hand, settings: ProcessSettings = SETTINGS) -> Policy:
+    return ProcessPolicy(hand.learned, hand.aim, _nearest_runs(hand), settings)
+
+
+# Those that ask no network
+_OTHERS: dict[str, Callable[[_Hand], Policy]] = {
+    ANY_OTHER: _replay_any,
+    NEAREST_P: _replay_nearest_p,
+    EVOLUTION: _evolution,
+    PROCESS: _process,
+}
+
+
+def _policy(method: str, sending: str, arm: str, model: int, hand: _Hand) -> Policy:
+    """What throws; a plan that is sent as recorded is a replay."""
+    if method in _OTHERS:
+        return _OTHERS[method](hand)
+    without = hand.learned.model
+    if not KNOWLEDGE[method].in_prediction:
+        without = _without_p(arm, model)
+    policy = _controller(method, sending, hand, without)
+    if sending == RECORDED:
+        plan = _first_plan(policy, hand)
+        return ReplayPolicy(np.tile(plan, (_CHANCE_PERIODS, 1)))
+    return policy
+
+
+def _first_plan(policy: Policy, hand: _Hand) -> np.ndarray:
+    """The plan `[T, D_u]` that is sent first, from the state at rest."""
+    if isinstance(policy, Refining):
+        return policy.first
+    if isinstance(policy, ReplayPolicy):
+        return policy.commands[:_PERIOD]
+    controller = policy.controller  # type: ignore[attr-defined]
+    controller.act(hand.s)
+    plan = controller.learned.under_way.u
+    controller.reset()
+    return plan.double().numpy()
+
+
+@lru_cache(maxsize=500)
+def _thrown(arm: str, cloth: str, plan: bytes) -> Trial:
+    """One period with a cloth that hangs at rest: several ways may send the same."""
+    commands = np.frombuffer(plan).reshape(_PERIOD, -1)
+    last = np.concatenate([commands, commands[-1:]])  # what it led to is seen
+    return new_trial(ReplayPolicy(last), arm, find_cloth(cloth), _PERIOD + 1, 0)
+
+
+def _run_one(
+    method: str,
+    p: str,
+    sending: str,
+    arm: str,
+    target: str,
+    cloth: str,
+    model: int,
+    seconds: int = SECONDS[-1],
+    materials: int = MATERIALS[0],
+    periods: int = 1,
+) -> dict[str, Any]:
+    """Best distance and best IoU in each period `[P]`.
+
+    Args:
+        method: one of `KNOWLEDGE`, a floor, or a refinement without a network.
+        p: "estimated", "nearest" or "farthest".
+        sending: of the plan: as recorded, replanned or improved.
+        arm, target, cloth: of the task, by name.
+        model: seed of the training.
+        seconds: of random commands from which p is estimated [s].
+        materials: recorded ones that may be used, at most.
+        periods: of the run.
+    """
+    hand = _hand(p, arm, target, cloth, model, seconds, materials)
+    policy = _policy(method, sending, arm, model, hand)
+
+    # A first throw is its plan alone
+    if periods == 1:
+        plan = _first_plan(policy, hand)
+        trial = _thrown(arm, cloth, plan.astype(np.float64).tobytes())
+    else:
+        steps = periods * _PERIOD + 1  # the end of the last one is seen
+        trial = new_trial(policy, arm, find_cloth(cloth), steps, 51_000 + 100 * model)
+
+    # What random commands with this cloth reach
+    mask = data.load_target(target)
+    autoencoder = hand.learned.autoencoder
+    by_chance = target_distance(autoencoder, _chance(arm, cloth), mask)
+    distance = target_distance(autoencoder, trial, mask)
+    return {
+        "best": best_per_period(distance).round(4),
+        "iou": best_iou(trial, mask).round(4),
+        "random": float(np.median(best_per_period(by_chance))),
+    }
+
+
+_Way = tuple[str, str, str]  # method, p, sending
+# First throws, and the main ways over ten periods
+FIRST = (
+    (ANY_OTHER, "estimated", RECORDED),
+    (NEAREST_P, "estimated", RECORDED),
+    (NONE, "estimated", RECORDED),
+    (NONE, "estimated", IMPROVED),
+    (CHOOSES, "estimated", RECORDED),
+    (CHOOSES, "nearest", RECORDED),
+    (CHOOSES, "estimated", IMPROVED),
+    (BLIND, "estimated", RECORDED),
+    (PREDICTS, "estimated", RECORDED),
+    (PREDICTS, "nearest", RECORDED),
+    (PREDICTS, "farthest", RECORDED),
+    (PREDICTS, "estimated", IMPROVED),
+    (BOTH, "estimated", RECORDED),
+    (BOTH, "nearest", RECORDED),
+    (BOTH, "farthest", RECORDED),
+    (BOTH, "estimated", IMPROVED),
+    (BOTH, "nearest", IMPROVED),
+)
+LONG = (
+    (BOTH, "estimated", REPLANNED),
+    (BOTH, "nearest", REPLANNED),
+    (NONE, "estimated", REPLANNED),
+    (CHOOSES, "estimated", REPLANNED),
+    (NEAREST_P, "estimated", RECORDED),
+    (EVOLUTION, "estimated", REPLANNED),
+    (PROCESS, "estimated", REPLANNED),
+)
+# Of the curves
+_CURVES = ((BOTH, "estimated", RECORDED), (NEAREST_P, "estimated", RECORDED))
+_TENTH = 10  # periods of a longer run
+
+
+def _cases(
+    model: Iterable[int] = range(3),
+    longer_model: Iterable[int] = range(2),
+    periods: int = _TENTH,
+) -> list[Case]:
+    """First throws of all ways with all tasks, then longer runs, then the curves.
+
+    Longer runs and curves are towards recorded targets alone, with fewer trainings.
+
+    Args:
+        model: seeds of the trainings of first throws.
+        longer_model: seeds of those of longer runs and curves.
+        periods: of the longer runs.
+    """
+    cases: list[Case] = []
+    for task in _with_each(model, _tasks()):
+        cases += _ways(FIRST, task, periods=1)
+    recorded = [task for task in _tasks() if "/" not in task["target"]]
+    for task in _with_each(longer_model, recorded):
+        cases += _ways(LONG, task, periods=periods)
+    for task in _with_each(longer_model, recorded):
+        cases += _of_curves(task)
+    return cases
+
+
+def _tasks() -> Iterator[dict[str, str]]:
+    """Each new cloth with each target of its arm, and two cloths with held-out ones.
+
+    These are targets and cloths for which `oracle_transfer` has a search.
+    """
+    for arm, targets in transfer.TARGETS.items():
+        for cloth in NEW[arm]:
+            yield from grid(arm=arm, target=targets, cloth=cloth.name)
+    held_out = [*data.load_targets("held-out")]
+    for cloth in NEW["torque"][-2:]:
+        yield from grid(arm="torque", target=held_out[::6], cloth=cloth.name)
+
+
+def _with_each(model: Iterable[int], tasks: Iterable[Case]) -> list[Case]:
+    """Tasks with one training after the other, since cloth by cloth throws recur."""
+    tasks = list(tasks)
+    return [task | {"model": each} for each in model for task in tasks]
+
+
+def _ways(which: Sequence[_Way], task: Case, **how: int) -> list[Case]:
+    """Some ways with one task."""
+    cases = []
+    for method, p, sending in which:
+        cases.append({"method": method, "p": p, "sending": sending} | task | how)
+    return cases
+
+
+def _of_curves(task: Case) -> list[Case]:
+    """Less to estimate p from, and fewer recorded materials.
+
+    With all of both it is a first throw. An arm with few recorded materials has a
+    shorter curve.
+    """
+    cases: list[Case] = []
+    for seconds in SECONDS[:-1]:
+        cases += _ways(_CURVES, task, seconds=seconds, periods=1)
+    recorded = len(trained(f"{_weights(task['arm'])}-0").biases)
+    for count in MATERIALS[1:]:
+        if count < recorded:
+            cases += _ways(_CURVES, task, materials=count, periods=1)
+    return cases
+
+
+# The settings of refinement without a network, on cloths that no other row is about
+
+
+def _refine(method: str, number: int, target: str) -> dict[str, Any]:
+    """Best distance in each of ten periods with a recorded cloth `[P]`.
+
+    It is replayed what was recorded with the one of the nearest trained p among the
+    other cloths: this cloth's own recordings are left out.
+
+    Args:
+        method: refinement without a network.
+        number: of the setting, in `STEPS` or `PROCESSES`.
+        target: of the development, by name.
+    """
+    # The target's own cloth, and what is known of the others
+    arm = target.split("/")[1].split("_")[0]
+    cloth = own_cloth(target)
+    learned = trained(f"{_weights(arm)}-0")
+    others = {name: p for name, p in learned.biases.items() if name != cloth}
+    runs = [run for run in recorded_runs(learned) if run.material in others]
+    aim = transfer.known_aim(_weights(arm), target)
+    p = learned.biases[cloth]
+    hand = _Hand(replace(learned, biases=others), aim, runs, p, runs[0].s[0])
+
+    # Ten periods with one of the settings
+    if method == EVOLUTION:
+        policy = _evolution(hand, STEPS[number])
+    else:
+        policy = _process(hand, PROCESSES[number])
+    steps = _TENTH * _PERIOD + 1
+    trial = new_trial(policy, arm, find_cloth(cloth), steps, 52_000)
+    mask = data.load_target(target)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    return {"best": best_per_period(distance).round(4)}
+
+
+def _settings_cases(target: Iterable[str] | None = None) -> list[Case]:
+    """All settings with every second target of the development."""
+    targets = [*(target or [*data.load_targets("development")][::2])]
+    evolution = grid(method=EVOLUTION, number=range(len(STEPS)), target=targets)
+    process = grid(method=PROCESS, number=range(len(PROCESSES)), target=targets)
+    return evolution + process
+
+
+def best_settings(table: pd.DataFrame) -> tuple[float, ProcessSettings]:
+    """The step and the settings of the least best distance in ten periods.
+
+    From stored rows of `refinement_development`: of the mean over targets of both arms,
+    in logarithms, since some targets are nearer than others.
+    """
+    logs = np.log(table["best"].map(np.min))
+    by_setting = logs.groupby([table["method"], table["number"]]).mean()
+    step = STEPS[int(by_setting[EVOLUTION].idxmin())]
+    return step, PROCESSES[int(by_setting[PROCESS].idxmin())]
+
+
+# What follows from the rows
+
+
+def select(
+    table: pd.DataFrame,
+    method: str,
+    p: str = "estimated",
+    sending: str = RECORDED,
+    *,
+    periods: int = 1,
+    seconds: int = SECONDS[-1],
+    materials: int = MATERIALS[0],
+) -> pd.DataFrame:
+    """Distance over that of random commands, tasks down and trainings across.
+
+    It is the first throw's, or the best one of all `periods`. The columns of the index
+    are arm, target and cloth.
+
+    Args:
+        table: stored rows of `what_p_buys`.
+        method, p, sending: the way.
+        periods: of the runs; one for first throws.
+        seconds: of random commands from which p was estimated [s].
+        materials: recorded ones that were used, at most.
+    """
+    way = {"method": method, "p": p, "sending": sending, "periods": periods}
+    way |= {"seconds": seconds, "materials": materials}
+    chosen = np.logical_and.reduce([table[key] == value for key, value in way.items()])
+    runs = table[chosen]
+    over = runs["best"].map(np.min) / runs["random"]
+    wide = runs.assign(over=over).pivot_table(
+        index=["arm", "target", "cloth"], columns="model", values="over"
+    )
+    return wide
+
+
+_RIGHT = (BOTH, "estimated", RECORDED)
+# What was asked beforehand: a name, and the two ways of which one is subtracted
+QUESTIONS: dict[str, tuple[_Way, _Way]] = {
+    "p": (_RIGHT, (NONE, "estimated", RECORDED)),
+    "continuous p over nearest trained": (_RIGHT, (BOTH, "nearest", RECORDED)),
+    "both over replay by nearest p": (_RIGHT, (NEAREST_P, "estimated", RECORDED)),
+    "right p in the prediction": (
+        (PREDICTS, "estimated", RECORDED),
+        (PREDICTS, "farthest", RECORDED),
+    ),
+}
+# Other differences that the table allows
+_MORE: dict[str, tuple[_Way, _Way]] = {
+    "p in the choice, blind": (
+        (BLIND, "estimated", RECORDED),
+        (NONE, "estimated", RECORDED),
+    ),
+    "p in the prediction": (
+        (PREDICTS, "estimated", RECORDED),
+        (NONE, "estimated", RECORDED),
+    ),
+    "prediction with p over choice alone": (_RIGHT, (CHOOSES, "estimated", RECORDED)),
+    "continuous p in the choice alone": (
+        (CHOOSES, "estimated", RECORDED),
+        (CHOOSES, "nearest", RECORDED),
+    ),
+    "continuous p in the prediction alone": (
+        (PREDICTS, "estimated", RECORDED),
+        (PREDICTS, "nearest", RECORDED),
+    ),
+    "right p": (_RIGHT, (BOTH, "farthest", RECORDED)),
+    "improved before the throw": ((BOTH, "estimated", IMPROVED), _RIGHT),
+    "p, improved": ((BOTH, "estimated", IMPROVED), (NONE, "estimated", IMPROVED)),
+}
+_LEARNED = (BOTH, "estimated", REPLANNED)
+# By the best of ten periods: first what was asked beforehand
+LATER: dict[str, tuple[_Way, _Way]] = {
+    "network over evolution": (_LEARNED, (EVOLUTION, "estimated", REPLANNED)),
+    "network over Gaussian process": (_LEARNED, (PROCESS, "estimated", REPLANNED)),
+    "p, ten periods": (_LEARNED, (NONE, "estimated", REPLANNED)),
+    "continuous p, ten periods": (_LEARNED, (BOTH, "nearest", REPLANNED)),
+    "network with p over one without": (_LEARNED, (CHOOSES, "estimated", REPLANNED)),
+    "learning over replay": (_LEARNED, (NEAREST_P, "estimated", RECORDED)),
+}
+
+
+def groups(values: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """All tasks `[tasks, trainings]`, those of each arm, and held-out targets."""
+    arms = values.index.get_level_values("arm")
+    held_out = values.index.get_level_values("target").str.contains("/")
+    found = {"all": values}
+    for arm in transfer.TARGETS:
+        found[arm] = values[(arms == arm) & ~held_out]
+    found["held-out"] = values[held_out]
+    return {name: part for name, part in found.items() if len(part)}
+
+
+def effects(table: pd.DataFrame) -> pd.DataFrame:
+    """Differences of ways, by question and group of tasks.
+
+    Columns are both means over that of random commands, their difference with the ends
+    of its 95 % interval over tasks and trainings, and the verdict.
+    """
+    rows = []
+    for questions, periods in ((QUESTIONS | _MORE, 1), (LATER, _TENTH)):
+        for question, (way, rival) in questions.items():
+            values = select(table, *way, periods=periods)
+            others = select(table, *rival, periods=periods)
+            their_groups = groups(others)
+            for group, part in groups(values).items():
+                other = their_groups[group]
+                gap, low, high = crossed_interval((part - other).to_numpy())
+                row = {"question": question, "group": group, "periods": periods}
+                row |= {"way": part.to_numpy().mean(), "rival": other.to_numpy().mean()}
+                row |= {"difference": gap, "low": low, "high": high}
+                rows.append(row | {"verdict": verdict(low, high)})
+    return pd.DataFrame(rows).set_index(["question", "group"])
+
+
+def verdict(low: float, high: float) -> str:
+    """What an interval says, by the margin."""
+    if low >= -MARGIN and high <= MARGIN:
+        return "worth nothing"
+    if high < 0:
+        return "worth something"
+    return "does harm" if low > 0 else "open"
+
+
+def table_of_ways(table: pd.DataFrame, oracle: pd.DataFrame) -> pd.DataFrame:
+    """Mean distance over random commands' of each way, by group of tasks.
+
+    Args:
+        table: stored rows of `what_p_buys`.
+        oracle: what `oracle_over_random` returns.
+    """
+    columns = {}
+    for way in FIRST:
+        columns[", ".join((*way, "first throw"))] = select(table, *way)
+    for way in LONG:
+        columns[", ".join((*way, "best of ten"))] = select(table, *way, periods=_TENTH)
+    columns["oracle, first throw"] = oracle
+    means = {}
+    for name, values in columns.items():
+        by_group = groups(values)
+        means[name] = {key: part.to_numpy().mean() for key, part in by_group.items()}
+    return pd.DataFrame(means).T
+
+
+def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """First throws of the search on the true simulator over random commands'.
+
+    One column, tasks as in `select`. Both are distances by the autoencoder of twenty
+    times the recordings.
+
+    Args:
+        search: stored rows of `oracle_transfer`.
+        runs: stored rows of `transfer`, which say how near random commands came.
+    """
+    keys = ["arm", "target", "cloth"]
+    by_distance = search[~search["overlap"].astype(bool)].set_index(keys)
+    first = by_distance["best"].map(lambda best: best[0])
+    random = runs.groupby(keys)["random"].mean()
+    wanted = pd.DataFrame(_tasks())[keys]
+    there = [tuple(task) for task in wanted.to_numpy()]
+    found = (first / random).dropna()
+    return found[found.index.isin(there)].to_frame("oracle")
+
+
+def curves(table: pd.DataFrame) -> pd.DataFrame:
+    """First throws over seconds of random commands, and over recorded materials.
+
+    A row for each arm, way and amount, with the mean and its 95 % interval.
+    """
+    rows = []
+    amounts = [("seconds", amount) for amount in SECONDS]
+    amounts += [("materials", amount) for amount in MATERIALS]
+    for way in _CURVES:
+        for over, amount in amounts:
+            values = select(table, *way, **{over: amount})  # type: ignore[arg-type]
+            for arm in transfer.TARGETS:
+                part = groups(values).get(arm)
+                if part is None:
+                    continue
+                mean, low, high = crossed_interval(part.to_numpy())
+                row = {"over": over, "amount": amount, "arm": arm, "method": way[0]}
+                rows.append(row | {"mean": mean, "low": low, "high": high})
+    return pd.DataFrame(rows)
+
+
+def _rows(tables: Tables) -> list[Row]:
+    """What was asked beforehand, over all tasks."""
+    found = effects(tables["what_p_buys"])
+    asked = [*QUESTIONS, *LATER][: len(QUESTIONS) + 2]
+    rows = []
+    for question in asked:
+        effect = found.loc[(question, "all")]
+        notes = [effect["verdict"]]
+        for group, part in found.loc[question].iterrows():
+            if group != "all":
+                notes.append(f"{group} {part['difference']:.2f}: {part['verdict']}")
+        when = "first throw" if effect["periods"] == 1 else "best of ten periods"
+        row = Row(
+            f"what_p_buys/{question}",
+            f"new cloths, {when}: {question}, difference over random commands'",
+            float(effect["difference"]),
+            interval=(float(effect["low"]), float(effect["high"])),
+            note="; ".join(notes),
+        )
+        rows.append(row)
+    return rows
+
+
+_ABOUT = """
+What does p buy?
+
+First throws and ten periods with cloths that were never recorded, where p chooses a
+recording, is told to the network, both or neither; beside replays and refinement
+without a network. Distances are the best of a period over that of random commands, less
+is better. "Worth nothing" is an interval within a margin of 0.05 that was written down
+before.
+"""
+EXPERIMENTS = (
+    Experiment(
+        "what_p_buys", _run_one, _cases, seconds=1, slow=True, rows=_rows, about=_ABOUT
+    ),
+    Experiment(
+        "refinement_development", _refine, _settings_cases, seconds=2, slow=True
+    ),
+)
