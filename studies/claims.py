@@ -150,6 +150,13 @@ class Evidence:
             return trainings.assign(unit=0)
         return trainings.assign(unit=trainings["model"])
 
+    def of_no_amount(self, name: str) -> pd.DataFrame:
+        """A table that no recordings stand behind; `NotMeasured` if there is none."""
+        table = self._stored(name)
+        if table is None:
+            raise NotMeasured(f"no table {name}: run `make results`")
+        return table
+
     def _stored(self, name: str) -> pd.DataFrame | None:
         with contextlib.suppress(KeyError):
             return load(name, data=self._data)
@@ -380,7 +387,7 @@ def _chamfer(evidence: Evidence, target: int) -> pd.Series:
 
 def _ellipse(evidence: Evidence) -> pd.Series:
     """The share of its area that the ellipse loses; nothing varies in it."""
-    table = load("stiffness_ellipse").query("spring == 'nonlinear'")
+    table = evidence.of_no_amount("stiffness_ellipse").query("spring == 'nonlinear'")
     areas = table.set_index("f_const")["area"]
     return pd.Series([1 - areas[70] / areas[10]])
 
@@ -503,7 +510,7 @@ def _table_set(evidence: Evidence) -> pd.Series:
     if evidence.amount == PAPER:
         raise NotMeasured("the table's model has one amount of recordings")
     evidence.of = "run"
-    runs = load("table_setting").query("method == 'dynamic'")
+    runs = evidence.of_no_amount("table_setting").query("method == 'dynamic'")
     return runs["spread"] & runs["placed"]
 
 

@@ -142,7 +142,9 @@ _COUNTS = "How many claims of each part of the paper have which verdict"
 def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
     """Draw all figures of the page into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = {"verdicts": figures.verdict_counts(by_label(judged))}
+    drawn = {}
+    if any(judged.values()):
+        drawn["verdicts"] = figures.verdict_counts(by_label(judged))
     for k, part in enumerate(_parts()):
         found = of_part(part, judged)
         if any(found.values()):
@@ -205,10 +207,12 @@ def _counts(judged: Verdicts) -> str:
     """Over how many worlds and trainings the numbers are."""
     said = []
     for amount, label in _AMOUNTS.items():
+        if not judged[amount]:
+            continue
         of: dict[str, int] = {}
         for each in judged[amount].values():
             of[each.of] = max(each.count, of.get(each.of, 0))
-        counts = [f"{count} {name}s" for name, count in of.items()]
+        counts = [f"{count} {name}{'s' * (count > 1)}" for name, count in of.items()]
         said.append(f"{label}: {' and '.join(counts)}")
     return f"Numbers are means over units: {'; '.join(said)}."
 

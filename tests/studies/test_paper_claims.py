@@ -126,6 +126,14 @@ def test_worlds_go_before_trainings_of_one_world(tmp_path):
         claims.judge("mass_in_p", TWENTY, data=tmp_path)
 
 
+def test_a_folder_with_one_table_has_the_claims_of_that_table(tmp_path):
+    table = pd.DataFrame([{"model": 0, "r2": np.array([0.9, 0.9])}])
+    save(table.assign(weights="torque-paper"), "self_organisation-paper", data=tmp_path)
+    names = {each.claim.name for each in claims.judged(data=tmp_path)}
+    assert names == {"damping_in_p", "mass_in_p", "mass_less_ordered"}
+    assert claims.judged(TWENTY, data=tmp_path) == []
+
+
 def test_one_number_decides_nothing(tmp_path):
     table = pd.DataFrame([{"model": 0, "r2": np.array([0.9, 0.9])}])
     save(table, "self_organisation-paper", data=tmp_path)
