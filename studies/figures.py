@@ -5,6 +5,7 @@ Lines are means over units, which are worlds or trainings, and bands their stand
 deviation; the paper has five of each.
 """
 
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -18,6 +19,7 @@ from clothlab import plots
 from clothlab.analysis import best_per_period, principal_axes
 from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import CONTROL_PERIOD
+from studies._rows import Row
 from studies._runs import HEAVY, LIGHT
 from studies.claims import SHOWN, Evidence, Judged, biases_of, nearness
 from studies.joint_estimation_control import ESTIMATED, HELD, KNOWLEDGE
@@ -356,6 +358,96 @@ def verdict_counts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
     ax.set_xlabel("claims of the paper")
     figure.legend(handles=_verdict_key(), loc="outside upper center", ncols=4)
     return figure
+
+
+def differences(
+    effects: pd.DataFrame, questions: Iterable[str], margin: float
+) -> Figure:
+    """Differences of two ways with their intervals, by question and group of tasks.
+
+    Args:
+        effects: rows by question and group, with `difference`, `low` and `high`.
+        questions: which of them, from above.
+        margin: a difference within it counts for nothing.
+    """
+    rows = [*questions]
+    groups = effects.loc[rows].index.unique("group")
+    figure, ((ax,),) = plots.new_axes(size=(11.0, 1.4 + 0.62 * len(rows)))
+    ax.axvspan(-margin, margin, color="0.9", zorder=0)
+    ax.axvline(0, color="0.5", lw=0.8)
+    for k, group in enumerate(groups):
+        of_group = effects.xs(group, level="group").reindex(rows)
+        look: dict[str, Any] = {"color": plots.COLOURS[k], "marker": "osDv"[k]}
+        for n, effect in enumerate(of_group.itertuples()):
+            y = n + 0.19 * (k - (len(groups) - 1) / 2)
+            ends = [effect.low, effect.high]
+            ax.plot(ends, [y, y], color=look["color"], lw=2.5, solid_capstyle="butt")
+            ax.plot(effect.difference, y, ms=6, **look)
+        ax.plot([], [], lw=2.5, label=group, **look)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlabel("nearer  ←  difference, over random commands' distance  →  farther")
+    figure.legend(loc="outside upper center", ncols=len(groups), fontsize=11)
+    return figure
+
+
+_MET_COLOURS = {True: plots.COLOURS[2], False: plots.COLOURS[1], None: plots.COLOURS[0]}
+
+
+def own_rows(rows: Sequence[Row], beside: Mapping[str, Row]) -> Figure:
+    """Rows of this project's own, with their intervals and aims; a panel for each unit.
+
+    Args:
+        rows: from above.
+        beside: those of the paper's amount of recordings, by key.
+    """
+    # Panels as high as their rows are many
+    by_unit: dict[str, list[Row]] = {}
+    for row in rows:
+        by_unit.setdefault(row.unit, []).append(row)
+    heights = [0.8 + len(those) for those in by_unit.values()]
+    size = (11.0, (0.8 + 0.55 * sum(heights)) / len(heights))  # of a panel
+    figure, axes = plots.new_axes(
+        len(by_unit), size=size, gridspec_kw={"height_ratios": heights}
+    )
+
+    # A row is a number, an interval and an aim
+    for (ax,), (unit, those) in zip(axes, by_unit.items(), strict=True):
+        for y, row in enumerate(those):
+            _draw_row(ax, y, row)
+            if row.key in beside:
+                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=9)
+        labels = [textwrap.fill(row.label, 58) for row in those]
+        ax.set_yticks(range(len(those)), labels, fontsize=10)
+        ax.set_ylim(len(those) - 0.5, -0.5)
+        if unit:
+            ax.set_xlabel(unit.strip())
+    figure.legend(handles=_row_key(), loc="outside upper center", ncols=5, fontsize=11)
+    return figure
+
+
+def _draw_row(ax: Axes, y: float, row: Row) -> None:
+    """A dot in the colour of its aim, its interval, and the aim's bounds as marks."""
+    colour = _MET_COLOURS[row.met]
+    if row.interval is not None:
+        ax.plot(row.interval, [y, y], color=colour, lw=2.5, solid_capstyle="butt")
+    ax.plot(row.value, y, "o", color=colour, ms=7)
+    for bound, marker in ((row.at_least, ">"), (row.at_most, "<")):
+        if bound is not None:
+            ax.plot(bound, y, marker, color="0.55", ms=8)
+
+
+def _row_key() -> list[Line2D]:
+    """Entries of a legend for rows with aims."""
+    labels = {True: "aim met", False: "aim not met", None: "no aim"}
+    key = []
+    for met, colour in _MET_COLOURS.items():
+        look: dict[str, Any] = {"marker": "o", "color": colour, "label": labels[met]}
+        key.append(Line2D([], [], ls="none", **look))
+    hollow: dict[str, Any] = {"marker": "o", "mfc": "none", "color": "0.3"}
+    key.append(Line2D([], [], ls="none", label="the paper's recordings", **hollow))
+    key.append(Line2D([], [], ls="none", marker=">", color="0.55", label="aim"))
+    return key
 
 
 def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ Both pages, README and `docs/results.md`, are written from the stored tables alo
 """
 
 import contextlib
+import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -139,7 +140,14 @@ def claims_in_docs(judged: Verdicts) -> str:
 _COUNTS = "How many claims of each part of the paper have which verdict"
 
 
-def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
+def draw(
+    folder: Path,
+    judged: Verdicts,
+    asked: Questions,
+    beside: Mapping[str, Row],
+    *,
+    data: Folder = None,
+) -> None:
     """Draw all figures of the page into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {}
@@ -153,6 +161,9 @@ def draw(folder: Path, judged: Verdicts, *, data: Folder = None) -> None:
     for label, function in figures.FIGURES.items():
         with contextlib.suppress(claims.NotMeasured):
             drawn[label] = function(evidence)
+    for about, rows in asked.items():
+        question = about.strip().splitlines()[0]
+        drawn[_named(question)] = figures.own_rows(rows, beside)
     for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png", dpi=80)
 
@@ -169,8 +180,15 @@ def in_docs(asked: Questions, beside: Mapping[str, Row]) -> str:
         question, paragraph = about.strip().split("\n\n")[:2]
         parts.append(f"## {question}")
         parts.append(textwrap.fill(" ".join(paragraph.split()), _PAGE_WIDTH))
+        parts.append(f"![The rows below, with aims](results/{_named(question)}.png)")
         parts.append(table(rows, beside))
     return "\n\n".join(parts)
+
+
+def _named(question: str) -> str:
+    """Name of the figure above a table, from its question."""
+    words = re.findall(r"[a-z]+", question.lower().replace("_", ""))
+    return "-".join(["own", *words[:8]])
 
 
 def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
@@ -199,7 +217,7 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     chosen = [claims.all_claims()[name] for name in CLAIMS]
     _write(folder, "README.md", f"{claims_table(chosen, judged)}\n\n{_counts(judged)}")
     _write(folder, "docs/results.md", page(judged, asked, beside))
-    draw(folder / "docs" / "results", judged, data=data)
+    draw(folder / "docs" / "results", judged, asked, beside, data=data)
     return [*chain(*asked.values())]
 
 

@@ -613,46 +613,67 @@ def select(
 _RIGHT = (BOTH, "estimated", RECORDED)
 # What was asked beforehand: a name, and the two ways of which one is subtracted
 QUESTIONS: dict[str, tuple[_Way, _Way]] = {
-    "p": (_RIGHT, (NONE, "estimated", RECORDED)),
-    "continuous p over nearest trained": (_RIGHT, (BOTH, "nearest", RECORDED)),
-    "both over replay by nearest p": (_RIGHT, (NEAREST_P, "estimated", RECORDED)),
-    "right p in the prediction": (
+    "p at all, over none": (_RIGHT, (NONE, "estimated", RECORDED)),
+    "continuous p, over the nearest trained": (_RIGHT, (BOTH, "nearest", RECORDED)),
+    "plan by p, over replay by nearest p": (_RIGHT, (NEAREST_P, "estimated", RECORDED)),
+    "right p in the prediction, over the farthest": (
         (PREDICTS, "estimated", RECORDED),
         (PREDICTS, "farthest", RECORDED),
     ),
 }
 # Other differences that the table allows
 _MORE: dict[str, tuple[_Way, _Way]] = {
-    "p in the choice, blind": (
+    "p in the choice alone, over none": (
         (BLIND, "estimated", RECORDED),
         (NONE, "estimated", RECORDED),
     ),
-    "p in the prediction": (
+    "p in the prediction alone, over none": (
         (PREDICTS, "estimated", RECORDED),
         (NONE, "estimated", RECORDED),
     ),
-    "prediction with p over choice alone": (_RIGHT, (CHOOSES, "estimated", RECORDED)),
-    "continuous p in the choice alone": (
+    "both, over the choice alone": (_RIGHT, (CHOOSES, "estimated", RECORDED)),
+    "continuous p in the choice alone, over nearest": (
         (CHOOSES, "estimated", RECORDED),
         (CHOOSES, "nearest", RECORDED),
     ),
-    "continuous p in the prediction alone": (
+    "continuous p in the prediction alone, over nearest": (
         (PREDICTS, "estimated", RECORDED),
         (PREDICTS, "nearest", RECORDED),
     ),
-    "right p": (_RIGHT, (BOTH, "farthest", RECORDED)),
-    "improved before the throw": ((BOTH, "estimated", IMPROVED), _RIGHT),
-    "p, improved": ((BOTH, "estimated", IMPROVED), (NONE, "estimated", IMPROVED)),
+    "right p in both, over the farthest": (_RIGHT, (BOTH, "farthest", RECORDED)),
+    "plan improved by the network, over as recorded": (
+        (BOTH, "estimated", IMPROVED),
+        _RIGHT,
+    ),
+    "p at all, plans improved": (
+        (BOTH, "estimated", IMPROVED),
+        (NONE, "estimated", IMPROVED),
+    ),
 }
 _LEARNED = (BOTH, "estimated", REPLANNED)
 # By the best of ten periods: first what was asked beforehand
 LATER: dict[str, tuple[_Way, _Way]] = {
-    "network over evolution": (_LEARNED, (EVOLUTION, "estimated", REPLANNED)),
-    "network over Gaussian process": (_LEARNED, (PROCESS, "estimated", REPLANNED)),
-    "p, ten periods": (_LEARNED, (NONE, "estimated", REPLANNED)),
-    "continuous p, ten periods": (_LEARNED, (BOTH, "nearest", REPLANNED)),
-    "network with p over one without": (_LEARNED, (CHOOSES, "estimated", REPLANNED)),
-    "learning over replay": (_LEARNED, (NEAREST_P, "estimated", RECORDED)),
+    "network with p, over evolution strategy": (
+        _LEARNED,
+        (EVOLUTION, "estimated", REPLANNED),
+    ),
+    "network with p, over Gaussian process": (
+        _LEARNED,
+        (PROCESS, "estimated", REPLANNED),
+    ),
+    "p at all, over none, ten periods": (_LEARNED, (NONE, "estimated", REPLANNED)),
+    "continuous p, over the nearest, ten periods": (
+        _LEARNED,
+        (BOTH, "nearest", REPLANNED),
+    ),
+    "p in prediction and choice, over choice alone": (
+        _LEARNED,
+        (CHOOSES, "estimated", REPLANNED),
+    ),
+    "learning, over replay by nearest p": (
+        _LEARNED,
+        (NEAREST_P, "estimated", RECORDED),
+    ),
 }
 
 
