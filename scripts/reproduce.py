@@ -265,7 +265,7 @@ def run_again(names: Sequence[str], **options: Any) -> None:
             _store.write_checksums()
     marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
-        print(f"{marks[row.met]} {row.label}: {row.here} (aim {row.aim})")
+        print(f"{marks[row.met]} {row.label}: {row.figure} (aim {row.aim})")
 
 
 def from_nothing(arguments: argparse.Namespace) -> int:

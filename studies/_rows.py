@@ -14,15 +14,9 @@ class Row:
     value: float
     unit: str = ""  # behind it, such as " %"
     _: KW_ONLY
-    spread: float | None = None  # standard deviation over trainings
     interval: tuple[float, float] | None = None  # 95 %
-    paper: str = "–"  # the paper's figure, or what it says
     at_least: float | None = None  # smallest value that this project aims at
     at_most: float | None = None  # largest value that it aims at
-    # What the paper says holds where the value is above this
-    above: float | None = None
-    below: float | None = None  # the same, below this
-    note: str = ""  # in brackets behind the figure
 
     @property
     def met(self) -> bool | None:
@@ -31,24 +25,6 @@ class Row:
             return None
         return (self.at_least is None or self.value >= self.at_least) and (
             self.at_most is None or self.value <= self.at_most
-        )
-
-    @property
-    def verdict(self) -> str:
-        """Whether what the paper says holds.
-
-        "not significant" where the 95 % interval leaves it open.
-        """
-        if self.above is None and self.below is None:
-            return "–"
-        holds = [self._holds(end) for end in self.interval or (self.value,)]
-        if all(holds):
-            return "holds"
-        return "not significant" if any(holds) else "does not hold"
-
-    def _holds(self, value: float) -> bool:
-        return (self.above is None or value > self.above) and (
-            self.below is None or value < self.below
         )
 
     @property
@@ -62,17 +38,10 @@ class Row:
 
     @property
     def figure(self) -> str:
-        """The value with its spread or interval."""
+        """The value with its interval."""
         text = f"{self.value:.2f}{self.unit}"
-        if self.spread is not None:
-            text += f" ± {self.spread:.2f}"
-        if self.interval is not None:
-            low, high = self.interval
-            digits = 0 if self.unit == " %" else 2
-            text += f" ({low:.{digits}f} to {high:.{digits}f}{self.unit})"
-        return text
-
-    @property
-    def here(self) -> str:
-        """The figure and the note."""
-        return f"{self.figure} ({self.note})" if self.note else self.figure
+        if self.interval is None:
+            return text
+        low, high = self.interval
+        digits = 0 if self.unit == " %" else 2
+        return f"{text} ({low:.{digits}f} to {high:.{digits}f}{self.unit})"

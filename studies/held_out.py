@@ -22,8 +22,7 @@ from clothlab.method.training import ModelTraining
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import to_run
-from studies._grid import Experiment, Tables, grid, over
-from studies._rows import Row
+from studies._grid import Experiment, grid, over
 from studies._runs import EVALUATION, RECORDINGS, errors_ahead, moved_at_random, trained
 
 _WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images
@@ -251,32 +250,6 @@ def _cases(**sizes: Any) -> list[dict[str, Any]]:
         usual = {"kind": kind, "seed": seeds, "updates": chosen.updates}
         cases += grid(**(usual | sizes))
     return cases
-
-
-_ABOUT = """
-What does a network learn that holds for other recordings?
-
-Its errors on trials that were held out, with p and without, with a memory, with the
-last four frames and with one. This is no experiment of the paper.
-"""
-
-
-def _rows(tables: Tables) -> list[Row]:
-    """Errors over eight steps of a closed loop."""
-    table = tables["held_out"]
-    ahead = {}
-    for kind in KINDS:
-        errors = np.stack(table.query("kind == @kind")["error"].to_list())
-        ahead[kind] = errors[:, :8].mean()
-    row = Row(
-        "held_out",
-        "prediction over eight steps, held out: with p over trained without p",
-        ahead["p"] / ahead["none"],
-        below=1,
-        note=f"a network with one frame and no memory, trained longer, over the "
-        f"stored LSTM: {ahead['1 frame, longer'] / ahead['stored']:.2f}",
-    )
-    return [row]
 
 
 EXPERIMENTS = (

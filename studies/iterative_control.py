@@ -351,40 +351,20 @@ def _rows(tables: Tables) -> list[Row]:
     ]
 
 
-_VARIANTS = {
-    "zero": "p = 0",
-    "wrong": "wrong p",
-    "estimated": "estimated p",
-    "none": "without p",
-    "known": "C_damp and C_mass known, torque arm only",
-}
-
-
 def _rows_by_method(table: pd.DataFrame) -> list[Row]:
-    """Late distances with the right p; those with others beside them."""
+    """Late distances of each method with the right p."""
     rows = []
     for controller in (REPLAY, PAPERS, STARTS, ITERATIVE):
-        tried = {p for name, p, *_ in _METHODS if name == controller}
-        others = []
-        for p, name in _VARIANTS.items():
-            if p in tried:
-                others.append(f"{name} {_late_ratio(table, controller, p):.2f}")
+        runs = select(table, controller)
+        by_training = runs.groupby(["target", "cloth", "model"])["last_ratio"].mean()
         row = Row(
             f"iterative_control/{controller}",
             f"{controller}, all tasks: distance, last ten periods, over random "
             "commands', median",
-            _late_ratio(table, controller, "right"),
-            note="; ".join(others),
+            float(by_training.median()),
         )
         rows.append(row)
     return rows
-
-
-def _late_ratio(table: pd.DataFrame, controller: str, p: str) -> float:
-    """Distance over random commands': mean over runs, median of tasks and trainings."""
-    runs = select(table, controller, p)
-    by_training = runs.groupby(["target", "cloth", "model"])["last_ratio"].mean()
-    return float(by_training.median())
 
 
 def _difference_rows(name: str, first: pd.DataFrame, second: pd.DataFrame) -> list[Row]:
@@ -399,8 +379,6 @@ def _difference_rows(name: str, first: pd.DataFrame, second: pd.DataFrame) -> li
             f"{title}, {arm} arm: distance, last ten periods, over random commands'",
             mean,
             interval=(low, high),
-            paper="Correct better",
-            below=0.0,
         )
         rows.append(row)
     return rows
@@ -416,8 +394,6 @@ def _speed_row(free: pd.DataFrame, held: pd.DataFrame) -> Row:
         mean,
         " %",
         interval=(low, high),
-        paper="+12 %",
-        above=0.0,
     )
 
 

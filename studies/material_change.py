@@ -114,13 +114,8 @@ def recovery(best: np.ndarray, before: int = _BEFORE) -> int:
     """
     new = best[before:]
     medians = np.median(sliding_window_view(new, 3), axis=1)
-    near = np.flatnonzero(medians <= _good_again(best, before))
+    near = np.flatnonzero(medians <= _GOOD_AGAIN * np.median(best[:before][_OLD]))
     return int(near[0]) + 1 if len(near) else len(new) + 1
-
-
-def _good_again(best: np.ndarray, before: int) -> float:
-    """The distance below which control is as good as before the change."""
-    return _GOOD_AGAIN * np.median(best[:before][_OLD])
 
 
 def _cases(
@@ -174,33 +169,9 @@ def _rows(tables: Tables) -> list[Row]:
             ratio,
             interval=(low, high),
             at_most=0.5,
-            note=_note(runs, recoveries, tables["oracle_transfer"]),
         )
         rows.append(row)
     return rows
-
-
-def _note(runs: pd.DataFrame, recoveries: pd.DataFrame, search: pd.DataFrame) -> str:
-    """What stands behind the ratio: its parts, and what the oracle can do."""
-    # How often the oracle comes as near with the second cloth
-    aims = [_good_again(best, _BEFORE) for best in runs["best"]]
-    nearest = search.query("not overlap").set_index(["target", "cloth"])["best"]
-    nearest = nearest.map(np.min)
-    of_second = nearest[zip(runs["target"], runs["second"], strict=True)]
-    possible = np.mean(of_second.to_numpy() <= aims)
-
-    # The mean distance after the change
-    later = runs.assign(after=runs["best"].map(lambda best: best[_BEFORE:].mean()))
-    after = later.pivot_table("after", ["model", "repeat"], "estimated")
-    ratio, low, high = _ratio(after)
-
-    with_p = recoveries[True].mean()
-    without = recoveries[False].mean()
-    return (
-        f"{with_p:.1f} in place of {without:.1f} periods; the oracle with the second "
-        f"cloth gets there in {possible:.0%}; mean distance after the change "
-        f"{ratio:.2f} times that of the kept p, {low:.2f} to {high:.2f}"
-    )
 
 
 def _ratio(both: pd.DataFrame) -> tuple[float, float, float]:

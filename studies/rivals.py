@@ -645,7 +645,6 @@ def _rows(tables: Tables) -> list[Row]:
             f"torque arm, new cloths, first throw: {method} minus estimated p",
             effect["difference"],
             interval=(effect["low"], effect["high"]),
-            note=f"{effect['verdict']}; over random commands {effect['distance']:.2f}",
         )
         rows.append(row)
     return rows

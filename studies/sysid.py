@@ -36,9 +36,9 @@ _COARSE = 25  # steps of a run by which most cells of the coarse search are left
 _COARSE_KEPT = 4  # cells that are judged by the whole run
 
 _WINDOW = 10  # steps of a window in multiple shooting: 2 s
-# Steps before each window in which the simulated cloth takes up the motion: on two
-# cloths of no table, the error of z that a start from rest leaves had then fallen
-# from 0.5 to 1.5 to at most 0.3 standard deviations, with the right constants
+# Steps before each window in which the simulated cloth, which starts at rest, takes up
+# the motion of the real one in part: the first rows of a window still hold what is left
+# of the start. As long as a window, so that each step is simulated about twice
 _LEAD = 10
 
 # (log C_damp, log C_mass), what was sensed and sent → states

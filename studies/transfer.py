@@ -30,8 +30,6 @@ from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
 from studies._rows import Row
 from studies._runs import (
-    HEAVY,
-    LIGHT,
     NEW,
     best_iou,
     config_of,
@@ -48,8 +46,6 @@ from studies.oracle import best_possible
 _EXCITED = 200  # [step] of random commands from which p is estimated
 _CHANCE_PERIODS = 31  # of random commands with which throws are compared
 NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
-# Its figures on control have these
-PAPERS_CLOTHS = {"torque": (LIGHT, HEAVY), "muscle": ("soft-1", "hard-1")}
 TARGETS = {"torque": ("target-1", "target-2"), "muscle": ("muscle",)}
 
 # Methods: replay of a recording of some cloths, and controllers
@@ -401,19 +397,11 @@ def _first_of(runs: pd.DataFrame) -> pd.Series:
 
 
 def _mean(
-    table: pd.DataFrame,
-    method: str,
-    p: str = "estimated",
-    *,
-    period: int = 1,
-    new: bool = True,
+    table: pd.DataFrame, method: str, p: str = "estimated", *, new: bool = True
 ) -> float:
-    """Mean distance over random commands' in a period; the first throw is 1."""
-    if period == 1:
-        runs = select(table, method, p, new=new).query("periods == 2")
-    else:
-        runs = select(table, method, p, new=new, least=3)
-    return float(over_random(runs, period - 1).mean())
+    """Mean distance of first throws over random commands'."""
+    runs = select(table, method, p, new=new).query("periods == 2")
+    return float(over_random(runs).mean())
 
 
 def _rows(tables: Tables) -> list[Row]:
@@ -426,27 +414,18 @@ def _rows(tables: Tables) -> list[Row]:
         rows.append(_replay_row(arm, runs))
         rows.append(_recorded_row(arm, runs))
     rows.append(_new_targets_row(table))
-    rows.append(_oracle_row(table, tables["oracle_transfer"], tables["oracle"]))
+    rows.append(_oracle_row(table, best_possible(tables["oracle"])))
     rows.append(_overlap_row(table, tables["oracle_transfer"]))
     return rows
 
 
 def _first_row(arm: str, table: pd.DataFrame) -> Row:
-    """First throws with new cloths; other methods and later periods beside them."""
-    notes = []
-    for method in (ANY_OTHER, NEAREST_P, PREDICTED, PAPERS, PERIODIC):
-        notes.append(f"{method} {_mean(table, method):.2f}")
-    notes.append(f"nearest trained p {_mean(table, CHOSEN, 'nearest'):.2f}")
-    for period in (3, 10, 30):
-        notes.append(f"period {period}: {_mean(table, CHOSEN, period=period):.2f}")
-    for method in (ALONE, PAPERS, PERIODIC):
-        notes.append(f"{method}, period 10: {_mean(table, method, period=10):.2f}")
+    """First throws with new cloths."""
     return Row(
         f"transfer/{arm}/first",
         f"{arm} arm, new cloths, first throw: distance over random commands'",
         _mean(table, CHOSEN),
         at_most=0.25,
-        note="; ".join(notes),
     )
 
 
@@ -465,8 +444,6 @@ def _wrong_p_rows(arm: str, table: pd.DataFrame) -> list[Row]:
             f"{arm} arm, new cloths, first throw: estimated p minus {name}",
             gap,
             interval=(low, high),
-            paper="Correct better",
-            below=0.0,
             at_most=_AIMS.get(p),
         )
         rows.append(row)
@@ -486,70 +463,46 @@ def _replay_row(arm: str, table: pd.DataFrame) -> Row:
 
 def _recorded_row(arm: str, table: pd.DataFrame) -> Row:
     """First throws with cloths whose p is known."""
-    replay = _mean(table, THIS_CLOTH, "right", new=False)
-    of_paper = table[table["cloth"].isin(PAPERS_CLOTHS[arm])]
-    theirs = _mean(of_paper, CHOSEN, "right", new=False)
-    their_replay = _mean(of_paper, THIS_CLOTH, "right", new=False)
-    tenth = _mean(table, CHOSEN, "right", period=10, new=False)
-    thirtieth = _mean(table, CHOSEN, "right", period=30, new=False)
     return Row(
         f"transfer/{arm}/recorded",
         f"{arm} arm, recorded cloths, first throw: distance over random commands'",
         _mean(table, CHOSEN, "right", new=False),
         at_most=0.06,
-        note=f"replay {replay:.2f}; the paper's two cloths {theirs:.2f}, replay "
-        f"{their_replay:.2f}; period 10: {tenth:.2f}; period 30: {thirtieth:.2f}",
     )
 
 
 def _new_targets_row(table: pd.DataFrame) -> Row:
-    """Targets that no recording shows, with new and with recorded cloths."""
+    """Targets that no recording shows, with new cloths."""
     new_target = table["target"].str.contains("/")
     drawn = table["target"].str.startswith("drawn/")
     long = (table["periods"] > 2) & (table["method"] == CHOSEN)
-    runs = table[new_target & ~drawn & long]
-    new = runs["cloth"].isin(NEW_NAMES)
-    first = over_random(runs, 0).groupby(new).mean()
-    tenth = over_random(runs, 9).groupby(new).mean()
+    new = table["cloth"].isin(NEW_NAMES)
+    tenth = over_random(table[new_target & ~drawn & long & new], 9)
     return Row(
         "transfer/held-out",
         "held-out targets, new cloths, after ten periods: distance over random "
         "commands'",
-        float(tenth[True]),
+        float(tenth.mean()),
         at_most=0.1,
-        note=f"first throw {first[True]:.2f}; recorded cloths {tenth[False]:.2f}, "
-        f"first throw {first[False]:.2f}",
     )
 
 
 _KEYS = ["target", "cloth"]  # which a run and a search have in common
 
 
-def _oracle_row(table: pd.DataFrame, search: pd.DataFrame, oracle: pd.DataFrame) -> Row:
+def _oracle_row(table: pd.DataFrame, possible: pd.Series) -> Row:
     """How near the search on the true simulator is, which knows the cloth."""
-    recorded = select(table, CHOSEN, "right", new=False, least=31)
-    over_oracle = _over(recorded, best_possible(oracle))
-
-    # Of new cloths there are shorter searches only
-    by_distance = search[~search["overlap"]].set_index(_KEYS)
-    short = by_distance["best"].map(np.min)
-    new = select(table, CHOSEN, "estimated", least=31)
-    over_short = _over(new, short)
+    runs = select(table, CHOSEN, "right", new=False, least=31)
+    least = runs.join(possible.rename("least"), on=_KEYS)["least"]
+    over = runs["best"].map(late_median) / least
+    by_task = over.groupby([runs["target"], runs["cloth"]]).mean()
     return Row(
         "transfer/oracle",
         "the paper's cloths and targets, last ten of thirty periods: distance over the "
         "oracle's, median of them",
-        float(over_oracle),
+        float(by_task.median()),
         at_most=2,
-        note=f"new cloths over a search of three periods {over_short:.2f}",
     )
-
-
-def _over(runs: pd.DataFrame, least: pd.Series) -> float:
-    """Late distances over the least possible ones: median of targets and cloths."""
-    possible = runs.join(least.rename("least"), on=_KEYS)["least"]
-    over = runs["best"].map(late_median) / possible
-    return over.groupby([runs["target"], runs["cloth"]]).mean().median()
 
 
 def _overlap_row(table: pd.DataFrame, search: pd.DataFrame) -> Row:
@@ -559,14 +512,12 @@ def _overlap_row(table: pd.DataFrame, search: pd.DataFrame) -> Row:
     long = (table["method"] == CHOSEN) & (table["periods"] > 2)
     shapes = table[long].join(largest, on=_KEYS)
     share = shapes["iou"].map(np.max) / shapes["largest"]
-    drawn = share[shapes["target"].str.startswith("drawn/")]
     return Row(
         "transfer/iou",
         "drawn and held-out targets, ten periods: best IoU over that of an oracle "
         "which searches for IoU, median",
         float(share.median()),
         at_least=0.9,
-        note=f"drawn shapes {float(drawn.median()):.2f}",
     )
 
 

@@ -137,11 +137,10 @@ def _by_unit(scores: pd.DataFrame, when: str) -> pd.DataFrame:
 
 
 def _rows(tables: Tables) -> list[Row]:
-    """What a moved setting would have gained at most, and what it would have cost."""
+    """What a moved setting would have gained at most."""
     rows = []
     for when, runs in effects(tables["tuning"]).groupby("when"):
         best = runs.loc[runs["mean"].idxmin()]
-        worst = runs.loc[runs["mean"].idxmax()]
         title = {"first": "first throw", "late": "last periods"}[str(when)]
         row = Row(
             f"tuning/{when}",
@@ -150,8 +149,6 @@ def _rows(tables: Tables) -> list[Row]:
             f"{best['value']:g}) minus as chosen",
             best["mean"],
             interval=(best["low"], best["high"]),
-            note=f"worst, {worst['setting']} {worst['value']:g}: {worst['mean']:+.2f} "
-            f"({worst['low']:.2f} to {worst['high']:.2f})",
         )
         rows.append(row)
     return rows

@@ -787,17 +787,12 @@ def _rows(tables: Tables) -> list[Row]:
     rows = []
     for question in asked:
         effect = found.loc[(question, "all")]
-        notes = [effect["verdict"]]
-        for group, part in found.loc[question].iterrows():
-            if group != "all":
-                notes.append(f"{group} {part['difference']:.2f}: {part['verdict']}")
         when = "first throw" if effect["periods"] == 1 else "best of ten periods"
         row = Row(
             f"what_p_buys/{question}",
             f"new cloths, {when}: {question}, difference over random commands'",
             float(effect["difference"]),
             interval=(float(effect["low"]), float(effect["high"])),
-            note="; ".join(notes),
         )
         rows.append(row)
     return rows

@@ -89,7 +89,7 @@ def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others
 )
 def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
     row = Row("k", "what", 0.75, **bounds)
-    assert (row.here, row.aim, row.met) == ("0.75", aim, met)
+    assert (row.figure, row.aim, row.met) == ("0.75", aim, met)
 
 
 def test_markdown_has_a_line_for_each_row():

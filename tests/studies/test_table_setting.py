@@ -230,3 +230,12 @@ def test_rows_are_rates_of_a_method_s_episodes():
     assert found["table_setting/success"].value == 50
     assert found["table_setting/spread/slow"].value == 50
     assert found["table_setting/material"].value == 75
+
+
+def test_rows_of_the_learned_throw_are_of_the_right_p_on_each_table():
+    throws = pd.DataFrame(get("table_setting_learned").cases(model=[0]))
+    farther = throws["near"] > 0.4
+    throws["spread"] = (throws["p"] == "right") & ~(farther & (throws["start"] > 3))
+    rows = get("table_setting_learned").rows({"table_setting_learned": throws})
+    assert [row.value for row in rows] == [100, 50]
+    assert [row.interval[1] < 100 for row in rows] == [False, True]
