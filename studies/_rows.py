@@ -17,6 +17,8 @@ class Row:
     interval: tuple[float, float] | None = None  # 95 %
     at_least: float | None = None  # smallest value that this project aims at
     at_most: float | None = None  # largest value that it aims at
+    # Whether it is of the paper's amount of recordings, and there is none of more
+    of_paper: bool = False
 
     @property
     def met(self) -> bool | None:

@@ -370,11 +370,14 @@ def differences(
         questions: which of them, from above.
         margin: a difference within it counts for nothing.
     """
+    # The margin, and how many marks a question has
     rows = [*questions]
     groups = effects.loc[rows].index.unique("group")
     figure, ((ax,),) = plots.new_axes(size=(11.0, 1.4 + 0.62 * len(rows)))
     ax.axvspan(-margin, margin, color="0.9", zorder=0)
     ax.axvline(0, color="0.5", lw=0.8)
+
+    # Intervals of each group of tasks
     for k, group in enumerate(groups):
         of_group = effects.xs(group, level="group").reindex(rows)
         look: dict[str, Any] = {"color": plots.COLOURS[k], "marker": "osDv"[k]}
@@ -384,6 +387,8 @@ def differences(
             ax.plot(ends, [y, y], color=look["color"], lw=2.5, solid_capstyle="butt")
             ax.plot(effect.difference, y, ms=6, **look)
         ax.plot([], [], lw=2.5, label=group, **look)
+
+    # Words
     ax.set_yticks(range(len(rows)), rows)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlabel("nearer  ←  difference, over random commands' distance  →  farther")
@@ -416,7 +421,7 @@ def own_rows(rows: Sequence[Row], beside: Mapping[str, Row]) -> Figure:
         for y, row in enumerate(those):
             _draw_row(ax, y, row)
             if row.key in beside:
-                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=9)
+                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=7)
         labels = [textwrap.fill(row.label, 58) for row in those]
         ax.set_yticks(range(len(those)), labels, fontsize=10)
         ax.set_ylim(len(those) - 0.5, -0.5)
@@ -431,7 +436,8 @@ def _draw_row(ax: Axes, y: float, row: Row) -> None:
     colour = _MET_COLOURS[row.met]
     if row.interval is not None:
         ax.plot(row.interval, [y, y], color=colour, lw=2.5, solid_capstyle="butt")
-    ax.plot(row.value, y, "o", color=colour, ms=7)
+    face = "none" if row.of_paper else colour
+    ax.plot(row.value, y, "o", color=colour, mfc=face, ms=7)
     for bound, marker in ((row.at_least, ">"), (row.at_most, "<")):
         if bound is not None:
             ax.plot(bound, y, marker, color="0.55", ms=8)
@@ -445,7 +451,8 @@ def _row_key() -> list[Line2D]:
         look: dict[str, Any] = {"marker": "o", "color": colour, "label": labels[met]}
         key.append(Line2D([], [], ls="none", **look))
     hollow: dict[str, Any] = {"marker": "o", "mfc": "none", "color": "0.3"}
-    key.append(Line2D([], [], ls="none", label="the paper's recordings", **hollow))
+    hollow |= {"label": "hollow: the paper's recordings"}
+    key.append(Line2D([], [], ls="none", **hollow))
     key.append(Line2D([], [], ls="none", marker=">", color="0.55", label="aim"))
     return key
 

@@ -148,8 +148,17 @@ def draw(
     *,
     data: Folder = None,
 ) -> None:
-    """Draw all figures of the page into a folder."""
+    """Draw all figures of the page.
+
+    Args:
+        folder: where they go.
+        judged: the paper's claims.
+        asked: rows of this project's own, by their questions.
+        beside: those of the paper's amount of recordings, by key.
+        data: folder of the tables; by default that of `clothlab.data`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    # The paper's claims, in all and by part
     drawn = {}
     if any(judged.values()):
         drawn["verdicts"] = figures.verdict_counts(by_label(judged))
@@ -157,6 +166,8 @@ def draw(
         found = of_part(part, judged)
         if any(found.values()):
             drawn[f"part-{k}"] = figures.verdicts(found)
+
+    # The paper's figures, and those of this project's own
     evidence = Evidence(PAPER, data)
     for label, function in figures.FIGURES.items():
         with contextlib.suppress(claims.NotMeasured):
@@ -164,6 +175,7 @@ def draw(
     for about, rows in asked.items():
         question = about.strip().splitlines()[0]
         drawn[_named(question)] = figures.own_rows(rows, beside)
+
     for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png", dpi=80)
 
@@ -200,8 +212,10 @@ def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
     lines = [("", *_AMOUNTS.values(), "aim")]
     for row in rows:
         papers = beside[row.key].figure if row.key in beside else ""
+        more = "" if row.of_paper else row.figure
+        papers = row.figure if row.of_paper else papers
         aim = "" if row.met is None else f"{row.aim}: {marks[row.met]}"
-        lines.append((row.label, papers, row.figure, aim))
+        lines.append((row.label, papers, more, aim))
     return _markdown(lines)
 
 

@@ -634,7 +634,6 @@ def _rows(tables: Tables) -> list[Row]:
         "told constants": "constants",
         "ensemble, p": "ensemble",
         "hindsight, p": "hindsight",
-        "replay, nearest p": "replay",
     }
 
     rows = []
@@ -645,6 +644,7 @@ def _rows(tables: Tables) -> list[Row]:
             f"torque arm, new cloths, first throw: {method} minus estimated p",
             effect["difference"],
             interval=(effect["low"], effect["high"]),
+            of_paper=True,
         )
         rows.append(row)
     return rows

@@ -429,7 +429,7 @@ def _first_row(arm: str, table: pd.DataFrame) -> Row:
     )
 
 
-_WRONG = {"farthest": "the farthest p", "zero": "p = 0", "none": "no p at all"}
+_WRONG = {"farthest": "the farthest p", "none": "no p at all"}
 _AIMS = {"farthest": -0.25}
 
 

@@ -149,6 +149,7 @@ def _rows(tables: Tables) -> list[Row]:
             f"{best['value']:g}) minus as chosen",
             best["mean"],
             interval=(best["low"], best["high"]),
+            of_paper=True,
         )
         rows.append(row)
     return rows

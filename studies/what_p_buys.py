@@ -793,6 +793,7 @@ def _rows(tables: Tables) -> list[Row]:
             f"new cloths, {when}: {question}, difference over random commands'",
             float(effect["difference"]),
             interval=(float(effect["low"]), float(effect["high"])),
+            of_paper=True,
         )
         rows.append(row)
     return rows

@@ -66,7 +66,8 @@ def test_rows_are_computed_once_for_each_amount_of_recordings(tmp_path, monkeypa
     (row,) = report.publish(tmp_path, data=tmp_path)
     assert (row.value, computed) == (2.0, [["counted"]] * 2)
     written = (tmp_path / "docs" / "results.md").read_text()
-    assert "## A question?\n\nA paragraph.\n\n| " in written
+    assert "## A question?\n\nA paragraph.\n\n![" in written
+    assert (tmp_path / "docs" / "results" / "own-a-question.png").exists()
     assert "| what | 3.00 | 2.00 |  |" in written
 
 

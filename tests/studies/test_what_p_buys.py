@@ -275,7 +275,7 @@ def test_effects_are_paired_differences_with_a_verdict():
     nearest = found.loc[("continuous p, over the nearest trained", "torque")]
     assert nearest["verdict"] == "worth nothing"
     assert nearest["rival"] == pytest.approx(0.285)
-    assert found.loc[("network over evolution", "all"), "verdict"] == "does harm"
+    assert found.loc[("network with p, over evolution strategy", "all"), "verdict"] == "does harm"
     assert {*found.index.get_level_values("group")} == {"all", "torque", "muscle"}
 
 
