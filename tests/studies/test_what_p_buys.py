@@ -270,12 +270,17 @@ def test_effects_are_paired_differences_with_a_verdict():
     distances[(BOTH, "nearest", RECORDED)] = 0.28
     distances[(EVOLUTION, "estimated", REPLANNED)] = 0.1
     found = what_p_buys.effects(rows_of(distances))
-    assert found.loc[("p at all, over none", "all"), "difference"] == pytest.approx(-0.2)
+    assert found.loc[("p at all, over none", "all"), "difference"] == pytest.approx(
+        -0.2
+    )
     assert found.loc[("p at all, over none", "muscle"), "verdict"] == "worth something"
     nearest = found.loc[("continuous p, over the nearest trained", "torque")]
     assert nearest["verdict"] == "worth nothing"
     assert nearest["rival"] == pytest.approx(0.285)
-    assert found.loc[("network with p, over evolution strategy", "all"), "verdict"] == "does harm"
+    assert (
+        found.loc[("network with p, over evolution strategy", "all"), "verdict"]
+        == "does harm"
+    )
     assert {*found.index.get_level_values("group")} == {"all", "torque", "muscle"}
 
 
