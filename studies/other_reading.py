@@ -1,7 +1,8 @@
 """What does p arrange if C_damp is the damping of the springs?
 
-The paper doesn't say where its damping acts. Each reading is recorded, and a model is
-trained on it, in the same way. What varies is the reading and the training.
+The paper has its damping "between those point masses", and doesn't say how. Each
+reading is recorded, and a model is trained on it, in the same way. What varies is the
+reading and the training.
 """
 
 from contextlib import closing
@@ -164,9 +165,10 @@ def _rows(tables: Tables) -> list[Row]:
 _ABOUT = """
 What does p arrange if C_damp is the damping of the springs?
 
-The paper doesn't say where its damping acts. In this project it is a drag on each
-point. Here the same recordings, four times the paper's amount, are made with the other
-reading, too: once without any drag, once with a drag of 0.05 N s/m for all cloths.
+The paper has its damping "between those point masses", and doesn't say how. In this
+project it is a drag on each point, which is an assumption. Here the same recordings,
+four times the paper's amount, are made with the other reading, too: once without any
+drag, once with a drag of 0.05 N s/m for all cloths.
 """
 EXPERIMENTS = (
     Experiment(
