@@ -1,12 +1,13 @@
 """Make recordings, trainings and results anew, or everything from nothing.
 
-Five commands, each of which `make` calls under a name of its own:
+Six commands; `make` calls five of them under names of its own:
 
     reproduce.py record [SET ...]           make data: trials and targets
     reproduce.py train [WEIGHTS ...]        make train: autoencoders and DPMPBs
     reproduce.py results [EXPERIMENT ...]   make results: every figure of the tables
     reproduce.py everything [OPTIONS]       make reproduce: all of these from nothing
     reproduce.py worlds [OPTIONS]           make worlds: so ten times, from other seeds
+    reproduce.py costs                      how long each table of the results takes
 
 The first three work in `data/` itself, and replace what is there. Names choose;
 experiments that take hours run only when they are named. `everything` writes into
@@ -256,6 +257,8 @@ def run_again(names: Sequence[str], **options: Any) -> None:
     table of that amount, which is made anew, too.
     """
     usual = [name for name, each in studies.EXPERIMENTS.items() if not each.slow]
+    hours = sum(studies.EXPERIMENTS[name].cost for name in names or usual) / 3600
+    print(f"about {hours:.1f} hours of one core, on {options['workers']} of them")
     stored = report.stored(PAPER)
     keep = ROOT / "build" / "experiments"
     for name in names or usual:
@@ -266,6 +269,21 @@ def run_again(names: Sequence[str], **options: Any) -> None:
     marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
         print(f"{marks[row.met]} {row.label}: {row.figure} (aim {row.aim})")
+
+
+def costs(arguments: argparse.Namespace) -> int:
+    """What each table of results costs: cases, seconds each, minutes on one core.
+
+    Those with a star run only if they are named. Returned is the exit status.
+    """
+    total = 0.0
+    for name, each in studies.EXPERIMENTS.items():
+        star = "*" if each.slow else " "
+        count = len(each.cases())
+        print(f"{name:26}{star}{count:6}{each.seconds:6g} s {each.cost / 60:6.0f} min")
+        total += each.cost
+    print(f"all: {total / 3600:.1f} hours on one core")
+    return 0
 
 
 def from_nothing(arguments: argparse.Namespace) -> int:
@@ -356,6 +374,7 @@ def command_line() -> argparse.ArgumentParser:
     _again_command(commands, "results", run_again, studies.EXPERIMENTS)
 
     _everything_command(commands)
+    _command(commands, "costs", costs).set_defaults(run=costs)
 
     # Several of these
     several = _command(commands, "worlds", worlds)

@@ -115,6 +115,11 @@ class Experiment:
         return checked
 
     @property
+    def cost(self) -> float:
+        """About how long all cases take on one core [s]."""
+        return len(self.cases()) * self.seconds
+
+    @property
     def keys(self) -> list[str]:
         """Columns that say which case a row is."""
         return list(inspect.signature(self.run_one).parameters)

@@ -423,7 +423,7 @@ EXPERIMENTS = (
         "iterative_control",
         _run_one,
         _cases,
-        seconds=90,
+        seconds=6,
         slow=True,
         rows=_rows,
         about=_ABOUT,

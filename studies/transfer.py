@@ -530,6 +530,6 @@ Distances are the best of a period over that of random commands.
 """
 EXPERIMENTS = (
     Experiment(
-        "transfer", _run_one, _cases, seconds=6, slow=True, rows=_rows, about=_ABOUT
+        "transfer", _run_one, _cases, seconds=3, slow=True, rows=_rows, about=_ABOUT
     ),
 )

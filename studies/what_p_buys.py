@@ -810,7 +810,7 @@ before.
 """
 EXPERIMENTS = (
     Experiment(
-        "what_p_buys", _run_one, _cases, seconds=1, slow=True, rows=_rows, about=_ABOUT
+        "what_p_buys", _run_one, _cases, seconds=2, slow=True, rows=_rows, about=_ABOUT
     ),
     Experiment(
         "refinement_development", _refine, _settings_cases, seconds=2, slow=True
