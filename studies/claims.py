@@ -38,6 +38,7 @@ from studies.stiffness import CORRECT, FIXED, RANDOM, WARM, WRONG as WRONG_FOAM
 # Amounts of recordings: the paper's comes first
 TWENTY = ""
 AMOUNTS = (PAPER, TWENTY)
+AMOUNTS_IN_WORDS = {PAPER: "the paper's amount", TWENTY: "twenty times as many"}
 VERDICTS = ("holds", "equal", "contradicted", "inconclusive")
 
 
@@ -690,13 +691,12 @@ def judged(amount: str = PAPER, *, data: Folder = None) -> list[Judged]:
 
 def side_by_side(*names: str, data: Folder = None) -> pd.DataFrame:
     """What is measured for claims, in words: a column for each amount of recordings."""
-    columns = {PAPER: "the paper's amount", TWENTY: "twenty times as many"}
     table: dict[str, dict[str, str]] = {}
     for amount in AMOUNTS:
         measured = {}
         for name in names:
             measured[all_claims()[name].short] = _in_words(name, amount, data)
-        table[columns[amount]] = measured
+        table[AMOUNTS_IN_WORDS[amount]] = measured
     return pd.DataFrame(table)
 
 

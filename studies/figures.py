@@ -1,19 +1,25 @@
-"""The paper's figures again, from the stored tables of one amount of recordings.
+"""The paper's figures again, from the stored tables.
 
-`FIGURES` has their functions, which take `claims.Evidence`, by the paper's labels.
-Lines are means over units, which are worlds or trainings, and bands their standard
-deviation; the paper has five of each.
+`FIGURES` has their functions by the paper's labels. They take `claims.Evidence` of one
+amount of recordings or of several, and draw a row of panels for each. Lines are means
+over units, which are worlds or trainings, and bands their standard deviation; the paper
+has five of each.
 """
 
+import contextlib
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from clothlab import plots
 from clothlab.analysis import best_per_period, principal_axes
@@ -21,11 +27,26 @@ from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies._rows import Row
 from studies._runs import HEAVY, LIGHT
-from studies.claims import SHOWN, Evidence, Judged, biases_of, nearness
+from studies.claims import (
+    AMOUNTS_IN_WORDS,
+    SHOWN,
+    Claim,
+    Evidence,
+    Judged,
+    NotMeasured,
+    biases_of,
+    nearness,
+)
 from studies.joint_estimation_control import ESTIMATED, HELD, KNOWLEDGE
 from studies.stiffness import CORRECT, FIXED, HELD as FOAMS, RANDOM, WARM, WRONG
 
-_DISTANCE = "distance to the target [s.d. of z]"
+# Sizes of words [pt]
+_WORDS: dict[Any, Any] = {
+    "axes.labelsize": 11,
+    "axes.titlesize": 12,
+    "xtick.labelsize": 10,
+    "ytick.labelsize": 10,
+}
 _CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 # Colours of verdicts; words stand beside them
 VERDICT_COLOURS = {
@@ -34,16 +55,26 @@ VERDICT_COLOURS = {
     "contradicted": plots.COLOURS[1],
     "inconclusive": "0.55",
 }
+# Where a number that the paper prints is met
+_PRINTED: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": VERDICT_COLOURS["holds"],
+    "hatch": "///",
+    "lw": 1.5,
+    "alpha": 0.6,
+}
 
 
-def maps(evidence: Evidence) -> Figure:
+def maps(*evidences: Evidence) -> Figure:
     """Trained p on its principal axes, a map for each unit; first with estimates."""
-    trained = biases_of(evidence, "torque")
-    runs = evidence["estimation"]
-    figure, axes = _small_multiples([*trained], evidence.of)
-    for ax, (unit, biases) in zip(axes, trained.items(), strict=True):
-        estimates = runs[(runs["unit"] == unit) & runs["cloth"].isin(SHOWN)]
-        _draw_map(ax, biases, estimates.drop_duplicates("cloth"))
+    found = _with("trained_p", evidences)
+    trained = [biases_of(evidence, "torque") for evidence in found]
+    figure, axes = _small_multiples(found, trained, height=2.4)
+    for row, evidence, of_units in zip(axes, found, trained, strict=True):
+        runs = evidence["estimation"]
+        for ax, (unit, biases) in zip(row, of_units.items(), strict=False):
+            estimates = runs[(runs["unit"] == unit) & runs["cloth"].isin(SHOWN)]
+            _draw_map(ax, biases, estimates.drop_duplicates("cloth"))
 
     # What colours, markers and lines say
     key = []
@@ -54,21 +85,86 @@ def maps(evidence: Evidence) -> Figure:
             "ls": "none",
         }
         key.append(Line2D([], [], label=f"C_damp {damping} N s/m", **look))
+    sizes: dict[str, Any] = {"color": "0.3", "marker": "o", "ls": "none"}
+    key.append(Line2D([], [], label="larger mark: larger C_mass", **sizes))
     key.append(Line2D([], [], color="0.3", label="estimate, from p = 0"))
-    figure.legend(handles=key, loc="outside lower center", ncols=4, fontsize=10)
+    _explain(figure, key, 5)
     return figure
 
 
-def _small_multiples(units: Sequence[int], of: str) -> tuple[Figure, list[Axes]]:
-    """A small panel for each unit, at most five in a row."""
-    columns = min(max(len(units), 3), 5)
-    rows = -(-len(units) // columns)
-    figure, axes = plots.new_axes(rows, columns, size=(2.9, 2.7))
-    for ax, unit in zip(axes.flat, units, strict=False):
-        ax.set_title(f"{of} {unit}", fontsize=11)
-    for ax in axes.flat[len(units) :]:
-        ax.set_axis_off()
-    return figure, [*axes.flat[: len(units)]]
+def _with(name: str, evidences: Iterable[Evidence]) -> list[Evidence]:
+    """Those that have a table; `NotMeasured` if none has it."""
+    found = []
+    for evidence in evidences:
+        with contextlib.suppress(NotMeasured):
+            evidence[name]
+            found.append(evidence)
+    if not found:
+        raise NotMeasured(f"no table {name}: run `make results`")
+    return found
+
+
+def _amount(evidence: Evidence, table: pd.DataFrame) -> str:
+    """An amount of recordings, and over how many units a table of it goes."""
+    count = table["unit"].nunique()
+    units = f"{count} {evidence.of}{'s' * (count > 1)}"
+    return f"{AMOUNTS_IN_WORDS[evidence.amount]}, {units}"
+
+
+def _name_row(ax: Axes, label: str) -> None:
+    """Say left of a row of panels what it shows."""
+    ax.annotate(
+        "\n".join(textwrap.fill(part, 13) for part in label.split(", ")),
+        (0, 0.5),
+        xytext=(-6, 0),
+        xycoords=ax.yaxis.label,
+        textcoords="offset points",
+        rotation=90,
+        ha="right",
+        va="center",
+        ma="center",
+        fontsize=11,
+        fontweight="bold",
+    )
+
+
+def _new_axes(
+    rows: int, columns: int, size: tuple[float, float], **options: Any
+) -> tuple[Figure, np.ndarray]:
+    """As `plots.new_axes`, with words that a projector shows."""
+    with matplotlib.rc_context(_WORDS):
+        return plots.new_axes(rows, columns, size=size, **options)
+
+
+def _explain(figure: Figure, handles: Sequence[Any], columns: int) -> None:
+    """A legend below all panels, which folds where the figure is narrow."""
+    if figure.get_figwidth() < 10:
+        columns = -(-columns // 2)
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=columns,
+        columnspacing=1.4,
+        fontsize=11,
+    )
+
+
+def _small_multiples(
+    evidences: Sequence[Evidence], trained: Sequence[Mapping[int, Any]], height: float
+) -> tuple[Figure, np.ndarray]:
+    """A row of maps for each evidence, a map for each unit, all of one scale."""
+    columns = max(3, *map(len, trained))
+    size = (min(12.8 / columns, 3.2), height)
+    figure, axes = _new_axes(len(trained), columns, size, sharex=True, sharey=True)
+    for row, evidence, of_units in zip(axes, evidences, trained, strict=True):
+        for ax, unit in zip(row, of_units, strict=False):
+            ax.set_title(f"{evidence.of} {unit}")
+            ax.margins(0.12)
+            ax.tick_params(labelbottom=True)
+        for ax in row[len(of_units) :]:
+            ax.set_axis_off()
+        _name_row(row[0], _amount(evidence, evidence["trained_p"]))
+    return figure, axes
 
 
 def _draw_map(ax: Axes, biases: dict[str, np.ndarray], estimates: pd.DataFrame) -> None:
@@ -84,10 +180,25 @@ def _draw_map(ax: Axes, biases: dict[str, np.ndarray], estimates: pd.DataFrame) 
         way = pca.transform(np.vstack([np.zeros(2), trace]))
         k = (0.03, 0.05, 0.07).index(CLOTHS[name].damping)
         ax.plot(*way.T, lw=1, color=plots.COLOURS[k], alpha=0.8)
+    _name_principal_axes(ax, pca)
+
+
+def _name_principal_axes(ax: Axes, pca: Any) -> None:
+    """Axes of a map with their shares of the variance."""
     first, second = pca.explained_variance_ratio_
-    ax.set_xlabel(f"PC1 ({first:.2f})", fontsize=10)
-    ax.set_ylabel(f"PC2 ({second:.2f})", fontsize=10)
-    ax.tick_params(labelsize=8)
+    ax.set_xlabel(f"PC1 ({first:.2f})")
+    ax.set_ylabel(f"PC2 ({second:.2f})")
+
+
+def _draw_mean(
+    ax: Axes, x: np.ndarray, values: np.ndarray, k: int, label: str = ""
+) -> None:
+    """Mean of runs `[runs, x]` in the look `k`, with their standard deviation."""
+    mean = values.mean(axis=0)
+    spread = values.std(axis=0)
+    colour = plots.COLOURS[k]
+    ax.plot(x, mean, label=label, lw=2, color=colour, ls=plots.STYLES[k % 4])
+    ax.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.15, lw=0)
 
 
 def _rates(distances: Iterable[np.ndarray], thresholds: np.ndarray) -> np.ndarray:
@@ -96,62 +207,85 @@ def _rates(distances: Iterable[np.ndarray], thresholds: np.ndarray) -> np.ndarra
 
 
 def _draw_rates(
-    ax: Axes, runs: Mapping[str, Sequence[np.ndarray]], still: float
+    ax: Axes, runs: Mapping[str, Sequence[np.ndarray]], still: float, end: float
 ) -> None:
     """Curves of several kinds of runs, and where the hanging cloth is."""
-    thresholds = np.linspace(0, 1.6 * still, 120)
+    thresholds = np.linspace(0, end, 160)
     for k, (label, distances) in enumerate(runs.items()):
-        rates = 100 * _rates(distances, thresholds)
-        mean = rates.mean(axis=0)
-        spread = rates.std(axis=0)
-        look: dict[str, Any] = {"color": plots.COLOURS[k], "ls": plots.STYLES[k % 4]}
-        ax.plot(thresholds, mean, label=label, lw=2, **look)
-        ax.fill_between(
-            thresholds, mean - spread, mean + spread, color=look["color"], alpha=0.2
-        )
-    ax.axvline(still, color="0.4", lw=1, ls=":")
-    ax.text(still, 3, " hanging still", fontsize=9, color="0.3")
-    ax.set(xlim=(0, 1.6 * still), ylim=(0, 100))
+        _draw_mean(ax, thresholds, 100 * _rates(distances, thresholds), k, label)
+    ax.axvline(still, color="0.2", lw=1.2, ls=":")
+    ax.set(xlim=(0, end), ylim=(0, 100))
 
 
-def control_rates(evidence: Evidence) -> Figure:
+def _rates_key(figure: Figure, ax: Axes) -> None:
+    """Name curves of rates below all panels."""
+    handles, _ = ax.get_legend_handles_labels()
+    handles.append(Line2D([], [], color="0.2", lw=1.2, ls=":", label="hanging still"))
+    _explain(figure, handles, 6)
+
+
+def control_rates(*evidences: Evidence) -> Figure:
     """Share of steps below a threshold, for both targets and cloths."""
-    figure, axes = plots.new_axes(2, 2, size=(4.6, 3.0), sharey=True)
-    table = evidence["control"]
-    for row, target in zip(axes, ("target-1", "target-2"), strict=True):
-        for ax, cloth in zip(row, (LIGHT, HEAVY), strict=True):
+    # Panels of one scale: a row for each amount of recordings
+    found = _with("control", evidences)
+    end = 1.6 * max(evidence["control"]["still"].max() for evidence in found)
+    tasks = [*product(("target-1", "target-2"), (LIGHT, HEAVY))]
+    figure, axes = _new_axes(len(found), 4, (3.2, 2.8), sharex=True, sharey=True)
+
+    # Curves
+    for row, evidence in zip(axes, found, strict=True):
+        table = evidence["control"]
+        for ax, (target, cloth) in zip(row, tasks, strict=True):
             runs = table[(table["target"] == target) & (table["cloth"] == cloth)]
             kinds = {"Control": list(runs["control"]), "Random": list(runs["random"])}
-            _draw_rates(ax, kinds, float(runs["still"].mean()))
-            about = f"{target.capitalize()}, {CLOTHS[cloth].label}"
-            ax.set_title(about, fontsize=11)
+            _draw_rates(ax, kinds, float(runs["still"].mean()), end)
         row[0].set_ylabel("steps nearer [%]")
+        _name_row(row[0], _amount(evidence, table))
+
+    # Words
+    for ax, (target, cloth) in zip(axes[0], tasks, strict=True):
+        ax.set_title(f"{target.capitalize()}, {CLOTHS[cloth].label}")
     for ax in axes[-1]:
-        ax.set_xlabel("threshold of the distance [s.d. of z]")
-    axes[0, 0].legend(fontsize=10)
+        ax.set_xlabel("threshold [s.d. of z]")
+    _rates_key(figure, axes[0, 0])
     return figure
 
 
-def integrated(evidence: Evidence) -> Figure:
+def integrated(*evidences: Evidence) -> Figure:
     """Best distance of each period with p estimated, wrong and right; way to p."""
-    figure, axes = plots.new_axes(1, 2, size=(5.0, 3.3))
+    found = _with("joint_arms", evidences)
+    size = (5.8, 2.4 + 0.9 / len(found))  # with room for words below
+    figure, axes = _new_axes(len(found), 2, size, sharex=True, sharey="col")
+    for (left, right), evidence in zip(axes, found, strict=True):
+        _draw_best(left, evidence)
+        _draw_way(right, evidence)
+        _name_row(left, _amount(evidence, evidence["joint_arms"]))
+
+    # Words
+    axes[0, 0].set(xlim=(0, None), ylim=(0, None))
+    axes[0, 1].set_ylim(0, None)
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    handles, _ = axes[0, 0].get_legend_handles_labels()
+    way: dict[str, Any] = {"color": plots.COLOURS[0], "lw": 1}
+    handles.append(Line2D([], [], label="right panels: one run each", **way))
+    _explain(figure, handles, 4)
+    return figure
+
+
+def _draw_best(ax: Axes, evidence: Evidence) -> None:
+    """Best distance of each period, by what the robot knows of p."""
     arms = evidence["joint_arms"].query("starts == 0 and target == 'target-1'")
     for k, knowledge in enumerate(KNOWLEDGE):
         runs = arms[arms["knowledge"] == knowledge]["distance"]
         best = np.array([best_per_period(distance) for distance in runs])
-        look: dict[str, Any] = {
-            "color": plots.COLOURS[k],
-            "ls": plots.STYLES[k],
-            "lw": 2,
-        }
         seconds = (1 + np.arange(best.shape[1])) * 8 * CONTROL_PERIOD
-        axes[0, 0].plot(seconds, best.mean(axis=0), label=f"p {knowledge}", **look)
-    axes[0, 0].set(xlabel="time [s]", ylabel=_DISTANCE + ",\nbest of each period")
-    axes[0, 0].set_ylim(0, None)
-    axes[0, 0].legend(fontsize=10)
+        _draw_mean(ax, seconds, best, k, f"p {knowledge}")
+    ax.set_ylabel("distance [s.d. of z],\nbest of each period")
 
-    # How far the estimate is on its way
-    ax = axes[0, 1]
+
+def _draw_way(ax: Axes, evidence: Evidence) -> None:
+    """How far each run's estimate is on its way to the right p."""
     trained = biases_of(evidence, "torque")
     joint = evidence["joint_estimation_control"]
     for trace, unit in zip(joint["trace"], joint["unit"], strict=True):
@@ -159,137 +293,174 @@ def integrated(evidence: Evidence) -> Figure:
         left = np.linalg.norm(np.asarray(trace) - right, axis=1)
         left = left / np.linalg.norm(trained[unit][HEAVY] - right)
         seconds = (1 + np.arange(len(left))) * CONTROL_PERIOD
-        ax.plot(seconds, left, color=plots.COLOURS[0], lw=1, alpha=0.6)
+        ax.plot(seconds, left, color=plots.COLOURS[0], lw=1, alpha=0.7)
     ax.axhline(1, color="0.4", lw=1, ls=":")
-    ax.set(xlabel="time [s]", ylim=(0, None))
-    ax.set_ylabel(f"distance of the {ESTIMATED} p\nto the right one, start = 1")
-    return figure
+    ax.set_ylabel(f"{ESTIMATED} p to the right one,\nstart = 1")
 
 
-def chamfer_scatter(evidence: Evidence) -> Figure:
+def chamfer_scatter(*evidences: Evidence) -> Figure:
     """Two distances of an image to a target, of random commands."""
-    figure, axes = plots.new_axes(1, 2, size=(4.4, 3.3))
-    table = evidence["chamfer"]
-    for ax, target in zip(axes[0], ("target-1", "target-2"), strict=True):
-        runs = table[table["target"] == target]
-        for x, y in zip(runs["log_chamfer"], runs["z_distance"], strict=True):
-            ax.plot(x, y, ".", ms=2, alpha=0.4, color=plots.COLOURS[0])
-        of = runs["correlation"]
-        ends = (
-            f"{of.min():.2f} to {of.max():.2f}" if len(of) > 1 else f"{of.iloc[0]:.2f}"
-        )
-        ax.set_title(f"{target.capitalize()}: r = {ends} (paper: 0.811)", fontsize=11)
+    found = _with("chamfer", evidences)
+    figure, axes = _new_axes(len(found), 2, (5.2, 2.8), sharex=True, sharey=True)
+    for row, evidence in zip(axes, found, strict=True):
+        table = evidence["chamfer"]
+        for ax, target in zip(row, ("target-1", "target-2"), strict=True):
+            runs = table[table["target"] == target]
+            for x, y in zip(runs["log_chamfer"], runs["z_distance"], strict=True):
+                ax.plot(x, y, ".", ms=3, alpha=0.4, color=plots.COLOURS[0])
+            of = runs["correlation"]
+            ends = dict.fromkeys((f"{of.min():.2f}", f"{of.max():.2f}"))
+            papers = " (paper: 0.811)" if target == "target-2" else ""
+            ax.set_title(f"{target.capitalize()}: r = {' to '.join(ends)}{papers}")
+        row[0].set_ylabel("distance of z [s.d.]")
+        _name_row(row[0], _amount(evidence, table))
+    for ax in axes[-1]:
         ax.set_xlabel("log chamfer distance [log pixel]")
-    axes[0, 0].set_ylabel(_DISTANCE)
     return figure
 
 
-def foam_maps(evidence: Evidence) -> Figure:
+def foam_maps(*evidences: Evidence) -> Figure:
     """Trained p of four foams, and estimates of three under control."""
-    trained = biases_of(evidence, "muscle")
-    runs = evidence["foam_estimation"].query("motion == 'control'")
-    figure, axes = _small_multiples([*trained], evidence.of)
-    for ax, (unit, biases) in zip(axes, trained.items(), strict=True):
-        # The trained ones
-        for k, (name, p) in enumerate(biases.items()):
-            look: dict[str, Any] = {
-                "color": plots.COLOURS[k],
-                "marker": "os^D"[k],
-                "ls": "none",
-            }
-            ax.plot(*p, ms=9, label=name, **look)
-
-        # The ways of the estimates
-        of_unit = runs[runs["unit"] == unit]
-        ways = zip(of_unit["trace"], of_unit["cloth"], strict=True)
-        for k, (trace, name) in enumerate(ways):
-            look = {"color": "0.3", "ls": plots.STYLES[k], "lw": 1}
-            ax.plot(*np.asarray(trace).T, label=f"estimate of {name}", **look)
-        ax.set(xlabel="p, first number", ylabel="p, second number")
-    lines = axes[0].get_legend_handles_labels()
-    figure.legend(*lines, loc="outside lower center", ncols=4, fontsize=10)
+    found = _with("trained_p", evidences)
+    trained = [biases_of(evidence, "muscle") for evidence in found]
+    figure, axes = _small_multiples(found, trained, height=2.15)
+    for row, evidence, of_units in zip(axes, found, trained, strict=True):
+        runs = evidence["foam_estimation"].query("motion == 'control'")
+        for ax, (unit, biases) in zip(row, of_units.items(), strict=False):
+            _draw_foam_map(ax, biases, runs[runs["unit"] == unit])
+            ax.set_aspect("equal")  # whether they lie on a line
+    handles, _ = axes[0, 0].get_legend_handles_labels()
+    _explain(figure, handles, 7)
     return figure
 
 
-def foam_throws(evidence: Evidence) -> Figure:
-    """Joint angles and f_const of one run with each foam, ten seconds of it."""
-    figure, axes = plots.new_axes(2, 2, size=(5.2, 2.5), sharex=True, sharey="row")
-    table = evidence["foam_control"]
-    table = table[(table["condition"] == CORRECT) & (table["theta"].map(len) > 0)]
-    for column, foam in zip(axes.T, FOAMS, strict=True):
-        # One run's angles and tensions
-        run = table[table["cloth"] == foam].iloc[0]
-        theta = np.asarray(run["theta"])
-        tension = np.asarray(run["commands"])[:, 2]
-        seconds = np.linspace(0, len(tension) * CONTROL_PERIOD, len(theta))
-        steps = np.arange(len(tension)) * CONTROL_PERIOD
+def _draw_foam_map(
+    ax: Axes, biases: dict[str, np.ndarray], estimates: pd.DataFrame
+) -> None:
+    """Trained p of the foams on their principal axes, and the ways of estimates."""
+    pca = principal_axes(biases)
+    for k, (name, p) in enumerate(biases.items()):
+        look: dict[str, Any] = {
+            "color": plots.COLOURS[k],
+            "marker": "os^D"[k],
+            "ls": "none",
+        }
+        ax.plot(*pca.transform(p[None])[0], ms=8, label=name, **look)
+    ways = zip(estimates["trace"], estimates["cloth"], strict=True)
+    for k, (trace, name) in enumerate(ways):
+        way = pca.transform(np.asarray(trace))
+        look = {"color": "0.3", "ls": plots.STYLES[k], "lw": 1}
+        ax.plot(*way.T, label=f"estimate of {name}", **look)
+    _name_principal_axes(ax, pca)
 
-        # Angles above, tension below
-        for k, joint in enumerate(("shoulder", "elbow")):
-            look: dict[str, Any] = {
-                "color": plots.COLOURS[k],
-                "ls": plots.STYLES[k],
-                "lw": 2,
-            }
-            column[0].plot(seconds, np.rad2deg(theta[:, k]), label=joint, **look)
-        column[1].step(steps, tension, where="post", color=plots.COLOURS[2], lw=2)
-        column[0].set_title(foam)
+
+def foam_throws(*evidences: Evidence) -> Figure:
+    """Joint angles and f_const with each foam, ten seconds of each run, and means."""
+    found = _with("foam_control", evidences)
+    figure, axes = _new_axes(2, 2 * len(found), (3.2, 2.5), sharex=True, sharey="row")
+    for column, (evidence, foam) in zip(axes.T, product(found, FOAMS), strict=True):
+        table = evidence["foam_control"].query(
+            "condition == @CORRECT and cloth == @foam"
+        )
+        runs = table[table["theta"].map(len) > 0]
+        _draw_throws(column, runs)
+        column[0].set_title(f"{foam}\n{_amount(evidence, runs)}", fontsize=11)
         column[1].set(xlabel="time [s]", xlim=(5, 15))
     axes[0, 0].set_ylabel("joint angle [°],\nlarger is lower")
     axes[1, 0].set_ylabel("f_const [N]")
-    axes[0, 0].legend(fontsize=10)
+
+    # What lines say
+    handles, _ = axes[0, 0].get_legend_handles_labels()
+    handles.append(Line2D([], [], color="0.4", lw=0.8, label="thin: one run each"))
+    handles.append(Line2D([], [], color="0.4", lw=2.5, label="thick: mean of the runs"))
+    _explain(figure, handles, 4)
     return figure
 
 
-def foam_rates(evidence: Evidence) -> Figure:
+def _draw_throws(column: Sequence[Axes], runs: pd.DataFrame) -> None:
+    """Angles of each run above, its tensions below; means are thick."""
+    theta = np.rad2deg(np.stack([*runs["theta"]]))  # [runs, samples, joints]
+    tension = np.stack([*runs["commands"]])[..., 2]  # [runs, steps]
+    steps = np.arange(tension.shape[1]) * CONTROL_PERIOD
+    seconds = np.linspace(0, tension.shape[1] * CONTROL_PERIOD, theta.shape[1])
+    for k, joint in enumerate(("shoulder", "elbow")):
+        look: dict[str, Any] = {"color": plots.COLOURS[k], "ls": plots.STYLES[k]}
+        column[0].plot(seconds, theta[..., k].T, lw=0.8, alpha=0.7, **look)
+        column[0].plot(seconds, theta[..., k].mean(axis=0), lw=2.5, label=joint, **look)
+    look = {"color": plots.COLOURS[2], "where": "post"}
+    for run in tension:
+        column[1].step(steps, run, lw=0.8, alpha=0.7, **look)
+    column[1].step(steps, tension.mean(axis=0), lw=2.5, **look)
+
+
+def foam_rates(*evidences: Evidence) -> Figure:
     """Share of steps below a threshold under each condition, for both foams."""
-    figure, axes = plots.new_axes(1, 2, size=(5.0, 3.4), sharey=True)
-    table = evidence["foam_control"]
+    found = _with("foam_control", evidences)
+    tables = [evidence["foam_control"] for evidence in found]
+    end = 1.6 * max(table["distance"].str[0].max() for table in tables)
+    figure, axes = _new_axes(len(found), 2, (5.8, 2.9), sharex=True, sharey=True)
+    for row, evidence, table in zip(axes, found, tables, strict=True):
+        for ax, foam in zip(row, FOAMS, strict=True):
+            of_foam = table[table["cloth"] == foam]
+            kinds = {}
+            for condition in _CONDITIONS:
+                runs = of_foam[of_foam["condition"] == condition]
+                kinds[condition] = list(runs["distance"])
+            _draw_rates(ax, kinds, float(of_foam["distance"].str[0].mean()), end)
+        row[0].set_ylabel("steps nearer [%]")
+        _name_row(row[0], _amount(evidence, table))
+
+    # Words
     for ax, foam in zip(axes[0], FOAMS, strict=True):
-        of_foam = table[table["cloth"] == foam]
-        kinds = {}
-        for condition in _CONDITIONS:
-            runs = of_foam[of_foam["condition"] == condition]
-            kinds[condition] = list(runs["distance"])
-        _draw_rates(ax, kinds, float(of_foam["distance"].str[0].mean()))
-        ax.set(title=foam, xlabel="threshold of the distance [s.d. of z]")
-    axes[0, 0].set_ylabel("steps nearer [%]")
-    axes[0, 1].legend(fontsize=9, loc="upper left")
+        ax.set_title(foam)
+    for ax in axes[-1]:
+        ax.set_xlabel("threshold of the distance [s.d. of z]")
+    _rates_key(figure, axes[0, 0])
     return figure
 
 
-def foam_quantities(evidence: Evidence) -> Figure:
+def foam_quantities(*evidences: Evidence) -> Figure:
     """Nearness, least and largest distance and hand speed, by condition."""
-    figure, axes = plots.new_axes(1, 4, size=(3.2, 3.2))
-    table = evidence["foam_control"]
+    # A row for each amount of recordings
+    found = _with("foam_control", evidences)
+    size = (3.2, 2.0 + 1.6 / len(found))  # with room for words below
+    figure, axes = _new_axes(len(found), 4, size, sharex=True, sharey="col")
+    for row, evidence in zip(axes, found, strict=True):
+        table = evidence["foam_control"]
+        for ax, (label, values) in zip(row, _quantities(table).items(), strict=True):
+            _draw_quantity(ax, values, table)
+            ax.set_ylabel(label)
+        _name_row(row[0], _amount(evidence, table))
 
-    # What is shown of each run
+    # Words
+    names = [name.removeprefix("Correct").strip(", ") or name for name in _CONDITIONS]
+    for ax in axes[-1]:
+        ax.set_xticks(range(len(names)), names, rotation=50, ha="right")
+    handles, _ = axes[0, 0].get_legend_handles_labels()
+    _explain(figure, handles, 2)
+    return figure
+
+
+def _quantities(table: pd.DataFrame) -> dict[str, pd.Series]:
+    """What is shown of each run, by its label."""
     speed = table["peak_hand_speed"].map(lambda row: row[0] if len(row) else np.nan)
-    quantities = {
+    return {
         "nearness [0 to 1]": table["distance"].map(nearness),
         "least distance\n[s.d. of z]": table["distance"].map(np.min),
         "largest distance\n[s.d. of z]": table["distance"].map(np.max),
         "highest hand speed\n[m/s]": speed,
     }
 
-    # A panel for each, with both foams side by side under each condition
-    names = [name.removeprefix("Correct").strip(", ") or name for name in _CONDITIONS]
-    for ax, (label, values) in zip(axes[0], quantities.items(), strict=True):
-        for k, foam in enumerate(FOAMS):
-            of_foam = values[table["cloth"] == foam].groupby(table["condition"])
-            mean = of_foam.mean().reindex(_CONDITIONS).dropna()
-            spread = of_foam.std().reindex(mean.index).fillna(0)
-            x = [_CONDITIONS.index(name) + 0.2 * (k - 0.5) for name in mean.index]
-            look: dict[str, Any] = {
-                "color": plots.COLOURS[k],
-                "fmt": "os"[k],
-                "capsize": 3,
-            }
-            ax.errorbar(x, mean, spread, label=foam, **look)
-        ax.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=9)
-        ax.set_ylabel(label)
-    axes[0, 0].legend(fontsize=10)
-    return figure
+
+def _draw_quantity(ax: Axes, values: pd.Series, table: pd.DataFrame) -> None:
+    """Means and standard deviations of both foams, side by side by condition."""
+    for k, foam in enumerate(FOAMS):
+        of_foam = values[table["cloth"] == foam].groupby(table["condition"])
+        mean = of_foam.mean().reindex(_CONDITIONS).dropna()
+        spread = of_foam.std().reindex(mean.index).fillna(0)
+        x = [_CONDITIONS.index(name) + 0.2 * (k - 0.5) for name in mean.index]
+        look: dict[str, Any] = {"color": plots.COLOURS[k], "fmt": "os"[k], "capsize": 3}
+        ax.errorbar(x, mean, spread, label=foam, **look)
 
 
 def verdicts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
@@ -303,29 +474,46 @@ def verdicts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
         each.claim.name: each.claim for found in judged.values() for each in found
     }
     rows = {name: k for k, name in enumerate(claims)}
-    height = 1.5 + 0.42 * len(rows)
-    figure, ((ax,),) = plots.new_axes(size=(11.0, height))
+    figure, ((ax,),) = _new_axes(1, 1, (11.0, 1.9 + 0.46 * len(rows)))
     ax.axvspan(-1, 1, color="0.9", zorder=0)
     for k, found in enumerate(judged.values()):
         for each in found:
             y = rows[each.claim.name] + 0.32 * (k - 0.5)
             _draw_interval(ax, each, y, "oD"[k])
+    _name_claims(ax, [*claims.values()])
 
-    # What rows, colours and markers say
-    ax.set_yticks(range(len(rows)), [claim.short for claim in claims.values()])
-    ax.set_ylim(len(rows) - 0.5, -0.5)
+    # What colours and markers say
+    key: list[Artist] = [*_verdict_key()]
+    for k, label in enumerate(judged):
+        look: dict[str, Any] = {"color": "0.3", "marker": "oD"[k], "ls": "none"}
+        key.append(Line2D([], [], label=label, **look))
+    key.append(Patch(color="0.9", label="within the margin"))
+    if any(claim.kind == "value" for claim in claims.values()):
+        key.append(Patch(label="≈ the paper's number: holds in this box", **_PRINTED))
+    figure.legend(handles=key, loc="outside upper center", ncols=4, fontsize=11)
+    return figure
+
+
+def _name_claims(ax: Axes, claims: Sequence[Claim]) -> None:
+    """Words of both axes, and boxes within which a printed number is met."""
+    labels = []
+    for y, claim in enumerate(claims):
+        printed = claim.kind == "value"
+        labels.append(f"≈ {claim.short}" if printed else claim.short)
+        if printed:
+            ax.barh(y, 2, 0.8, left=-1, zorder=1, **_PRINTED)
+    ax.set_yticks(range(len(labels)), [_wrapped(each) for each in labels])
+    ax.set_ylim(len(labels) - 0.5, -0.5)
+
+    # Margins on a scale that is linear within one
     edge = 1.03 * _scaled(np.inf)
     ax.set_xlim(-edge, edge)
     ticks = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
     ax.set_xticks([_scaled(tick) for tick in ticks], [str(tick) for tick in ticks])
-    ax.set_xlabel("against the paper  ←  number over its margin  →  as the paper says")
-    markers = _verdict_key()
-    for k, label in enumerate(judged):
-        markers.append(
-            Line2D([], [], color="0.3", marker="oD"[k], ls="none", label=label)
-        )
-    figure.legend(handles=markers, loc="outside upper center", ncols=3, fontsize=11)
-    return figure
+    words = ["against the paper", "measured number, in margins", "as the paper says"]
+    if all(claim.kind == "value" for claim in claims):
+        words = ["less than the paper's", words[1], "more"]
+    ax.set_xlabel("  ←  ".join(words[:2]) + f"  →  {words[2]}")
 
 
 def _verdict_key() -> list[Line2D]:
@@ -343,7 +531,7 @@ def verdict_counts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
     parts = dict.fromkeys(
         each.claim.part for found in judged.values() for each in found
     )
-    figure, ((ax,),) = plots.new_axes(size=(9.5, 0.9 * len(parts) + 1.2))
+    figure, ((ax,),) = _new_axes(1, 1, (11.0, 0.8 * len(parts) + 1.2))
     ticks = []
     for n, part in enumerate(parts):
         for k, (label, found) in enumerate(judged.items()):
@@ -353,10 +541,11 @@ def verdict_counts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
             ticks.append((y, f"{part}, {label}" if k == 0 else label))
 
     # Words
-    ax.set_yticks([y for y, _ in ticks], [label for _, label in ticks], fontsize=10)
+    ax.set_yticks([y for y, _ in ticks], [label for _, label in ticks])
     ax.set_ylim(len(parts) - 0.5, -0.5)
     ax.set_xlabel("claims of the paper")
-    figure.legend(handles=_verdict_key(), loc="outside upper center", ncols=4)
+    key = _verdict_key()
+    figure.legend(handles=key, loc="outside upper center", ncols=4, fontsize=11)
     return figure
 
 
@@ -373,7 +562,7 @@ def differences(
     # The margin, and how many marks a question has
     rows = [*questions]
     groups = effects.loc[rows].index.unique("group")
-    figure, ((ax,),) = plots.new_axes(size=(11.0, 1.4 + 0.62 * len(rows)))
+    figure, ((ax,),) = _new_axes(1, 1, (11.0, 1.4 + 0.62 * len(rows)))
     ax.axvspan(-margin, margin, color="0.9", zorder=0)
     ax.axvline(0, color="0.5", lw=0.8)
 
@@ -396,6 +585,7 @@ def differences(
     return figure
 
 
+_OUTWARDS = np.array([-1, 1])
 _MET_COLOURS = {True: plots.COLOURS[2], False: plots.COLOURS[1], None: plots.COLOURS[0]}
 
 
@@ -410,10 +600,10 @@ def own_rows(rows: Sequence[Row], beside: Mapping[str, Row]) -> Figure:
     by_unit: dict[str, list[Row]] = {}
     for row in rows:
         by_unit.setdefault(row.unit, []).append(row)
-    heights = [0.8 + len(those) for those in by_unit.values()]
-    size = (11.0, (0.8 + 0.55 * sum(heights)) / len(heights))  # of a panel
-    figure, axes = plots.new_axes(
-        len(by_unit), size=size, gridspec_kw={"height_ratios": heights}
+    heights = [0.9 + len(those) for those in by_unit.values()]
+    size = (11.0, (1.0 + 0.62 * sum(heights)) / len(heights))  # of a panel
+    figure, axes = _new_axes(
+        len(by_unit), 1, size, gridspec_kw={"height_ratios": heights}
     )
 
     # A row is a number, an interval and an aim
@@ -421,40 +611,86 @@ def own_rows(rows: Sequence[Row], beside: Mapping[str, Row]) -> Figure:
         for y, row in enumerate(those):
             _draw_row(ax, y, row)
             if row.key in beside:
-                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=7)
-        labels = [textwrap.fill(row.label, 58) for row in those]
-        ax.set_yticks(range(len(those)), labels, fontsize=10)
+                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=8)
+        labels = [_wrapped(row.label) for row in those]
+        ax.set_yticks(range(len(those)), labels)
         ax.set_ylim(len(those) - 0.5, -0.5)
-        if unit:
-            ax.set_xlabel(unit.strip())
-    figure.legend(handles=_row_key(), loc="outside upper center", ncols=5, fontsize=11)
+        ax.set_xlabel(unit.strip() or "number without a unit")
+        _scale(ax, np.array([row.value for row in those]))
+    key = _row_key(rows, beside)
+    figure.legend(handles=key, loc="outside upper center", ncols=3, fontsize=11)
     return figure
 
 
+def _wrapped(label: str) -> str:
+    """A label in lines of about one length, so that none is a single word."""
+    count = -(-len(label) // 46)
+    return textwrap.fill(label, max(len(label) // count + 8, 20))
+
+
 def _draw_row(ax: Axes, y: float, row: Row) -> None:
-    """A dot in the colour of its aim, its interval, and the aim's bounds as marks."""
+    """A dot in the colour of its aim, its interval, and the aim's bounds above it."""
     colour = _MET_COLOURS[row.met]
     if row.interval is not None:
         ax.plot(row.interval, [y, y], color=colour, lw=2.5, solid_capstyle="butt")
     face = "none" if row.of_paper else colour
-    ax.plot(row.value, y, "o", color=colour, mfc=face, ms=7)
-    for bound, marker in ((row.at_least, ">"), (row.at_most, "<")):
-        if bound is not None:
-            ax.plot(bound, y, marker, color="0.55", ms=8)
+    ax.plot(row.value, y, "o", color=colour, mfc=face, ms=8)
+
+    # An aim that is a range is a line between its marks
+    bounds = {">": row.at_least, "<": row.at_most}
+    drawn = {marker: x for marker, x in bounds.items() if x is not None}
+    ax.plot([*drawn.values()], [y - 0.28] * len(drawn), color="0.5", lw=1.5)
+    for marker, x in drawn.items():
+        ax.plot(x, y - 0.28, marker, color="0.5", ms=8)
 
 
-def _row_key() -> list[Line2D]:
-    """Entries of a legend for rows with aims."""
+def _scale(ax: Axes, values: np.ndarray) -> None:
+    """Show rows of very different size: linear for most, logarithmic beyond."""
+    sizes = np.abs(values)
+    typical = np.median(sizes)
+    if not 0 < 10 * typical < sizes.max():
+        if len(np.unique(ax.dataLim.intervalx)) == 1:  # a single number
+            ax.set_xlim(min(0, 1.2 * values[0]), max(0, 1.2 * values[0]))
+        return
+
+    # Limits a little beyond what is drawn
+    linear = 10 ** np.round(np.log10(typical))
+    low, high = ax.dataLim.intervalx
+    ax.set_xscale("symlog", linthresh=linear)
+    scaled = ax.xaxis.get_transform()
+    ends = scaled.transform([low, high])
+    low, high = scaled.inverted().transform(ends + 0.05 * np.ptp(ends) * _OUTWARDS)
+
+    # Plain words for ticks
+    beyond = linear * 10.0 ** np.arange(np.ceil(np.log10(sizes.max() / linear)))
+    positive = np.sort([linear / 2, *beyond, *3 * beyond])
+    ticks = [each for each in (*-positive, 0, *positive) if low <= each <= high]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_xticks([], minor=True)
+    ax.set_xlim(low, high)
+    ax.set_xlabel(f"{ax.get_xlabel()}, logarithmic beyond {linear:g}")
+
+
+def _row_key(rows: Sequence[Row], beside: Mapping[str, Row]) -> list[Line2D]:
+    """Entries of a legend for what there is among rows."""
+    # Dots
     labels = {True: "aim met", False: "aim not met", None: "no aim"}
-    key = []
+    looks: list[dict[str, Any]] = []
     for met, colour in _MET_COLOURS.items():
-        look: dict[str, Any] = {"marker": "o", "color": colour, "label": labels[met]}
-        key.append(Line2D([], [], ls="none", **look))
-    hollow: dict[str, Any] = {"marker": "o", "mfc": "none", "color": "0.3"}
-    hollow |= {"label": "hollow: the paper's recordings"}
-    key.append(Line2D([], [], ls="none", **hollow))
-    key.append(Line2D([], [], ls="none", marker=">", color="0.55", label="aim"))
-    return key
+        if any(row.met == met for row in rows):
+            looks.append({"marker": "o", "color": colour, "label": labels[met]})
+    if any(row.of_paper or row.key in beside for row in rows):
+        hollow = {"marker": "o", "mfc": "none", "color": "0.3"}
+        looks.append(hollow | {"label": "hollow: the paper's recordings"})
+
+    # Aims
+    least = {"marker": ">", "color": "0.5", "label": "aim: this or more"}
+    most = {"marker": "<", "color": "0.5", "label": "aim: this or less"}
+    if any(row.at_least is not None for row in rows):
+        looks.append(least)
+    if any(row.at_most is not None for row in rows):
+        looks.append(most)
+    return [Line2D([], [], ls="none", ms=8, **look) for look in looks]
 
 
 def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:
@@ -465,7 +701,7 @@ def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:
         if count:
             ax.barh(y, count, 0.3, left=start, color=colour)
             ax.text(
-                start + count / 2, y, str(count), ha="center", va="center", fontsize=9
+                start + count / 2, y, str(count), ha="center", va="center", fontsize=10
             )
         start += count
 
@@ -486,7 +722,7 @@ def _draw_interval(ax: Axes, judged: Judged, y: float, marker: str) -> None:
     ax.plot(_scaled(judged.mean / margin), y, marker, color=colour, ms=6)
 
 
-FIGURES: dict[str, Callable[[Evidence], Figure]] = {
+FIGURES: dict[str, Callable[..., Figure]] = {
     "sim-pb": maps,
     "sim-control": control_rates,
     "sim-integrated": integrated,

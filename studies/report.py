@@ -176,16 +176,16 @@ def draw(
             drawn[f"part-{k}"] = figures.verdicts(found)
 
     # The paper's figures, and those of this project's own
-    evidence = Evidence(PAPER, data)
+    evidences = [Evidence(amount, data) for amount in claims.AMOUNTS]
     for label, function in figures.FIGURES.items():
         with contextlib.suppress(claims.NotMeasured):
-            drawn[label] = function(evidence)
+            drawn[label] = function(*evidences)
     for about, rows in asked.items():
         question = about.strip().splitlines()[0]
         drawn[_named(question)] = figures.own_rows(rows, beside)
 
     for name, figure in drawn.items():
-        figure.savefig(folder / f"{name}.png", dpi=80)
+        figure.savefig(folder / f"{name}.png", dpi=100)
 
 
 def by_label(judged: Verdicts) -> dict[str, list[Judged]]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 from same_verdicts import differences, verdicts_in
 
 import clothlab
@@ -232,9 +233,22 @@ def test_pages_that_say_different_things_of_a_claim_are_told():
     assert differences({"one": first, "two": {}}) == ["two has no verdict"]
 
 
+def words_of(figure):
+    return " ".join(text.get_text().replace("\n", " ") for text in figure.findobj(Text))
+
+
+@pytest.mark.parametrize("amounts", [(PAPER,), (TWENTY,), AMOUNTS])
+def test_a_figure_says_of_which_amounts_and_how_many_units_it_is(amounts):
+    figure = figures.integrated(*map(Evidence, amounts))
+    words = words_of(figure)
+    assert ("the paper's amount 3 worlds" in words) == (PAPER in amounts)
+    assert ("twenty times as many 5 trainings" in words) == (TWENTY in amounts)
+    assert len(figure.axes) == 2 * len(amounts)
+
+
 @pytest.mark.parametrize("name", figures.FIGURES)
 def test_each_figure_is_drawn_and_stands_on_the_page(name):
-    figure = figures.FIGURES[name](Evidence(PAPER))
+    figure = figures.FIGURES[name](*map(Evidence, AMOUNTS))
     last = figure.axes[-1]
     named = [label.get_text() for label in last.get_xticklabels()]
     assert last.get_xlabel() or "Random" in named or not last.axison

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import clothlab
-from studies import PAPER, Experiment, Row, report, save
+from studies import PAPER, Experiment, Row, figures, report, save
 from studies._grid import over
 
 ROOT = Path(clothlab.__file__).parents[1]
@@ -91,6 +91,20 @@ def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others
 def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
     row = Row("k", "what", 0.75, **bounds)
     assert (row.figure, row.aim, row.met) == ("0.75", aim, met)
+
+
+def test_rows_of_very_different_size_are_all_seen():
+    values = (0.05, -0.04, 0.06, 3.0)
+    rows = [Row(str(value), "what", value, at_most=2.0) for value in values]
+    (ax,) = figures.own_rows(rows, {}).axes
+    low, high = ax.get_xlim()
+    assert low < -0.04
+    assert high > 3
+    assert [label.get_text() for label in ax.get_xticklabels()] == [
+        *("-0.05", "0", "0.05", "0.1", "0.3", "1", "3")
+    ]
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert legend == ["aim met", "aim not met", "aim: this or less"]
 
 
 def test_markdown_has_a_line_for_each_row():
