@@ -130,6 +130,13 @@ def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFram
     precision. Other graphics or another processor change the last digits; a closed loop
     then makes more of that with every step.
     """
+    if name.startswith("worlds-"):
+        own = name.removeprefix("worlds-")
+        raise ValueError(
+            f"{name}: a world's recordings and weights are not in the repository; run "
+            "`make worlds`, set CLOTHLAB_DATA to build/worlds/NUMBER/data, and "
+            f"recompute {own!r} there"
+        )
     return get(name).recompute(data=data, **which)
 
 

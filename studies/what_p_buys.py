@@ -651,7 +651,7 @@ _MORE: dict[str, tuple[_Way, _Way]] = {
     ),
 }
 _LEARNED = (BOTH, "estimated", REPLANNED)
-# By the best of ten periods: first what was asked beforehand
+# By the best of ten periods
 LATER: dict[str, tuple[_Way, _Way]] = {
     "network with p, over evolution strategy": (
         _LEARNED,
@@ -675,6 +675,10 @@ LATER: dict[str, tuple[_Way, _Way]] = {
         (NEAREST_P, "estimated", RECORDED),
     ),
 }
+
+
+# What was asked beforehand
+ASKED = (*QUESTIONS, *[*LATER][:2])
 
 
 def groups(values: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -783,9 +787,8 @@ def curves(table: pd.DataFrame) -> pd.DataFrame:
 def _rows(tables: Tables) -> list[Row]:
     """What was asked beforehand, over all tasks."""
     found = effects(tables["what_p_buys"])
-    asked = [*QUESTIONS, *LATER][: len(QUESTIONS) + 2]
     rows = []
-    for question in asked:
+    for question in ASKED:
         effect = found.loc[(question, "all")]
         when = "first throw" if effect["periods"] == 1 else "best of ten periods"
         row = Row(

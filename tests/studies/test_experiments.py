@@ -247,3 +247,8 @@ def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
         for end in ("", PAPER)
         if not end or name in papers
     ]
+
+
+def test_a_row_of_a_world_says_what_stands_behind_it():
+    with pytest.raises(ValueError, match="run `make worlds`, set CLOTHLAB_DATA"):
+        studies.recompute("worlds-control-paper", world=1)
