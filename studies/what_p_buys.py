@@ -622,7 +622,11 @@ QUESTIONS: dict[str, tuple[_Way, _Way]] = {
     ),
 }
 # Other differences that the table allows
-_MORE: dict[str, tuple[_Way, _Way]] = {
+MORE: dict[str, tuple[_Way, _Way]] = {
+    "plan by p, over the nearest replay of any cloth": (
+        _RIGHT,
+        (ANY_OTHER, "estimated", RECORDED),
+    ),
     "p in the choice alone, over none": (
         (BLIND, "estimated", RECORDED),
         (NONE, "estimated", RECORDED),
@@ -699,7 +703,7 @@ def effects(table: pd.DataFrame) -> pd.DataFrame:
     of its 95 % interval over tasks and trainings, and the verdict.
     """
     rows = []
-    for questions, periods in ((QUESTIONS | _MORE, 1), (LATER, _TENTH)):
+    for questions, periods in ((QUESTIONS | MORE, 1), (LATER, _TENTH)):
         for question, (way, rival) in questions.items():
             values = select(table, *way, periods=periods)
             others = select(table, *rival, periods=periods)

@@ -263,7 +263,7 @@ def rows_of(distances):
 
 def test_effects_are_paired_differences_with_a_verdict():
     ways = {way for pair in what_p_buys.QUESTIONS.values() for way in pair}
-    ways |= {way for pair in what_p_buys._MORE.values() for way in pair}
+    ways |= {way for pair in what_p_buys.MORE.values() for way in pair}
     ways |= {way for pair in what_p_buys.LATER.values() for way in pair}
     distances = dict.fromkeys(ways, 0.3)
     distances[(NONE, "estimated", RECORDED)] = 0.5
