@@ -446,7 +446,7 @@ LONG = (
     (PROCESS, "estimated", REPLANNED),
 )
 # Of the curves
-_CURVES = ((BOTH, "estimated", RECORDED), (NEAREST_P, "estimated", RECORDED))
+CURVES = ((BOTH, "estimated", RECORDED), (NEAREST_P, "estimated", RECORDED))
 _TENTH = 10  # periods of a longer run
 
 
@@ -510,11 +510,11 @@ def _of_curves(task: Case) -> list[Case]:
     """
     cases: list[Case] = []
     for seconds in SECONDS[:-1]:
-        cases += _ways(_CURVES, task, seconds=seconds, periods=1)
+        cases += _ways(CURVES, task, seconds=seconds, periods=1)
     recorded = len(trained(f"{_weights(task['arm'])}-0").biases)
     for count in MATERIALS[1:]:
         if count < recorded:
-            cases += _ways(_CURVES, task, materials=count, periods=1)
+            cases += _ways(CURVES, task, materials=count, periods=1)
     return cases
 
 
@@ -775,7 +775,7 @@ def curves(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     amounts = [("seconds", amount) for amount in SECONDS]
     amounts += [("materials", amount) for amount in MATERIALS]
-    for way in _CURVES:
+    for way in CURVES:
         for over, amount in amounts:
             values = select(table, *way, **{over: amount})  # type: ignore[arg-type]
             for arm in transfer.TARGETS:
