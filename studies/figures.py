@@ -543,6 +543,7 @@ def verdict_counts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
     # Words
     ax.set_yticks([y for y, _ in ticks], [label for _, label in ticks])
     ax.set_ylim(len(parts) - 0.5, -0.5)
+    ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set_xlabel("claims of the paper")
     key = _verdict_key()
     figure.legend(handles=key, loc="outside upper center", ncols=4, fontsize=11)
