@@ -511,9 +511,8 @@ def _of_curves(task: Case) -> list[Case]:
     cases: list[Case] = []
     for seconds in SECONDS[:-1]:
         cases += _ways(CURVES, task, seconds=seconds, periods=1)
-    recorded = len(trained(f"{_weights(task['arm'])}-0").biases)
     for count in MATERIALS[1:]:
-        if count < recorded:
+        if count < _recorded(task["arm"]):
             cases += _ways(CURVES, task, materials=count, periods=1)
     return cases
 
@@ -770,22 +769,43 @@ def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame
 def curves(table: pd.DataFrame) -> pd.DataFrame:
     """First throws over seconds of random commands, and over recorded materials.
 
-    A row for each arm, way and amount, with the mean and its 95 % interval.
+    A row for each arm, way and amount, with the mean and its 95 % interval; all are of
+    the same trainings.
     """
     rows = []
     amounts = [("seconds", amount) for amount in SECONDS]
     amounts += [("materials", amount) for amount in MATERIALS]
     for way in CURVES:
+        trainings = select(table, *way, seconds=SECONDS[0]).columns
         for over, amount in amounts:
             values = select(table, *way, **{over: amount})  # type: ignore[arg-type]
             for arm in transfer.TARGETS:
-                part = groups(values).get(arm)
+                part = groups(values[trainings]).get(arm)
                 if part is None:
                     continue
                 mean, low, high = crossed_interval(part.to_numpy())
-                row = {"over": over, "amount": amount, "arm": arm, "method": way[0]}
+                known = amount if over == "seconds" else min(amount, _recorded(arm))
+                row = {"over": over, "amount": known, "arm": arm, "method": way[0]}
                 rows.append(row | {"mean": mean, "low": low, "high": high})
     return pd.DataFrame(rows)
+
+
+@cache
+def _recorded(arm: str) -> int:
+    """How many materials were recorded with an arm."""
+    return len(trained(f"{_weights(arm)}-0").biases)
+
+
+def less_known(table: pd.DataFrame, **less: int) -> np.ndarray:
+    """First throws with less known, minus those with all `[tasks, trainings]`.
+
+    Args:
+        table: stored rows of `what_p_buys`.
+        less: `seconds` or `materials`, of a curve.
+    """
+    values = select(table, *CURVES[0], **less)  # type: ignore[arg-type]
+    gaps = values - select(table, *CURVES[0])
+    return gaps.dropna(how="all").dropna(axis=1).to_numpy()
 
 
 def _rows(tables: Tables) -> list[Row]:
