@@ -254,3 +254,24 @@ def test_each_figure_is_drawn_and_stands_on_the_page(name):
     assert last.get_xlabel() or "Random" in named or not last.axison
     assert f"(results/{name}.png)" in (ROOT / "docs" / "results.md").read_text()
     assert (ROOT / "docs" / "results" / f"{name}.png").stat().st_size > 5_000
+
+
+def test_half_of_the_hanging_distance_is_nothing_near_and_something_by_all_thresholds():
+    hovering = np.array([2.0, 1.5, 1.5])  # the hanging cloth first
+    assert nearness(hovering) == 0
+    assert nearness(hovering, within=1.0) == pytest.approx(0.25)
+
+
+def test_what_the_autoencoder_decides_is_one_number_for_all_trainings():
+    judged = claims.judge("start_target_1", TWENTY)
+    assert (judged.count, judged.verdict) == (1, "inconclusive")
+    assert claims.judge("control_1_light", TWENTY).count == 5
+
+
+def test_few_verdicts_last_where_many_claims_are_tested():
+    claim = claims.all_claims()["right_p_nearer"]
+    marginal = claims.Judged(claim, 0.5, 0.01, 0.99, 5, "world")
+    sure = claims.Judged(claim, 0.5, 0.49, 0.51, 5, "world")
+    one = claims.Judged(claim, 0.5, -np.inf, np.inf, 1, "world")
+    assert claims.lasting([sure, marginal, one]) == [sure]
+    assert claims.lasting([marginal]) == [marginal]
