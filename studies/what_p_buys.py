@@ -726,26 +726,6 @@ def verdict(low: float, high: float) -> str:
     return "does harm" if low > 0 else "open"
 
 
-def table_of_ways(table: pd.DataFrame, oracle: pd.DataFrame) -> pd.DataFrame:
-    """Mean distance over random commands' of each way, by group of tasks.
-
-    Args:
-        table: stored rows of `what_p_buys`.
-        oracle: what `oracle_over_random` returns.
-    """
-    columns = {}
-    for way in FIRST:
-        columns[", ".join((*way, "first throw"))] = select(table, *way)
-    for way in LONG:
-        columns[", ".join((*way, "best of ten"))] = select(table, *way, periods=_TENTH)
-    columns["oracle, first throw"] = oracle
-    means = {}
-    for name, values in columns.items():
-        by_group = groups(values)
-        means[name] = {key: part.to_numpy().mean() for key, part in by_group.items()}
-    return pd.DataFrame(means).T
-
-
 def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     """First throws of the search on the true simulator over random commands'.
 
