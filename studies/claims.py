@@ -38,7 +38,7 @@ from studies.stiffness import CORRECT, FIXED, RANDOM, WARM, WRONG as WRONG_FOAM
 # Amounts of recordings: the paper's comes first
 TWENTY = ""
 AMOUNTS = (PAPER, TWENTY)
-AMOUNTS_IN_WORDS = {PAPER: "the paper's amount", TWENTY: "twenty times as many"}
+AMOUNTS_IN_WORDS = {PAPER: "the paper's recordings", TWENTY: "twenty times as many"}
 VERDICTS = ("holds", "equal", "contradicted", "inconclusive")
 
 
@@ -304,10 +304,15 @@ def _by_autoencoder(values: pd.Series, evidence: Evidence) -> pd.Series:
     return values if evidence.of == "world" else values.iloc[:1]
 
 
+def _nearness_of_runs(runs: pd.DataFrame) -> pd.Series:
+    """Nearness of each run under control."""
+    return runs["control"].map(nearness)
+
+
 def _near(evidence: Evidence, target: int, cloth: str | None = None) -> pd.Series:
     """Nearness under control."""
     runs = _task(evidence, target, cloth)
-    return _of_world(runs["control"].map(nearness), runs)
+    return _of_world(_nearness_of_runs(runs), runs)
 
 
 def _nearer_than_random(
@@ -363,10 +368,6 @@ def _reproducible(
         raise NotMeasured("trainings of one world share recordings and autoencoder")
     table = pd.concat(found, axis=1)
     return 0.25 - (table / table.mean() - 1).abs().mean(axis=1)
-
-
-def _nearness_of_runs(runs: pd.DataFrame) -> pd.Series:
-    return runs["control"].map(nearness)
 
 
 # Estimation and control at once

@@ -40,7 +40,6 @@ CLAIMS = (
 )
 Questions = dict[str, list[Row]]  # rows by what is said about them
 _PAGE_WIDTH = 120  # [columns] of the pages
-_AMOUNTS = {PAPER: "the paper's recordings", claims.TWENTY: "twenty times as many"}
 # Tables of this project's own are all made on the recordings in `data/`
 _HERE = {
     PAPER: "world 0, the paper's recordings",
@@ -91,7 +90,7 @@ def claims_table(chosen: Iterable[Claim], judged: Verdicts) -> str:
     """Claims as Markdown: a number and a verdict for each amount of recordings."""
     head = ["what the paper says, and what is measured"]
     for amount in claims.AMOUNTS:
-        head += [_AMOUNTS[amount], "verdict"]
+        head += [claims.AMOUNTS_IN_WORDS[amount], "verdict"]
     lines = [tuple(head)]
     for claim in chosen:
         line = [_in_words(claim)]
@@ -117,7 +116,7 @@ def _number_and_verdict(judged: Judged | None) -> tuple[str, str]:
 def of_part(part: str, judged: Verdicts) -> dict[str, list[Judged]]:
     """Judged claims of one part of the paper, by the amount of recordings in words."""
     found = {}
-    for amount, label in _AMOUNTS.items():
+    for amount, label in claims.AMOUNTS_IN_WORDS.items():
         every = judged[amount].values()
         found[label] = [each for each in every if each.claim.part == part]
     return found
@@ -190,7 +189,10 @@ def draw(
 
 def by_label(judged: Verdicts) -> dict[str, list[Judged]]:
     """All judged claims, by the amount of recordings in words."""
-    return {label: [*judged[amount].values()] for amount, label in _AMOUNTS.items()}
+    return {
+        label: [*judged[amount].values()]
+        for amount, label in claims.AMOUNTS_IN_WORDS.items()
+    }
 
 
 def in_docs(asked: Questions, beside: Mapping[str, Row]) -> str:
@@ -246,7 +248,7 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
 def _counts(judged: Verdicts) -> str:
     """Over how many worlds and trainings the numbers are, and what chance does."""
     said = []
-    for amount, label in _AMOUNTS.items():
+    for amount, label in claims.AMOUNTS_IN_WORDS.items():
         found = [*judged[amount].values()]
         if not found:
             continue

@@ -242,7 +242,7 @@ def test_a_figure_says_of_which_amounts_and_how_many_units_it_is(amounts):
     figure = figures.integrated(*map(Evidence, amounts))
     words = words_of(figure)
     count = Evidence(PAPER)["joint_arms"]["unit"].nunique()
-    assert (f"the paper's amount {count} worlds" in words) == (PAPER in amounts)
+    assert (f"the paper's recordings {count} worlds" in words) == (PAPER in amounts)
     assert ("twenty times as many 5 trainings" in words) == (TWENTY in amounts)
     assert len(figure.axes) == 2 * len(amounts)
 
