@@ -131,15 +131,26 @@ def optimise_commands(
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
         `[iterations + 1]`.
     """
+    plan, trace = descend(loss, u, limits, settings)
+    return plan, trace.double().numpy()
+
+
+def descend(
+    loss: _LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
+) -> tuple[Tensor, Tensor]:
+    """What `optimise_commands` does, in tensors alone.
+
+    So the whole descent can be exported as one graph (`onnx_export`).
+    """
     gamma = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
     for _ in range(settings.iterations):
         before, direction = steepest_ascent(loss, plan, limits.scale)
         plan, after = best_step(loss, plan, gamma * direction, limits)
-        trace.append(before.item())
-    trace.append(after.item())
-    return plan[0], np.array(trace)
+        trace.append(before)
+    trace.append(after)
+    return plan[0], torch.cat(trace)
 
 
 # The equations end here. What follows puts them to use, step after step of a run.
