@@ -102,6 +102,10 @@ def _check_same_names(what: str, names: list[tuple[str, ...]]) -> None:
             )
 
 
+# Steps of a run that the training takes at its defaults: one more than the sequence.
+SHORTEST = 31
+
+
 def long_enough(
     runs: Sequence[Run], shortest: int, endings: Sequence[str] = ()
 ) -> list[Run]:
