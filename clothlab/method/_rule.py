@@ -31,10 +31,11 @@ class Rule(Protocol):
 
     window: int  # steps that it looks back
 
-    def warmup(self, count: int) -> int | None:
+    def warmup(self, count: int, in_motion: bool = False) -> int | None:
         """How many first of so many steps only fill the memory.
 
-        None where there is nothing to judge yet.
+        None where there is nothing to judge yet. After a gap in what was observed, a
+        window begins `in_motion`, however a run begins.
         """
 
     def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:

@@ -67,6 +67,9 @@ class Checkpoint:
 
         if self.settings is not None:
             check_kind("settings", self.settings, ModelTraining)
+        if self.step is None:
+            # A model that was trained on runs with a step remembers it.
+            object.__setattr__(self, "step", getattr(model, "step", None))
         if self.step is not None:
             check_number("step", self.step, above=0)
 
@@ -151,6 +154,7 @@ class Checkpoint:
         # The networks are made in their sizes, and filled.
         model = quicken(DPMPB(*about["sizes"]))
         fields["model"] = filled(model, _below("model.", tensors))
+        fields["model"].step = about["step"]
         if about["latent_size"] is not None:
             autoencoder = Autoencoder(about["latent_size"])
             layers = _below("autoencoder.", tensors)

@@ -2,14 +2,14 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import cast
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from clothlab._validation import Checked, check_array
+from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.method.model import DPMPB
 
 
@@ -20,6 +20,10 @@ class Run(Checked):
     s: np.ndarray  # states [T, D_s]; of a cloth, z first
     u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
     material: str
+    _: KW_ONLY
+    step: float | None = setting(None, "s")  # between two states, where it is known
+    state_names: tuple[str, ...] = ()  # what each number of s is, with its unit
+    command_names: tuple[str, ...] = ()  # what each number of u is, with its unit
 
     def __post_init__(self) -> None:
         s = check_array(
@@ -37,13 +41,34 @@ class Run(Checked):
         object.__setattr__(self, "u", u)
         super().__post_init__()
 
+        # What may be left out
+        if self.step is not None:
+            step = check_number("step of a run", self.step, above=0)
+            object.__setattr__(self, "step", step)
+        _check_names("states", self.state_names, s.shape[1])
+        _check_names("commands", self.command_names, u.shape[1])
+
     def __len__(self) -> int:
         """Return the number of steps T."""
         return len(self.s)
 
     def __getitem__(self, steps: slice) -> "Run":
         """Return a stretch of the run, `run[:100]`."""
-        return Run(self.s[steps], self.u[steps], self.material)
+        if not isinstance(steps, slice) or steps.step not in (None, 1):
+            raise ValueError(
+                "a run is cut with run[first:last], of steps one after the other, got "
+                f"{steps!r}"
+            )
+        return replace(self, s=self.s[steps], u=self.u[steps])
+
+
+def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
+    """Names may be left out, but not some of them."""
+    if names and len(names) != size:
+        raise ValueError(
+            f"a run of {size} {what} needs as many names, or none, got {len(names)}: "
+            f"{', '.join(names)}"
+        )
 
 
 def windows(

@@ -20,7 +20,7 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method._inputs import check_run
+from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, Estimator
@@ -185,9 +185,9 @@ class _GaussNewton:
         self._settings = settings
         self._from_rest = from_rest
 
-    def warmup(self, count: int) -> int | None:
+    def warmup(self, count: int, in_motion: bool = False) -> int | None:
         """0 for a window that begins at rest, else as set; None if it is too short."""
-        begins_at_rest = self._from_rest and count <= self.window
+        begins_at_rest = self._from_rest and not in_motion and count <= self.window
         warmup = 0 if begins_at_rest else self._settings.warmup
         return warmup if count - 1 - warmup >= self._settings.least else None
 
@@ -232,7 +232,7 @@ def best_bias(
         That p `[D_p]`, and how it predicts.
     """
     settings = settings_or_default(settings, NewtonSettings)
-    check_run(run)
+    check_same_step(model, check_run(run))
     found = check_array("p", p, (model.bias_size,))
     s = torch.as_tensor(run.s)
     u = torch.as_tensor(run.u)
@@ -263,7 +263,7 @@ def estimate_bias(
     Returns:
         The final p `[D_p]`, and p after each step `[T, D_p]`.
     """
-    check_run(run)
+    check_same_step(model, check_run(run))
     estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
     estimator = choose("method", method, estimators)(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]

@@ -40,6 +40,7 @@ class DPMPB(nn.Module):
     s_std: Tensor
     u_mean: Tensor
     u_std: Tensor
+    step: float | None = None  # of the runs it was trained on [s], where it is known
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
         super().__init__()

@@ -22,7 +22,7 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method._inputs import check_runs
+from clothlab.method._inputs import check_runs, common_step
 from clothlab.method._optimise import best_device, minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
@@ -84,6 +84,7 @@ def train_dpmpb(
     device = device or best_device()
     runs = check_runs(runs)
     _check_lengths(runs, settings.sequence_length)
+    step = common_step(runs)
     materials = materials_of(runs)
     p = _first_biases(materials, settings.bias_size, known).to(device)
     p.requires_grad_(not known)
@@ -96,6 +97,7 @@ def train_dpmpb(
         set_normalisation(model, runs)
         model = quicken(model).to(device)
         losses, path = _train(model, p, runs, settings, progress)
+    model.step = step
 
     # Name what the rows of p are.
     paths = {name: path[:, k] for k, name in enumerate(materials)}
