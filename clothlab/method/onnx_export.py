@@ -111,6 +111,7 @@ def export_prediction(
         following, after = model(s, u, p, _like(memory, parts))
         return following, *after
 
+    # The shapes of what goes in, and the names of what comes out.
     inputs = {
         "s": torch.zeros(batch, steps, model.state_size),
         "u": torch.zeros(batch, steps, model.command_size),
@@ -201,6 +202,7 @@ def export_solve(
 
         return descend(loss_of_plans, u, controller.limits, controller.settings)
 
+    # All that goes in, in one order.
     inputs = example | memory | more
     export_onnx(path, solve, inputs, ["plan", "losses"], gradients=True)
 
