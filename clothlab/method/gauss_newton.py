@@ -5,7 +5,9 @@ estimate, predictions are nearly linear in p; the least squares of such a line s
 where the lowest loss lies and how far it scatters. Not in the paper.
 """
 
+import warnings
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -250,6 +252,7 @@ def estimate_bias(
     *,
     method: str = "sgd",
     settings: Any = None,
+    from_rest: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Run the online estimation over a recorded run.
 
@@ -259,12 +262,25 @@ def estimate_bias(
         p: where the estimate starts, `[D_p]`; zeros by default.
         method: "sgd" for the paper's momentum SGD, "newton" for Gauss-Newton.
         settings: of that method, `EstimationSettings` or `NewtonSettings`.
+        from_rest: whether all is at rest before the first step. Only Gauss-Newton makes
+            use of it; the paper's rule always leaves out the first steps.
 
     Returns:
-        The final p `[D_p]`, and p after each step `[T, D_p]`.
+        The final p `[D_p]`, and p after each step `[T, D_p]`. If the run is too short
+        for p to move at all, there is a warning.
     """
     check_same_step(model, check_run(run))
-    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
+    newton = partial(NewtonEstimator, from_rest=from_rest)
+    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": newton}
     estimator = choose("method", method, estimators)(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
+
+    # A p that nothing has moved looks like any other.
+    if estimator.window is None:
+        warnings.warn(
+            f"a run of {len(run)} steps is too short for this estimation: p is where "
+            "it started, and says nothing of the material. Record more steps, or set "
+            "a smaller `warmup`",
+            stacklevel=2,
+        )
     return path[-1], np.stack(path)
