@@ -59,6 +59,13 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         ],
         "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
         "method.fast_rollout": ["FastDPMPB"],
+        "method.deploy": ["Beat", "RangeWatch", "Ranges"],
+        "method.onnx_export": [
+            "export_estimation",
+            "export_onnx",
+            "export_prediction",
+            "export_solve",
+        ],
         "masks": ["iou"],
     },
     # `pip install clothlab[cloth]`: the robot, the cloth, and what was recorded of them

@@ -38,6 +38,11 @@ from clothlab.method.control import (
     GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
+from clothlab.method.deploy import (
+    Beat as Beat,
+    Ranges as Ranges,
+    RangeWatch as RangeWatch,
+)
 from clothlab.method.estimation import BiasEstimator as BiasEstimator
 from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
 from clothlab.method.gauss_newton import (
@@ -49,6 +54,12 @@ from clothlab.method.iterative import (
     IterativeSearch as IterativeSearch,
 )
 from clothlab.method.model import DPMPB as DPMPB, predict as predict
+from clothlab.method.onnx_export import (
+    export_estimation as export_estimation,
+    export_onnx as export_onnx,
+    export_prediction as export_prediction,
+    export_solve as export_solve,
+)
 from clothlab.method.policy import Policy as Policy
 from clothlab.method.rollout import rollout as rollout
 from clothlab.method.training import (

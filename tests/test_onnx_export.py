@@ -260,7 +260,7 @@ def recorded_solves(learned, settings):
         }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_forty_recorded_solves_of_the_cloth_agree(run, tmp_path):
     learned = data.load("torque-0")
     mask = data.load_target("target-1")

@@ -17,7 +17,6 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.fx.experimental.proxy_tensor import make_fx
 
 from clothlab._extras import bring
 from clothlab._files import write_bytes
@@ -233,6 +232,8 @@ def _with_gradients(
     function: Callable[..., Any], examples: tuple[Tensor, ...]
 ) -> Callable[..., Any]:
     """The function as single operations, those of its gradients among them."""
+    from torch.fx.experimental.proxy_tensor import make_fx  # takes a second
+
     # A fused LSTM has no counterpart in ONNX; without it, it is made of single ones.
     with torch.backends.mkldnn.flags(enabled=False):
         try:
