@@ -48,13 +48,19 @@ from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
     IterativeSearch as IterativeSearch,
 )
-from clothlab.method.model import DPMPB as DPMPB, predict as predict
+from clothlab.method.model import (
+    DPMPB as DPMPB,
+    PredictiveModel as PredictiveModel,
+    predict as predict,
+)
 from clothlab.method.policy import Policy as Policy
 from clothlab.method.rollout import rollout as rollout
+from clothlab.method.several import train_several as train_several
 from clothlab.method.training import (
     ModelTraining as ModelTraining,
     train_dpmpb as train_dpmpb,
 )
+from clothlab.method.training_options import TrainingOptions as TrainingOptions
 from clothlab.policies import (
     OperatorPolicy as OperatorPolicy,
     RandomPolicy as RandomPolicy,

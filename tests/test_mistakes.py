@@ -102,7 +102,10 @@ MISTAKES = {
             lambda: Controller(torch.nn.Linear(2, 2), len, (0, 0), (0, 0), (1, 1)),
             "model is a PredictiveModel, got Linear",
         ),
-        (lambda: BiasEstimator(Autoencoder()), "model is a PredictiveModel, got Autoencoder"),
+        (
+            lambda: BiasEstimator(Autoencoder()),
+            "model is a PredictiveModel, got Autoencoder",
+        ),
     ],
     "a name is no name": [
         (

@@ -107,26 +107,29 @@ def _summary_of_blocks(arrays: Sequence[np.ndarray]) -> Summary:
     return Summary(*(torch.tensor(part, dtype=torch.float32) for part in parts))
 
 
-class Place(NamedTuple):
-    """Where an array lies on the disk: so it is told to another process."""
+class _Place(NamedTuple):
+    """Where an array lies on the disk."""
 
     filename: str
     offset: int  # [byte]
     shape: tuple[int, ...]
 
-    def opened(self) -> np.ndarray:
-        """The array, mapped again."""
-        return np.memmap(self.filename, np.float32, "r", self.offset, self.shape)
 
-
-def place_of(array: np.ndarray) -> Place | None:
-    """Where an array lies; None if it is in memory."""
+def told(array: np.ndarray) -> np.ndarray | _Place:
+    """What another process is told of an array: itself, or where it lies."""
     if not is_on_disk(array) or getattr(array, "filename", None) is None:
-        return None
+        return array
 
     # A slice of a map has the map's own offset, and an address of its own.
     mapped: Any = array
     whole = np.frombuffer(mapped._mmap, np.uint8)
     begin = mapped.offset - mapped.offset % mmap.ALLOCATIONGRANULARITY
     within = array.ctypes.data - whole.ctypes.data
-    return Place(str(mapped.filename), begin + within, array.shape)
+    return _Place(str(mapped.filename), begin + within, array.shape)
+
+
+def taken(value: Any) -> Any:
+    """What was told: an array that lies on the disk is mapped again."""
+    if not isinstance(value, _Place):
+        return value
+    return np.memmap(value.filename, np.float32, "r", value.offset, value.shape)

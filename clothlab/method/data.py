@@ -3,13 +3,14 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from clothlab._validation import Checked
-from clothlab.method._on_disk import check_record, summary_of
+from clothlab.method._on_disk import check_record, summary_of, taken, told
 from clothlab.method.model import PredictiveModel
 
 
@@ -36,6 +37,15 @@ class Run(Checked):
         object.__setattr__(self, "s", s)
         object.__setattr__(self, "u", u)
         super().__post_init__()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is told: of arrays on the disk, where they lie."""
+        said = vars(self)
+        return said | {"s": told(self.s), "u": told(self.u)}
+
+    def __setstate__(self, said: dict[str, Any]) -> None:
+        for name, value in said.items():
+            object.__setattr__(self, name, taken(value))
 
     def __len__(self) -> int:
         """Return the number of steps T."""
