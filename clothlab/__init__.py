@@ -35,9 +35,11 @@ __version__ = "0.4.0"
 _CONTENTS: dict[str, dict[str, list[str]]] = {
     # `pip install clothlab`: the method, for any robot, in the order of the paper
     "": {
-        "method.model": ["DPMPB", "predict"],
+        "method.model": ["DPMPB", "PredictiveModel", "predict"],
         "method.data": ["Run"],
         "method.training": ["ModelTraining", "train_dpmpb"],
+        "method.training_options": ["TrainingOptions"],
+        "method.several": ["train_several"],
         "method.checkpoint": ["Checkpoint"],
         "method.estimation": ["BiasEstimator"],
         "method.gauss_newton": ["NewtonEstimator", "estimate_bias"],

@@ -53,7 +53,11 @@ from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
     IterativeSearch as IterativeSearch,
 )
-from clothlab.method.model import DPMPB as DPMPB, predict as predict
+from clothlab.method.model import (
+    DPMPB as DPMPB,
+    PredictiveModel as PredictiveModel,
+    predict as predict,
+)
 from clothlab.method.onnx_export import (
     export_estimation as export_estimation,
     export_onnx as export_onnx,
@@ -62,10 +66,12 @@ from clothlab.method.onnx_export import (
 )
 from clothlab.method.policy import Policy as Policy
 from clothlab.method.rollout import rollout as rollout
+from clothlab.method.several import train_several as train_several
 from clothlab.method.training import (
     ModelTraining as ModelTraining,
     train_dpmpb as train_dpmpb,
 )
+from clothlab.method.training_options import TrainingOptions as TrainingOptions
 from clothlab.policies import (
     OperatorPolicy as OperatorPolicy,
     RandomPolicy as RandomPolicy,

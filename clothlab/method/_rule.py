@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from torch import Tensor
 
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
@@ -38,5 +38,7 @@ class Rule(Protocol):
         window begins `in_motion`, however a run begins.
         """
 
-    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+    def move(
+        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
+    ) -> Moved:
         """p `[D_p]` after one step; `carried` is None in the first."""

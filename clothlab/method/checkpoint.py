@@ -21,6 +21,7 @@ from clothlab.method._model_card import model_card
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
+    below,
     check_free,
     check_layers,
     filled,
@@ -30,7 +31,7 @@ from clothlab.method._weights import (
 )
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.deploy import Ranges
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, PredictiveModel
 from clothlab.method.training import ModelTraining
 
 _KIND = "checkpoint"
@@ -44,7 +45,7 @@ class Checkpoint:
     """
 
     name: str  # of the training, such as torque-0
-    model: DPMPB
+    model: PredictiveModel
     biases: dict[str, np.ndarray]  # trained p of each material, {name: [D_p]}
     # Mean squared error of each epoch of the training, [epochs]
     losses: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -62,7 +63,7 @@ class Checkpoint:
 
     def __post_init__(self) -> None:
         check_kind("name", self.name, str)
-        model = check_kind("model", self.model, DPMPB)
+        model = check_kind("model", self.model, PredictiveModel)
         if np.ndim(self.losses) != 1:
             raise ValueError(f"losses are [epochs], got {np.shape(self.losses)}")
 
@@ -199,17 +200,17 @@ class Checkpoint:
             "version": about.get("version", ""),
         }
         # Ranges may be unknown.
-        ranges = _below("ranges.", tensors)
+        ranges = below("ranges.", tensors)
         if ranges:
             fields["ranges"] = Ranges(ranges["s"].numpy(), ranges["u"].numpy())
 
         # The networks are made in their sizes, and filled.
         model = _made(network, about)
-        fields["model"] = filled(model, _below("model.", tensors))
+        fields["model"] = filled(model, below("model.", tensors))
         fields["model"].step = about["step"]
         if about["latent_size"] is not None:
             autoencoder = Autoencoder(about["latent_size"])
-            layers = _below("autoencoder.", tensors)
+            layers = below("autoencoder.", tensors)
             fields["autoencoder"] = filled(autoencoder, layers)
 
         # An unknown or illegal setting is refused as at its first writing.
@@ -244,15 +245,6 @@ def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:
     """The tensors of one network, their names after a prefix."""
     layers = network.state_dict()
     return {prefix + name: tensor for name, tensor in layers.items()}
-
-
-def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors after whose prefix a network's own names stand."""
-    return {
-        name.removeprefix(prefix): tensor
-        for name, tensor in tensors.items()
-        if name.startswith(prefix)
-    }
 
 
 def _check_count(what: str, names: tuple[str, ...], size: int) -> None:

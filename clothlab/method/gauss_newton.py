@@ -26,7 +26,7 @@ from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, Estimator
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
 
@@ -56,12 +56,12 @@ class Linearisation:
 
     @classmethod
     def of(
-        cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
+        cls, model: PredictiveModel, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
     ) -> "Linearisation":
         """Predict with p and its neighbours in one pass.
 
         Args:
-            model: a trained DPMPB.
+            model: a trained one.
             s: states, `[T + 1, D_s]`.
             u: commands, `[T + 1, D_u]`.
             p: where predictions are linearised, `[D_p]`.
@@ -169,7 +169,7 @@ class NewtonEstimator(Estimator):
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         p: ArrayLike | None = None,
         settings: NewtonSettings | None = None,
         *,
@@ -193,7 +193,9 @@ class _GaussNewton:
         warmup = 0 if begins_at_rest else self._settings.warmup
         return warmup if count - 1 - warmup >= self._settings.least else None
 
-    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+    def move(
+        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
+    ) -> Moved:
         """One step; nothing is carried from the one before."""
         seen = Linearisation.of(model, window.s, window.u, p, window.warmup)
         if not seen.loss < LARGEST_LOSS:
@@ -215,7 +217,7 @@ def linearise(estimator: Estimator) -> Linearisation | None:
 
 
 def best_bias(
-    model: DPMPB,
+    model: PredictiveModel,
     run: Run,
     p: ArrayLike,
     settings: NewtonSettings | None = None,
@@ -224,7 +226,7 @@ def best_bias(
     """The p with the lowest loss over a whole run, by Gauss-Newton.
 
     Args:
-        model: a trained DPMPB.
+        model: a trained one.
         run: which begins at rest.
         p: where to begin, `[D_p]`.
         settings: of the steps.
@@ -236,8 +238,8 @@ def best_bias(
     settings = settings_or_default(settings, NewtonSettings)
     check_same_step(model, check_run(run))
     found = check_array("p", p, (model.bias_size,))
-    s = torch.as_tensor(run.s)
-    u = torch.as_tensor(run.u)
+    s = torch.tensor(run.s)
+    u = torch.tensor(run.u)
     seen = Linearisation.of(model, s, u, found)
     for _ in range(rounds):
         found = found + seen.step(settings.freedom, settings.longest)
@@ -246,7 +248,7 @@ def best_bias(
 
 
 def estimate_bias(
-    model: DPMPB,
+    model: PredictiveModel,
     run: Run,
     p: ArrayLike | None = None,
     *,

@@ -25,7 +25,7 @@ from clothlab.method._inputs import check_model
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.control import Controller, GradientSearch, descend
 from clothlab.method.gauss_newton import around_bias
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 _EXTRA = "onnx"
 
@@ -84,7 +84,7 @@ def export_onnx(
 
 
 def export_prediction(
-    path: str | Path, model: DPMPB, *, batch: int = 1, steps: int = 1
+    path: str | Path, model: PredictiveModel, *, batch: int = 1, steps: int = 1
 ) -> None:
     """Write h, which predicts the next states (eq. 1), and moves the memory on.
 
@@ -95,7 +95,7 @@ def export_prediction(
 
     Args:
         path: of the file.
-        model: a trained DPMPB, also one with layers of your own.
+        model: a trained DPMPB, or a network of your own.
         batch: B.
         steps: T.
     """
@@ -124,7 +124,7 @@ def export_prediction(
         export_onnx(path, predicted, inputs, outputs)
 
 
-def export_estimation(path: str | Path, model: DPMPB, *, warmup: int = 0) -> None:
+def export_estimation(path: str | Path, model: PredictiveModel, *, warmup: int = 0) -> None:
     """Write how one p predicts a window, and what a small change of p would do.
 
     Inputs are a window of states `s` `[T + 1, D_s]` and commands `u` `[T + 1, D_u]`, of
