@@ -70,7 +70,7 @@ BUDGETS = {  # at most; lines are only reported
     "floors": 8,
     "imports between rooms": 92,
     # An exercise has one check, which only its page calls.
-    "public names without the checks of exercises": 133,
+    "public names without the checks of exercises": 138,
 }
 
 
