@@ -69,7 +69,10 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> Any:
-    """A PyArrow table, of some columns or all; a ModuleNotFoundError says what to install."""
+    """A PyArrow table, of all columns or of some.
+
+    A ModuleNotFoundError says what to install.
+    """
     try:
         parquet: Any = importlib.import_module("pyarrow.parquet")
     except ModuleNotFoundError as error:

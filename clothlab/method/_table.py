@@ -120,8 +120,8 @@ def _seconds(data: Any, name: str) -> np.ndarray:
         row = int(late.argmax()) + 1
         raise ValueError(
             f"times must rise, but row {row} (counted from 0) with "
-            f"{seconds[row]:.10g} s comes after {seconds[row - 1]:.10g} s: leave doubles "
-            "out, sort the rows, or cut the log where its clock began anew"
+            f"{seconds[row]:.10g} s comes after {seconds[row - 1]:.10g} s: leave "
+            "doubles out, sort the rows, or cut the log where its clock began anew"
         )
     return seconds
 

@@ -50,6 +50,7 @@ def runs_from_minari(
     check_number("shortest", shortest, int, at_least=1)
     runs: list[Run] = []
     for episode in dataset:
+        # What was observed, and what was done
         name = f"episode {getattr(episode, 'id', len(runs))}"
         s = _states_of(episode.observations, observe, name)
         u = _commands_of(episode.actions, name)
@@ -58,6 +59,8 @@ def runs_from_minari(
                 f"{name} has {len(s)} observations and {len(u)} actions: one "
                 "observation more than actions, and some, are needed"
             )
+
+        # One command more, for the last state
         u = np.concatenate([u, u[-1:]])
         told = material if isinstance(material, str) else material(episode)
         runs.append(Run(s, u, told, step=step))
@@ -81,8 +84,8 @@ def _states_of(
     if s.ndim != 2 or s.dtype.kind not in "fiu":
         raise ValueError(
             f"observations of {name} are {s.dtype} of shape {list(s.shape)}, and "
-            "states are vectors of numbers: make one with `observe`. A picture needs an "
-            "autoencoder first"
+            "states are vectors of numbers: make one with `observe`. A picture needs "
+            "an autoencoder first"
         )
     return s
 
