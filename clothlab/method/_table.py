@@ -80,7 +80,7 @@ def _numbers(data: Any, name: str) -> np.ndarray:
     except (TypeError, ValueError):
         row, value = next(_no_numbers(values))
         raise ValueError(
-            f"row {row} (counted from 0), column {name!r} is no number: {value!r:.60}"
+            f"row {row} (counted from 0), column {name!r} is no number: {str(value)!r:.60}"
         ) from None
     if numbers.ndim != 1:
         raise ValueError(
@@ -106,6 +106,9 @@ def _seconds(data: Any, name: str) -> np.ndarray:
     if values.dtype.kind == "M":
         since = (values - values[0]) / np.timedelta64(1, "ns") / 1e9
         seconds = np.where(np.isnat(values), np.nan, since)
+    elif hasattr(values[0], "timestamp"):  # dates with a time zone
+        stamps = np.array([each.timestamp() for each in values])
+        seconds = stamps - stamps[0]
     else:
         seconds = _numbers({name: values}, name)
 
@@ -152,7 +155,8 @@ def _held(time: np.ndarray, values: np.ndarray, longest: float) -> np.ndarray:
     last = np.maximum.accumulate(np.where(there, rows, -1), axis=0)
     held = np.take_along_axis(values, np.maximum(last, 0), axis=0)
     age = time[:, None] - time[np.maximum(last, 0)]
-    return np.where((last >= 0) & (age <= longest), held, np.nan)
+    recent = age <= longest * (1 + _ROUNDING)
+    return np.where((last >= 0) & recent, held, np.nan)
 
 
 def pieces(table: Table, longest: float) -> list[Table]:
@@ -162,7 +166,8 @@ def pieces(table: Table, longest: float) -> list[Table]:
     if not len(rows):
         return []
     # A row that was left out is a gap, too: nothing tells what was in it.
-    gaps = (np.diff(table.time[rows]) > longest) | (np.diff(rows) > 1)
+    apart = np.diff(table.time[rows]) > longest * (1 + _ROUNDING)
+    gaps = apart | (np.diff(rows) > 1)
     parts = np.split(rows, np.flatnonzero(gaps) + 1)
     return [table[part] for part in parts]
 

@@ -144,7 +144,8 @@ def runs_from_lerobot(
             enough.
     """
     check_number("shortest", shortest, int, at_least=1)
-    root = Path(getattr(dataset, "root", dataset))
+    folder = dataset if isinstance(dataset, str | Path) else dataset.root
+    root = Path(folder)
     about = _about_lerobot(root)
     names = {
         "state_names": _feature_names(about, states),
