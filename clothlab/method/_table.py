@@ -80,7 +80,8 @@ def _numbers(data: Any, name: str) -> np.ndarray:
     except (TypeError, ValueError):
         row, value = next(_no_numbers(values))
         raise ValueError(
-            f"row {row} (counted from 0), column {name!r} is no number: {str(value)!r:.60}"
+            f"row {row} (counted from 0), column {name!r} is no number: "
+            f"{str(value)!r:.60}"
         ) from None
     if numbers.ndim != 1:
         raise ValueError(
