@@ -53,6 +53,9 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         ],
         "method.policy": ["Policy"],
         "method.rollout": ["rollout"],
+        "method.collecting": ["collect_runs"],
+        "method.logs": ["read_runs", "runs_from_dataframe"],
+        "method.datasets": ["runs_from_lerobot", "runs_from_minari"],
         "method.cloth_task": [
             "ControlPolicy",
             "EstimatingPolicy",

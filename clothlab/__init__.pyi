@@ -32,12 +32,17 @@ from clothlab.method.cloth_task import (
     observe as observe,
     period_mask as period_mask,
 )
+from clothlab.method.collecting import collect_runs as collect_runs
 from clothlab.method.control import (
     Controller as Controller,
     ControlSettings as ControlSettings,
     GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
+from clothlab.method.datasets import (
+    runs_from_lerobot as runs_from_lerobot,
+    runs_from_minari as runs_from_minari,
+)
 from clothlab.method.deploy import (
     Beat as Beat,
     Ranges as Ranges,
@@ -52,6 +57,10 @@ from clothlab.method.gauss_newton import (
 from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
     IterativeSearch as IterativeSearch,
+)
+from clothlab.method.logs import (
+    read_runs as read_runs,
+    runs_from_dataframe as runs_from_dataframe,
 )
 from clothlab.method.model import (
     DPMPB as DPMPB,

@@ -136,6 +136,7 @@ def _side_by_side(
     bar: Any,
 ) -> list[_Episode]:
     """Episodes of several robots, in the order in which they ended."""
+    # All begin together.
     mode = _reset_mode(env, options)
     robots = _Robots(env.num_envs, policy, observe, seed)
     first = list(range(seed, seed + env.num_envs))
@@ -143,9 +144,11 @@ def _side_by_side(
 
     done = 0
     while done < steps:
-        acting = ~robots.resetting
-        done += int(acting.sum())
-        bar.update(min(int(acting.sum()), bar.total - bar.n))
+        acting = int((~robots.resetting).sum())
+        done += acting
+        bar.update(acting)
+
+        # Each robot acts, and some episodes are over.
         commands = robots.commands(observations)
         observations, _, terminated, truncated, _ = env.step(commands)
         over = terminated | truncated

@@ -124,7 +124,9 @@ def export_prediction(
         export_onnx(path, predicted, inputs, outputs)
 
 
-def export_estimation(path: str | Path, model: PredictiveModel, *, warmup: int = 0) -> None:
+def export_estimation(
+    path: str | Path, model: PredictiveModel, *, warmup: int = 0
+) -> None:
     """Write how one p predicts a window, and what a small change of p would do.
 
     Inputs are a window of states `s` `[T + 1, D_s]` and commands `u` `[T + 1, D_u]`, of

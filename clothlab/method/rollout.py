@@ -78,11 +78,7 @@ def rollout(
         ValueError: A command is not one of this robot; it was not sent. Or an argument
             makes no sense, before the first step.
     """
-    check_environment(env)
-    if is_vector(env):
-        raise ValueError(
-            "rollout moves one robot: `collect_runs` takes an environment of several"
-        )
+    _check_one_robot(env)
     check_number("steps", steps, int, at_least=1)
     check_seed(seed)
     policy = as_policy(policy)
@@ -107,6 +103,14 @@ def rollout(
     if ending is not None:
         raise EpisodeEnded(_why_it_ended(ending, steps), record)
     return record
+
+
+def _check_one_robot(env: Any) -> None:
+    check_environment(env)
+    if is_vector(env):
+        raise ValueError(
+            "rollout moves one robot: `collect_runs` takes an environment of several"
+        )
 
 
 def _go(
