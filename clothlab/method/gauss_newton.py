@@ -121,7 +121,7 @@ class Linearisation:
 
 @torch.no_grad()
 def around_bias(
-    model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
+    model: PredictiveModel, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
 ) -> tuple[Tensor, Tensor]:
     """What `Linearisation.of` computes, in tensors alone (`onnx_export`).
 
