@@ -400,11 +400,14 @@ def test_a_stream_at_another_rate_is_refused_and_moves_nothing(at_twenty_hertz, 
     with pytest.raises(ValueError, match=r"comes -0\.02 s after"):
         estimator.update([0, 0], [0], time=-0.02)
     assert estimator.window is None
+    estimator.reset()
+    with pytest.raises(ValueError, match=r"came 0\.06 s apart on average, and the mod"):
+        follow(estimator, plain(), 0.06)
 
     # The stream as it should be, with jitter, is as good as one without times.
     timed, untimed = kind(at_twenty_hertz), kind(at_twenty_hertz)
     run = plain()
-    follow(timed, run, 0.055)
+    follow(timed, run, 0.052)
     p = [untimed.update(s, u) for s, u in zip(run.s, run.u, strict=True)][-1]
     assert np.array_equal(timed.p, p)
     assert p.any()
