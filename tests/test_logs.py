@@ -52,24 +52,44 @@ def test_an_even_log_is_taken_as_it_is():
     assert (run.state_names, run.command_names) == (("x", "v"), ("push",))
 
 
-def test_states_lie_on_lines_and_commands_are_the_last_ones_sent():
+@pytest.mark.parametrize("how", ["average", "last"])
+def test_states_lie_on_lines_and_commands_are_averages_or_the_last(how):
     log = line(uneven(500))
-    (run,) = to_runs(log, step=0.05)
+    (run,) = to_runs(log, step=0.05, resample_commands=how)
     even = log["t"][0] + 0.05 * np.arange(len(run))
     assert even[-1] <= log["t"][-1] < even[-1] + 0.05
     assert run.s == pytest.approx(np.stack([2 * even, -even], 1), abs=1e-5)
-    for at, u in zip(even, run.u[:, 0], strict=True):
-        assert u == log["push"][log["t"] <= at + 1e-9][-1]
+
+    # By brute force: what was in effect at many moments of each step
+    moments = 1 if how == "last" else 2000
+    for at, u in zip(even[:-1], run.u[:, 0], strict=False):
+        when = at + 0.05 * np.arange(moments) / moments + 1e-9
+        rows = np.searchsorted(log["t"], when, side="right") - 1
+        assert u == pytest.approx(log["push"][rows].mean(), abs=2e-3)
 
 
-def test_no_command_tells_of_one_that_was_sent_later():
+def test_a_command_is_what_moves_one_state_to_the_next():
+    """Of an integrator every state is known, and so is the average of its commands."""
+    time = uneven(400, seed=3)
+    log = line(time) | {"push": np.random.default_rng(4).normal(size=400)}
+    log["v"] = np.append(0, np.cumsum(log["push"][:-1] * np.diff(time)))
+    for step in (0.02, 0.05, 0.13):
+        (run,) = to_runs(log, step=step)
+        assert np.diff(run.s[:, 1]) == pytest.approx(step * run.u[:-1, 0], abs=1e-5)
+    (late,) = to_runs(log, step=0.05, resample_commands="last")
+    assert np.abs(np.diff(late.s[:, 1]) - 0.05 * late.u[:-1, 0]).max() > 0.01
+
+
+@pytest.mark.parametrize(("how", "known"), [("average", 20), ("last", 21)])
+def test_no_command_tells_of_one_that_was_sent_after_the_next_state(how, known):
     log = line(uneven(200))
-    (before,) = to_runs(log, step=0.05)
+    more = {"step": 0.05, "resample_commands": how}
+    (before,) = to_runs(log, **more)
     moment = log["t"][0] + 0.05 * 20
     other = log | {"push": np.where(log["t"] > moment, 1e6, log["push"])}
-    (after,) = to_runs(other, step=0.05)
-    assert np.array_equal(before.u[:21], after.u[:21])
-    assert (after.u[22:] == 1e6).all()
+    (after,) = to_runs(other, **more)
+    assert np.array_equal(before.u[:known], after.u[:known])
+    assert (after.u[known : known + 2] > 1e3).all()
 
 
 def test_a_gap_ends_a_run_and_begins_another():
