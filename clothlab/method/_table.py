@@ -186,19 +186,47 @@ def check_dense(table: Table, step: float) -> None:
         )
 
 
-def at_even_times(table: Table, step: float) -> tuple[np.ndarray, np.ndarray]:
+def at_even_times(
+    table: Table, step: float, average: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """States `[T, D_s]` and commands `[T, D_u]` every `step` [s] from the first row on.
 
     A state lies on the straight line between those measured before and after it. A
-    command is the last one sent until then: one that was sent a little later has not
-    moved that state, and would tell the model of the future.
+    command is the average of those sent from then until the next state, or else the
+    last one sent until then.
     """
     since = table.time - table.time[0]
     count = int(since[-1] / step + _ROUNDING) + 1
     even = step * np.arange(count)
     s = [np.interp(even, since, values) for values in table.s.T]
-    sent = np.searchsorted(since, even + _ROUNDING * step, side="right") - 1
-    return np.stack(s, axis=1), table.u[sent]
+
+    # The row of the last command until each state, and of the last before the next
+    tolerance = _ROUNDING * step
+    until = np.searchsorted(since, even + tolerance, side="right") - 1
+    u = table.u[until]
+    if average:
+        before_next = np.searchsorted(since, even + step - tolerance) - 1
+        several = before_next > until
+        u[several] = _averages(since, table.u, even[several], step)
+    return np.stack(s, axis=1), u
+
+
+def _averages(
+    since: np.ndarray, u: np.ndarray, starts: np.ndarray, step: float
+) -> np.ndarray:
+    """Averages over a step from each start `[N, D_u]` of commands held from row to row.
+
+    `since` are the rows' times `[R]`, `u` their commands `[R, D_u]`.
+    """
+    # The last is held for longer than any step that begins before it.
+    edges = np.append(since, since[-1] + 2 * step)
+    sums = np.cumsum(u * np.diff(edges)[:, None], axis=0)
+    integrals = np.vstack([np.zeros(u.shape[1]), sums]).T
+    means = [
+        (np.interp(starts + step, edges, each) - np.interp(starts, edges, each)) / step
+        for each in integrals
+    ]
+    return np.stack(means, axis=1)
 
 
 def stretches(labels: ArrayLike) -> list[slice]:

@@ -70,8 +70,11 @@ def prediction_loss(
     return torch.stack(losses).reshape(p.shape[:-1])
 
 
-# Share of a step by which a state may come too early or too late.
+# Share of a step by which a state may come too early or too late, and by which so many
+# may on average.
 _JITTER = 0.5
+_DRIFT = 0.1
+_MANY = 10
 
 
 class _State(NamedTuple):
@@ -83,7 +86,7 @@ class _State(NamedTuple):
     p: np.ndarray  # the estimate [D_p]
     carried: Any = None  # by the rule
     seen: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # states and commands
-    time: float | None = None  # of the last of them [s], where it is known
+    times: tuple[float, ...] = ()  # of the last of them [s], where they are known
     in_motion: bool = False  # whether the first of them comes after a gap
 
 
@@ -141,15 +144,15 @@ class Estimator:
         leaves the estimate as it is.
 
         With its `time` [s] a step is also refused if it comes half a step too early or
-        too late after the one before: a stream at another rate than the model's would
-        give a confident, wrong p.
+        too late after the one before, or if many came a tenth too early or too late: a
+        stream at another rate than the model's would give a confident, wrong p.
         """
         s = check_array("s", s, (self.model.state_size,), np.float32)
         u = check_array("u", u, (self.model.command_size,), np.float32)
-        self._check_rate(time)
+        times = () if time is None else self._checked_times(time)
         # One more than the window: the last state is only predicted.
         seen = (*self._state.seen, (s, u))[-self._rule.window - 1 :]
-        now = self._state._replace(seen=seen, time=time)
+        now = self._state._replace(seen=seen, times=times)
 
         window = self._window(now)
         if window is None:
@@ -164,10 +167,8 @@ class Estimator:
         self._state = now._replace(p=moved.p, carried=moved.carried)
         return self.p
 
-    def _check_rate(self, time: float | None) -> None:
-        """A ValueError if a step comes too early or too late after the one before."""
-        if time is None:
-            return
+    def _checked_times(self, time: float) -> tuple[float, ...]:
+        """The last times and this one; a ValueError if they are not the model's."""
         check_number("time", time)
         step = getattr(self.model, "step", None)
         if step is None:
@@ -175,13 +176,22 @@ class Estimator:
                 "the model does not know its step, so that times say nothing: train it "
                 "on runs that have one, or set `model.step` [s]"
             )
-        before = self._state.time
-        if before is not None and abs(time - before - step) > _JITTER * step:
+
+        # This step alone, and the last ones on average
+        before = self._state.times
+        told = ""
+        if before and abs(time - before[-1] - step) > _JITTER * step:
+            told = f"this state comes {time - before[-1]:.3g} s after the one before"
+        elif len(before) == _MANY:
+            mean = (time - before[0]) / _MANY
+            if abs(mean - step) > _DRIFT * step:
+                told = f"the last states came {mean:.3g} s apart on average"
+        if told:
             raise ValueError(
-                f"this state comes {time - before:.3g} s after the one before, and the "
-                f"model was trained on steps of {step:g} s: bring the stream to that "
-                "rate. After a gap, call `forget()`, which keeps p"
+                f"{told}, and the model was trained on steps of {step:g} s: bring the "
+                "stream to that rate. After a gap, call `forget()`, which keeps p"
             )
+        return (*before, time)[-_MANY:]
 
     def _window(self, now: _State) -> Window | None:
         warmup = self._rule.warmup(len(now.seen), now.in_motion)

@@ -8,7 +8,7 @@ many milliseconds.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm.auto import tqdm
 
@@ -31,6 +31,7 @@ from clothlab.method.data import Run
 # Steps that a gap may last: then few states lie on a line that nobody measured.
 _LONGEST_GAP = 3
 _MISSING = {"refuse": "refuse", "hold": "hold", "split": "split"}
+_AVERAGE = {"average": True, "last": False}
 
 
 def runs_from_dataframe(
@@ -43,6 +44,7 @@ def runs_from_dataframe(
     step: float,
     longest_gap: float | None = None,
     missing: str = "refuse",
+    resample_commands: str = "average",
     shortest: int = SHORTEST,
 ) -> list[Run]:
     """Make runs of a log of one material: evenly spaced, without gaps.
@@ -52,9 +54,12 @@ def runs_from_dataframe(
 
     * A state lies on the straight line between the rows before and after it. An angle
       that jumps from π to -π has no such line: log its cosine and sine.
-    * A command is the last one sent until then. A row of the log is taken for a state,
-      and the command that was sent in it; one that was sent later has not moved the
-      state yet.
+    * A command is the average of those sent from then until the next state, each held
+      until the following row: what moves the robot from one state to the next, and
+      nothing that was sent later. With `resample_commands="last"` it is the last one
+      sent until then, for commands that have no average, or that a fast controller
+      sends in answer to what happens within a step. A change of command then counts up
+      to a step late.
 
     Args:
         data: A table of pandas, polars or PyArrow, or a mapping of columns.
@@ -69,6 +74,7 @@ def runs_from_dataframe(
             "refuse" says where it is; "hold" takes the value before, for at most
             `longest_gap`, and splits where it lasts longer; "split" leaves the row out,
             and ends the run before it.
+        resample_commands: "average" of what is sent in a step, or the "last" before it.
         shortest: Runs of fewer steps are left out, and a warning counts them.
 
     Returns:
@@ -79,7 +85,8 @@ def runs_from_dataframe(
         ValueError: A number is missing, times do not rise, rows are too far apart for
             the step, or no run is long enough.
     """
-    recipe = _recipe(time, states, commands, step, longest_gap, missing)
+    columns = _columns(time, states, commands)
+    recipe = _recipe(columns, step, longest_gap, missing, resample_commands)
     check_kind("material", material, str)
     check_number("shortest", shortest, int, at_least=1)
     return long_enough(recipe.runs(data, material), shortest)
@@ -95,6 +102,7 @@ def read_runs(
     step: float,
     longest_gap: float | None = None,
     missing: str = "refuse",
+    resample_commands: str = "average",
     shortest: int = SHORTEST,
     progress: bool = True,
 ) -> list[Run]:
@@ -112,13 +120,15 @@ def read_runs(
         step: Between two states of a run [s].
         longest_gap: Rows that are further apart [s] end a run.
         missing: "refuse", "hold" or "split".
+        resample_commands: "average" or "last".
         shortest: Runs of fewer steps are left out, and a warning counts them.
         progress: Whether a bar shows how many files are read.
 
     Raises:
         ValueError: As of `runs_from_dataframe`, after the name of the file.
     """
-    recipe = _recipe(time, states, commands, step, longest_gap, missing)
+    columns = _columns(time, states, commands)
+    recipe = _recipe(columns, step, longest_gap, missing, resample_commands)
     check_number("shortest", shortest, int, at_least=1)
     paths = log_files(files)
 
@@ -134,22 +144,30 @@ def read_runs(
     return long_enough(runs, shortest)
 
 
-@dataclass(frozen=True)
-class _Recipe:
-    """How any log becomes runs, wherever it comes from."""
+class _Columns(NamedTuple):
+    """Names of columns."""
 
     time: str
     states: tuple[str, ...]
     commands: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """How any log becomes runs, wherever it comes from."""
+
+    columns: _Columns
     step: float
     longest_gap: float
     missing: str
+    average: bool  # of commands
 
     def runs(self, data: Any, material: str) -> list[Run]:
         """All runs of one log, however short."""
-        table = read_table(data, self.time, self.states, self.commands)
+        time, states, commands = self.columns
+        table = read_table(data, time, states, commands)
         if self.missing == "refuse":
-            refuse_missing(table, (*self.states, *self.commands))
+            refuse_missing(table, (*states, *commands))
         check_dense(table, self.step)
         if self.missing == "hold":
             table = hold(table, self.longest_gap)
@@ -160,46 +178,48 @@ class _Recipe:
         # Each piece has even steps of its own.
         runs = []
         for part in parts:
-            s, u = at_even_times(part, self.step)
+            s, u = at_even_times(part, self.step, self.average)
             run = Run(
                 s,
                 u,
                 material,
                 step=self.step,
-                state_names=self.states,
-                command_names=self.commands,
+                state_names=states,
+                command_names=commands,
             )
             runs.append(run)
         return runs
 
 
 def _recipe(
-    time: str,
-    states: Sequence[str],
-    commands: Sequence[str],
+    columns: _Columns,
     step: float,
     longest_gap: float | None,
     missing: str,
+    resample_commands: str,
 ) -> _Recipe:
-    """The recipe that is asked for; a ValueError if it makes no sense."""
-    # Which columns
-    names = {"states": _names("states", states)}
-    names["commands"] = _names("commands", commands)
-    every = [check_kind("time", time, str), *names["states"], *names["commands"]]
+    """The recipe that is asked for; an error if it makes no sense."""
+    step = check_number("step", step, above=0)
+    if longest_gap is None:
+        longest_gap = _LONGEST_GAP * step
+    longest_gap = check_number("longest_gap", longest_gap, at_least=step)
+    choose("way with what is missing", missing, _MISSING)
+    average = choose("way to resample commands", resample_commands, _AVERAGE)
+    return _Recipe(columns, step, longest_gap, missing, average)
+
+
+def _columns(time: str, states: Sequence[str], commands: Sequence[str]) -> _Columns:
+    """The columns that are asked for; a ValueError for one that is given twice."""
+    check_kind("time", time, str)
+    columns = _Columns(time, _names("states", states), _names("commands", commands))
+    every = [time, *columns.states, *columns.commands]
     double = sorted({name for name in every if every.count(name) > 1})
     if double:
         raise ValueError(
             f"columns that are given twice: {', '.join(double)}. Each is the time, a "
             "state or a command"
         )
-
-    # In which steps, and what of gaps
-    step = check_number("step", step, above=0)
-    if longest_gap is None:
-        longest_gap = _LONGEST_GAP * step
-    longest_gap = check_number("longest_gap", longest_gap, at_least=step)
-    choose("way with what is missing", missing, _MISSING)
-    return _Recipe(time, **names, step=step, longest_gap=longest_gap, missing=missing)
+    return columns
 
 
 def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
