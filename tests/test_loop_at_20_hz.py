@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import loop_at_20_hz as example
 import numpy as np
@@ -10,6 +11,9 @@ import torch
 from loop_at_20_hz import STEP, Loop, SimulatedClock, Swing
 
 from clothlab.method.deploy import Beat, Ranges
+
+
+PAGE = Path(example.__file__).parents[1] / "docs" / "your_own_robot.md"
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +44,14 @@ class Slow(Swing):
         self.sent.append(u.copy())
 
 
-def looped(learned, cycles, **delays):
+def looped(learned, cycles, alarm=None, **delays):
     clock = SimulatedClock()
     robot = Slow(clock, **delays)
     said = []
     beat = Beat(STEP, clock=clock, sleep=clock.sleep)
     wide = Ranges([[-99, -99], [99, 99]], learned.ranges.u)
     anywhere = replace(learned, ranges=wide)
-    loop = Loop(robot, anywhere, beat, say=said.append, clock=clock)
+    loop = Loop(robot, anywhere, beat, say=said.append, clock=clock, alarm=alarm)
     windows = []
     for _ in range(cycles):
         loop.cycle()
@@ -114,6 +118,20 @@ def test_out_of_range_the_robot_is_sent_to_rest_and_the_sensor_named(learned):
     assert loop.controller.solves > 0
 
 
+def test_the_alarm_is_asked_once_a_second_and_told_once(learned):
+    asked = []
+
+    def alarm(fit, p):
+        asked.append((len(fit.errors), p.shape))
+        return True
+
+    loop, said, _ = looped(learned, 62, alarm=alarm)
+    # With the 21st, 41st and 61st cycle: a window without its ten steps of warm-up.
+    assert asked == [(10, (1,)), (30, (1,)), (50, (1,))]
+    assert loop.report.alarms == 3
+    assert said == ["p moves", "this is predicted worse than all that was trained on"]
+
+
 @pytest.mark.slow
 def test_it_keeps_20_hz_by_a_real_clock(learned):
     loop = Loop(Swing(1.0, time.monotonic), learned, Beat(STEP), say=[].append)
@@ -127,7 +145,17 @@ def test_it_keeps_20_hz_by_a_real_clock(learned):
 
 
 @pytest.mark.slow
-def test_rates_are_a_table(monkeypatch):
+def test_rates_are_a_table():
     rows = example.rates(repeats=3).splitlines()
-    assert len(rows) == 2 + 3 * 4
+    assert len(rows) == 2 + 3 * 3
     assert len({row.count("|") for row in rows}) == 1
+
+
+def test_a_table_takes_the_place_of_the_one_before(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"a\n{example.BEGIN}\nold\n{example.END}\nb\n")
+    for table in ("new", "newer"):
+        example.put_into(page, table)
+        expected = f"a\n{example.BEGIN}\n\n{table}\n\n{example.END}\nb\n"
+        assert page.read_text() == expected
+    assert example.BEGIN in PAGE.read_text("utf-8")

@@ -112,9 +112,9 @@ def export_prediction(
 
     # The shapes of what goes in, and the names of what comes out.
     inputs = {
-        "s": torch.zeros(batch, steps, model.state_size),
-        "u": torch.zeros(batch, steps, model.command_size),
-        "p": torch.zeros(model.bias_size),
+        "s": model.s_mean.new_zeros(batch, steps, model.state_size),
+        "u": model.s_mean.new_zeros(batch, steps, model.command_size),
+        "p": model.s_mean.new_zeros(model.bias_size),
     }
     before = _named(memory)
     for name, part in before.items():
@@ -149,9 +149,9 @@ def export_estimation(
 
     length = warmup + 30
     inputs = {
-        "s": torch.zeros(length, model.state_size),
-        "u": torch.zeros(length, model.command_size),
-        "p": torch.zeros(model.bias_size),
+        "s": model.s_mean.new_zeros(length, model.state_size),
+        "u": model.s_mean.new_zeros(length, model.command_size),
+        "p": model.s_mean.new_zeros(model.bias_size),
     }
     free = {"s": [0], "u": [0]}
     export_onnx(path, linearised, inputs, ["errors", "jacobian"], free=free)
@@ -240,7 +240,7 @@ def _with_gradients(
     with torch.backends.mkldnn.flags(enabled=False):
         try:
             return make_fx(function)(*examples)
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, TypeError, ValueError) as error:
             raise ValueError(
                 "this loss can't be exported: it takes a number out of a tensor, such "
                 "as the control step t. Compute with tensors alone, or make what "
