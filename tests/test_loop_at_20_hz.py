@@ -12,7 +12,6 @@ from loop_at_20_hz import STEP, Loop, SimulatedClock, Swing
 
 from clothlab.method.deploy import Beat, Ranges
 
-
 PAGE = Path(example.__file__).parents[1] / "docs" / "your_own_robot.md"
 
 
