@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from clothlab import ModelTraining, Run, train_dpmpb
+from clothlab.method.data import Run
+from clothlab.method.training import ModelTraining, train_dpmpb
 
 STATES = 8
 COMMANDS = 2

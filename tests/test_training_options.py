@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -362,3 +363,25 @@ def test_the_memory_of_a_training_is_measured(tmp_path):
     assert found["copies of windows"] > 5 * found["data"]
     assert 0.05 < found["RssAnon"] < found["RSS"] < 4
     assert list(tmp_path.iterdir()) == []
+
+
+def test_tensorboard_takes_four_lines(tmp_path):
+    pytest.importorskip("tensorboard")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own imports
+        from tensorboard.backend.event_processing.event_accumulator import (
+            EventAccumulator,
+        )
+        from torch.utils.tensorboard import SummaryWriter
+
+    writer = SummaryWriter(str(tmp_path))
+
+    def show(epoch):
+        writer.add_scalar("trained", epoch.loss, epoch.number)
+        writer.add_scalar("held out", epoch.held_out, epoch.number)
+
+    trace = taught(replace(BRIEF, epochs=2), options=held(callback=show))[2]
+    writer.close()
+    events = EventAccumulator(str(tmp_path)).Reload()
+    shown = [each.value for each in events.Scalars("held out")]
+    assert shown == pytest.approx(trace.held_out, rel=1e-6)
