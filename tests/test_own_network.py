@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import own_network
 import pytest
 import torch
 from own_network import NETWORKS, Gru, Residual, record
@@ -226,3 +227,13 @@ def test_a_checked_network_stays_in_training_and_takes_no_random_numbers():
     _check(with_dropout)
     assert with_dropout.training
     assert torch.equal(torch.get_rng_state(), expected)
+
+
+@pytest.mark.slow
+def test_the_example_measures_each_training():
+    rows = own_network.measure(0, share=0.01)
+    table = own_network.summary(rows)
+    assert list(table.index) == list(own_network.TRAININGS)
+    assert len(rows) == len(table) * 9
+    assert table.loc["DPMPB", ["less DPMPB, from", "to"]].tolist() == [0, 0]
+    assert (table[["distance", "act [ms]", "training [s]"]] > 0).all(axis=None)

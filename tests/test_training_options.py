@@ -1,9 +1,12 @@
 """Training as people expect it: held-out runs, a file to go on from, data on the disk."""
 
 import pickle
+import sys
+import warnings
 from dataclasses import replace
 from functools import partial
 
+import large_runs
 import numpy as np
 import pytest
 import torch
@@ -351,3 +354,34 @@ def test_a_gpu_learns_the_same_in_the_same_order(network, tmp_path):
     for name, p in biases.items():
         assert found[name] == pytest.approx(p, abs=1e-3)
     assert {each.device.type for each in other.parameters()} == {"cpu"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone says what is mapped")
+def test_the_memory_of_a_training_is_measured(tmp_path):
+    found = large_runs.measure(4e6, 500, tmp_path)
+    assert found["data"] == pytest.approx(0.004, rel=0.01)
+    assert found["copies of windows"] > 5 * found["data"]
+    assert 0.05 < found["RssAnon"] < found["RSS"] < 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tensorboard_takes_four_lines(tmp_path):
+    pytest.importorskip("tensorboard")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own imports
+        from tensorboard.backend.event_processing.event_accumulator import (
+            EventAccumulator,
+        )
+        from torch.utils.tensorboard import SummaryWriter
+
+    writer = SummaryWriter(str(tmp_path))
+
+    def show(epoch):
+        writer.add_scalar("trained", epoch.loss, epoch.number)
+        writer.add_scalar("held out", epoch.held_out, epoch.number)
+
+    trace = taught(replace(BRIEF, epochs=2), options=held(callback=show))[2]
+    writer.close()
+    events = EventAccumulator(str(tmp_path)).Reload()
+    shown = [each.value for each in events.Scalars("held out")]
+    assert shown == pytest.approx(trace.held_out, rel=1e-6)
