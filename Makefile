@@ -184,6 +184,7 @@ lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether e
 format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	$(BIN)/python scripts/make_api.py
 	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python course/solutions.py format $(NOTEBOOKS)

@@ -35,9 +35,11 @@ __version__ = "0.4.0"
 _CONTENTS: dict[str, dict[str, list[str]]] = {
     # `pip install clothlab`: the method, for any robot, in the order of the paper
     "": {
-        "method.model": ["DPMPB", "predict"],
+        "method.model": ["DPMPB", "PredictiveModel", "predict"],
         "method.data": ["Run"],
         "method.training": ["ModelTraining", "train_dpmpb"],
+        "method.training_options": ["TrainingOptions"],
+        "method.several": ["train_several"],
         "method.checkpoint": ["Checkpoint"],
         "method.estimation": ["BiasEstimator"],
         "method.gauss_newton": ["NewtonEstimator", "estimate_bias"],
@@ -51,6 +53,9 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         ],
         "method.policy": ["Policy"],
         "method.rollout": ["rollout"],
+        "method.collecting": ["collect_runs"],
+        "method.logs": ["read_runs", "runs_from_dataframe"],
+        "method.datasets": ["runs_from_lerobot", "runs_from_minari"],
         "method.cloth_task": [
             "ControlPolicy",
             "EstimatingPolicy",
@@ -59,6 +64,13 @@ _CONTENTS: dict[str, dict[str, list[str]]] = {
         ],
         "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
         "method.fast_rollout": ["FastDPMPB"],
+        "method.deploy": ["Beat", "RangeWatch", "Ranges"],
+        "method.onnx_export": [
+            "export_estimation",
+            "export_onnx",
+            "export_prediction",
+            "export_solve",
+        ],
         "masks": ["iou"],
     },
     # `pip install clothlab[cloth]`: the robot, the cloth, and what was recorded of them

@@ -32,12 +32,22 @@ from clothlab.method.cloth_task import (
     observe as observe,
     period_mask as period_mask,
 )
+from clothlab.method.collecting import collect_runs as collect_runs
 from clothlab.method.control import (
     Controller as Controller,
     ControlSettings as ControlSettings,
     GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
+from clothlab.method.datasets import (
+    runs_from_lerobot as runs_from_lerobot,
+    runs_from_minari as runs_from_minari,
+)
+from clothlab.method.deploy import (
+    Beat as Beat,
+    Ranges as Ranges,
+    RangeWatch as RangeWatch,
+)
 from clothlab.method.estimation import BiasEstimator as BiasEstimator
 from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
 from clothlab.method.gauss_newton import (
@@ -48,13 +58,29 @@ from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
     IterativeSearch as IterativeSearch,
 )
-from clothlab.method.model import DPMPB as DPMPB, predict as predict
+from clothlab.method.logs import (
+    read_runs as read_runs,
+    runs_from_dataframe as runs_from_dataframe,
+)
+from clothlab.method.model import (
+    DPMPB as DPMPB,
+    PredictiveModel as PredictiveModel,
+    predict as predict,
+)
+from clothlab.method.onnx_export import (
+    export_estimation as export_estimation,
+    export_onnx as export_onnx,
+    export_prediction as export_prediction,
+    export_solve as export_solve,
+)
 from clothlab.method.policy import Policy as Policy
 from clothlab.method.rollout import rollout as rollout
+from clothlab.method.several import train_several as train_several
 from clothlab.method.training import (
     ModelTraining as ModelTraining,
     train_dpmpb as train_dpmpb,
 )
+from clothlab.method.training_options import TrainingOptions as TrainingOptions
 from clothlab.policies import (
     OperatorPolicy as OperatorPolicy,
     RandomPolicy as RandomPolicy,

@@ -25,7 +25,7 @@ from clothlab._validation import choose
 from clothlab.method._inputs import check_runs
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 _FALSE_ALARMS = 0.05  # share of familiar runs that may be called out of distribution
 
@@ -130,7 +130,7 @@ _Look = list[tuple[np.ndarray, Linearisation]]  # p and how it predicts, of each
 
 
 def calibrate(
-    model: DPMPB,
+    model: PredictiveModel,
     biases: Mapping[str, np.ndarray],
     runs: Sequence[Run],
     *,
@@ -179,7 +179,7 @@ def calibrate(
 
 
 def _look(
-    model: DPMPB,
+    model: PredictiveModel,
     runs: Sequence[Run],
     right: np.ndarray,
     length: int,

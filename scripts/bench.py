@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import joblib
 import mujoco
 import numpy as np
+import onnxruntime
 import pandas as pd
 import torch
 from browser_lab import Lab, Notebook, launch_options
@@ -34,6 +35,7 @@ from clothlab.method.control import ControlSettings, Limits, optimise_commands
 from clothlab.method.data import Run
 from clothlab.method.fast_rollout import FastDPMPB
 from clothlab.method.model import Memory, predict
+from clothlab.method.onnx_export import export_solve
 from clothlab.method.training import train_dpmpb
 from clothlab.simulation.env import ClothEnv
 from studies.datasets import DATASETS, record
@@ -165,6 +167,59 @@ def bench_solve() -> Iterator[Row]:
         yield Row(what, ratio, "≥ 2", f"{1e3 * times['ours']:.1f} ms")
 
 
+def exported_solves(name: str, folder: str) -> dict[str, Callable[[], object]]:
+    """One solve of the controller for an arm, by PyTorch and as a graph."""
+    # The controller of a target, whose loss has target and mask as inputs
+    learned = data.load(f"{name}-0")
+    bias = next(iter(learned.biases))
+    policy = learned.controller(data.load_target("target-1"), bias)
+    controller = policy.controller
+    settings = controller.settings
+
+    def loss(
+        states: torch.Tensor, plans: torch.Tensor, z_ref: torch.Tensor, mask: Any
+    ) -> torch.Tensor:
+        weight = settings.tension_weight
+        return control_loss(states, z_ref, mask, policy.layout.tensions, weight)
+
+    # The same state for both
+    problem = controller.problem(learned.model.s_mean)
+    mask = torch.as_tensor(period_mask(3, settings))
+    wanted = {"z_ref": policy.loss.z_ref, "mask": mask}
+    given = {"s": problem.s, "u": problem.plan, "p": torch.as_tensor(problem.p)}
+    given |= problem.memory._asdict() | wanted
+
+    # As a graph
+    path = Path(folder) / f"{name}.onnx"
+    export_solve(path, controller, loss=loss, inputs=wanted)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(path, options)
+    arrays = {key: np.asarray(each) for key, each in given.items()}
+
+    def ours(plans: torch.Tensor) -> torch.Tensor:
+        return loss(problem.predict(plans), plans, **wanted)
+
+    return {
+        "torch": lambda: optimise_commands(
+            ours, problem.plan, problem.limits, settings
+        ),
+        "onnx": lambda: session.run(None, arrays),
+    }
+
+
+def bench_onnx() -> Iterator[Row]:
+    """One solve of the torque arm's controller on one core, as a graph."""
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        times = alternate(exported_solves("torque", folder), 100)
+    ratio = times["onnx"] / times["torch"]
+    shown = f"{1e3 * times['onnx']:.1f} ms / {1e3 * times['torch']:.1f} ms"
+    yield Row(
+        "one solve of the torque arm, onnxruntime / torch", ratio, "≤ 0.33", shown
+    )
+
+
 def bench_training() -> Iterator[Row]:
     """Trainings side by side, one on each core, against one after the other.
 
@@ -209,6 +264,7 @@ BENCHES = {
     "step": bench_step,
     "recording": bench_recording,
     "solve": bench_solve,
+    "onnx": bench_onnx,
     "training": bench_training,
     "lab": bench_lab,
 }

@@ -2,7 +2,7 @@
 
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
-every notebook at full size, a wheel of every pin for every platform, the student
+every notebook at full size, full-size graphs, a wheel of every pin, the student
 edition's site, every control of the lessons, speed, and 200 mutants of the method and
 the simulation. A summary goes to `build/nightly.md`; `python scripts/nightly.py --only
 soak` does one part and writes nothing.
@@ -35,6 +35,7 @@ PARTS = {  # what it is: command, and settings in the environment
         {"CLOTHLAB_INPUTS": "200"},
     ),
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
+    "onnx": ((*PYTEST, "tests/test_onnx_export.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),

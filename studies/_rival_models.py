@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import DPMPB, Memory, PredictiveModel
 from clothlab.method.training import ModelTraining
 from studies import ablations
 from studies._grid import shared
@@ -59,7 +59,7 @@ KINDS = {
 class Remembering(DPMPB):
     """A trained model that begins each run with what it remembers of another one."""
 
-    def __init__(self, model: DPMPB, memory: Memory):
+    def __init__(self, model: PredictiveModel, memory: Memory):
         super().__init__(model.state_size, model.command_size, model.bias_size)
         self.load_state_dict(model.state_dict())
         self.eval().requires_grad_(False)
@@ -80,7 +80,7 @@ class StretchEncoder(nn.Module):
     mean: Tensor
     std: Tensor
 
-    def __init__(self, model: DPMPB):
+    def __init__(self, model: PredictiveModel):
         super().__init__()
         width = model.state_size + model.command_size
         self.steps = nn.Sequential(
@@ -99,7 +99,7 @@ class StretchEncoder(nn.Module):
 class TrainedKind(NamedTuple):
     """What one training gives."""
 
-    model: DPMPB
+    model: PredictiveModel
     biases: dict[str, np.ndarray]  # of each recorded material [D_p]
     kind: Kind
     encoder: StretchEncoder | None = None
@@ -165,7 +165,7 @@ def _mean_readings(learned: TrainedKind, runs: Sequence[Run]) -> dict[str, np.nd
 
 
 def _train(
-    model: DPMPB,
+    model: PredictiveModel,
     encoder: StretchEncoder | None,
     p: Tensor,
     kind: Kind,
@@ -208,7 +208,7 @@ def _train(
 
 
 def _groups(
-    model: DPMPB, encoder: StretchEncoder | None, p: Tensor, kind: Kind
+    model: PredictiveModel, encoder: StretchEncoder | None, p: Tensor, kind: Kind
 ) -> list[dict[str, Any]]:
     """What a training moves: W, the encoder's weights, or p at its own rate."""
     groups: list[dict[str, Any]] = [{"params": list(model.parameters())}]
@@ -289,7 +289,7 @@ class HindsightPlans(nn.Module):
 def train_hindsight(
     runs: Sequence[Run],
     codes: Mapping[str, np.ndarray],
-    model: DPMPB,
+    model: PredictiveModel,
     *,
     latent: int,
     period: int,
@@ -333,7 +333,9 @@ def train_hindsight(
     return network.eval()
 
 
-def hindsight_input(model: DPMPB, s: Tensor | None, z: Tensor, code: Tensor) -> Tensor:
+def hindsight_input(
+    model: PredictiveModel, s: Tensor | None, z: Tensor, code: Tensor
+) -> Tensor:
     """What such a network is told, normalised and side by side, `[..., D]`.
 
     States `[..., D_s]` at the start, if they are told, goals `[..., D_z]` and codes.

@@ -10,12 +10,13 @@ import torch
 from torch import Tensor
 
 from clothlab.masks import Observation
+from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.control import ControlSettings
 from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 from clothlab.method.policy import Policy
 from studies._rival_models import HindsightPlans, hindsight_input
 from studies._throws import Task
@@ -24,7 +25,7 @@ from studies._throws import Task
 class Belief(NamedTuple):
     """A model, and what it knows of the material in the hand."""
 
-    model: DPMPB  # its first memory may be one of that material
+    model: PredictiveModel  # its first memory may be one of that material
     biases: dict[str, np.ndarray]  # of recorded materials [D_p]
     p: np.ndarray  # of this one, or what stands in its place [D_p]
 
@@ -117,7 +118,8 @@ class EnsemblePolicy(PeriodPolicy):
         """Forget the last run."""
         super().reset(seed)
         self._first = True
-        self._memories = [model.initial_memory() for model in self._models]
+        first: list[AnyMemory] = [model.initial_memory() for model in self._models]
+        self._memories = first
         self._generator = torch.Generator().manual_seed(self._seed + seed)
 
     @torch.no_grad()

@@ -22,7 +22,7 @@ from clothlab.method.gauss_newton import (
     NewtonSettings,
     best_bias,
 )
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 from clothlab.simulation.cloth import CLOTHS
 from studies._grid import Experiment, grid, over
 from studies._runs import random_trial, trained
@@ -54,7 +54,7 @@ def _recorded(learned: ClothCheckpoint, cloth: str, steps: int, seed: int) -> Ru
 
 
 def descend(
-    model: DPMPB, run: Run, settings: Sequence[EstimationSettings]
+    model: PredictiveModel, run: Run, settings: Sequence[EstimationSettings]
 ) -> np.ndarray:
     """Momentum SGD with many settings at once: p after each step `[C, T, D_p]`."""
     s = torch.as_tensor(run.s)
@@ -74,7 +74,9 @@ def descend(
     return np.stack(path, axis=1)
 
 
-def _gradient(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: Tensor) -> Tensor:
+def _gradient(
+    model: PredictiveModel, s: Tensor, u: Tensor, p: Tensor, warmup: Tensor
+) -> Tensor:
     """The gradient of each loss by its own p, `[C, D_p]`; zero within its warm-up."""
     # Which predictions count, and how much each `[C, T]`
     steps = torch.arange(len(s) - 1)
@@ -90,7 +92,7 @@ def _gradient(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: Tensor) -> 
 
 
 def _newton_path(
-    model: DPMPB, run: Run, freedom: float, longest: float, warmup: int
+    model: PredictiveModel, run: Run, freedom: float, longest: float, warmup: int
 ) -> np.ndarray:
     """Gauss-Newton: p after each step `[T, D_p]`."""
     settings = NewtonSettings(freedom=freedom, longest=longest, warmup=int(warmup))

@@ -17,7 +17,7 @@ from clothlab import data
 from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, PredictiveModel
 from clothlab.method.training import ModelTraining
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
@@ -140,7 +140,7 @@ def _runs(recordings: str) -> list[Run]:
     return [to_run(autoencoder, trial) for trial in data.load_trials(recordings)]
 
 
-def _network(kind: _Kind, runs: Sequence[Run]) -> DPMPB | Stack:
+def _network(kind: _Kind, runs: Sequence[Run]) -> PredictiveModel | Stack:
     """A network of random weights, normalised by these runs."""
     states = runs[0].s.shape[1]
     commands = runs[0].u.shape[1]
@@ -155,13 +155,13 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> DPMPB | Stack:
     return quicken(stack)
 
 
-def _weights(model: DPMPB | Stack) -> Tensor:
+def _weights(model: PredictiveModel | Stack) -> Tensor:
     """All weights, as one vector."""
     return torch.cat([each.detach().flatten() for each in model.parameters()])
 
 
 def _train(
-    model: DPMPB | Stack,
+    model: PredictiveModel | Stack,
     p: Tensor,
     kind: _Kind,
     known: Sequence[Run],
@@ -199,13 +199,13 @@ def _train(
             yield _loss(model, p, known), _loss(model, p, unseen)
 
 
-def _squared(model: DPMPB | Stack, predicted: Tensor, s: Tensor) -> Tensor:
+def _squared(model: PredictiveModel | Stack, predicted: Tensor, s: Tensor) -> Tensor:
     """Mean squared error of states in standard deviations."""
     return nn.functional.mse_loss(predicted / model.s_std, s / model.s_std)
 
 
 @torch.no_grad()
-def _loss(model: DPMPB | Stack, p: Tensor, runs: Sequence[Run]) -> float:
+def _loss(model: PredictiveModel | Stack, p: Tensor, runs: Sequence[Run]) -> float:
     """One-step loss on windows of runs, once there is something to remember."""
     s, u, k = windows(runs, ModelTraining().sequence_length, 30)
     predicted, _ = model(s[:, :-1], u, p[k])
@@ -213,7 +213,7 @@ def _loss(model: DPMPB | Stack, p: Tensor, runs: Sequence[Run]) -> float:
 
 
 def _errors_ahead(
-    model: DPMPB | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
+    model: PredictiveModel | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
 ) -> np.ndarray:
     """Distances in z of closed loops to the truth [s.d.], `[N, _HORIZON]`."""
     errors = []

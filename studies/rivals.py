@@ -70,7 +70,7 @@ from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import Memory, PredictiveModel
 from clothlab.method.policy import Policy
 from clothlab.trials import Trial
 from studies import ablations, transfer
@@ -112,7 +112,7 @@ _MEMBERS = {"p": 5, "without p": 3}  # models of an ensemble
 
 
 @cache
-def _estimated(model: DPMPB, run: Run) -> np.ndarray:
+def _estimated(model: PredictiveModel, run: Run) -> np.ndarray:
     """p `[D_p]` of a run."""
     p, _ = estimate_bias(model, run, method="newton")
     return p
@@ -161,7 +161,7 @@ def _read(kind: str, task: Task) -> Belief:
 def _remembered(kind: str, memory: str, task: Task) -> Belief:
     """A model without p, and a memory of the random commands, or an empty one."""
     learned = _trained_kind(task, kind)
-    model: DPMPB = learned.model
+    model: PredictiveModel = learned.model
     if memory != "emptied":
         first = _memory_of(model, task.excited)
         if memory == "settled":
@@ -171,7 +171,9 @@ def _remembered(kind: str, memory: str, task: Task) -> Belief:
 
 
 @torch.no_grad()
-def _memory_of(model: DPMPB, run: Run, memory: Memory | None = None) -> Memory:
+def _memory_of(
+    model: PredictiveModel, run: Run, memory: Memory | None = None
+) -> Memory:
     """What a model without p remembers of a run."""
     s = torch.as_tensor(run.s)[None]
     u = torch.as_tensor(run.u)[None]

@@ -22,7 +22,7 @@ from clothlab._validation import choose
 from clothlab.analysis import best_per_period, crossed_interval, target_distance
 from clothlab.method.autoencoder import encode
 from clothlab.method.data import Run
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
@@ -181,7 +181,7 @@ def _half_of(runs: list[Run], recorded_by: str) -> list[Run]:
 
 
 def _judged(
-    model: DPMPB, biases: dict[str, np.ndarray], losses: np.ndarray
+    model: PredictiveModel, biases: dict[str, np.ndarray], losses: np.ndarray
 ) -> dict[str, Any]:
     """What a training came to.
 
@@ -199,7 +199,7 @@ def _judged(
     }
 
 
-def _held_out(model: DPMPB, biases: dict[str, np.ndarray]) -> float:
+def _held_out(model: PredictiveModel, biases: dict[str, np.ndarray]) -> float:
     """Mean loss of evaluation runs, each with the p of its cloth."""
     learned = trained("torque-paper-0")
     losses = []

@@ -20,6 +20,7 @@ from clothlab import (
     ModelTraining,
     Run,
     estimate_bias,
+    runs_from_dataframe,
     train_dpmpb,
 )
 
@@ -64,7 +65,11 @@ def main() -> None:
         read = Checkpoint.load(path)
 
     # Another run with the hard spring is nearer to its p.
-    another = Run(*swing(0.5, seed=1, pushes=60), "?")
+    s, u = swing(0.5, seed=1, pushes=60)
+    log = {"time": 0.1 * np.arange(len(s)), "x": s[:, 0], "v": s[:, 1], "u": u[:, 0]}
+    (another,) = runs_from_dataframe(
+        log, "?", time="time", states=["x", "v"], commands=["u"], step=0.1
+    )
     p, _ = estimate_bias(read.model, another, method="newton")
     assert abs(p - biases["hard"]) < abs(p - biases["soft"])
 

@@ -199,20 +199,29 @@ def test_the_four_calls_import_nothing_of_cloth():
         f"clothlab.method.{name}"
         for name in (
             "_arm",
+            "_batches",
             "_inputs",
+            "_memories",
+            "_networks",
+            "_on_disk",
             "_optimise",
             "_quick_tanh",
             "_rollouts",
             "_rule",
+            "_training_file",
+            "_watch",
+            "_weights",
             "control",
             "data",
             "estimation",
             "fast_rollout",
             "model",
             "training",
+            "training_options",
         )
     }
-    below = {"clothlab", "clothlab._extras", "clothlab._validation", "clothlab.method"}
+    below = {"clothlab", "clothlab._extras", "clothlab._files"}
+    below |= {"clothlab._validation", "clothlab.method"}
     assert loaded == below | learning
 
 

@@ -231,3 +231,22 @@ def test_the_longest_warmup_leaves_one_step(listening, run):
 
     last = ((predicted[0, -1] - s[-1]) / listening.s_std).square().mean()
     torch.testing.assert_close(found, last)
+
+
+@pytest.mark.parametrize(("method", "least"), [("sgd", 12), ("newton", 6)])
+def test_a_run_too_short_to_say_anything_says_so(listening, run, method, least):
+    with pytest.warns(match=f"a run of {least - 1} steps is too short"):
+        p, _ = estimate_bias(listening, run[: least - 1], method=method)
+    assert p.tolist() == [0, 0]
+    p, _ = estimate_bias(listening, run[:least], method=method)
+    assert np.abs(p).max() > 0
+
+
+def test_a_run_that_does_not_begin_at_rest_needs_its_first_steps(listening, run):
+    short = run[10:22]
+    with pytest.warns(match="too short"):
+        estimate_bias(listening, short, method="newton", from_rest=False)
+    estimator = NewtonEstimator(listening, from_rest=False)
+    expected = follow(estimator, run[10:])
+    _, path = estimate_bias(listening, run[10:], method="newton", from_rest=False)
+    assert np.array_equal(path, expected)

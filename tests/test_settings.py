@@ -13,7 +13,7 @@ from clothlab.simulation.cloth import SHEETS, Cloth
 
 PLACES = {"lower", "upper", "home", "position", "target", "roll"}  # of either sign
 MAY_BE_ZERO = {
-    *("momentum", "warmup", "bias_size", "settle_time"),
+    *("momentum", "warmup", "bias_size", "burn_in", "settle_time"),
     *("IterativeLearningSettings.iterations", "trust", "difference"),
     *("caution", "least_caution", "tension_weight"),
     *("hinge_damping", "stop_margin", "servo_damping", "biarticular_moment_arms"),
@@ -73,6 +73,8 @@ NUMBERS = [
     for name, example in MADE.items()
     for field in dataclasses.fields(example)
     if isinstance(getattr(example, field.name), int | float | tuple)
+    and not isinstance(getattr(example, field.name), bool)
+    and getattr(example, field.name) != ()
 ]
 
 

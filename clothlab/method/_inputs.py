@@ -1,21 +1,23 @@
 """What functions of the method are given: is it a model, a run, of the same robot?"""
 
+import warnings
+from collections.abc import Sequence
 from typing import Any
 
 from clothlab._validation import check_each, check_kind
 from clothlab.method._arm import ControlledArm, Layout
 from clothlab.method.data import Run
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 _ADVICE = ": `learned.to_run(trial)` makes one of a trial"
 
 
-def check_model(model: Any) -> DPMPB:
+def check_model(model: Any) -> PredictiveModel:
     """Return a model that can be used for estimation and control.
 
-    A ValueError if it is no DPMPB, or on another device than the processor.
+    A ValueError if it is none, or on another device than the processor.
     """
-    check_kind("model", model, DPMPB)
+    check_kind("model", model, PredictiveModel)
     if model.s_mean.device.type != "cpu":
         raise ValueError(
             f"the model is on {model.s_mean.device}: move it with `model.cpu()`, since "
@@ -25,7 +27,7 @@ def check_model(model: Any) -> DPMPB:
     return model
 
 
-def check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
+def check_sizes(model: PredictiveModel, arm: ControlledArm, layout: Layout) -> None:
     """A ValueError for what is no model, or for one that belongs to another arm."""
     check_model(model)
     commands = len(arm.command_lower)
@@ -45,3 +47,98 @@ def check_run(run: Any) -> Run:
 def check_runs(runs: Any) -> list[Run]:
     """Return runs as a list; a ValueError says which is none."""
     return check_each("runs", runs, Run, _ADVICE)
+
+
+# Two steps that differ by less than this share of the longer one count as the same.
+_SAME_STEP = 0.02
+
+
+def common_step(runs: Sequence[Run]) -> float | None:
+    """The step of these runs [s], or None where none of them knows it.
+
+    A ValueError if runs that know their step, or the names of their numbers, differ.
+    """
+    known = [run.step for run in runs if run.step is not None]
+    for step in known[1:]:
+        if differs(step, known[0]):
+            raise ValueError(
+                f"these runs have steps of {known[0]:g} s and of {step:g} s: bring all "
+                f"to one step, such as with runs_from_dataframe(..., step={known[0]:g})"
+            )
+
+    _check_same_names("state_names", [run.state_names for run in runs])
+    _check_same_names("command_names", [run.command_names for run in runs])
+    return known[0] if known else None
+
+
+def check_same_step(model: Any, run: Run) -> None:
+    """A ValueError if a run has another step than those that the model learned from."""
+    step = getattr(model, "step", None)
+    if step is None or run.step is None or not differs(run.step, step):
+        return
+    told = f"the model was trained on steps of {step:g} s, this run has {run.step:g} s"
+    if run.step < step:
+        raise ValueError(
+            f"{told}: resample it, runs_from_dataframe(..., step={step:g})"
+        )
+    raise ValueError(
+        f"{told}, and nothing was measured in between: record it every {step:g} s, or "
+        f"train a model on steps of {run.step:g} s"
+    )
+
+
+def differs(step: float, other: float) -> bool:
+    """Whether two steps [s] are not the same but for jitter."""
+    return abs(step - other) > _SAME_STEP * max(step, other)
+
+
+def _check_same_names(what: str, names: list[tuple[str, ...]]) -> None:
+    known = [each for each in names if each]
+    for each in known:
+        if each != known[0]:
+            raise ValueError(
+                f"these runs differ in their {what}: ({', '.join(known[0])}) and "
+                f"({', '.join(each)}). Give all the same numbers in the same order"
+            )
+
+
+# Steps of a run that the training takes at its defaults: one more than the sequence.
+SHORTEST = 31
+
+
+def long_enough(
+    runs: Sequence[Run], shortest: int, endings: Sequence[str] = ()
+) -> list[Run]:
+    """The runs of at least so many steps; a warning counts those that are left out.
+
+    Args:
+        runs: those that were made.
+        shortest: steps.
+        endings: why each of them ended there, to say so of those that are left out.
+
+    Raises:
+        ValueError: none is as long.
+    """
+    lengths = [len(run) for run in runs]
+    short = [k for k, length in enumerate(lengths) if length < shortest]
+    kept = [run for run in runs if len(run) >= shortest]
+    if not short:
+        return kept
+
+    # Which were left out, and why they ended
+    why = [endings[k] for k in short] if endings else []
+    counts = [f"{why.count(each)} {each}" for each in dict.fromkeys(why)]
+    ended = f" They ended thus: {'; '.join(counts)}." if counts else ""
+    if not kept:
+        raise ValueError(
+            f"none of {len(runs)} runs has {shortest} steps, the longest has "
+            f"{max(lengths)}.{ended} Record longer runs, or set `shortest` to as many "
+            "as are enough for you: one more than the sequence that is trained on"
+        )
+    steps = sum(lengths[k] for k in short)
+    warnings.warn(
+        f"{len(short)} of {len(runs)} runs have fewer than {shortest} steps and are "
+        f"left out, {steps} of {sum(lengths)} steps.{ended}",
+        stacklevel=3,
+    )
+    return kept

@@ -6,6 +6,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.optim import Adam
+from torch.optim.lr_scheduler import CosineAnnealingLR
 from tqdm.auto import tqdm
 
 from clothlab._validation import check_seed
@@ -19,6 +21,7 @@ def minimise(
     learning_rate: float,
     *,
     fused: bool = True,
+    begin: Callable[[Adam, CosineAnnealingLR], int] | None = None,
     bar: str | None = None,
 ) -> Iterator[float]:
     """Minimise a loss by Adam, whose learning rate falls to zero along a cosine.
@@ -32,21 +35,27 @@ def minimise(
         epochs: how often all batches are gone through.
         learning_rate: at the start.
         fused: a fused update is faster, and rounds differently.
+        begin: sets Adam and the learning rates back to where they were before, and says
+            after how many epochs that was.
         bar: title of a progress bar; without one there is none.
 
     Yields:
         The mean loss of each epoch.
     """
-    optimizer = torch.optim.Adam(parameters, lr=learning_rate, fused=fused)
-    schedule = None
-    epoch_bar = tqdm(range(epochs), desc=bar, disable=bar is None, unit="epoch")
+    optimizer = Adam(parameters, lr=learning_rate, fused=fused)
+    schedule = CosineAnnealingLR(optimizer, epochs * _count(batches))
+    done = begin(optimizer, schedule) if begin else 0
+    epoch_bar = tqdm(
+        range(done, epochs),
+        initial=done,
+        total=epochs,
+        desc=bar,
+        disable=bar is None,
+        unit="epoch",
+    )
     for _ in epoch_bar:
-        drawn = batches()
-        if schedule is None:
-            updates = epochs * len(drawn)
-            schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
-
         # One update for each batch.
+        drawn = batches()
         total = 0.0
         for batch in drawn:
             value = loss(batch)
@@ -60,6 +69,12 @@ def minimise(
         mean = total / sum(map(len, drawn))
         epoch_bar.set_postfix(loss=f"{mean:.4f}")
         yield mean
+
+
+def _count(batches: Callable[[], Sequence[Tensor]]) -> int:
+    """How many batches an epoch has; random numbers go on as if none were drawn."""
+    with torch.random.fork_rng(devices=[]):
+        return len(batches())
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from torch import Tensor
 
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
@@ -31,11 +31,14 @@ class Rule(Protocol):
 
     window: int  # steps that it looks back
 
-    def warmup(self, count: int) -> int | None:
+    def warmup(self, count: int, in_motion: bool = False) -> int | None:
         """How many first of so many steps only fill the memory.
 
-        None where there is nothing to judge yet.
+        None where there is nothing to judge yet. After a gap in what was observed, a
+        window begins `in_motion`, however a run begins.
         """
 
-    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+    def move(
+        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
+    ) -> Moved:
         """p `[D_p]` after one step; `carried` is None in the first."""

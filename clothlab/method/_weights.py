@@ -110,6 +110,15 @@ def _shapes(network: nn.Module) -> dict[str, torch.Size]:
     return {name: tensor.shape for name, tensor in layers.items()}
 
 
+def below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors after whose prefix a network's own names stand."""
+    return {
+        name.removeprefix(prefix): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(prefix)
+    }
+
+
 def named_biases(materials: list[str], p: Tensor) -> dict[str, np.ndarray]:
     """p of each material by its name, from one row each `[K, D_p]`."""
     return dict(zip(materials, p.numpy(), strict=True))

@@ -5,7 +5,7 @@ prediction nothing without the units of its states, a latent image nothing witho
 autoencoder that made it. So all of that travels together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -14,11 +14,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from clothlab._files import reading, write_bytes
+from clothlab import __version__
+from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab._validation import check_array, check_kind, check_number
+from clothlab.method._model_card import model_card
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
+    below,
     check_free,
     check_layers,
     filled,
@@ -27,7 +30,8 @@ from clothlab.method._weights import (
     unpacked,
 )
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.model import DPMPB
+from clothlab.method.deploy import Ranges
+from clothlab.method.model import DPMPB, PredictiveModel
 from clothlab.method.training import ModelTraining
 
 _KIND = "checkpoint"
@@ -41,7 +45,7 @@ class Checkpoint:
     """
 
     name: str  # of the training, such as torque-0
-    model: DPMPB
+    model: PredictiveModel
     biases: dict[str, np.ndarray]  # trained p of each material, {name: [D_p]}
     # Mean squared error of each epoch of the training, [epochs]
     losses: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -52,10 +56,14 @@ class Checkpoint:
     autoencoder: Autoencoder | None = None  # of what its camera sees, if it has one
     autoencoder_name: str = ""  # several models may share one
     arm: Any = None  # of the robot itself: anything that JSON can hold
+    ranges: Ranges | None = None  # of the training data, `Ranges.of(runs)`
+    steps: dict[str, int] = field(default_factory=dict)  # recorded of each material
+    # Of clothlab, by which it was made; older files do not say it.
+    version: str = __version__
 
     def __post_init__(self) -> None:
         check_kind("name", self.name, str)
-        model = check_kind("model", self.model, DPMPB)
+        model = check_kind("model", self.model, PredictiveModel)
         if np.ndim(self.losses) != 1:
             raise ValueError(f"losses are [epochs], got {np.shape(self.losses)}")
 
@@ -67,39 +75,64 @@ class Checkpoint:
 
         if self.settings is not None:
             check_kind("settings", self.settings, ModelTraining)
+        if self.step is None:
+            # A model that was trained on runs with a step remembers it.
+            object.__setattr__(self, "step", getattr(model, "step", None))
         if self.step is not None:
             check_number("step", self.step, above=0)
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        # What it was trained on has as many numbers, and is counted by known names.
+        if self.ranges is not None:
+            ranges = check_kind("ranges", self.ranges, Ranges)
+            check_array("the range of s", ranges.s, (2, model.state_size))
+            check_array("the range of u", ranges.u, (2, model.command_size))
+        for material, count in self.steps.items():
+            check_number(f"steps of {material}", count, int, at_least=0)
+
+    def card(self) -> str:
+        """What somebody who is given the file has to know, as a page of Markdown."""
+        return model_card(self)
+
+    def save(
+        self, path: str | Path, *, overwrite: bool = False, card: bool = False
+    ) -> None:
         """Write one file, whole or not at all; its name ends in `.safetensors`.
 
-        A ValueError, before anything is written, if another checkpoint lies there
-        (unless `overwrite` is set), if a number is not finite, or if the model has
-        layers of its own, which `load` could not make.
+        With `card`, its model card lies beside it and ends in `.md`. A ValueError,
+        before anything is written, if another checkpoint lies there (unless `overwrite`
+        is set), if a number is not finite, or if the model has layers that its class
+        would not make again from its three sizes.
         """
         path = Path(path)
         if path.suffix != SUFFIX:
             raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
         about = self._about()
-        check_layers(self.model, lambda: DPMPB(*about["sizes"]))
+        check_layers(self.model, lambda: type(self.model)(*about["sizes"]))
         content = packed(_KIND, about, self._tensors())
         check_free(path, content, overwrite=overwrite)
         write_bytes(path, content)
+        if card:
+            write_bytes(path.with_suffix(".md"), self.card().encode())
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(
+        cls, path: str | Path, *, network: Callable[[int, int, int], Any] = DPMPB
+    ) -> Self:
         """Read such a file; the networks are in evaluation mode, and are not trained.
 
-        A ValueError names a file that is damaged, of another kind, or of a newer
+        A network of your own comes back through its class, `network=MyNetwork`, which
+        makes it of D_s, D_u and D_p: a file of weights brings no code. A ValueError
+        names a file that is damaged, of another kind, of another network, or of a newer
         version; a file that is not there is a FileNotFoundError.
         """
         path = Path(path)
         about, tensors = unpacked(path, _KIND, _KIND)
         with reading(path, _KIND):
-            return cls(**cls._fields(about, tensors))
+            return cls(**cls._fields(about, tensors, network))
 
     def _about(self) -> dict[str, Any]:
         """What the file says in words."""
+        # What every file says.
         model = self.model
         about = {
             "name": self.name,
@@ -113,6 +146,17 @@ class Checkpoint:
             "autoencoder_name": self.autoencoder_name,
             "arm": self._arm_to_data(),
         }
+
+        # What older files do not have is only said where there is something to say, so
+        # that they stay the same when they are saved again.
+        if type(self.model) is not DPMPB:
+            about["network"] = type(self.model).__name__
+        if self.steps:
+            about["steps"] = dict(self.steps)
+        if self.version:
+            about["version"] = self.version
+
+        # Settings and autoencoder, where there are any.
         if self.settings is not None:
             about["settings"] = asdict(self.settings)
         if self.autoencoder is not None:
@@ -125,6 +169,9 @@ class Checkpoint:
         p = np.array(list(self.biases.values()))
         p = p.reshape(len(self.biases), self.model.bias_size)
         tensors = {"losses": torch.as_tensor(losses), "p": torch.as_tensor(p)}
+        if self.ranges is not None:
+            tensors["ranges.s"] = torch.as_tensor(self.ranges.s)
+            tensors["ranges.u"] = torch.as_tensor(self.ranges.u)
 
         # A network's name stands before those of its layers.
         tensors |= _named("model.", self.model)
@@ -134,7 +181,10 @@ class Checkpoint:
 
     @classmethod
     def _fields(
-        cls, about: Mapping[str, Any], tensors: dict[str, Tensor]
+        cls,
+        about: Mapping[str, Any],
+        tensors: dict[str, Tensor],
+        network: Callable[[int, int, int], Any],
     ) -> dict[str, Any]:
         """The fields of which a file's words and numbers speak."""
         fields = {
@@ -146,14 +196,21 @@ class Checkpoint:
             "command_names": tuple(about["command_names"]),
             "autoencoder_name": about["autoencoder_name"],
             "arm": cls._arm_from_data(about["arm"]),
+            "steps": about.get("steps", {}),
+            "version": about.get("version", ""),
         }
+        # Ranges may be unknown.
+        ranges = below("ranges.", tensors)
+        if ranges:
+            fields["ranges"] = Ranges(ranges["s"].numpy(), ranges["u"].numpy())
 
         # The networks are made in their sizes, and filled.
-        model = quicken(DPMPB(*about["sizes"]))
-        fields["model"] = filled(model, _below("model.", tensors))
+        model = _made(network, about)
+        fields["model"] = filled(model, below("model.", tensors))
+        fields["model"].step = about["step"]
         if about["latent_size"] is not None:
             autoencoder = Autoencoder(about["latent_size"])
-            layers = _below("autoencoder.", tensors)
+            layers = below("autoencoder.", tensors)
             fields["autoencoder"] = filled(autoencoder, layers)
 
         # An unknown or illegal setting is refused as at its first writing.
@@ -171,19 +228,23 @@ class Checkpoint:
         return data
 
 
+def _made(network: Callable[[int, int, int], Any], about: Mapping[str, Any]) -> Any:
+    """The network that a file speaks of, by the class that the caller has."""
+    wanted = about.get("network", DPMPB.__name__)
+    name = getattr(network, "__name__", type(network).__name__)
+    if name != wanted:
+        raise OtherKindError(
+            f"it holds the weights of a {wanted}, and {name} would be filled with them:"
+            f" load(..., network={wanted})"
+        )
+    model = network(*about["sizes"])
+    return quicken(model) if type(model) is DPMPB else model
+
+
 def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:
     """The tensors of one network, their names after a prefix."""
     layers = network.state_dict()
     return {prefix + name: tensor for name, tensor in layers.items()}
-
-
-def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors after whose prefix a network's own names stand."""
-    return {
-        name.removeprefix(prefix): tensor
-        for name, tensor in tensors.items()
-        if name.startswith(prefix)
-    }
 
 
 def _check_count(what: str, names: tuple[str, ...], size: int) -> None:

@@ -16,7 +16,7 @@ from clothlab.method._wrapping import Wrapper
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import Controller, ControlSettings, GradientSearch, Search
 from clothlab.method.estimation import Estimator
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 from clothlab.method.policy import Policy
 
 
@@ -115,7 +115,7 @@ class ControlPolicy(Policy):
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         autoencoder: Autoencoder,
         arm: ControlledArm,
         target: ArrayLike,

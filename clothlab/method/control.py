@@ -29,8 +29,9 @@ from clothlab._validation import (
     settings_or_default,
 )
 from clothlab.method._inputs import check_model
+from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import Rollout, rollout_of
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import PredictiveModel
 
 # The loss [B] of predicted states [B, T, D_s] and the commands [B, T, D_u] that lead to
 # them, sent from control step t on.
@@ -131,15 +132,26 @@ def optimise_commands(
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
         `[iterations + 1]`.
     """
+    plan, trace = descend(loss, u, limits, settings)
+    return plan, trace.double().numpy()
+
+
+def descend(
+    loss: _LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
+) -> tuple[Tensor, Tensor]:
+    """What `optimise_commands` does, in tensors alone.
+
+    So the whole descent can be exported as one graph (`onnx_export`).
+    """
     gamma = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
     for _ in range(settings.iterations):
         before, direction = steepest_ascent(loss, plan, limits.scale)
         plan, after = best_step(loss, plan, gamma * direction, limits)
-        trace.append(before.item())
-    trace.append(after.item())
-    return plan[0], np.array(trace)
+        trace.append(before)
+    trace.append(after)
+    return plan[0], torch.cat(trace)
 
 
 # The equations end here. What follows puts them to use, step after step of a run.
@@ -150,12 +162,12 @@ class Problem:
     """What a search is asked in one control step: which commands come next?"""
 
     s: Tensor  # the state now [D_s]
-    memory: Memory  # the model's recurrent state before it
+    memory: AnyMemory  # the model's recurrent state before it
     p: np.ndarray  # the parametric bias in use [D_p]
     t: int  # control steps since the reset
     plan: Tensor  # that of the step before, moved on by one [T, D_u]
     solve: bool  # whether to search, or to go on with what is planned
-    model: DPMPB
+    model: PredictiveModel
     rollout: Rollout  # the same model with this p, and faster
     loss_of: Loss  # what is wanted
     limits: Limits
@@ -258,7 +270,7 @@ class _Progress:
 
     plan: Tensor  # being sent [T, D_u]
     sent: Tensor  # commands of the last period, the latest last [period or fewer, D_u]
-    memory: Memory  # the model's recurrent state before the last step
+    memory: AnyMemory  # the model's recurrent state before the last step
     learned: Any  # by the search
     last: tuple[Tensor, Tensor] | None = None  # state and command of the last step
     t: int = 0  # control steps since the reset
@@ -270,7 +282,7 @@ class Controller:
     """Model predictive control with any differentiable loss of states and commands.
 
     Args:
-        model: a trained DPMPB.
+        model: a trained one.
         loss: `loss(states, commands, t)` is the loss `[B]` of states `[B, T, D_s]`
             that are predicted for commands `[B, T, D_u]` sent from control step t on.
         p: parametric bias of the material, `[D_p]`.
@@ -284,7 +296,7 @@ class Controller:
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         loss: Loss,
         p: ArrayLike,
         lower: ArrayLike,
@@ -480,7 +492,7 @@ class Controller:
             added = sent[:1]
         return replace(now, sent=sent, plan=torch.cat([now.plan[1:], added]))
 
-    def _memory_after_last(self) -> Memory:
+    def _memory_after_last(self) -> AnyMemory:
         """The recurrent state follows what was observed, not what was predicted."""
         now = self._progress
         if now.last is None:
@@ -489,7 +501,7 @@ class Controller:
         return rollout.follow(*now.last, now.memory)
 
 
-def _limits(model: DPMPB, lower: ArrayLike, upper: ArrayLike) -> Limits:
+def _limits(model: PredictiveModel, lower: ArrayLike, upper: ArrayLike) -> Limits:
     """Limits `[D_u]` that fit the model; a ValueError if a lower one is above."""
     shape = (model.command_size,)
     low = torch.as_tensor(check_array("lower", lower, shape, np.float32))

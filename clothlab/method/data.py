@@ -2,32 +2,37 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from clothlab._validation import Checked, check_array
-from clothlab.method.model import DPMPB
+from clothlab._validation import Checked, check_number, setting
+from clothlab.method._on_disk import check_record, summary_of, taken, told
+from clothlab.method.model import PredictiveModel
 
 
 @dataclass(frozen=True, eq=False)
 class Run(Checked):
-    """One run of a robot, as the model sees it; runs of one material share one p."""
+    """One run of a robot, as the model sees it; runs of one material share one p.
+
+    Arrays are copied, but for those that `np.load(file, mmap_mode="r")` gives in single
+    precision. These stay on the disk, and a training reads them batch by batch.
+    """
 
     s: np.ndarray  # states [T, D_s]; of a cloth, z first
     u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
     material: str
+    _: KW_ONLY
+    step: float | None = setting(None, "s")  # between two states, where it is known
+    state_names: tuple[str, ...] = ()  # what each number of s is, with its unit
+    command_names: tuple[str, ...] = ()  # what each number of u is, with its unit
 
     def __post_init__(self) -> None:
-        s = check_array(
-            f"s of a run of {self.material}", self.s, ("T", "D_s"), np.float32
-        )
-        u = check_array(
-            f"u of a run of {self.material}", self.u, ("T", "D_u"), np.float32
-        )
+        s = check_record(f"s of a run of {self.material}", self.s, ("T", "D_s"))
+        u = check_record(f"u of a run of {self.material}", self.u, ("T", "D_u"))
         if not len(s) == len(u) > 0:
             raise ValueError(
                 "a run has as many states as commands, and some, got "
@@ -37,13 +42,43 @@ class Run(Checked):
         object.__setattr__(self, "u", u)
         super().__post_init__()
 
+        # What may be left out
+        if self.step is not None:
+            step = check_number("step of a run", self.step, above=0)
+            object.__setattr__(self, "step", step)
+        _check_names("states", self.state_names, s.shape[1])
+        _check_names("commands", self.command_names, u.shape[1])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is told: of arrays on the disk, where they lie."""
+        said = vars(self)
+        return said | {"s": told(self.s), "u": told(self.u)}
+
+    def __setstate__(self, said: dict[str, Any]) -> None:
+        for name, value in said.items():
+            object.__setattr__(self, name, taken(value))
+
     def __len__(self) -> int:
         """Return the number of steps T."""
         return len(self.s)
 
     def __getitem__(self, steps: slice) -> "Run":
         """Return a stretch of the run, `run[:100]`."""
-        return Run(self.s[steps], self.u[steps], self.material)
+        if not isinstance(steps, slice) or steps.step not in (None, 1):
+            raise ValueError(
+                "a run is cut with run[first:last], of steps one after the other, got "
+                f"{steps!r}"
+            )
+        return replace(self, s=self.s[steps], u=self.u[steps])
+
+
+def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
+    """Names may be left out, but not some of them."""
+    if names and len(names) != size:
+        raise ValueError(
+            f"a run of {size} {what} needs as many names, or none, got {len(names)}: "
+            f"{', '.join(names)}"
+        )
 
 
 def windows(
@@ -65,8 +100,8 @@ def windows(
     commands = []
     which = []
     for run in runs:
-        s = torch.as_tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
-        u = torch.as_tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
+        s = torch.tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
+        u = torch.tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
         states.append(s)
         commands.append(u)
         which.append(torch.full((len(s),), materials.index(run.material)))
@@ -86,58 +121,38 @@ _ROUNDING = 1e-6
 _UNHEARD = 1e6
 
 
-def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
+def set_normalisation(model: PredictiveModel, runs: Sequence[Run]) -> None:
     """Set the model's means and standard deviations from all the data.
 
     What never varies in the data teaches nothing, and dividing by its deviation would
     turn the first other reading into the largest signal of all. So a constant sensor or
     command is left out, with a warning: it gets a deviation that nothing reaches, and
-    weights of zero, which stay zero in the training since their gradient is. Source:
-    the paper, "Network Structure of DPMPB".
+    the model is deaf to it (`PredictiveModel.leave_out`). Source: the paper, "Network
+    Structure of DPMPB".
     """
-    states = torch.as_tensor(np.concatenate([run.s for run in runs]))
-    commands = torch.as_tensor(np.concatenate([run.u for run in runs]))
-    constant_s = _measure(states, model.s_mean, model.s_std)
-    constant_u = _measure(commands, model.u_mean, model.u_std)
+    constant_s = _measure([run.s for run in runs], model.s_mean, model.s_std)
+    constant_u = _measure([run.u for run in runs], model.u_mean, model.u_std)
 
-    if constant_s.any():
-        _leave_out_states(model, constant_s)
-        _warn_of_constants("state", constant_s)
-    if constant_u.any():
-        _leave_out_commands(model, constant_u)
-        _warn_of_constants("command", constant_u)
+    model.leave_out(constant_s, constant_u)
+    _warn_of_constants("state", constant_s)
+    _warn_of_constants("command", constant_u)
 
 
-def _measure(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
-    """Write mean and deviation `[D]` of values `[T, D]`; which are constant `[D]`."""
-    size = values.abs().amax(0)
-    constant = values.amax(0) - values.amin(0) <= _ROUNDING * size
+def _measure(records: Sequence[np.ndarray], mean: Tensor, std: Tensor) -> Tensor:
+    """Write mean and deviation `[D]` of records `[T, D]`; which are constant `[D]`."""
+    all_rows = summary_of(records)
+    size = torch.maximum(all_rows.low.abs(), all_rows.high.abs())
+    constant = all_rows.high - all_rows.low <= _ROUNDING * size
     # Of a constant the value itself: its mean may be off by a last digit, of which Adam
     # would make a signal.
-    mean.copy_(torch.where(constant, values[0], values.mean(0)))
-    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0)))
+    mean.copy_(torch.where(constant, all_rows.first, all_rows.mean))
+    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), all_rows.std))
     return constant
 
 
-@torch.no_grad()
-def _leave_out_states(model: DPMPB, constant: Tensor) -> None:
-    """Make the model deaf to some states `[D_s]`, bool: it predicts their mean."""
-    first_layer = cast(nn.Linear, model.fc_in[0])
-    last_layer = cast(nn.Linear, model.fc_out[-1])
-    columns = model.command_size + constant.nonzero().flatten()
-    first_layer.weight[:, columns] = 0
-    last_layer.weight[constant] = 0
-    last_layer.bias[constant] = 0
-
-
-@torch.no_grad()
-def _leave_out_commands(model: DPMPB, constant: Tensor) -> None:
-    """Make the model deaf to some commands `[D_u]`, bool."""
-    first_layer = cast(nn.Linear, model.fc_in[0])
-    first_layer.weight[:, constant.nonzero().flatten()] = 0
-
-
 def _warn_of_constants(kind: str, constant: Tensor) -> None:
+    if not constant.any():
+        return
     places = ", ".join(str(k) for k in constant.nonzero().flatten().tolist())
     warnings.warn(
         f"{kind} {places} (counted from 0) never changes in these runs: the model "

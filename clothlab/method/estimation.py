@@ -22,7 +22,7 @@ from clothlab._validation import (
 )
 from clothlab.method._inputs import check_model
 from clothlab.method._rule import LARGEST_LOSS, Moved, Rule, Window
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class EstimationSettings(Checked):
 
 
 def prediction_loss(
-    model: DPMPB,
+    model: PredictiveModel,
     s: Tensor,
     u: Tensor,
     p: Tensor,
@@ -70,6 +70,13 @@ def prediction_loss(
     return torch.stack(losses).reshape(p.shape[:-1])
 
 
+# Share of a step by which a state may come too early or too late, and by which so many
+# may on average.
+_JITTER = 0.5
+_DRIFT = 0.1
+_MANY = 10
+
+
 class _State(NamedTuple):
     """Where an estimation is.
 
@@ -79,6 +86,8 @@ class _State(NamedTuple):
     p: np.ndarray  # the estimate [D_p]
     carried: Any = None  # by the rule
     seen: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # states and commands
+    times: tuple[float, ...] = ()  # of the last of them [s], where they are known
+    in_motion: bool = False  # whether the first of them comes after a gap
 
 
 class Estimator:
@@ -90,7 +99,7 @@ class Estimator:
         rule: how it moves.
     """
 
-    def __init__(self, model: DPMPB, p: ArrayLike | None, rule: Rule):
+    def __init__(self, model: PredictiveModel, p: ArrayLike | None, rule: Rule):
         self.model = check_model(model)
         self._rule = rule
         if rule.warmup(rule.window + 1) is None:
@@ -106,6 +115,15 @@ class Estimator:
         """Go back to the p it started from, and forget what was seen."""
         self._state = self._first
 
+    def forget(self) -> None:
+        """Forget what was seen, and keep p: for a gap in what is observed.
+
+        A window that reached over the gap would tell p of a step that never was. The
+        motion may go on meanwhile, so that a `NewtonEstimator` takes the next step for
+        one in the middle of a motion, also if it was made with `from_rest`.
+        """
+        self._state = _State(self._state.p, in_motion=True)
+
     @property
     def p(self) -> np.ndarray:
         """The current estimate, `[D_p]`."""
@@ -114,24 +132,31 @@ class Estimator:
     @property
     def window(self) -> Window | None:
         """What the present p is judged by; None before there is anything to judge."""
-        return self._window(self._state.seen)
+        return self._window(self._state)
 
-    def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
+    def update(
+        self, s: ArrayLike, u: ArrayLike, *, time: float | None = None
+    ) -> np.ndarray:
         """Take in one step: the new estimate `[D_p]`.
 
         The state s `[D_s]` before a command, and the command u `[D_u]`. A step that is
-        refused, since it does not fit or has no finite loss, leaves the estimate as it
-        is.
+        refused, since it does not fit, comes at another rate or has no finite loss,
+        leaves the estimate as it is.
+
+        With its `time` [s] a step is also refused if it comes half a step too early or
+        too late after the one before, or if many came a tenth too early or too late: a
+        stream at another rate than the model's would give a confident, wrong p.
         """
         s = check_array("s", s, (self.model.state_size,), np.float32)
         u = check_array("u", u, (self.model.command_size,), np.float32)
-        now = self._state
+        times = () if time is None else self._checked_times(time)
         # One more than the window: the last state is only predicted.
-        seen = (*now.seen, (s, u))[-self._rule.window - 1 :]
+        seen = (*self._state.seen, (s, u))[-self._rule.window - 1 :]
+        now = self._state._replace(seen=seen, times=times)
 
-        window = self._window(seen)
+        window = self._window(now)
         if window is None:
-            self._state = now._replace(seen=seen)
+            self._state = now
             return self.p
         moved = self._rule.move(self.model, window, now.p, now.carried)
         if not (moved.loss < LARGEST_LOSS and np.isfinite(moved.p).all()):
@@ -139,15 +164,41 @@ class Estimator:
                 "this step is so far from what the model was trained on that there is "
                 "no loss"
             )
-        self._state = _State(moved.p, moved.carried, seen)
+        self._state = now._replace(p=moved.p, carried=moved.carried)
         return self.p
 
-    def _window(self, seen: tuple[tuple[np.ndarray, np.ndarray], ...]) -> Window | None:
-        warmup = self._rule.warmup(len(seen))
+    def _checked_times(self, time: float) -> tuple[float, ...]:
+        """The last times and this one; a ValueError if they are not the model's."""
+        check_number("time", time)
+        step = getattr(self.model, "step", None)
+        if step is None:
+            raise ValueError(
+                "the model does not know its step, so that times say nothing: train it "
+                "on runs that have one, or set `model.step` [s]"
+            )
+
+        # This step alone, and the last ones on average
+        before = self._state.times
+        told = ""
+        if before and abs(time - before[-1] - step) > _JITTER * step:
+            told = f"this state comes {time - before[-1]:.3g} s after the one before"
+        elif len(before) == _MANY:
+            mean = (time - before[0]) / _MANY
+            if abs(mean - step) > _DRIFT * step:
+                told = f"the last states came {mean:.3g} s apart on average"
+        if told:
+            raise ValueError(
+                f"{told}, and the model was trained on steps of {step:g} s: bring the "
+                "stream to that rate. After a gap, call `forget()`, which keeps p"
+            )
+        return (*before, time)[-_MANY:]
+
+    def _window(self, now: _State) -> Window | None:
+        warmup = self._rule.warmup(len(now.seen), now.in_motion)
         if warmup is None:
             return None
-        s = torch.as_tensor(np.stack([state for state, _ in seen]))
-        u = torch.as_tensor(np.stack([command for _, command in seen]))
+        s = torch.as_tensor(np.stack([state for state, _ in now.seen]))
+        u = torch.as_tensor(np.stack([command for _, command in now.seen]))
         return Window(s, u, warmup)
 
 
@@ -162,7 +213,7 @@ class BiasEstimator(Estimator):
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         p: ArrayLike | None = None,
         settings: EstimationSettings | None = None,
     ):
@@ -177,13 +228,17 @@ class _MomentumSGD:
         self.window = settings.window
         self._settings = settings
 
-    def warmup(self, count: int) -> int | None:
+    def warmup(self, count: int, in_motion: bool = False) -> int | None:
         """As set, once there is at least one step more to predict."""
         warmup = self._settings.warmup
         return warmup if count > warmup + 1 else None
 
     def move(
-        self, model: DPMPB, window: Window, p: np.ndarray, carried: Tensor | None
+        self,
+        model: PredictiveModel,
+        window: Window,
+        p: np.ndarray,
+        carried: Tensor | None,
     ) -> Moved:
         """One step down the gradient; what is carried is the velocity v `[D_p]`."""
         before = torch.tensor(p, requires_grad=True)

@@ -7,13 +7,14 @@ tanh(a) = 2σ(2a) - 1. Not in the paper.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import torch
 from torch import Tensor, nn
 
+from clothlab.method._memories import AnyMemory
 from clothlab.method._quick_tanh import SigmoidTanh
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import DPMPB, Memory, PredictiveModel
 
 
 class _Layer(NamedTuple):
@@ -56,7 +57,7 @@ class FastDPMPB:
         p: parametric bias, `[D_p]`.
     """
 
-    def __init__(self, model: DPMPB, p: Tensor):
+    def __init__(self, model: PredictiveModel, p: Tensor):
         if not self.can_fold(model):
             raise ValueError(
                 f"this {type(model).__name__} has a forward or layers of its own, "
@@ -68,8 +69,10 @@ class FastDPMPB:
             self._net = _fold(model, p)
 
     @staticmethod
-    def can_fold(model: DPMPB) -> bool:
+    def can_fold(model: PredictiveModel) -> TypeGuard[DPMPB]:
         """Whether the network is the paper's, layer by layer."""
+        if not isinstance(model, DPMPB):
+            return False
         lstm = model.lstm
         return (
             type(model).forward is DPMPB.forward
@@ -82,7 +85,7 @@ class FastDPMPB:
             and lstm.bias
         )
 
-    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
+    def __call__(self, s: Tensor, u: Tensor, memory: AnyMemory) -> Tensor:
         """Predict states `[B, T, D_s]`, each from the prediction before.
 
         From s `[D_s]` or `[B, D_s]`, u `[B, T, D_u]`, and memory of batch 1 or B.
@@ -90,7 +93,7 @@ class FastDPMPB:
         states, _ = self._roll(s, u, memory)
         return states
 
-    def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
+    def follow(self, s: Tensor, u: Tensor, memory: AnyMemory) -> Memory:
         """The recurrent state after one observed step.
 
         From s `[D_s]` or `[B, D_s]`, u `[D_u]` or `[B, D_u]`, and memory.
@@ -98,7 +101,7 @@ class FastDPMPB:
         _, memory = self._roll(s, u.reshape(-1, 1, u.shape[-1]), memory)
         return memory
 
-    def _roll(self, s: Tensor, u: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+    def _roll(self, s: Tensor, u: Tensor, memory: AnyMemory) -> tuple[Tensor, Memory]:
         net = self._net
         batch, steps, _ = u.shape
 
@@ -108,8 +111,7 @@ class FastDPMPB:
         from_commands = from_commands.unflatten(0, (batch, steps))
 
         s = ((s - self._s_mean) / self._s_std).expand(batch, -1)
-        h = [*memory.h.expand(-1, batch, -1)]
-        c = [*memory.c.expand(-1, batch, -1)]
+        h, c = ([*part.expand(-1, batch, -1)] for part in memory)
         states = []
         for x in from_commands.unbind(1):
             x = torch.addmm(x, s, net.state).sigmoid_()

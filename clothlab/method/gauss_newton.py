@@ -5,7 +5,9 @@ estimate, predictions are nearly linear in p; the least squares of such a line s
 where the lowest loss lies and how far it scatters. Not in the paper.
 """
 
+import warnings
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,11 +22,11 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method._inputs import check_run
+from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, Estimator
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
 
@@ -54,37 +56,20 @@ class Linearisation:
 
     @classmethod
     def of(
-        cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
+        cls, model: PredictiveModel, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
     ) -> "Linearisation":
         """Predict with p and its neighbours in one pass.
 
         Args:
-            model: a trained DPMPB.
+            model: a trained one.
             s: states, `[T + 1, D_s]`.
             u: commands, `[T + 1, D_u]`.
             p: where predictions are linearised, `[D_p]`.
             warmup: first steps, which only fill the memory.
         """
-        # p and its neighbours, up and down in each of its numbers.
-        p = np.asarray(p, dtype=np.float64)
-        size = len(p)
-        nudges = _NUDGE * np.eye(size)
-        around = np.concatenate([p[None], p + nudges, p - nudges])
-
-        # One pass: p itself is the first of the batch, then come its neighbours.
-        several = torch.as_tensor(around, dtype=s.dtype)
-        before = s[:-1].expand(len(several), -1, -1)
-        sent = u[:-1].expand(len(several), -1, -1)
-        with torch.no_grad():
-            predicted, _ = model(before, sent, several)
-            scaled = (predicted / model.s_std)[:, warmup:].double().numpy()
-            seen = (s[1:] / model.s_std)[warmup:].double().numpy()
-
-        # Central differences.
-        up = scaled[1 : 1 + size]
-        down = scaled[1 + size :]
-        jacobian = np.moveaxis(up - down, 0, -1) / (2 * _NUDGE)
-        return cls(seen - scaled[0], jacobian)
+        around = torch.as_tensor(p, dtype=torch.float64)
+        errors, jacobian = around_bias(model, s, u, around, warmup)
+        return cls(errors.numpy(), jacobian.numpy())
 
     @property
     def loss(self) -> float:
@@ -134,6 +119,42 @@ class Linearisation:
         return self.errors**2 / max(self.loss, 1e-12)
 
 
+@torch.no_grad()
+def around_bias(
+    model: PredictiveModel, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
+) -> tuple[Tensor, Tensor]:
+    """What `Linearisation.of` computes, in tensors alone (`onnx_export`).
+
+    Args:
+        model: a trained DPMPB.
+        s: states, `[T + 1, D_s]`.
+        u: commands, `[T + 1, D_u]`.
+        p: where predictions are linearised, `[D_p]` in double precision.
+        warmup: first steps, which only fill the memory.
+
+    Returns:
+        Errors `[T, D_s]` and their jacobian `[T, D_s, D_p]`, in double precision.
+    """
+    # p and its neighbours, up and down in each of its numbers.
+    size = len(p)
+    nudges = _NUDGE * torch.eye(size, dtype=p.dtype)
+    around = torch.cat([p[None], p + nudges, p - nudges])
+
+    # One pass: p itself is the first of the batch, then come its neighbours.
+    several = around.to(s.dtype)
+    before = s[:-1].expand(len(several), -1, -1)
+    sent = u[:-1].expand(len(several), -1, -1)
+    predicted, _ = model(before, sent, several)
+    scaled = (predicted / model.s_std)[:, warmup:].double()
+    seen = (s[1:] / model.s_std)[warmup:].double()
+
+    # Central differences.
+    up = scaled[1 : 1 + size]
+    down = scaled[1 + size :]
+    jacobian = (up - down).movedim(0, -1) / (2 * _NUDGE)
+    return seen - scaled[0], jacobian
+
+
 class NewtonEstimator(Estimator):
     """A Gauss-Newton step on p for each control step observed.
 
@@ -148,7 +169,7 @@ class NewtonEstimator(Estimator):
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         p: ArrayLike | None = None,
         settings: NewtonSettings | None = None,
         *,
@@ -166,13 +187,15 @@ class _GaussNewton:
         self._settings = settings
         self._from_rest = from_rest
 
-    def warmup(self, count: int) -> int | None:
+    def warmup(self, count: int, in_motion: bool = False) -> int | None:
         """0 for a window that begins at rest, else as set; None if it is too short."""
-        begins_at_rest = self._from_rest and count <= self.window
+        begins_at_rest = self._from_rest and not in_motion and count <= self.window
         warmup = 0 if begins_at_rest else self._settings.warmup
         return warmup if count - 1 - warmup >= self._settings.least else None
 
-    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
+    def move(
+        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
+    ) -> Moved:
         """One step; nothing is carried from the one before."""
         seen = Linearisation.of(model, window.s, window.u, p, window.warmup)
         if not seen.loss < LARGEST_LOSS:
@@ -194,7 +217,7 @@ def linearise(estimator: Estimator) -> Linearisation | None:
 
 
 def best_bias(
-    model: DPMPB,
+    model: PredictiveModel,
     run: Run,
     p: ArrayLike,
     settings: NewtonSettings | None = None,
@@ -203,7 +226,7 @@ def best_bias(
     """The p with the lowest loss over a whole run, by Gauss-Newton.
 
     Args:
-        model: a trained DPMPB.
+        model: a trained one.
         run: which begins at rest.
         p: where to begin, `[D_p]`.
         settings: of the steps.
@@ -213,10 +236,10 @@ def best_bias(
         That p `[D_p]`, and how it predicts.
     """
     settings = settings_or_default(settings, NewtonSettings)
-    check_run(run)
+    check_same_step(model, check_run(run))
     found = check_array("p", p, (model.bias_size,))
-    s = torch.as_tensor(run.s)
-    u = torch.as_tensor(run.u)
+    s = torch.tensor(run.s)
+    u = torch.tensor(run.u)
     seen = Linearisation.of(model, s, u, found)
     for _ in range(rounds):
         found = found + seen.step(settings.freedom, settings.longest)
@@ -225,12 +248,13 @@ def best_bias(
 
 
 def estimate_bias(
-    model: DPMPB,
+    model: PredictiveModel,
     run: Run,
     p: ArrayLike | None = None,
     *,
     method: str = "sgd",
     settings: Any = None,
+    from_rest: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Run the online estimation over a recorded run.
 
@@ -240,12 +264,25 @@ def estimate_bias(
         p: where the estimate starts, `[D_p]`; zeros by default.
         method: "sgd" for the paper's momentum SGD, "newton" for Gauss-Newton.
         settings: of that method, `EstimationSettings` or `NewtonSettings`.
+        from_rest: whether all is at rest before the first step. Only Gauss-Newton makes
+            use of it; the paper's rule always leaves out the first steps.
 
     Returns:
-        The final p `[D_p]`, and p after each step `[T, D_p]`.
+        The final p `[D_p]`, and p after each step `[T, D_p]`. If the run is too short
+        for p to move at all, there is a warning.
     """
-    check_run(run)
-    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": NewtonEstimator}
+    check_same_step(model, check_run(run))
+    newton = partial(NewtonEstimator, from_rest=from_rest)
+    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": newton}
     estimator = choose("method", method, estimators)(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
+
+    # A p that nothing has moved looks like any other.
+    if estimator.window is None:
+        warnings.warn(
+            f"a run of {len(run)} steps is too short for this estimation: p is where "
+            "it started, and says nothing of the material. Record more steps, or set "
+            "a smaller `warmup`",
+            stacklevel=2,
+        )
     return path[-1], np.stack(path)

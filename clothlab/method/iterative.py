@@ -26,6 +26,7 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, setting, settings_or_default
 from clothlab.method._experience import Attempt, Experience
 from clothlab.method._inputs import check_runs
+from clothlab.method._memories import joined
 from clothlab.method.control import (
     ControlSettings,
     Limits,
@@ -36,7 +37,7 @@ from clothlab.method.control import (
     steepest_ascent,
 )
 from clothlab.method.data import Run
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import PredictiveModel
 
 # Each step of a descent tries few sizes, since many plans are improved at once.
 _CANDIDATES = 9
@@ -79,7 +80,7 @@ class IterativeLearningSettings(Checked):
     noise: float = setting(0.03, above=0)
     remembered: int = setting(60, "period", at_least=1)
 
-    def features(self, model: DPMPB, s: Tensor, u: Tensor) -> Tensor:
+    def features(self, model: PredictiveModel, s: Tensor, u: Tensor) -> Tensor:
         """What plans are like, in units of how far an outcome teaches, `[B, D]`.
 
         From the states s `[D_s]` or `[B, D_s]` in which they start, and their commands
@@ -216,9 +217,8 @@ class _Forecast:
         s = torch.stack([each.s for each in attempts])
         u = torch.stack([each.u for each in attempts])
         z = torch.stack([each.z for each in attempts])
-        h = torch.cat([each.memory.h for each in attempts], dim=1)
-        c = torch.cat([each.memory.c for each in attempts], dim=1)
-        states = self._problem.rollout(s, u, Memory(h, c))
+        memory = joined([each.memory for each in attempts])
+        states = self._problem.rollout(s, u, memory)
         predicted = states[..., : len(self._z_ref)]
         return ResidualModel(self.features(s, u), z - predicted, self._settings)
 

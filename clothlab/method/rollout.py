@@ -3,13 +3,19 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from clothlab._validation import check_array, check_kind, check_number, check_seed
+from clothlab._validation import check_kind, check_number, check_seed
+from clothlab.method._episodes import (
+    Ending,
+    NotingPolicy,
+    check_actions,
+    check_environment,
+    is_vector,
+    step_through,
+)
 from clothlab.method._wrapping import as_policy
-from clothlab.method.data import Run
 from clothlab.method.policy import Policy
 
 
@@ -30,6 +36,7 @@ def rollout(
     options: dict[str, Any] | None = None,
     material: str | None = None,
     observe: Callable[[Any], ArrayLike] | None = None,
+    step: float | None = None,
     watch: Callable[[], None] | None = None,
     samples: int = 5,
     progress: bool = False,
@@ -56,6 +63,7 @@ def rollout(
             such as "heavy". Runs of one name share one p.
         observe: Makes the state `[D_s]` of an observation, for a `Run`; without it,
             the observation is the state.
+        step: What a control step takes [s], for a `Run` that is to know it.
         watch: Called `samples` times in each step, evenly, to film what happens
             between observations. For environments with a record of their own.
         samples: How often; with 5, a film has 25 pictures a second.
@@ -70,7 +78,7 @@ def rollout(
         ValueError: A command is not one of this robot; it was not sent. Or an argument
             makes no sense, before the first step.
     """
-    _check_environment(env)
+    _check_one_robot(env)
     check_number("steps", steps, int, at_least=1)
     check_seed(seed)
     policy = as_policy(policy)
@@ -78,7 +86,7 @@ def rollout(
     if material is None:
         # The environment keeps the record.
         with _own_recording(env, observe)(watch, samples) as make_record:
-            ended = _step_through(env, policy, steps, seed, options, progress)
+            ending = _go(env, policy, steps, seed, options, progress)
         record = make_record(policy.name, seed)
     else:
         # It is kept at the policy: what it sees and what it sends.
@@ -87,67 +95,36 @@ def rollout(
             raise ValueError(
                 "only an environment's own record can be watched: leave out material"
             )
-        noting = _NotingPolicy(policy, observe or np.asarray)
-        ended = _step_through(env, noting, steps, seed, options, progress)
-        record = Run(np.stack(noting.states), np.stack(noting.commands), material)
+        check_actions(env)
+        noting = NotingPolicy(policy, observe)
+        ending = _go(env, noting, steps, seed, options, progress)
+        record = noting.run(material, step)
 
-    if ended:
-        raise EpisodeEnded(ended, record)
+    if ending is not None:
+        raise EpisodeEnded(_why_it_ended(ending, steps), record)
     return record
 
 
-def _step_through(
+def _check_one_robot(env: Any) -> None:
+    check_environment(env)
+    if is_vector(env):
+        raise ValueError(
+            "rollout moves one robot: `collect_runs` takes an environment of several"
+        )
+
+
+def _go(
     env: Any,
     policy: Policy,
     steps: int,
     seed: int,
     options: dict[str, Any] | None,
     progress: bool,
-) -> str:
-    """Reset both and make the steps; why the episode ended too early, if it did."""
-    policy.reset(seed)
-    observation, _ = env.reset(seed=seed, options=options)
-    bar = tqdm(range(steps), desc=policy.name, disable=not progress, unit="step")
-    for step in bar:
-        u = policy(observation)
-        observation, _, terminated, truncated, _ = env.step(u)
-        if (terminated or truncated) and step + 1 < steps:
-            return _why_it_ended(terminated, step + 1, steps)
-    return ""
-
-
-class _NotingPolicy(Policy):
-    """A policy of states, which notes what it saw and what it sent."""
-
-    def __init__(self, policy: Policy, observe: Callable[[Any], ArrayLike]):
-        self.policy: Any = policy  # here, its observation is a state
-        self.name = policy.name
-        self.observe = observe
-        self.states: list[np.ndarray] = []
-        self.commands: list[np.ndarray] = []
-
-    def reset(self, seed: int = 0) -> None:
-        self.policy.reset(seed)
-
-    def __call__(self, observation: Any) -> np.ndarray:
-        s = np.array(self.observe(observation), ndmin=1)
-        check_array("the state that `observe` makes", s, ("D_s",))
-        # A copy: the policy may change what it is given.
-        self.states.append(s.copy())
-
-        u = np.array(self.policy(s), ndmin=1)
-        check_array(f"the command of {self.name}", u, ("D_u",))
-        self.commands.append(u.copy())
-        return u
-
-
-def _check_environment(env: Any) -> None:
-    methods = (getattr(env, name, None) for name in ("reset", "step"))
-    if isinstance(env, type) or not all(map(callable, methods)):
-        raise ValueError(
-            "env is a Gymnasium environment, such as ClothEnv(arm, cloth), "
-            f"got {type(env).__name__} {env!s:.80}"
-        )
+) -> Ending | None:
+    """The episode with a bar of progress."""
+    name = policy.name
+    with tqdm(total=steps, desc=name, disable=not progress, unit="step") as bar:
+        return step_through(env, policy, steps, seed, options, bar)
 
 
 def _own_recording(env: Any, observe: Callable | None) -> Callable:
@@ -163,15 +140,16 @@ def _own_recording(env: Any, observe: Callable | None) -> Callable:
     return recording
 
 
-def _why_it_ended(terminated: bool, done: int, steps: int) -> str:
-    """Advice for an episode that was over after `done` of `steps` steps."""
-    where = f"after {done} of {steps} steps; they are kept as `run` of this error"
-    if terminated:
+def _why_it_ended(ending: Ending, steps: int) -> str:
+    """Advice for an episode that was over before its last step."""
+    where = f"after {ending.done} of {steps} steps"
+    where += "; they are kept as `run` of this error"
+    if ending.terminated:
         return (
             f"the robot's task was over {where}. Use gentler commands, or record "
-            "several short runs"
+            "several short runs with `collect_runs`"
         )
     return (
         f"the time limit of the environment was reached {where}: "
-        "raise its `max_episode_steps`"
+        "raise its `max_episode_steps`, or record several runs with `collect_runs`"
     )

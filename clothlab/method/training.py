@@ -7,7 +7,7 @@ of a run is predicted from an empty memory, each next state from the true ones.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,15 @@ from clothlab._validation import (
     setting,
     settings_or_default,
 )
-from clothlab.method._inputs import check_runs
+from clothlab.method._batches import Windows
+from clothlab.method._inputs import check_runs, common_step
+from clothlab.method._networks import MakeModel, made
 from clothlab.method._optimise import best_device, minimise, seeded
 from clothlab.method._quick_tanh import quicken
-from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.model import DPMPB
+from clothlab.method._watch import HeldOut, TrainingTrace, Watch
+from clothlab.method.data import Run, materials_of, set_normalisation
+from clothlab.method.model import DPMPB, PredictiveModel
+from clothlab.method.training_options import TrainingOptions
 
 
 @dataclass(frozen=True)
@@ -44,46 +48,53 @@ class ModelTraining(Checked):
     stride: int = setting(5, "step", at_least=1)  # between the starts of two windows
     learning_rate: float = setting(2e-3, above=0)
     bias_learning_rate: float = setting(6e-3, above=0)
+    # First steps of a window, which only fill the memory and are not in the loss.
+    burn_in: int = setting(0, "step", at_least=0)
 
-
-@dataclass(frozen=True, eq=False)
-class _TrainingTrace:
-    """What happened in a training."""
-
-    losses: np.ndarray  # mean squared error of each epoch [epochs] [s.d.²]
-    # p of each material before the first epoch and after each,
-    # {name: [epochs + 1, D_p]}.
-    biases: dict[str, np.ndarray]
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.burn_in >= self.sequence_length:
+            raise ValueError(
+                f"ModelTraining.burn_in must be below the {self.sequence_length} steps "
+                f"of sequence_length, got {self.burn_in}"
+            )
 
 
 def train_dpmpb(
     runs: Sequence[Run],
     settings: ModelTraining | None = None,
     *,
+    model: MakeModel = DPMPB,
     known: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     device: str | None = None,
     progress: bool = True,
-) -> tuple[DPMPB, dict[str, np.ndarray], _TrainingTrace]:
+    options: TrainingOptions | None = None,
+) -> tuple[PredictiveModel, dict[str, np.ndarray], TrainingTrace]:
     """Train the weights W and one p for each material together, p from zero.
 
     Args:
         runs: recordings of one robot, each longer than a window; runs of one material
             share one p.
         settings: of the training.
+        model: which network: a subclass of `PredictiveModel`, or a function that makes
+            one of D_s, D_u and D_p.
         known: p of each material, `{name: [D_p]}`, if only W is to be trained.
         seed: of the first weights and of the order of the windows.
         device: by default a GPU, where torch sees one.
         progress: show a progress bar.
+        options: held-out runs, the best epoch, a callback, a file to go on from.
 
     Returns:
         The model, on the processor and in evaluation mode; p of each material,
         `{name: [D_p]}`; and the trace of losses and p.
     """
     settings = settings_or_default(settings, ModelTraining)
+    options = settings_or_default(options, TrainingOptions)
     device = device or best_device()
     runs = check_runs(runs)
     _check_lengths(runs, settings.sequence_length)
+    step = common_step(runs)
     materials = materials_of(runs)
     p = _first_biases(materials, settings.bias_size, known).to(device)
     p.requires_grad_(not known)
@@ -92,58 +103,61 @@ def train_dpmpb(
     with seeded(seed):
         states = runs[0].s.shape[1]
         commands = runs[0].u.shape[1]
-        model = DPMPB(states, commands, settings.bias_size)
-        set_normalisation(model, runs)
-        model = quicken(model).to(device)
-        losses, path = _train(model, p, runs, settings, progress)
+        network = made(model, states, commands, settings.bias_size)
+        set_normalisation(network, runs)
+        if isinstance(network, DPMPB):
+            quicken(network)
+        network.to(device)
+        held_out = _held_out(options.held_out, runs, settings, device)
+        about = _which(network, materials, settings, known, seed)
+        watch = Watch(network, p, materials, held_out, options, about)
+        _train(network, p, runs, settings, watch, progress)
+        trace = watch.finish()
+    network.step = step
 
-    # Name what the rows of p are.
-    paths = {name: path[:, k] for k, name in enumerate(materials)}
-    biases = {name: each[-1] for name, each in paths.items()}
-    return model.cpu().eval(), biases, _TrainingTrace(np.array(losses), paths)
+    # p of the epoch that is returned.
+    biases = {name: path[trace.epoch] for name, path in trace.biases.items()}
+    return network.cpu().eval(), biases, trace
 
 
 def _train(
-    model: DPMPB,
+    model: PredictiveModel,
     p: Tensor,
     runs: Sequence[Run],
     settings: ModelTraining,
+    watch: Watch,
     progress: bool,
-) -> tuple[list[float], np.ndarray]:
-    """Train W and p `[K, D_p]` in place, where p lies.
-
-    Returns the loss of each epoch, and p before the first epoch and after each,
-    `[epochs + 1, K, D_p]`.
-    """
-    s, u, k = windows(runs, settings.sequence_length, settings.stride)
-    s = s.to(p.device)
-    u = u.to(p.device)
-    k = k.to(p.device)
+) -> None:
+    """Train W and p `[K, D_p]` in place, where p lies."""
+    length = settings.sequence_length
+    first = settings.burn_in
+    windows = Windows(runs, materials_of(runs), length, settings.stride, p.device)
 
     def loss(index: Tensor) -> Tensor:
         """L(W, p) of some windows: each next state, predicted from the true ones."""
-        predicted, _ = model(s[index, :-1], u[index], p[k[index]])
-        return model.loss(predicted, s[index, 1:])
+        s, u, k = windows[index]
+        predicted, _ = model(s[:, :-1], u, p[k])
+        return model.loss(predicted[:, first:], s[:, 1 + first :])
 
     def batches() -> Sequence[Tensor]:
-        order = torch.randperm(len(s), device=p.device)
-        return order.split(settings.batch_size)
+        # Drawn on the processor, so that every device learns in the same order
+        return torch.randperm(len(windows)).split(settings.batch_size)
 
     # W and p are moved by the same gradient, each at its own rate.
     groups: list[dict[str, Any]] = [{"params": model.parameters()}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
 
-    # The loop, and where p goes in it.
-    losses = []
-    path = [p.detach().cpu().numpy().copy()]
-    bar = "DPMPB" if progress else None
-    for mean_loss in minimise(
-        groups, loss, batches, settings.epochs, settings.learning_rate, bar=bar
-    ):
-        losses.append(mean_loss)
-        path.append(p.detach().cpu().numpy().copy())
-    return losses, np.stack(path)
+    # The loop; what else goes on is in `_watch`.
+    epochs = settings.epochs
+    rate = settings.learning_rate
+    bar = type(model).__name__ if progress else None
+    with watch:
+        for mean_loss in minimise(
+            groups, loss, batches, epochs, rate, begin=watch.begin, bar=bar
+        ):
+            if watch.note(mean_loss):
+                break
 
 
 def _first_biases(
@@ -156,6 +170,38 @@ def _first_biases(
         p = check_array(f"p of {name}", p, (size,), np.float32)
         biases[k] = torch.as_tensor(p)
     return biases
+
+
+def _held_out(
+    held_out: Sequence[Run], runs: Sequence[Run], settings: ModelTraining, device: str
+) -> HeldOut | None:
+    """Windows of held-out runs, side by side; None if there are no such runs."""
+    if not held_out:
+        return None
+    materials = materials_of(runs)
+    for run in held_out:
+        choose("material of a held-out run", run.material, dict.fromkeys(materials))
+    length = settings.sequence_length
+    _check_lengths([runs[0], *held_out], length)
+    windows = Windows(held_out, materials, length, length, device)
+    return HeldOut(windows, settings.burn_in)
+
+
+def _which(
+    model: PredictiveModel,
+    materials: list[str],
+    settings: ModelTraining,
+    known: Mapping[str, ArrayLike] | None,
+    seed: int,
+) -> dict[str, Any]:
+    """What says which training this is, so that no file of another goes on in it."""
+    return {
+        **asdict(settings),
+        "seed": seed,
+        "network": type(model).__name__,
+        "materials": materials,
+        "known": bool(known),
+    }
 
 
 def _check_lengths(runs: Sequence[Run], length: int) -> None:

@@ -25,12 +25,13 @@ from clothlab._validation import (
 )
 from clothlab.masks import Observation
 from clothlab.method._inputs import check_sizes
+from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
-from clothlab.method.model import DPMPB
+from clothlab.method.model import PredictiveModel
 from clothlab.method.policy import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation._arm_data import get_arm
@@ -298,7 +299,7 @@ class ThrowPolicy(Policy):
 
     def __init__(
         self,
-        model: DPMPB,
+        model: PredictiveModel,
         autoencoder: Autoencoder,
         arm: Arm | str,
         target: ArrayLike,
@@ -341,7 +342,7 @@ class ThrowPolicy(Policy):
         self._resting = self.settings.rest
         self._begun: _Begun | None = None
         self._step = 0  # of the plan
-        self._memory = self.model.initial_memory()
+        self._memory: AnyMemory = self.model.initial_memory()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next attempt on."""
