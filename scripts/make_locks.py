@@ -65,7 +65,7 @@ LOCKS = (
     Lock(
         "environment-dev.txt",
         "What developers need beside environment.txt",
-        extras=("cluster",),
+        extras=("cluster", "onnx"),
         group="dev",
         first_lines=("-r environment.txt",),
     ),
