@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 import joblib
 import mujoco
 import numpy as np
-import onnxruntime
 import pandas as pd
 import torch
 from browser_lab import Lab, Notebook, launch_options
 from playwright.sync_api import sync_playwright
 
 from clothlab import data
+from clothlab._extras import bring
 from clothlab.method.autoencoder import AutoencoderTraining, train_autoencoder
 from clothlab.method.cloth_task import control_loss, period_mask
 from clothlab.method.control import ControlSettings, Limits, optimise_commands
@@ -190,6 +190,7 @@ def exported_solves(name: str, folder: str) -> dict[str, Callable[[], object]]:
     given |= problem.memory._asdict() | wanted
 
     # As a graph
+    onnxruntime = bring("bench --only onnx", "onnxruntime", "onnx")
     path = Path(folder) / f"{name}.onnx"
     export_solve(path, controller, loss=loss, inputs=wanted)
     options = onnxruntime.SessionOptions()

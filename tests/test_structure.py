@@ -68,7 +68,7 @@ BUDGETS = {  # at most; lines are only reported
     "lines of tests": None,
     "rooms": 20,
     "floors": 8,
-    "imports between rooms": 93,
+    "imports between rooms": 94,
     # An exercise has one check, which only its page calls.
     "public names without the checks of exercises": 160,
 }
