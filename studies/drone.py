@@ -269,14 +269,14 @@ def _changing(
     flight = load_flight(controller, condition)
     sine = 8.5 + 2.4 * np.sin(flight.time)
 
-    # From where the window is full
+    # From where the longest window is full, by p and by the mean tilt
     path = _estimated(learned, flight.run, window)[WINDOW:]
+    tilts = _tilts(flight.run, window)[WINDOW:]
     read = wind_read_from(path, learned.biases)
+    by_tilt = wind_read_from(tilts, _mean_tilts(recordings))
     sine = sine[WINDOW:]
-    by_tilt = wind_read_from(
-        _tilts(flight.run, window)[WINDOW:], _mean_tilts(recordings)
-    )
 
+    # How each follows the sine
     row: dict[str, Any] = {"wind": read[::2].round(2), "stated": sine[::2].round(3)}
     for ending, found in {"": read, "_by_tilt": by_tilt}.items():
         at_once, delay, r = followed(found, sine)
