@@ -22,7 +22,6 @@ from studies.neural_fly import CONTROLLERS, STEP, WINDS, load_flight
 
 DEVELOPMENT = "L1"  # its flights are among those of every training
 TESTED = tuple(name for name in CONTROLLERS if name != DEVELOPMENT)
-UPDATES = 1200  # of every training
 _BATCH = 50  # windows of 30 steps in an update, or as many steps in longer ones
 _PREDICTED = 30 * _BATCH
 TRAINING = ModelTraining(epochs=1, batch_size=_BATCH, stride=5, sequence_length=30)
@@ -31,6 +30,8 @@ TOLD = "wind told"
 NO_P = "no p"
 LONG_MEMORY = "long memory"
 CONTEXT = "context encoder"
+# How many updates a training has: of 600, 1,200 and 2,400 what served it best
+UPDATES = {P: 1200, TOLD: 1200, NO_P: 600, LONG_MEMORY: 1200, CONTEXT: 1200}
 _RIVALS = {
     NO_P: Kind(predicted=_PREDICTED),
     LONG_MEMORY: Kind(length=100, predicted=_PREDICTED),
@@ -81,7 +82,7 @@ def seen_by(run: Run, tilt: bool) -> Run:
 
 @shared
 def train(
-    kind: str, recordings: Recordings, seed: int, updates: int = UPDATES
+    kind: str, recordings: Recordings, seed: int, updates: int | None = None
 ) -> TrainedKind:
     """Train one kind of model on some flights.
 
@@ -89,9 +90,10 @@ def train(
         kind: P, TOLD, or one of the rivals that have no p.
         recordings: which flights.
         seed: of the first weights, and of the order of what is seen.
-        updates: how many.
+        updates: how many; by default those of its kind.
     """
     runs = recordings.runs()
+    updates = updates or UPDATES[kind]
     if kind in _RIVALS:
         return train_kind(_RIVALS[kind], runs, seed, updates)
     known = None

@@ -22,15 +22,17 @@ there on. Predictions begin in the second half, from one state, the commands tha
 sent, and the last seconds of the flight, from none to twenty, which fill the memory.
 With none, the memory is empty, as after a pause.
 
-**Written before the tables were made.** A unit is a flight, of four controllers and
-four winds, crossed with trainings that differ in their seed. The measure is the root
-mean square error of velocity after 1 s. The margin is 0.05 m/s: p is worth nothing over
-a rival if the whole 95 % interval of the difference (`crossed_interval`) lies within
-it. The wind is found where its trained p is the nearest of four. The changing wind is
-followed where the correlation of the wind read from p with the stated one is greater
-than in the same controller's flight in constant wind, by more than 0.1: the figure of
-eight has the same period as the changing wind, so that a correlation alone says
-nothing.
+**Written before the tables were made.** The unit is a controller: there are four, each
+with flights and trainings of its own. A figure is the mean over its four winds and its
+trainings, which differ in their seed; the 95 % interval is Student's over controllers
+(`crossed_interval` of one column), and so about other controllers in these winds. The
+measure of a prediction is the root mean square error of velocity after 1 s, the margin
+0.05 m/s: p is worth nothing over a rival if the whole interval of the difference lies
+within it. The wind is found where its trained p is the nearest of four. The changing
+wind is followed where the correlation of the wind read from p with the stated one is
+greater than in the same controller's flight in constant wind, by more than 0.1: the
+figure of eight has the same period as the changing wind, so that a correlation alone
+says nothing.
 """
 
 from collections.abc import Mapping
@@ -347,7 +349,7 @@ def _predict(
 
 
 def _develop(
-    method: str, wind: str, updates: int = models.UPDATES, ridge: float = _RIDGE
+    method: str, wind: str, updates: int, ridge: float = _RIDGE
 ) -> dict[str, Any]:
     """The same of a flight of the development, by which settings were chosen.
 
@@ -408,10 +410,11 @@ def _prediction_cases(**sizes: Any) -> list[Case]:
 
 def _development_cases(**sizes: Any) -> list[Case]:
     """Amounts of training for the main rivals, and prices of a last layer."""
-    amounts: dict[str, Any] = {"method": (ESTIMATED, NO_P, LONG_MEMORY)}
-    amounts |= {"wind": WINDS, "updates": (600, 1200, 2400), "ridge": _RIDGE}
+    networks = (ESTIMATED, NO_P, LONG_MEMORY, CONTEXT)
+    amounts: dict[str, Any] = {"method": networks, "wind": WINDS}
+    amounts |= {"updates": (600, 1200, 2400), "ridge": _RIDGE}
     prices: dict[str, Any] = {"method": LAST_LAYER, "wind": WINDS}
-    prices |= {"updates": models.UPDATES, "ridge": (0.1, 1.0, 10.0, 100.0)}
+    prices |= {"updates": models.UPDATES[NO_P], "ridge": (0.1, 1.0, 10.0, 100.0)}
     return grid(**(amounts | sizes)) + grid(**(prices | sizes))
 
 
