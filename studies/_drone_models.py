@@ -49,10 +49,8 @@ class Recordings:
 
     controllers: tuple[str, ...]
     winds: tuple[str, ...] = tuple(WINDS)
-    steps: int | None = None  # of each flight, from its start; None: all
     # Whether flights are said to have other winds, others for each controller
     shuffled: bool = False
-    tilt: bool = True  # whether the state has it
 
     def runs(self) -> list[Run]:
         """The flights, each named by its wind."""
@@ -63,8 +61,8 @@ class Recordings:
                 # One place further for each: a name is that of all winds alike
                 names = [*names[k:], *names[:k]]
             for wind, name in zip(self.winds, names, strict=True):
-                run = seen_by(load_flight(controller, wind).run, self.tilt)
-                found.append(replace(run[: self.steps], material=name))
+                run = load_flight(controller, wind).run
+                found.append(replace(run, material=name))
         return found
 
 
@@ -73,11 +71,6 @@ def without(controller: str, wind: str | None = None, **others: Any) -> Recordin
     controllers = tuple(name for name in CONTROLLERS if name != controller)
     winds = tuple(name for name in WINDS if name != wind)
     return Recordings(controllers, winds, **others)
-
-
-def seen_by(run: Run, tilt: bool) -> Run:
-    """A flight as a model sees it, with the tilt in its state or without."""
-    return run if tilt else replace(run, s=np.delete(run.s, _TILT, axis=1))
 
 
 @shared
