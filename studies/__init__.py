@@ -31,6 +31,7 @@ from studies import (
     camera_recalibration,
     capstone,
     control,
+    drone,
     estimation,
     estimation_race,
     held_out,
@@ -79,6 +80,7 @@ _MODULES = (  # in the order of docs/results.md
     camera_recalibration,
     capstone,
     table_setting,
+    drone,
 )
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment

@@ -40,6 +40,8 @@ class Kind:
     stretch: int = 0
     encoder: bool = False
     told: bool = False  # the constants of the material in place of p
+    # Predicted in an update, about, whatever the length of its sequences
+    predicted: int = _STEPS
 
 
 KINDS = {
@@ -198,7 +200,7 @@ def _train(
 
     # As many predicted steps in each update, whatever a sequence's length
     steps = kind.length + (0 if kind.encoder else kind.stretch)
-    count = max(1, round(_STEPS / steps))
+    count = max(1, round(kind.predicted / steps))
 
     def batches() -> Sequence[Tensor]:
         return [torch.randint(len(s), (count,))]

@@ -1,0 +1,432 @@
+"""A real drone in wind: is the wind found in p, and what is p worth there?
+
+The flights are those of `neural_fly`: four constant winds and one that changes as
+sin t, each flown by five controllers. The wind is what stays the same within a flight
+and differs between flights, and no sensor shows it by itself. A training is told which
+flights had the same wind, and nothing else.
+
+Every test is with a controller whose flights no training saw. Flights of one
+controller, `DEVELOPMENT`, were used to choose settings; they are among the recordings
+of every training, and no table is about them. All flights are 50 s, ten steps a second.
+
+**Rivals.** Wind tilts a drone that holds its place. So beside each estimate stands the
+plainest one, the mean tilt of the same seconds (`by_tilt`). Predictions have nine
+rivals: another wind's p, being told the wind, networks without p (trained on windows of
+3 s, or of 10 s), an encoder of 10 s, a last layer fitted to the flight as Neural-Fly
+does with its own, and a hover model with a constant residual force, without drag and
+with it.
+
+**What a prediction may know.** All that is known of a flight, which is p, the code of
+the encoder, the last layer, and the force, comes from its first 25 s and is held from
+there on. Predictions begin in the second half, from one state, the commands that were
+sent, and the last seconds of the flight, from none to twenty, which fill the memory.
+With none, the memory is empty, as after a pause.
+
+**Written before the tables were made.** The unit is a controller: there are four, each
+with flights and trainings of its own. A figure is the mean over its four winds and its
+trainings, which differ in their seed; the 95 % interval is Student's over controllers
+(`crossed_interval` of one column), and so about other controllers in these winds. The
+measure of a prediction is the root mean square error of velocity after 1 s, the margin
+0.05 m/s: p is worth nothing over a rival if the whole interval of the difference lies
+within it. The wind is found where its trained p is the nearest of four. The changing
+wind is followed where the correlation of the wind read from p with the stated one is
+greater than in the same controller's flight in constant wind, by more than 0.1: the
+figure of eight has the same period as the changing wind, so that a correlation alone
+says nothing.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from clothlab.analysis import nearest_material
+from clothlab.method.data import Run
+from clothlab.method.gauss_newton import NewtonSettings, estimate_bias
+from studies import _drone_models as models
+from studies._drone_models import (
+    CONTEXT,
+    DEVELOPMENT,
+    LONG_MEMORY,
+    NO_P,
+    TESTED,
+    TOLD,
+    Forecasts,
+    HoverModel,
+    P,
+    Recordings,
+    without,
+)
+from studies._grid import Case, Experiment, grid, over
+from studies._rival_models import TrainedKind
+from studies.neural_fly import CHANGING, STEP, WINDS, load_flight
+
+MARGIN = 0.05  # [m/s], written down beforehand
+WINDOW = 100  # steps from which p is estimated, longer than a loop of the figure
+WINDOWS = (20, 30, 50, 100)  # steps, in the changing wind
+HORIZONS = (1, 3, 5, 10, 20, 30)  # steps
+HISTORY = (0, 2, 5, 10, 20, 50, 200)  # steps that fill the memory
+SEEDS = range(1)  # of the trainings without each controller
+MISNAMED = ("NF-C", "NF")  # without which trainings get wrong names, as a control
+_HALF = 250  # steps from which all is known that is held
+_STARTS = range(_HALF, 470, 5)  # of predictions
+_SECOND = 10  # steps
+_RIDGE = 10.0  # price of a change of the last layer, chosen on the development flights
+_TILT = slice(3, 5)
+# What is predicted with
+ESTIMATED = "estimated p"
+RIGHT = "right wind's p"
+FARTHEST = "farthest p"
+LAST_LAYER = "last layer"
+HOVER = "hover model"
+DRAG = "hover model with drag"
+_KINDS = {ESTIMATED: P, RIGHT: P, FARTHEST: P, TOLD: TOLD, NO_P: NO_P}
+_KINDS |= {LONG_MEMORY: LONG_MEMORY, CONTEXT: CONTEXT, LAST_LAYER: NO_P}
+METHODS = (*_KINDS, HOVER, DRAG)
+
+
+# The estimate
+
+
+def _estimated(learned: TrainedKind, run: Run, window: int) -> np.ndarray:
+    """p after each step `[T, D_p]`, from zero."""
+    settings = NewtonSettings(window=window)
+    _, path = estimate_bias(learned.model, run, method="newton", settings=settings)
+    return path
+
+
+@cache
+def _mean_tilts(recordings: Recordings) -> dict[str, np.ndarray]:
+    """Mean tilt `[2]` of each wind in some recordings."""
+    found: dict[str, list[np.ndarray]] = {}
+    for run in recordings.runs():
+        found.setdefault(run.material, []).append(run.s[:, _TILT].mean(axis=0))
+    return {name: np.mean(each, axis=0) for name, each in found.items()}
+
+
+def _tilts(run: Run, window: int) -> np.ndarray:
+    """Mean tilt of the last steps, at each step `[T, 2]`."""
+    tilt = run.s[:, _TILT]
+    steps = range(1, len(run) + 1)
+    return np.stack([tilt[max(0, t - window) : t].mean(axis=0) for t in steps])
+
+
+def _seconds_until_right(
+    path: np.ndarray, known: Mapping[str, np.ndarray], wind: str
+) -> float:
+    """From when on the right wind is the nearest until the end [s]; NaN if never."""
+    right = np.array([nearest_material(p, dict(known)) == wind for p in path])
+    if not right[-1]:
+        return float("nan")
+    wrong = np.flatnonzero(~right)
+    return float(STEP * (wrong[-1] + 1)) if len(wrong) else 0.0
+
+
+def _ordered(known: Mapping[str, np.ndarray]) -> np.ndarray:
+    """What is known of each wind, from the weakest to the strongest `[K, D]`."""
+    return np.stack([known[name] for name in WINDS if name in known])
+
+
+def _estimate(
+    controller: str, wind: str, seed: int, shuffled: bool = False
+) -> dict[str, Any]:
+    """Estimate p of a flight in constant wind, from zero, by trainings without it.
+
+    Args:
+        controller: whose flights no training saw.
+        wind: of the flight.
+        seed: of the training.
+        shuffled: whether flights had wrong names in the training.
+    """
+    recordings = without(controller, shuffled=shuffled)
+    learned = models.train(P, recordings, seed)
+    run = load_flight(controller, wind).run
+    path = _estimated(learned, run, WINDOW)
+
+    # The same by the mean tilt of the same seconds
+    known = _mean_tilts(recordings)
+    tilts = _tilts(run, WINDOW)
+    return {
+        "biases": _ordered(learned.biases),
+        "p": path[-1],
+        "nearest": nearest_material(path[-1], learned.biases),
+        "seconds": _seconds_until_right(path, learned.biases, wind),
+        "path": path[_SECOND - 1 :: _SECOND].round(4),
+        "nearest_by_tilt": nearest_material(tilts[-1], known),
+        "seconds_by_tilt": _seconds_until_right(tilts, known, wind),
+    }
+
+
+# A wind that no training saw
+
+
+def _neighbours(wind: str) -> tuple[str, str]:
+    """The two recorded winds that lie next to one that is left out."""
+    others = [name for name in WINDS if name != wind]
+    others.sort(key=lambda name: abs(WINDS[name] - WINDS[wind]))
+    lower, upper = sorted(others[:2], key=WINDS.__getitem__)
+    return lower, upper
+
+
+def place_between(p: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    """How far along the way from one p to another `[D_p]` a third one lies."""
+    way = upper - lower
+    return float((p - lower) @ way / (way @ way))
+
+
+def _unseen(controller: str, wind: str, seed: int) -> dict[str, Any]:
+    """Where the p of a wind lies that was left out, as was the controller.
+
+    Args:
+        controller: of the flight.
+        wind: of the flight.
+        seed: of the training.
+    """
+    recordings = without(controller, wind)
+    learned = models.train(P, recordings, seed)
+    run = load_flight(controller, wind).run
+    p = _estimated(learned, run, WINDOW)[-1]
+    lower, upper = _neighbours(wind)
+
+    # By p, by the mean tilt of the same seconds, and as the speeds say
+    biases = learned.biases
+    tilts = _mean_tilts(recordings)
+    tilt = _tilts(run, WINDOW)[-1]
+    speeds = {name: np.array([speed]) for name, speed in WINDS.items()}
+    return {
+        "biases": _ordered(biases),
+        "p": p,
+        "place": place_between(p, biases[lower], biases[upper]),
+        "place_by_tilt": place_between(tilt, tilts[lower], tilts[upper]),
+        "place_by_speed": place_between(speeds[wind], speeds[lower], speeds[upper]),
+    }
+
+
+# A wind that changes
+
+
+def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The wind that each p says `[T]` [m/s]: the place on the line through trained p.
+
+    It is the nearest point on the line that joins the p of neighbouring winds, which
+    goes on straight at its ends.
+    """
+    points = _ordered(biases)
+    speeds = np.array([speed for name, speed in WINDS.items() if name in biases])
+    best = np.full(len(path), np.inf)
+    found = np.zeros(len(path))
+    last = len(points) - 2
+    for k in range(last + 1):
+        # Where on this piece, or beyond it at the ends of the line
+        way = points[k + 1] - points[k]
+        place = (path - points[k]) @ way / (way @ way)
+        low = -np.inf if k == 0 else 0.0
+        high = np.inf if k == last else 1.0
+        place = np.clip(place, low, high)
+        distance = np.linalg.norm(path - points[k] - place[:, None] * way, axis=1)
+
+        nearer = distance < best
+        best[nearer] = distance[nearer]
+        found[nearer] = (speeds[k] + place * (speeds[k + 1] - speeds[k]))[nearer]
+    return found
+
+
+def followed(
+    read: np.ndarray, stated: np.ndarray, most: int = 40
+) -> tuple[float, float, float]:
+    """How what is read `[T]` follows what is stated `[T]`.
+
+    Returned are the correlation at once, the delay with the greatest one [s], and that
+    correlation. Delays go up to `most` steps.
+    """
+    r = []
+    for lag in range(most + 1):
+        later = read[lag:]
+        r.append(np.corrcoef(later, stated[: len(later)])[0, 1])
+    best = int(np.argmax(r))
+    return float(r[0]), STEP * best, float(r[best])
+
+
+def _changing(
+    controller: str, condition: str, window: int, seed: int
+) -> dict[str, Any]:
+    """Read the wind from p of a short window, beside the sine of the changing wind.
+
+    Args:
+        controller: whose flights no training saw.
+        condition: the changing wind, or a constant one as the control: what is read
+            from it can't follow the sine.
+        window: steps from which p is estimated.
+        seed: of the training.
+    """
+    recordings = without(controller)
+    learned = models.train(P, recordings, seed)
+    flight = load_flight(controller, condition)
+    sine = 8.5 + 2.4 * np.sin(flight.time)
+
+    # From where the longest window is full, by p and by the mean tilt
+    path = _estimated(learned, flight.run, window)[WINDOW:]
+    tilts = _tilts(flight.run, window)[WINDOW:]
+    read = wind_read_from(path, learned.biases)
+    by_tilt = wind_read_from(tilts, _mean_tilts(recordings))
+    sine = sine[WINDOW:]
+
+    # How each follows the sine
+    row: dict[str, Any] = {"wind": read[::2].round(2), "stated": sine[::2].round(3)}
+    for ending, found in {"": read, "_by_tilt": by_tilt}.items():
+        at_once, delay, r = followed(found, sine)
+        row |= {f"r_at_once{ending}": at_once, f"delay{ending}": delay}
+        row |= {f"r{ending}": r}
+    return row
+
+
+# Predictions
+
+
+@cache
+def _hover_model(recordings: Recordings) -> HoverModel:
+    return HoverModel.of(recordings.runs())
+
+
+def _held_bias(method: str, learned: TrainedKind, first: Run, wind: str) -> np.ndarray:
+    """What a method holds in the place of p `[D_p]` from the first half of a flight."""
+    if method == ESTIMATED:
+        return models.estimate_at_once(learned.model, first)
+    if method == CONTEXT:
+        return learned.read(first)
+    if method in (RIGHT, TOLD):
+        return learned.biases[wind]
+    if method == FARTHEST:
+        right = learned.biases[wind]
+        gaps = {name: np.linalg.norm(p - right) for name, p in learned.biases.items()}
+        return learned.biases[max(gaps, key=gaps.__getitem__)]
+    return np.zeros(0)
+
+
+def _errors(predicted: Tensor, given: Forecasts) -> np.ndarray:
+    """Root mean square error of velocity at each horizon `[6]` [m/s]."""
+    squared = (predicted - given.flown)[..., :3].square().sum(-1).mean(0)
+    return squared.sqrt().numpy()[[k - 1 for k in HORIZONS]]
+
+
+def _losses(predicted: Tensor, given: Forecasts, std: Tensor) -> np.ndarray:
+    """Mean squared error of all states at each horizon `[6]` [s.d.²]."""
+    squared = ((predicted - given.flown) / std).square().mean(-1).mean(0)
+    return squared.numpy()[[k - 1 for k in HORIZONS]]
+
+
+def _predict(method: str, controller: str, wind: str, seed: int) -> dict[str, Any]:
+    """Predict the second half of a flight with what its first half taught.
+
+    Args:
+        method: what is predicted with.
+        controller: of the flight; no training saw its flights.
+        wind: of the flight.
+        seed: of the training.
+    """
+    recordings = without(controller)
+    run = load_flight(controller, wind).run
+    if method in (HOVER, DRAG):
+        return _by_physics(_hover_model(recordings), run, drag=method == DRAG)
+    learned = models.train(_KINDS[method], recordings, seed)
+    return _by_network(method, learned, run, _RIDGE)
+
+
+def _develop(
+    method: str, wind: str, updates: int, ridge: float = _RIDGE
+) -> dict[str, Any]:
+    """The same of a flight of the development, by which settings were chosen.
+
+    Args:
+        method: what is predicted with.
+        wind: of the flight.
+        updates: of the training.
+        ridge: price of a change of the last layer.
+    """
+    run = load_flight(DEVELOPMENT, wind).run
+    learned = models.train(_KINDS[method], without(DEVELOPMENT), 0, updates)
+    return _by_network(method, learned, run, ridge)
+
+
+def _by_physics(hover: HoverModel, run: Run, drag: bool) -> dict[str, Any]:
+    """A row of predictions by a hover model; it has no memory to fill."""
+    hover = hover.with_force(run[:_HALF], drag)
+    given = models.forecasts(run, _STARTS, 0, HORIZONS[-1])
+    errors = _errors(hover.predict(given), given)
+    losses = np.full((len(HISTORY), len(HORIZONS)), np.nan)
+    return {"velocity": np.tile(errors, (len(HISTORY), 1)).round(5), "loss": losses}
+
+
+def _by_network(
+    method: str, learned: TrainedKind, run: Run, ridge: float
+) -> dict[str, Any]:
+    """A row of predictions by a network, which holds what the first half taught."""
+    first = run[:_HALF]
+    model = learned.model
+    if method == LAST_LAYER:
+        model = models.with_last_layer(model, first, ridge)
+    held = _held_bias(method, learned, first, run.material)
+    p = torch.as_tensor(held, dtype=torch.float32)
+
+    # Each horizon, after each history
+    errors = []
+    losses = []
+    for history in HISTORY:
+        given = models.forecasts(run, _STARTS, history, HORIZONS[-1])
+        states = models.predicted(model, p, given)
+        errors.append(_errors(states, given))
+        losses.append(_losses(states, given, model.s_std))
+    return {"velocity": np.stack(errors).round(5), "loss": np.stack(losses).round(5)}
+
+
+def _development_cases(**sizes: Any) -> list[Case]:
+    """Amounts of training for the main rivals, and prices of a last layer."""
+    networks = (ESTIMATED, NO_P, LONG_MEMORY, CONTEXT)
+    amounts: dict[str, Any] = {"method": networks, "wind": WINDS}
+    amounts |= {"updates": (600, 1200, 2400), "ridge": _RIDGE}
+    prices: dict[str, Any] = {"method": LAST_LAYER, "wind": WINDS}
+    prices |= {"updates": models.UPDATES[NO_P], "ridge": (0.1, 1.0, 10.0, 100.0)}
+    return grid(**(amounts | sizes)) + grid(**(prices | sizes))
+
+
+def _estimate_cases(**sizes: Any) -> list[Case]:
+    """All trainings with right names, one of each with wrong ones."""
+    axes: dict[str, Any] = {"controller": TESTED, "seed": range(2), "wind": WINDS}
+    axes |= {"shuffled": False}
+    right = grid(**(axes | sizes))
+    if "shuffled" in sizes:
+        return right
+    wrong = {"controller": MISNAMED, "seed": 0, "shuffled": True}
+    return right + grid(**(axes | sizes | wrong))
+
+
+def _changing_cases(**sizes: Any) -> list[Case]:
+    """Each window in changing and in constant wind."""
+    axes: dict[str, Any] = {"controller": TESTED, "condition": (CHANGING, "70wind")}
+    return grid(**(axes | {"window": WINDOWS, "seed": SEEDS} | sizes))
+
+
+EXPERIMENTS = (
+    Experiment(
+        "drone_development", _develop, _development_cases, seconds=12, slow=True
+    ),
+    Experiment("drone_estimates", _estimate, _estimate_cases, seconds=15, slow=True),
+    Experiment(
+        "drone_unseen_wind",
+        _unseen,
+        over(controller=TESTED, wind=("35wind", "70wind"), seed=SEEDS),
+        seconds=50,
+        slow=True,
+    ),
+    Experiment("drone_changing_wind", _changing, _changing_cases, seconds=3, slow=True),
+    Experiment(
+        "drone_prediction",
+        _predict,
+        over(method=METHODS, controller=TESTED, wind=WINDS, seed=SEEDS),
+        seconds=8,
+        slow=True,
+    ),
+)

@@ -1,0 +1,236 @@
+"""The drone's study in a world that is known: a drone of four lines, without files."""
+
+import hashlib
+import json
+import lzma
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from clothlab.method.data import Run
+from clothlab.method.model import DPMPB, Memory
+from studies import _drone_models as models, drone, neural_fly
+from studies._rival_models import Kind, TrainedKind
+from studies.neural_fly import CHANGING, STEP, WINDS, Flight, stated_wind
+
+APPROACH, DRAG = 0.4, 0.3  # a step, 1/s
+STEPS = 503
+
+
+def after(s, u, wind, sqrt=np.sqrt, join=np.concatenate):
+    """The state after a command `[..., 8]`, in such a wind `[..., 1]` along x."""
+    tilt = s[..., 3:5] + APPROACH * (u[..., 1:] - s[..., 3:5])
+    between = (s[..., 3:5] + tilt) / 2
+    upwards = sqrt(1 - (between**2).sum(-1))[..., None]
+    push = 9.81 * u[..., :1] * join([between, upwards], -1)
+    push = push - join([0 * upwards, 0 * upwards, 9.81 + 0 * upwards], -1)
+    still = join([-wind + 0 * upwards, 0 * upwards, 0 * upwards], -1)
+    speed = s[..., :3] + STEP * (push - DRAG * (s[..., :3] + still))
+    return join([speed, tilt, 0 * s[..., 5:]], -1)
+
+
+def fly(controller, condition):
+    """A figure of eight whose tilt holds against the wind, at random around that."""
+    rng = np.random.default_rng([ord(controller[0]), len(condition)])
+    time = STEP * np.arange(STEPS)
+    wind = stated_wind(condition, time)
+    s = np.zeros(8)
+    states, commands = [], []
+    for w in wind:
+        hold = [-DRAG * (w - s[0]) / 9.81 - 0.1 * s[0], -0.1 * s[1]]
+        upwards = 1.03 - 0.1 * s[2] / 9.81
+        u = np.array([upwards, *hold]) + rng.normal(0, [0.1, 0.05, 0.05])
+        states.append(s)
+        commands.append(u)
+        s = after(s, u, np.array([w]))
+        s[5:] = rng.normal(size=3)
+    return Flight(time, wind, Run(np.array(states), np.array(commands), condition))
+
+
+class Windy(DPMPB):
+    """The same drone as a model: its p is the wind over ten."""
+
+    def __init__(self):
+        super().__init__(8, 3, 1)
+
+    def forward(self, s, u, p, memory=None):
+        wind = 10 * p.expand(len(s), 1)[:, None, :]
+        following = after(s, u, wind, torch.sqrt, torch.cat)
+        return following, Memory(torch.zeros(2, 1, 30), torch.zeros(2, 1, 30))
+
+
+def learned(kind, recordings, seed, updates=0):
+    biases = {name: np.array([WINDS[name] / 10]) for name in recordings.winds}
+    return TrainedKind(Windy().eval().requires_grad_(False), biases, Kind(bias_size=1))
+
+
+@pytest.fixture
+def world(monkeypatch):
+    kept = {}
+
+    def load_flight(*which):
+        if which not in kept:
+            kept[which] = fly(*which)
+        return kept[which]
+
+    for module in (models, drone):
+        monkeypatch.setattr(module, "load_flight", load_flight)
+    monkeypatch.setattr(models, "train", learned)
+    drone._mean_tilts.cache_clear()
+    drone._hover_model.cache_clear()
+    yield load_flight
+    drone._mean_tilts.cache_clear()
+    drone._hover_model.cache_clear()
+
+
+def test_a_wind_that_can_be_known_is_found_and_where_it_lies_is_said(world):
+    row = drone._estimate("NF", "70wind", 0)
+    assert row["nearest"] == "70wind"
+    assert row["p"] == pytest.approx([0.85], abs=0.01)
+    assert row["seconds"] < 5
+    assert row["path"].shape == (50, 1)
+    assert row["nearest_by_tilt"] == "70wind"
+    unseen = drone._unseen("NF", "35wind", 0)
+    assert unseen["place_by_speed"] == pytest.approx(4.2 / 8.5)
+    assert unseen["place"] == pytest.approx(4.2 / 8.5, abs=0.01)
+    assert unseen["biases"].shape == (3, 1)
+
+
+def test_a_changing_wind_is_followed_and_a_constant_one_is_not(world):
+    changing = drone._changing("NF", CHANGING, 20, 0)
+    constant = drone._changing("NF", "70wind", 20, 0)
+    assert changing["r"] > 0.95
+    assert 0.3 <= changing["delay"] <= 1.5  # half of the window is 1 s
+    assert abs(constant["r_at_once"]) < 0.4
+
+
+def test_a_prediction_is_as_good_as_what_is_held(world):
+    found = {}
+    for method in (drone.ESTIMATED, drone.RIGHT, drone.FARTHEST, drone.DRAG):
+        row = drone._predict(method, "NF", "100wind", 0)
+        assert row["velocity"].shape == (len(drone.HISTORY), len(drone.HORIZONS))
+        found[method] = row["velocity"][0]
+    assert found[drone.RIGHT] == pytest.approx(np.zeros(6), abs=1e-4)
+    assert found[drone.ESTIMATED][3] < 0.02
+    # 12.1 m/s of wind too little, for 1 s
+    lost = 12.1 * DRAG
+    assert found[drone.FARTHEST][0] == pytest.approx(lost * STEP, rel=0.01)
+    assert found[drone.DRAG][3] < 0.1 < found[drone.FARTHEST][3]
+
+
+def test_wrong_names_are_other_winds_for_each_controller():
+    straight = models.Recordings(("NF", "indi", "L1", "NF-C"))
+    asked = []
+
+    def load_flight(controller, wind):
+        asked.append(wind)
+        return Flight(np.zeros(1), np.zeros(1), Run(np.zeros((1, 8)), [[0]], wind))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(models, "load_flight", load_flight)
+        right = [run.material for run in straight.runs()]
+        wrong = [run.material for run in models.replace(straight, shuffled=True).runs()]
+    assert right == asked[:16]
+    pairs = set(zip(asked[:16], wrong, strict=True))
+    assert len(pairs) == 16  # each name is that of each wind once
+
+
+def test_the_hover_model_is_the_drone_that_made_the_flights(world):
+    runs = [world("NF", wind).run for wind in WINDS]
+    hover = models.HoverModel.of(runs).with_force(runs[2], drag=True)
+    assert hover.approach == pytest.approx(APPROACH, rel=1e-3)
+    assert hover.gain == pytest.approx(1, abs=0.02)
+    assert hover.drag[0] == pytest.approx(DRAG, abs=0.05)
+    constant = hover.with_force(runs[2])
+    assert constant.force[0] == pytest.approx(DRAG * 8.5, rel=0.1)
+    assert (constant.drag == 0).all()
+
+
+def test_a_last_layer_is_fitted_and_a_dear_one_stays(world):
+    torch.manual_seed(0)
+    model = DPMPB(8, 3, 0)
+    run = world("NF", "70wind").run
+    model.s_mean.copy_(torch.as_tensor(run.s.mean(0)))
+    model.s_std.copy_(torch.as_tensor(run.s.std(0)) + 0.1)
+    s, u = torch.as_tensor(run.s), torch.as_tensor(run.u)
+
+    def loss(of):
+        with torch.no_grad():
+            return of.loss(of(s[None, :-1], u[None, :-1], torch.zeros(0))[0][0], s[1:])
+
+    assert loss(models.with_last_layer(model, run, 1e-3)) < 0.9 * loss(model)
+    stays = models.with_last_layer(model, run, 1e12)
+    assert loss(stays) == pytest.approx(float(loss(model)), rel=1e-4)
+
+
+# The folder that a reader fetched
+
+
+def as_recorded(rows=11):
+    """The published columns that are read, as text."""
+    table = pd.DataFrame({"t": 0.02 * np.arange(rows)})
+    table["v"] = json.dumps([1.0, 2.0, 3.0])
+    table["R"] = json.dumps([[1, 0, 0.1], [0, 1, 0.2], [0, 0, 0.97]])
+    table["w"] = json.dumps([4.0, 5.0, 6.0])
+    table["T_sp"] = json.dumps([0.6])
+    table["hover_throttle"] = json.dumps([0.5])
+    half = np.sqrt(0.5)  # a quarter turn about y: z becomes x
+    table["q_sp"] = json.dumps([0.0, half, 0.0, half])
+    return table.to_csv().encode()
+
+
+@pytest.fixture
+def fetched(monkeypatch, tmp_path):
+    content = as_recorded()
+    name = "custom_figure8_NF_70wind.csv"
+    sums = tmp_path / "sums"
+    sums.write_text(f"{hashlib.sha256(content).hexdigest()}  {name}\n")
+    monkeypatch.setattr(neural_fly, "_SUMS", sums)
+    monkeypatch.setenv(neural_fly.VARIABLE, str(tmp_path))
+    neural_fly._load.cache_clear()
+    yield tmp_path, name, content
+    neural_fly._load.cache_clear()
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_flight_is_read_plain_or_compressed(fetched, packed):
+    root, name, content = fetched
+    folder = root / "data" / "experiment"
+    folder.mkdir(parents=True)
+    if packed:
+        (folder / f"{name}.xz").write_bytes(lzma.compress(content))
+    else:
+        (folder / name).write_bytes(content)
+    flight = neural_fly.load_flight("NF", "70wind")
+    assert flight.time == pytest.approx([0, 0.1, 0.2])
+    assert flight.run.s[0] == pytest.approx([1, 2, 3, 0.1, 0.2, 4, 5, 6])
+    assert flight.run.u[0] == pytest.approx([1.2, 1, 0], abs=1e-6)
+    assert flight.run.material == "70wind"
+    assert (flight.wind == 8.5).all()
+
+
+def test_what_lacks_or_was_changed_says_what_to_do(fetched, monkeypatch):
+    root, name, content = fetched
+    with pytest.raises(FileNotFoundError, match=r"no custom_figure8.*git clone"):
+        neural_fly.load_flight("NF", "70wind")
+    (root / name).write_bytes(content + b"\n")
+    with pytest.raises(ValueError, match="not as published"):
+        neural_fly.load_flight("NF", "70wind")
+    with pytest.raises(KeyError, match="choose from baseline"):
+        neural_fly.load_flight("NG", "70wind")
+    monkeypatch.delenv(neural_fly.VARIABLE)
+    assert not neural_fly.here()
+    with pytest.raises(FileNotFoundError, match="not part of this repository"):
+        neural_fly.load_flight("NF", "70wind")
+
+
+def test_the_published_sums_are_of_every_flight():
+    names = [line[66:] for line in neural_fly._SUMS.read_text().splitlines()]
+    expected = [
+        f"custom_figure8_{controller}_{condition}.csv"
+        for controller in neural_fly.CONTROLLERS
+        for condition in (*WINDS, CHANGING)
+    ]
+    assert sorted(names) == sorted(expected)
