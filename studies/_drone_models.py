@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import Linearisation, NewtonSettings
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import DPMPB, PredictiveModel, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies._grid import shared
 from studies._rival_models import Kind, TrainedKind, train_kind
@@ -110,7 +110,7 @@ def with_updates(
     return replace(settings, epochs=max(1, round(updates / batches)))
 
 
-def estimate_at_once(model: DPMPB, run: Run, rounds: int = 15) -> np.ndarray:
+def estimate_at_once(model: PredictiveModel, run: Run, rounds: int = 15) -> np.ndarray:
     """p `[D_p]` with the lowest loss of a whole run, by Gauss-Newton from zero."""
     s = torch.as_tensor(run.s)
     u = torch.as_tensor(run.u)
@@ -143,24 +143,19 @@ def forecasts(run: Run, starts: Sequence[int], history: int, steps: int) -> Fore
 
 
 @torch.no_grad()
-def predicted(model: DPMPB, p: Tensor, given: Forecasts) -> Tensor:
+def predicted(model: PredictiveModel, p: Tensor, given: Forecasts) -> Tensor:
     """States `[B, T, D_s]` that a model predicts, each from the prediction before.
 
     The memory is filled by the history; without one it begins empty.
     """
-    memory: Memory | None = None
+    memory = None
     if given.sent_before.shape[1]:
         _, memory = model(given.before[:, :-1], given.sent_before, p)
-    s = given.before[:, -1:]
-    states = []
-    for t in range(given.commands.shape[1]):
-        s, memory = model(s, given.commands[:, t : t + 1], p, memory)
-        states.append(s)
-    return torch.cat(states, dim=1)
+    return predict(model, given.before[:, -1], given.commands, p, memory)
 
 
 @torch.no_grad()
-def with_last_layer(model: DPMPB, run: Run, ridge: float) -> DPMPB:
+def with_last_layer(model: PredictiveModel, run: Run, ridge: float) -> DPMPB:
     """A copy whose last layer is fitted to a run, by ridge regression.
 
     All other layers stay. So does the last one where the run says little: what is
