@@ -19,6 +19,7 @@ KINDS = {
     "README",
     "results",
     "syllabus",
+    "throw",
     "03_data_and_images",
     "07_model_predictive_control",
     "clothlab.method.control",
@@ -95,7 +96,8 @@ def visit(page):
     page.on(
         "request",
         lambda asked: (
-            asked.url.startswith(("file:", "data:")) or complaints.append(asked.url)
+            asked.url.startswith(("file:", "data:", "blob:"))
+            or complaints.append(asked.url)
         ),
     )
     page.on(
