@@ -8,11 +8,14 @@ import base64
 import gzip
 import lzma
 from pathlib import Path
+from typing import Any
 
 from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab.lab import LivePanel
 from clothlab.lab._playback import RECORDING
+from clothlab.simulation._mjcf import build_spec, portable_mjcf
+from clothlab.simulation.env import ClothEnv
 from course.repository import ROOT
 
 SOURCES = ROOT / "docs" / "book" / "lab"
@@ -39,3 +42,15 @@ def _run() -> str:
     recording = (_store.data_folder() / RECORDING).read_bytes()
     packed = gzip.compress(lzma.decompress(recording), mtime=0)
     return f'globalThis.clothlabRun = "{base64.b64encode(packed).decode()}";\n'
+
+
+def scene(arm: str, cloth: str) -> dict[str, Any]:
+    """What physics needs of an arm with a cloth that hangs still in its hand.
+
+    Its MJCF, where it starts, and the time steps of a control period.
+    """
+    env = ClothEnv(arm, cloth)
+    spec = build_spec(env.arm, env.cloth, env.scene)
+    names = ("qpos", "qvel", "act", "ctrl")
+    start = {name: getattr(env.data, name).tolist() for name in names}
+    return {"mjcf": portable_mjcf(spec), "start": start, "substeps": env.scene.substeps}
