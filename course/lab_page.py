@@ -12,8 +12,10 @@ from typing import Any
 
 from clothlab import _store
 from clothlab._files import write_bytes
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.lab import LivePanel
 from clothlab.lab._playback import RECORDING
+from clothlab.simulation import vision
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.env import ClothEnv
 from course.repository import ROOT
@@ -45,12 +47,23 @@ def _run() -> str:
 
 
 def scene(arm: str, cloth: str) -> dict[str, Any]:
-    """What physics needs of an arm with a cloth that hangs still in its hand.
+    """What physics and camera need of an arm with a cloth that hangs still in its hand.
 
-    Its MJCF, where it starts, and the time steps of a control period.
+    Its MJCF, where it starts, the time steps of a control period, and how a picture
+    becomes a mask.
     """
     env = ClothEnv(arm, cloth)
     spec = build_spec(env.arm, env.cloth, env.scene)
     names = ("qpos", "qvel", "act", "ctrl")
     start = {name: getattr(env.data, name).tolist() for name in names}
-    return {"mjcf": portable_mjcf(spec), "start": start, "substeps": env.scene.substeps}
+    camera = {
+        "size": (HEIGHT, WIDTH),
+        "redness": vision._REDNESS,
+        "kernel": vision.KERNEL.tolist(),
+    }
+    return {
+        "mjcf": portable_mjcf(spec),
+        "start": start,
+        "substeps": env.scene.substeps,
+        "camera": camera,
+    }

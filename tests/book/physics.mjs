@@ -1,12 +1,9 @@
-// Moves the scene of a file as its commands say; prints the positions at the end of each control period.
-import { readFileSync } from "node:fs";
+// Moves the scene of a file as its commands say: the positions at the end of each control period.
+import { loaded, made } from "./given.mjs";
 
-const [library, source, file] = process.argv.slice(2);
-const { default: loadMujoco } = await import(library);
-const makePhysics = new Function(`${readFileSync(source, "utf8")}; return makePhysics;`)();
-const { scene, commands } = JSON.parse(readFileSync(file, "utf8"));
-const physics = makePhysics(await loadMujoco(), scene);
-const positions = commands.map((ctrl) => {
+const { mujoco, given } = await loaded(), { makePhysics } = made("physics");
+const physics = makePhysics(mujoco, given.scene);
+const positions = given.commands.map((ctrl) => {
   physics.advance(ctrl);
   return [...physics.data.qpos];
 });

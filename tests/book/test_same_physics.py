@@ -1,34 +1,17 @@
 """MuJoCo in WebAssembly moves a scene as MuJoCo in Python does."""
 
-import json
-import subprocess
-from pathlib import Path
-
 import mujoco
 import numpy as np
-import playwright
 import pytest
 
 from clothlab.simulation.arm import ARMS
-from course.lab_page import SOURCES, scene
-from course.npm import packages
+from course.lab_page import scene
 
 pytestmark = pytest.mark.book
 
-# Playwright brings Node.js along
-NODE = next((Path(playwright.__file__).parent / "driver").glob("node*"))
 PERIODS = 20  # of 100 time steps
 BOUND = 1e-9  # [rad], [m]
 WORLDS = [("torque", "damp0.05-mass0.10"), ("muscle", "soft-1")]
-
-
-@pytest.fixture(scope="module")
-def library():
-    """MuJoCo as JavaScript loads it."""
-    file = packages()["@mujoco/mujoco"].folder / "mujoco.js"
-    if not file.exists():
-        pytest.skip("NO FILES OF NPM: run `make npm`")
-    return file
 
 
 def some_commands(arm, model):
@@ -58,30 +41,17 @@ def here(world, commands):
     return np.array(positions)
 
 
-def there(library, world, commands, folder):
-    """The same in WebAssembly, and where a reset leads."""
-    file = folder / "scene.json"
-    file.write_text(json.dumps({"scene": world, "commands": commands}))
-    script = Path(__file__).with_name("physics.mjs")
-    sources = [script, library, SOURCES / "physics.js", file]
-    done = subprocess.run(
-        [NODE, *sources], capture_output=True, text=True, check=True, timeout=120
-    )
-    found = json.loads(done.stdout)
-    return np.array(found["positions"]), found["again"]
-
-
 @pytest.mark.parametrize(("arm", "cloth"), WORLDS)
-def test_2000_time_steps_are_the_same(library, tmp_path, arm, cloth):
+def test_2000_time_steps_are_the_same(node, arm, cloth):
     world = scene(arm, cloth)
     model = mujoco.MjModel.from_xml_string(world["mjcf"])
     commands = some_commands(ARMS[arm], model)
     expected = here(world, commands)
-    found, again = there(library, world, commands, tmp_path)
-    difference = np.abs(found - expected).max()
+    found = node("physics.mjs", {"scene": world, "commands": commands})
+    difference = np.abs(np.array(found["positions"]) - expected).max()
     print(f"{arm}: {difference:.1e}")
     assert difference < BOUND
-    assert again == world["start"]["qpos"]
+    assert found["again"] == world["start"]["qpos"]
 
     # Another scene would be noticed
     assert np.ptp(expected, axis=0).max() > 0.1
