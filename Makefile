@@ -192,3 +192,4 @@ format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what
 	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python course/solutions.py format $(NOTEBOOKS)
+	$(BIN)/python scripts/format_javascript.py

@@ -5,7 +5,7 @@ import os
 import subprocess
 from pathlib import Path
 
-import playwright
+import format_javascript
 import pytest
 from browser_lab import ROOT, lacks_chromium, launch_options
 
@@ -135,12 +135,12 @@ def node(tmp_path_factory):
     mujoco = packages()["@mujoco/mujoco"].folder / "mujoco.js"
     if not mujoco.exists():
         pytest.skip("NO FILES OF NPM: run `make npm`")
-    program = next((Path(playwright.__file__).parent / "driver").glob("node*"))
     given = tmp_path_factory.mktemp("node") / "given.json"
 
     def run(script, content):
         given.write_text(json.dumps(content))
-        command = [program, Path(__file__).with_name(script), mujoco, SOURCES, given]
+        path = Path(__file__).with_name(script)
+        command = [format_javascript.node(), path, mujoco, SOURCES, given]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)

@@ -11,6 +11,7 @@ export async function loaded() {
 
 // The functions of one of the page's sources, which are no modules.
 export function made(name) {
-  const source = readFileSync(`${sources}/${name}.js`, "utf8"), names = [...source.matchAll(/^function (\w+)/gm)].map(([, each]) => each);
+  const source = readFileSync(`${sources}/${name}.js`, "utf8");
+  const names = [...source.matchAll(/^function (\w+)/gm)].map(([, each]) => each);
   return new Function(`${source}; return { ${names.join(", ")} };`)();
 }

@@ -1,6 +1,7 @@
 // A scene in MuJoCo's WebAssembly. `scene`: its MJCF, where it starts, and the time steps of a control period.
 function makePhysics(mujoco, { mjcf, start, substeps }) {
-  const model = mujoco.MjModel.from_xml_string(mjcf), data = new mujoco.MjData(model);
+  const model = mujoco.MjModel.from_xml_string(mjcf);
+  const data = new mujoco.MjData(model);
 
   function reset() {
     mujoco.mj_resetData(model, data);

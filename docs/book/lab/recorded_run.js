@@ -1,10 +1,10 @@
 // A recorded run as the model of the panel: it shows what was kept at each step, and computes nothing.
 // Python's LivePanel has the same traits and takes the same messages.
 const REFUSAL = "a recording can't be steered: a running notebook 08 does this";
-const REFUSED = [
-  ["set arm", "set driver", "explore", "set tension", "set hand", "move sticks", "set cloth", "set material", "set p", "estimate"],
-  ["draw", "clear", "pick", "take", "upload", "record", "save", "discard"],
-].flat();
+const STEERING =
+  "set arm, set driver, explore, set tension, set hand, move sticks, set cloth, set material, set p, estimate";
+const DRAWING = "draw, clear, pick, take, upload, record, save, discard";
+const REFUSED = [STEERING, DRAWING].flatMap((names) => names.split(", "));
 
 // Of what JSON holds, bytes as a panel takes them.
 function unpacked(value) {
@@ -16,9 +16,14 @@ function unpacked(value) {
 
 // shots: of each step, the traits that were new then, and `caption`.
 function recordedRun(shots) {
-  const listeners = new Map(), traits = {}, from = {}; // from: the shot that a trait was last shown of
-  const { period } = shots[0].about, last = shots.length - 1;
-  let at = 0, timer = null, answered = "";
+  const listeners = new Map();
+  const traits = {};
+  const from = {}; // the shot that a trait was last shown of
+  const { period } = shots[0].about;
+  const last = shots.length - 1;
+  let at = 0;
+  let timer = null;
+  let answered = "";
 
   function newest(name) {
     let k = at;
@@ -30,8 +35,15 @@ function recordedRun(shots) {
     return { ...unpacked(shots[0].about), length: last * period, refused };
   }
   function state() {
-    const running = timer !== null, text = shots[newest("caption")].caption;
-    const now = { running, status: running ? "running" : "paused", seconds: at * period, message: { text, kind: "info" }, answered };
+    const running = timer !== null;
+    const text = shots[newest("caption")].caption;
+    const now = {
+      running,
+      status: running ? "running" : "paused",
+      seconds: at * period,
+      message: { text, kind: "info" },
+      answered,
+    };
     return { ...unpacked(shots[newest("state")].state), ...now };
   }
   function tell(event, ...news) {
@@ -78,6 +90,10 @@ function recordedRun(shots) {
   traits.about = about();
   show();
   const on = (event, listener) => listeners.set(event, [...(listeners.get(event) ?? []), listener]);
-  const off = (event, listener) => listeners.set(event, (listeners.get(event) ?? []).filter((each) => each !== listener));
+  const off = (event, listener) =>
+    listeners.set(
+      event,
+      (listeners.get(event) ?? []).filter((each) => each !== listener),
+    );
   return { get: (name) => traits[name], on, off, send };
 }
