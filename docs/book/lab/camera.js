@@ -21,17 +21,18 @@ function makeSamples(rows, columns) {
   function clear() {
     for (const each of [nearness, green, blue]) each.fill(0);
   }
-  // Calls inside(x, y) in a box; it gives how near that is, 1 / m, and how bright, or nothing.
+  let bright = 1; // what inside(x, y) found last
+  // Calls inside(x, y) in a box; it gives how near that is, 1 / m, or 0 outside.
   function fill([left, right, top, bottom], colour, inside) {
     for (let y = Math.max(0, Math.floor(top)); y <= Math.min(rows - 1, bottom); y++)
       for (let x = Math.max(0, Math.floor(left)); x <= Math.min(columns - 1, right); x++)
         SAMPLES.forEach(([dx, dy], sample) => {
-          const seen = inside(x + dx, y + dy);
+          const near = inside(x + dx, y + dy);
           const k = (y * columns + x) * SAMPLES.length + sample;
-          if (!seen || seen[0] <= nearness[k]) return;
-          nearness[k] = seen[0];
-          green[k] = colour[0] * seen[1];
-          blue[k] = colour[1] * seen[1];
+          if (near <= nearness[k]) return;
+          nearness[k] = near;
+          green[k] = colour[0] * bright;
+          blue[k] = colour[1] * bright;
         });
   }
   // Of a triangle, corners are [x, y, 1 / m, brightness], counterclockwise to those who see its front.
@@ -44,22 +45,27 @@ function makeSamples(rows, columns) {
       const u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area;
       const v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area;
       const w = 1 - u - v;
-      if (u < 0 || v < 0 || w < 0) return null;
+      if (u < 0 || v < 0 || w < 0) return 0;
       const near = u * a[2] + v * b[2] + w * c[2];
-      return [near, (u * a[2] * a[3] + v * b[2] * b[3] + w * c[2] * c[3]) / near];
+      bright = (u * a[2] * a[3] + v * b[2] * b[3] + w * c[2] * c[3]) / near;
+      return near;
     });
   }
   // Of a ball, as it looks from afar.
   function ball([x, y, near], radius, focus, colour) {
     const r = radius * focus * near;
+    bright = 1; // a grey is hardly more or less red in another light
     fill([x - r, x + r, y - r, y + r], colour, (atX, atY) => {
       const off = ((atX - x) ** 2 + (atY - y) ** 2) / (r * r);
-      return off < 1 ? [1 / (1 / near - radius * Math.sqrt(1 - off)), 1] : null;
+      return off < 1 ? 1 / (1 / near - radius * Math.sqrt(1 - off)) : 0;
     });
   }
   // Of a pixel, red beyond green and blue, of 255.
-  const mean = (values, pixel) =>
-    SAMPLES.reduce((sum, _, sample) => sum + values[pixel * SAMPLES.length + sample], 0) / SAMPLES.length;
+  function mean(values, pixel) {
+    let sum = 0;
+    for (let sample = 0; sample < SAMPLES.length; sample++) sum += values[pixel * SAMPLES.length + sample];
+    return sum / SAMPLES.length;
+  }
   const redness = (pixel) => Math.min(mean(green, pixel), mean(blue, pixel));
   return { clear, triangle, ball, redness };
 }
@@ -132,18 +138,21 @@ function makeCamera(mujoco, model, { size, redness, kernel }) {
       samples.ball(project(at), radius, focus, excess(model.geom_rgba, k));
     }
   }
-  const extract = () =>
-    Uint8Array.from({ length: height * width }, (_, pixel) => (samples.redness(pixel) > redness ? 1 : 0));
-  // Dilation where `on` is 1, erosion where it is 0; outside of the picture is neither.
-  function spread(mask, on) {
-    return mask.map((value, k) => {
-      const y = Math.floor(k / width);
-      const x = k % width;
-      const meets = around.some(
-        ([j, i]) => y + j >= 0 && y + j < height && x + i >= 0 && x + i < width && mask[(y + j) * width + x + i] === on,
-      );
-      return meets ? on : 1 - on;
-    });
+  const extract = () => new Uint8Array(height * width).map((_, pixel) => (samples.redness(pixel) > redness ? 1 : 0));
+  // Dilation, or erosion, by the kernel, which is symmetric; outside of the picture is neither cloth nor none.
+  function spread(mask, grows) {
+    const next = mask.slice();
+    for (let k = 0; k < mask.length; k++) {
+      if (!mask[k]) continue;
+      for (const [j, i] of around) {
+        const y = Math.floor(k / width) + j;
+        const x = (k % width) + i;
+        if (y < 0 || y >= height || x < 0 || x >= width) continue;
+        if (grows) next[y * width + x] = 1;
+        else if (!mask[y * width + x]) next[k] = 0;
+      }
+    }
+    return next;
   }
   // The mask of the cloth, row by row, of 0 and 1.
   return function see(data) {
@@ -151,6 +160,6 @@ function makeCamera(mujoco, model, { size, redness, kernel }) {
     samples.clear();
     for (const skin of skins) drawSkin(skin, data);
     for (const k of capsules) drawCapsule(k, data);
-    return [1, 0, 0, 1].reduce(spread, extract()); // closing, then opening
+    return [true, false, false, true].reduce(spread, extract()); // closing, then opening
   };
 }
