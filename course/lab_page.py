@@ -1,7 +1,7 @@
 """The live lab on a page of the web site, without Python behind it.
 
-A browser refuses modules and data that lie beside a page in a folder. So the panel is
-one plain script there, and the recorded run another.
+A browser refuses modules and data that lie beside a page in a folder. So all that
+belongs to the page is plain scripts, and a file is packed into one.
 """
 
 import base64
@@ -18,6 +18,7 @@ from clothlab.lab._playback import RECORDING
 from clothlab.simulation import vision
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.env import ClothEnv
+from course.npm import packages
 from course.repository import ROOT
 
 SOURCES = ROOT / "docs" / "book" / "lab"
@@ -26,24 +27,33 @@ _EXPORT = "export default { render };"
 
 def write_lab(folder: Path) -> None:
     """Write the scripts of the page into a folder."""
-    write_bytes(folder / "lab.js", _script().encode())
-    write_bytes(folder / "run.js", _run().encode())
-
-
-def _script() -> str:
-    """The panel, its model and the page as one script that leaves no names behind."""
-    parts = [str(LivePanel._esm).replace(_EXPORT, "")]
-    parts += [
-        (SOURCES / f"{name}.js").read_text("utf-8") for name in ("recorded_run", "page")
-    ]
-    return "(() => {\n" + "\n".join(parts) + "})();\n"
-
-
-def _run() -> str:
-    """The recorded run as a script: its JSON by gzip, which browsers unpack."""
+    panel = str(LivePanel._esm).replace(_EXPORT, "")
+    script = "\n".join([panel, sources("files", "recorded_run", "page")])
+    write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
     recording = (_store.data_folder() / RECORDING).read_bytes()
-    packed = gzip.compress(lzma.decompress(recording), mtime=0)
-    return f'globalThis.clothlabRun = "{base64.b64encode(packed).decode()}";\n'
+    write_packed(folder / "run.js", "run.json", lzma.decompress(recording))
+
+
+def write_robot(folder: Path) -> None:
+    """Write what a robot in the page is made of: MuJoCo, and what the worker does."""
+    library = packages()["@mujoco/mujoco"].folder
+    module = (library / "mujoco.js").read_text("utf-8")
+    worker = "\n".join([module, sources("physics", "camera", "worker")])
+    write_packed(folder / "worker.js", "worker.js", worker.encode())
+    wasm = (library / "mujoco.wasm").read_bytes()
+    write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
+
+
+def sources(*names: str) -> str:
+    """The page's own JavaScript, of these files."""
+    return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
+
+
+def write_packed(path: Path, name: str, content: bytes) -> None:
+    """Write a script that holds a file by this name, which `files.js` unpacks."""
+    packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+    script = f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{packed}";\n'
+    write_bytes(path, script.encode())
 
 
 def scene(arm: str, cloth: str) -> dict[str, Any]:

@@ -192,6 +192,6 @@ def test_the_lab_is_one_plain_script_beside_its_run(tmp_path):
     lab_page.write_lab(tmp_path)
     script = (tmp_path / "lab.js").read_text("utf-8")
     assert not re.search(r"^\s*(export|import)\b", script, re.MULTILINE)
-    packed = (tmp_path / "run.js").read_text("utf-8").split('"')[1]
+    packed = (tmp_path / "run.js").read_text("utf-8").split('"')[3]
     shots = json.loads(gzip.decompress(base64.b64decode(packed)))["shots"]
     assert len(shots) == len(load_recording())

@@ -1,8 +1,6 @@
-// The page "Throw a cloth": the panel with the recorded run, which lies beside it as base64 of a gzip file.
+// The page "Throw a cloth": the panel with the recorded run.
 async function showRun(el) {
-  const bytes = Uint8Array.from(atob(globalThis.clothlabRun), (letter) => letter.charCodeAt(0));
-  const text = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const { shots } = await new Response(text).json();
+  const { shots } = await unpackedFile("run.json").json();
   el.replaceChildren();
   render({ model: recordedRun(shots), el });
 }
