@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides book container format doctor lock
+.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -94,7 +94,9 @@ pages-other:
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) site-tested
 
+# Without a network, all but the physics in WebAssembly is tested.
 site-built:
+	-$(MAKE) npm
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 
@@ -161,6 +163,9 @@ $(BOOK): $(DEV) docs/requirements.txt
 	$(BIN)/pip install --quiet --requirement docs/requirements.txt
 	@touch $@
 
+npm: $(STAMP)  ## fetch what the live lab in a page takes of npm into build/npm, 25 MB
+	$(BIN)/python course/npm.py
+
 book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
 	$(BIN)/python course/book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
 	rm -rf $(SITE)/html
@@ -188,3 +193,4 @@ format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what
 	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python course/solutions.py format $(NOTEBOOKS)
+	$(BIN)/python scripts/format_javascript.py

@@ -19,6 +19,7 @@ import nbformat
 from clothlab._files import write_bytes
 from clothlab.lab._widget import REOPENED
 from course.editions import ROOT, student_edition
+from course.lab_page import SOURCES, write_lab
 from course.solutions import solved, tags, without
 
 BUILD = ROOT / "build"
@@ -152,7 +153,9 @@ def lay_out(
     """
     # The site's own files, and pages that are no notebooks
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / "docs" / "book", folder)
+    aside = shutil.ignore_patterns(SOURCES.name)
+    shutil.copytree(ROOT / "docs" / "book", folder, ignore=aside)
+    write_lab(folder / "static" / "lab")
     for pattern in PAGES:
         for path in ROOT.glob(pattern):
             write_bytes(folder / path.relative_to(ROOT), path.read_bytes())

@@ -13,6 +13,10 @@ from clothlab._validation import HEIGHT, WIDTH, check_mask
 # numbers could describe.
 KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
+# Red beyond both other channels is a hue test that survives shading; 40 of 255 clears
+# the grey of arm and floor.
+_REDNESS = 40
+
 
 def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     """Where the red front of the cloth is, `[H, W]`, bool.
@@ -31,11 +35,10 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
             "crop it first"
         )
 
-    # Red beyond both other channels is a hue test that survives shading; 40 of 255
-    # clears the grey of arm and floor.
+    # The colour of the front
     red, green, blue = cv2.split(rgb)
     redness = cv2.subtract(red, cv2.max(green, blue))
-    mask: np.ndarray = cv2.threshold(redness, 40, 1, cv2.THRESH_BINARY)[1]
+    mask: np.ndarray = cv2.threshold(redness, _REDNESS, 1, cv2.THRESH_BINARY)[1]
 
     # Holes and slivers go.
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)

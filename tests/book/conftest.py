@@ -1,10 +1,16 @@
 """The sites that `make book` made, and a Chromium that has no network."""
 
+import json
 import os
+import subprocess
 from pathlib import Path
 
+import format_javascript
 import pytest
 from browser_lab import ROOT, lacks_chromium, launch_options
+
+from course.lab_page import SOURCES
+from course.npm import packages
 
 SITES = {
     "instructor": ROOT / "build" / "book" / "html",
@@ -19,6 +25,7 @@ KINDS = {
     "README",
     "results",
     "syllabus",
+    "throw",
     "03_data_and_images",
     "07_model_predictive_control",
     "clothlab.method.control",
@@ -95,7 +102,8 @@ def visit(page):
     page.on(
         "request",
         lambda asked: (
-            asked.url.startswith(("file:", "data:")) or complaints.append(asked.url)
+            asked.url.startswith(("file:", "data:", "blob:"))
+            or complaints.append(asked.url)
         ),
     )
     page.on(
@@ -117,3 +125,24 @@ def visit(page):
 
     yield visit
     assert complaints == []
+
+
+@pytest.fixture(scope="session")
+def node(tmp_path_factory):
+    """Run a script beside this file in the Node.js that Playwright brings along, with
+    MuJoCo, the page's sources and what it is given as JSON; what it prints as JSON.
+    """
+    mujoco = packages()["@mujoco/mujoco"].folder / "mujoco.js"
+    if not mujoco.exists():
+        pytest.skip("NO FILES OF NPM: run `make npm`")
+    given = tmp_path_factory.mktemp("node") / "given.json"
+
+    def run(script, content):
+        given.write_text(json.dumps(content))
+        path = Path(__file__).with_name(script)
+        command = [format_javascript.node(), path, mujoco, SOURCES, given]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run

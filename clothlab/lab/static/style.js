@@ -1,16 +1,19 @@
 // How the panel looks: in a notebook, and on a projector, where all sizes follow the height of the page.
 const STYLE = `
-.clothlab { font: 15px/1.4 system-ui, sans-serif; color: #1a1a1a; background: #fff; padding: 8px; }
+.clothlab { font: 15px/1.4 system-ui, sans-serif; color: #1a1a1a; background: #fff; color-scheme: light; padding: 8px; }
 .clothlab, .clothlab * { box-sizing: border-box; }
 .clothlab figure { margin: 0; }
 .clothlab .row { display: flex; flex-wrap: wrap; gap: 8px; align-items: center; }
 .clothlab .columns { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-start; margin-top: 8px; }
 .clothlab section { flex: 1 1 var(--least); min-width: min(100%, var(--least)); max-width: 600px; border-top: 2px solid #0072B2; padding-top: 4px; }
 .clothlab .traces { flex: 1 1 390px; }
+.clothlab img { max-width: 100%; }
+.clothlab .pair:not(.pairs) { flex-wrap: nowrap; align-items: flex-start; }
+.clothlab .pair:not(.pairs) > figure { flex: 0 1 196px; min-width: 0; }
 .clothlab .pairs { width: 404px; font-size: 0.9em; align-items: flex-start; }
 .clothlab .pairs figure { width: 196px; }
 .clothlab section > .row, .clothlab .lone { margin-top: 6px; }
-.clothlab h3 { font-size: 1.07em; margin: 2px 0 6px; }
+.clothlab h3 { font-size: 1.07em; margin: 2px 0 6px; padding: 0; }
 .clothlab button, .clothlab select, .clothlab input[type=text] { font: inherit; padding: 3px 10px; border: 1px solid #888; border-radius: 4px; background: #f6f6f6; color: inherit; }
 .clothlab button:hover:not(:disabled, [aria-pressed=true]) { background: #e8f1f8; }
 .clothlab button[aria-pressed=true] { background: #0072B2; border-color: #0072B2; color: #fff; }
@@ -43,8 +46,8 @@ const STYLE = `
 .clothlab canvas.map { font-size: 14px; }
 .clothlab figure.aim { flex: none; }
 .clothlab .folds, .clothlab .drawer { display: none; }
-.clothlab .beside { display: flex; gap: 8px; }
-.clothlab .beside > div { flex: 1 1 0; min-width: 0; }
+.clothlab .beside { display: flex; flex-wrap: wrap; gap: 8px; }
+.clothlab .beside > div { flex: 1 1 150px; min-width: 0; }
 .clothlab .no { color: #b00020; font-weight: 600; }
 .clothlab.projector { position: fixed; inset: 0; width: 100vw; height: 100vh; max-width: none; max-height: none; margin: 0; border: 0; padding: 1vh 1.4vh; overflow: hidden; display: flex; flex-direction: column; gap: 0.8vh; font-size: 2.7vh; line-height: 1.25; }
 .clothlab.projector > .columns { display: none; }

@@ -1,0 +1,79 @@
+"""The live lab on a page of the web site, without Python behind it.
+
+A browser refuses modules and data that lie beside a page in a folder. So all that
+belongs to the page is plain scripts, and a file is packed into one.
+"""
+
+import base64
+import gzip
+import lzma
+from pathlib import Path
+from typing import Any
+
+from clothlab import _store
+from clothlab._files import write_bytes
+from clothlab._validation import HEIGHT, WIDTH
+from clothlab.lab import LivePanel
+from clothlab.lab._playback import RECORDING
+from clothlab.simulation import vision
+from clothlab.simulation._mjcf import build_spec, portable_mjcf
+from clothlab.simulation.env import ClothEnv
+from course.npm import packages
+from course.repository import ROOT
+
+SOURCES = ROOT / "docs" / "book" / "lab"
+_EXPORT = "export default { render };"
+
+
+def write_lab(folder: Path) -> None:
+    """Write the scripts of the page into a folder."""
+    panel = str(LivePanel._esm).replace(_EXPORT, "")
+    script = "\n".join([panel, sources("files", "recorded_run", "page")])
+    write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
+    recording = (_store.data_folder() / RECORDING).read_bytes()
+    write_packed(folder / "run.js", "run.json", lzma.decompress(recording))
+
+
+def write_robot(folder: Path) -> None:
+    """Write what a robot in the page is made of: MuJoCo, and what the worker does."""
+    library = packages()["@mujoco/mujoco"].folder
+    module = (library / "mujoco.js").read_text("utf-8")
+    worker = "\n".join([module, sources("physics", "camera", "worker")])
+    write_packed(folder / "worker.js", "worker.js", worker.encode())
+    wasm = (library / "mujoco.wasm").read_bytes()
+    write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
+
+
+def sources(*names: str) -> str:
+    """The page's own JavaScript, of these files."""
+    return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
+
+
+def write_packed(path: Path, name: str, content: bytes) -> None:
+    """Write a script that holds a file by this name, which `files.js` unpacks."""
+    packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+    script = f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{packed}";\n'
+    write_bytes(path, script.encode())
+
+
+def scene(arm: str, cloth: str) -> dict[str, Any]:
+    """What physics and camera need of an arm with a cloth that hangs still in its hand.
+
+    Its MJCF, where it starts, the time steps of a control period, and how a picture
+    becomes a mask.
+    """
+    env = ClothEnv(arm, cloth)
+    spec = build_spec(env.arm, env.cloth, env.scene)
+    names = ("qpos", "qvel", "act", "ctrl")
+    start = {name: getattr(env.data, name).tolist() for name in names}
+    camera = {
+        "size": (HEIGHT, WIDTH),
+        "redness": vision._REDNESS,
+        "kernel": vision.KERNEL.tolist(),
+    }
+    return {
+        "mjcf": portable_mjcf(spec),
+        "start": start,
+        "substeps": env.scene.substeps,
+        "camera": camera,
+    }

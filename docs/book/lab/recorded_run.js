@@ -1,0 +1,99 @@
+// A recorded run as the model of the panel: it shows what was kept at each step, and computes nothing.
+// Python's LivePanel has the same traits and takes the same messages.
+const REFUSAL = "a recording can't be steered: a running notebook 08 does this";
+const STEERING =
+  "set arm, set driver, explore, set tension, set hand, move sticks, set cloth, set material, set p, estimate";
+const DRAWING = "draw, clear, pick, take, upload, record, save, discard";
+const REFUSED = [STEERING, DRAWING].flatMap((names) => names.split(", "));
+
+// Of what JSON holds, bytes as a panel takes them.
+function unpacked(value) {
+  if (value === null || typeof value !== "object") return value;
+  if (Array.isArray(value)) return value.map(unpacked);
+  if ("bytes" in value) return Uint8Array.from(atob(value.bytes), (letter) => letter.charCodeAt(0));
+  return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
+}
+
+// shots: of each step, the traits that were new then, and `caption`.
+function recordedRun(shots) {
+  const listeners = new Map();
+  const traits = {};
+  const from = {}; // the shot that a trait was last shown of
+  const { period } = shots[0].about;
+  const last = shots.length - 1;
+  let at = 0;
+  let timer = null;
+  let answered = "";
+
+  function newest(name) {
+    let k = at;
+    while (!(name in shots[k])) k -= 1;
+    return k;
+  }
+  function about() {
+    const refused = Object.fromEntries(REFUSED.map((what) => [what, REFUSAL]));
+    return { ...unpacked(shots[0].about), length: last * period, refused };
+  }
+  function state() {
+    const running = timer !== null;
+    const text = shots[newest("caption")].caption;
+    const now = {
+      running,
+      status: running ? "running" : "paused",
+      seconds: at * period,
+      message: { text, kind: "info" },
+      answered,
+    };
+    return { ...unpacked(shots[newest("state")].state), ...now };
+  }
+  function tell(event, ...news) {
+    for (const listener of listeners.get(event) ?? []) listener(...news);
+  }
+  function show() {
+    traits.state = state();
+    const others = ["target", "frame", "ellipse"].filter((name) => from[name] !== newest(name));
+    for (const name of others) {
+      from[name] = newest(name);
+      traits[name] = unpacked(shots[from[name]][name]);
+    }
+    for (const name of ["state", ...others]) tell(`change:${name}`);
+  }
+
+  function pause() {
+    clearInterval(timer);
+    timer = null;
+  }
+  function step() {
+    at = Math.min(at + 1, last);
+    if (at === last) pause();
+  }
+  function start() {
+    if (at === last) at = 0; // once more
+    timer ??= setInterval(() => {
+      step();
+      show();
+    }, 1000 * period);
+  }
+  const reset = () => (at = 0);
+  const seek = ({ seconds }) => (at = Math.round(seconds / period));
+  const actions = { start, pause, step, reset, seek };
+
+  function send({ do: what, id, ...more }) {
+    if (what === "alive?") tell("msg:custom", { do: "alive" });
+    if (!(what in actions)) return;
+    actions[what](more);
+    answered = id;
+    show();
+  }
+  document.addEventListener("visibilitychange", () => document.hidden && send({ do: "pause", id: answered }));
+
+  traits.about = about();
+  show();
+  const on = (event, listener) => listeners.set(event, [...(listeners.get(event) ?? []), listener]);
+  const off = (event, listener) =>
+    listeners.set(
+      event,
+      (listeners.get(event) ?? []).filter((each) => each !== listener),
+    );
+  return { get: (name) => traits[name], on, off, send };
+}

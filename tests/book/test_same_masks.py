@@ -1,0 +1,50 @@
+"""The camera in JavaScript sees of the cloth what MuJoCo's renderer shows."""
+
+import numpy as np
+import pytest
+
+from clothlab.data import load
+from clothlab.masks import iou
+from clothlab.method.autoencoder import encode
+from clothlab.simulation.env import ClothEnv
+from course.lab_page import scene
+
+pytestmark = pytest.mark.book
+
+STATES = 200
+# Arm, cloth, least mean IoU
+WORLDS = [("torque", "damp0.05-mass0.10", 0.97), ("muscle", "soft-1", 0.95)]
+FARTHEST = 0.05  # mean distance of z [s.d.]
+
+
+def swung(arm, cloth):
+    """States of random swinging, and their masks `[STATES, H, W]`."""
+    env = ClothEnv(arm, cloth)
+    rng = np.random.default_rng(7)
+    states = []
+    images = []
+    for k in range(STATES):
+        if k % 2 == 0:
+            u = rng.uniform(env.arm.command_lower, env.arm.command_upper)
+        env.advance(u)
+        states.append(env.data.qpos.tolist())
+        images.append(env.observe()["image"].astype(bool))
+    env.close()
+    return states, np.array(images)
+
+
+@pytest.mark.parametrize(("arm", "cloth", "least"), WORLDS)
+def test_masks_are_those_of_the_renderer(node, arm, cloth, least):
+    states, expected = swung(arm, cloth)
+    masks = node("masks.mjs", {"scene": scene(arm, cloth), "states": states})
+    found = np.array([list(mask) for mask in masks]).reshape(expected.shape) == "1"
+    autoencoder = load(f"{arm}-0").autoencoder
+    apart = encode(autoencoder, found) - encode(autoencoder, expected)
+    alike = iou(found, expected).mean()
+    distance = np.linalg.norm(apart, axis=-1).mean()
+    print(f"{arm}: IoU {alike:.4f}, z {distance:.4f} s.d. apart")
+    assert alike >= least
+    assert distance <= FARTHEST
+
+    # A mirrored camera would be noticed
+    assert iou(found[:, :, ::-1], expected).mean() < least
