@@ -24,6 +24,7 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 ALONE = Path(__file__).with_name("method_alone.py")
+DEPLOYED = Path(__file__).with_name("deployed_alone.py")
 
 pytestmark = pytest.mark.slow
 
@@ -86,20 +87,12 @@ def needs_of(names) -> dict[str, Distribution]:
     return found
 
 
-@pytest.fixture(scope="module")
-def bare(wheel, tmp_path_factory):
-    """Python of a fresh environment that has the wheel, and what it asks for, alone.
+def fresh_environment(wheel, folder, packages) -> Path:
+    """Python of a new environment that has the wheel and these packages alone.
 
     PyTorch is not installed once more, which would take minutes: the environment gets
-    links to the files of the four packages and of what they need, and to no others.
+    links to the files of the packages, and to no others.
     """
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    asked = [Requirement(each).name for each in settings["project"]["dependencies"]]
-    assert set(asked) == {"torch", "numpy", "tqdm", "safetensors"}
-    packages = needs_of(asked)
-    assert set(asked) <= set(packages)
-
-    folder = tmp_path_factory.mktemp("bare")
     venv.create(folder / "venv", with_pip=False)
     base = {"base": str(folder / "venv"), "platbase": str(folder / "venv")}
     site = Path(sysconfig.get_path("purelib", "venv", base))
@@ -114,6 +107,32 @@ def bare(wheel, tmp_path_factory):
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
     subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True)
     return python
+
+
+def asked_for(extra: str = "") -> set[str]:
+    """Names of the packages that the wheel asks for, with an extra or without."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = list(project["dependencies"])
+    if extra:
+        lines += project["optional-dependencies"][extra]
+    return {Requirement(each).name for each in lines}
+
+
+@pytest.fixture(scope="module")
+def bare(wheel, tmp_path_factory):
+    """Python of a fresh environment that has the wheel, and what it asks for, alone."""
+    asked = asked_for()
+    assert asked == {"torch", "numpy", "tqdm", "safetensors"}
+    packages = needs_of(asked)
+    assert asked <= set(packages)
+    return fresh_environment(wheel, tmp_path_factory.mktemp("bare"), packages)
+
+
+@pytest.fixture(scope="module")
+def deploying(wheel, tmp_path_factory):
+    """The same with what exports graphs and runs them."""
+    packages = needs_of(asked_for("onnx"))
+    return fresh_environment(wheel, tmp_path_factory.mktemp("deploying"), packages)
 
 
 def in_bare(bare, *words, check=True):
@@ -137,6 +156,10 @@ def test_the_method_is_trained_saved_loaded_and_steers_in_a_fresh_environment(ba
     where = in_bare(bare, "-c", "import clothlab; print(clothlab.__file__)").stdout
     assert Path(where.strip()).is_relative_to(bare.parents[1])
     assert in_bare(bare, str(ALONE)).stdout == "\n", "something else was imported"
+
+
+def test_logs_become_a_graph_on_a_robot_in_a_fresh_environment(deploying):
+    assert in_bare(deploying, str(DEPLOYED)).stdout == "\n", "something was imported"
 
 
 @pytest.mark.parametrize(
