@@ -7,8 +7,9 @@ goes on with the clock, as a robot would. What a loop has to decide stands in `L
   without a solve, which costs next to nothing, so that the loop catches up.
 * After a gap the estimator forgets its window and keeps p: what lies before and after
   it is no step of the model.
-* Where a sensor leaves the range of the training, the robot is sent to rest, and a
-  warning names the sensor.
+* Where a sensor leaves the range of the training, or says nothing, the robot is sent
+  to rest, and a warning names the sensor. p is not moved by such a state: outside, a
+  few steps would drive it away.
 * While too little was seen to judge p, the loop says so; and where an `alarm` is given,
   it says when a material is predicted worse than all that was trained on.
 
@@ -218,30 +219,31 @@ class Loop:
         late = self.beat.late > self.report.late
         s, stamp = self.robot.read()
 
-        # A gap is no step of the model. The sensor's own time tells it: reading may
-        # have taken long, too.
+        # A gap is no step of the model, and nothing is to be learned outside its
+        # ranges. The sensor's own time tells a gap: reading may have taken long, too.
         gap = self._stamp is not None and abs(stamp - self._stamp - STEP) > STEP / 2
-        if gap:
+        unknown = bool(self.watch(s).any())
+        if gap or unknown:
             self.estimator.forget()
         self._stamp = stamp
-        u = self._command(s, solve=not late)
+
+        # To rest, where the model knows nothing; from there control begins anew.
+        if unknown:
+            self.controller.resume()
+            self.report.rests += 1
+            u = np.zeros(1)
+        else:
+            u = self.controller.act(s, solve=not late)
         self.robot.send(u)
 
         # The estimate is for the next cycle, and the robot does not wait for it.
-        p = self.estimator.update(s, u, time=stamp)
-        self.controller.set_bias(p)
+        p = self.estimator.p
+        if not unknown:
+            p = self.estimator.update(s, u, time=stamp)
+            self.controller.set_bias(p)
         if len(self.report.work) % int(1 / STEP) == 0:
             self._look(p)
         self._note(s, p, gap, self._clock() - started)
-
-    def _command(self, s: np.ndarray, *, solve: bool) -> np.ndarray:
-        """The next command; to rest, where the model knows nothing."""
-        if self.watch(s).any():
-            self.report.rests += 1
-            rest = np.zeros(1)
-            self.controller.follow(s, rest)
-            return rest
-        return self.controller.act(s, solve=solve)
 
     def _look(self, p: np.ndarray) -> None:
         """Whether what is handled is like anything that was trained on."""

@@ -23,6 +23,13 @@ imported as `from clothlab import NAME`. `make format` writes this page from the
 Shapes are in brackets: `B` plans or sequences, `T` steps, `D_s` states, `D_u` commands,
 `D_p` numbers of p. [Your own robot](your_own_robot.md) shows how they work together.
 """
+# What these take and return, imported from its own module.
+MORE = {
+    "method.estimation": ["EstimationSettings"],
+    "method.gauss_newton": ["NewtonSettings", "Linearisation", "linearise"],
+    "method.training_options": ["Epoch"],
+    "method._watch": ["TrainingTrace"],
+}
 # A docstring's sections, and how the page calls them.
 SECTIONS = {"Args:": "Takes", "Returns:": "Returns", "Raises:": "Raises"}
 
@@ -35,6 +42,15 @@ def page() -> str:
         path = f"clothlab/{module.replace('.', '/')}.py"
         parts.append(f"## {module}\n\n[{path}](../{path})\n")
         parts += [_entry(module, name) for name in names]
+
+    parts.append("# What they take and return\n")
+    parts.append(
+        "Imported from the module that is named, where you need them at all.\n"
+    )
+    for module, names in MORE.items():
+        path = f"clothlab/{module.replace('.', '/')}.py"
+        parts.append(f"## clothlab.{module}\n\n[{path}](../{path})\n")
+        parts += [_entry(module, name) for name in names]
     return "\n".join(parts)
 
 
@@ -45,9 +61,22 @@ def _entry(module: str, name: str) -> str:
     lines = [f"### {name}", "", "```python", _call(name, node, item), "```", ""]
     lines.append(_text(inspect.getdoc(item) or ""))
     if isinstance(node, ast.ClassDef):
-        members = list(_members(node, item))
+        members = [line for each in _nodes(node, item) for line in _members(each, item)]
         lines += ["", "**Has**", "", *members] if members else []
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _nodes(node: ast.ClassDef, item: Any) -> Iterator[ast.ClassDef]:
+    """A class, and those of ours from which it has more and that no one imports."""
+    public = {name for names in clothlab._CONTENTS[""].values() for name in names}
+    yield node
+    for base in item.__mro__[1:]:
+        ours = base.__module__.startswith("clothlab.method")
+        if ours and base.__name__ not in public:
+            source = textwrap.dedent(inspect.getsource(base))
+            found = ast.parse(source).body[0]
+            assert isinstance(found, ast.ClassDef)
+            yield found
 
 
 def _call(name: str, node: ast.AST, item: Any) -> str:

@@ -123,6 +123,26 @@ def test_a_network_of_ones_own_comes_back_by_its_class(swing, tmp_path):
         Checkpoint.load(path, network=Residual)
 
 
+def test_what_people_wrote_below_a_card_stays(swing, tmp_path):
+    path = tmp_path / "swing.safetensors"
+    swing.save(path, card=True)
+    page = path.with_suffix(".md")
+    page.write_text(page.read_text("utf-8") + "\n## How well\n", "utf-8")
+    swing.save(path, card=True)
+    assert page.read_text("utf-8") == swing.card() + "\n## How well\n"
+
+    page.write_text("my notes", "utf-8")
+    with pytest.raises(ValueError, match=r"swing\.md exists and is no model card"):
+        swing.save(path, card=True)
+    assert page.read_text("utf-8") == "my notes"
+
+
+@pytest.mark.parametrize("name", ["log.csv", "folder"])
+def test_a_file_of_another_kind_is_told_by_its_name(tmp_path, name):
+    with pytest.raises(ValueError, match=r"a checkpoint's file ends in \.safetensors"):
+        Checkpoint.load(tmp_path / name)
+
+
 def test_the_card_says_what_is_known_and_what_is_not(swing, tmp_path):
     swing.save(tmp_path / "swing.safetensors", card=True)
     card = (tmp_path / "swing.md").read_text("utf-8")

@@ -123,6 +123,7 @@ def test_short_runs_are_left_out_with_a_count():
     assert told[0].filename == __file__
 
 
+@pytest.mark.filterwarnings("ignore:command 0")  # is beyond the limits
 @pytest.mark.parametrize(
     ("env", "push", "ended"),
     [
@@ -135,6 +136,7 @@ def test_a_fall_is_told_from_a_time_limit(env, push, ended):
         collect_runs(env, lambda s: [push], 60, material="a", progress=False)
 
 
+@pytest.mark.filterwarnings("ignore:command 0")  # is beyond the limits
 def test_a_rollout_tells_them_apart_too():
     with pytest.raises(
         EpisodeEnded, match=r"task was over after 2 of .*`collect_runs`"
@@ -205,3 +207,21 @@ def test_observations_in_parts_are_seen_one_robot_at_a_time():
     assert len(runs) == 2
     for run in runs:
         assert_whole(run)
+
+
+def test_a_command_of_another_size_is_refused_before_it_is_sent():
+    env = gymnasium.make("Pendulum-v1")
+    with pytest.raises(ValueError, match=r"the command of <lambda> is \[1\]"):
+        collect_runs(env, lambda s: np.ones(2), 60, material="a", progress=False)
+    with pytest.raises(ValueError, match=r"the command of <lambda> is \[1\]"):
+        rollout(env, lambda s: np.ones(2), 60, material="a")
+
+
+def test_a_command_beyond_the_limits_is_told_once():
+    env = gymnasium.make("Pendulum-v1")
+    with pytest.warns(match=r"command 0 .* is 9, beyond the limits") as told:
+        (run,) = collect_runs(
+            env, lambda s: np.array([9.0]), 60, material="a", progress=False
+        )
+    assert len(told) == 1
+    assert (run.u == 9).all()

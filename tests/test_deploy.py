@@ -118,3 +118,12 @@ def test_each_sensor_is_warned_of_once_by_its_name_and_range():
 def test_sensors_without_names_are_counted():
     with pytest.warns(match=r"^state 1 \(counted from 0\) is 7,"):
         RangeWatch(Ranges.of(runs()), margin=0)([0, 7])
+
+
+def test_a_number_that_never_changed_is_told_and_stops_nobody():
+    watch = RangeWatch(Ranges([[0, 3], [1, 3]], [[0], [1]]), ("x [m]", "load [kg]"))
+    with pytest.warns(match=r"load \[kg\] is 3, and was always 3 in training"):
+        assert not watch([0.5, 3.0001]).any()
+    assert not watch([0.5, 4.0]).any()  # no second warning, which would be an error
+    with pytest.warns(match=r"x \[m\] says nothing \(NaN\)"):
+        assert watch([np.nan, 3]).tolist() == [True, False]

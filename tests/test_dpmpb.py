@@ -194,7 +194,7 @@ def test_states_of_a_trial_are_z_and_robot(trial):
 @pytest.mark.parametrize(
     ("s", "u", "message"),
     [
-        (GOOD.s + np.nan, GOOD.u, r"s of a run of a is \[T, D_s\] and finite, got nan"),
+        (GOOD.s + np.nan, GOOD.u, r"s of a run of a is nan in step 0"),
         (
             GOOD.s,
             GOOD.u[0],
@@ -213,7 +213,7 @@ def test_runs_that_no_model_can_learn_are_refused():
     with pytest.raises(ValueError, match=r"no runs"):
         train_dpmpb([])
     with pytest.raises(
-        ValueError, match=r"more steps than the 30 of a sequence, got 20"
+        ValueError, match=r"more steps than the 30 of a sequence, and one of \w+ has 20"
     ):
         train_dpmpb([GOOD, GOOD[:20]])
     with pytest.raises(ValueError, match=r"of the same sizes"):

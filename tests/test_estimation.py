@@ -19,7 +19,7 @@ from clothlab.method.gauss_newton import (
     estimate_bias,
     linearise,
 )
-from clothlab.method.model import predict
+from clothlab.method.model import DPMPB, predict
 
 
 @pytest.fixture
@@ -250,3 +250,10 @@ def test_a_run_that_does_not_begin_at_rest_needs_its_first_steps(listening, run)
     expected = follow(estimator, run[10:])
     _, path = estimate_bias(listening, run[10:], method="newton", from_rest=False)
     assert np.array_equal(path, expected)
+
+
+def test_newton_settings_without_their_method_say_so():
+    run = Run(np.zeros((30, 2)), np.zeros((30, 1)), "a")
+    model = DPMPB(2, 1, 1).eval().requires_grad_(False)
+    with pytest.raises(ValueError, match=r'those of method="newton"'):
+        estimate_bias(model, run, settings=NewtonSettings())

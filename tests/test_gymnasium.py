@@ -220,7 +220,7 @@ def test_a_robot_without_a_record_of_its_own_needs_a_name_for_its_material():
 @pytest.mark.parametrize(
     ("policy", "observe", "message"),
     [
-        (lambda s: [np.nan], None, r"the command of .* is \[D_u\] and finite, got nan"),
+        (lambda s: [np.nan], None, r"the command of .* is \[1\] and finite, got nan"),
         (lambda s: [0.0], lambda seen: {"place": 0}, "the state that `observe` makes"),
     ],
 )

@@ -651,3 +651,31 @@ def test_what_is_no_dataset_of_lerobot_is_said(tmp_path):
     path.write_text(json.dumps(about | {"codebase_version": "v1.6"}))
     with pytest.raises(ValueError, match=r"has LeRobot's format v1\.6, and v2 and v3"):
         runs_from_lerobot(tmp_path / "swing")
+
+
+def test_a_csv_of_semicolons_is_read_as_one_of_commas(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t;x;u\n" + "".join(f"{0.1 * k:g};{k};0\n" for k in range(40)))
+    (run,) = read_runs(
+        [path],
+        material=lambda path: path.stem,
+        time="t",
+        states=["x"],
+        commands=["u"],
+        step=0.1,
+        progress=False,
+    )
+    assert run.s[:3, 0].tolist() == pytest.approx([0, 1, 2], abs=1e-5)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_hole_in_a_run_is_told_by_step_and_number(tmp_path, on_disk):
+    s = np.zeros((50, 3), np.float32)
+    s[40, 1] = np.nan
+    if on_disk:
+        np.save(tmp_path / "s.npy", s)
+        s = np.load(tmp_path / "s.npy", mmap_mode="r")
+    with pytest.raises(
+        ValueError, match=r"is nan in step 40, number 1 .* goes through"
+    ):
+        Run(s, np.zeros((50, 1), np.float32), "a")

@@ -1,6 +1,7 @@
 """The loop's decisions by a clock that goes on only when somebody sleeps."""
 
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 import torch
 from loop_at_20_hz import STEP, Loop, SimulatedClock, Swing
 
-from clothlab.method.deploy import Beat, Ranges
+from clothlab.method.deploy import Beat, Ranges, RangeWatch
 
 PAGE = Path(example.__file__).parents[1] / "docs" / "your_own_robot.md"
 
@@ -114,7 +115,37 @@ def test_out_of_range_the_robot_is_sent_to_rest_and_the_sensor_named(learned):
     for _ in range(30):
         loop.cycle()  # no second warning, which would be an error here
     assert loop.report.rests < 31  # the swing has come down
-    assert loop.controller.solves > 0
+    assert np.any(robot.sent)
+
+
+def test_out_of_range_and_where_a_sensor_says_nothing_p_stays(learned):
+    clock = SimulatedClock()
+    robot = Slow(clock)
+    beat = Beat(STEP, clock=clock, sleep=clock.sleep)
+    ranges = replace(learned.ranges, s=np.array([[-9, -9], [9, 9]]))
+    loop = Loop(robot, replace(learned, ranges=ranges), beat, say=[].append)
+    for _ in range(25):
+        loop.cycle()
+    before = loop.estimator.p
+    assert before != 0
+
+    # The swing itself goes on; its speed is seen far too high, then not at all.
+    read = robot.read
+    for wrong, message in ((99.0, "was between -9 and 9"), (np.nan, "says nothing")):
+        robot.read = lambda wrong=wrong: (np.array([0.0, wrong]), read()[1])
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            for _ in range(3):
+                loop.cycle()
+        assert loop.estimator.p == before
+        assert loop.estimator.window is None
+        loop.watch = RangeWatch(ranges, learned.state_names)  # warns anew
+        assert message in str(told[0].message)
+        assert len(told) == 1
+    assert loop.report.rests == 6
+    robot.read = read
+    loop.cycle()
+    assert loop.report.rests == 6
 
 
 def test_the_alarm_is_asked_once_a_second_and_told_once(learned):

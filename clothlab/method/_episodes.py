@@ -1,5 +1,6 @@
 """One episode of one robot: the loop, and a note of what was seen and sent."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -50,12 +51,19 @@ def step_through(
 class NotingPolicy(Policy):
     """A policy of states, which notes what it saw and what it sent."""
 
-    def __init__(self, policy: Policy, observe: Callable[[Any], ArrayLike] | None):
+    def __init__(
+        self,
+        policy: Policy,
+        observe: Callable[[Any], ArrayLike] | None,
+        space: Any = None,  # of the robot's commands, where it is known
+    ):
         self.policy: Any = policy  # here, its observation is a state
+        self._space = space
         self.name = policy.name
         self.observe = observe or np.asarray
         self.states: list[np.ndarray] = []
         self.commands: list[np.ndarray] = []
+        self._told = False  # of commands beyond limits
 
     def reset(self, seed: int = 0) -> None:
         self.policy.reset(seed)
@@ -67,9 +75,27 @@ class NotingPolicy(Policy):
         self.states.append(s.copy())
 
         u = np.array(self.policy(s), ndmin=1)
-        check_array(f"the command of {self.name}", u, ("D_u",))
+        shape = getattr(self._space, "shape", None) or ("D_u",)
+        check_array(f"the command of {self.name}", u, shape)
+        self._look_at_limits(u)
         self.commands.append(u.copy())
         return u
+
+    def _look_at_limits(self, u: np.ndarray) -> None:
+        """Warn of a first command that the robot may not execute as it was sent."""
+        low = getattr(self._space, "low", -np.inf)
+        high = getattr(self._space, "high", np.inf)
+        slack = 1e-5 * np.maximum(np.abs(u), 1)
+        outside = (u < low - slack) | (u > high + slack)
+        if outside.any() and not self._told:
+            self._told = True
+            k = int(np.flatnonzero(outside)[0])
+            warnings.warn(
+                f"command {k} (counted from 0) of {self.name} is {u[k]:g}, beyond the "
+                "limits of this environment, which may do something else: what is "
+                "recorded is what was sent. Clip it in the policy",
+                stacklevel=5,
+            )
 
     def run(self, material: str, step: float | None) -> Run:
         """What was noted, as a run of this material."""
@@ -91,10 +117,15 @@ def is_vector(env: Any) -> bool:
     return hasattr(env, "num_envs")
 
 
+def command_space(env: Any) -> Any:
+    """The space of one robot's commands; None where the environment has none."""
+    name = "single_action_space" if is_vector(env) else "action_space"
+    return getattr(env, name, None)
+
+
 def check_actions(env: Any) -> None:
     """A ValueError for an environment whose actions are no vector of real numbers."""
-    name = "single_action_space" if is_vector(env) else "action_space"
-    space = getattr(env, name, None)
+    space = command_space(env)
     # Choices have a number of them, and composed actions the spaces of their parts.
     if hasattr(space, "n") or hasattr(space, "nvec"):
         raise ValueError(

@@ -51,7 +51,11 @@ def read_file(path: Path) -> Any:
 def _read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a file with names in its first line, as the words that it has."""
     with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in csv.reader(file) if line]
+        # Of what can stand between columns, the first line has one kind.
+        first = file.readline()
+        between = max(",;\t", key=first.count)
+        file.seek(0)
+        lines = [line for line in csv.reader(file, delimiter=between) if line]
     if not lines:
         raise ValueError("it is empty")
     names = [name.strip() for name in lines[0]]

@@ -1,11 +1,15 @@
 """What is written beside a checkpoint, for who is given the file and nothing else."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     from clothlab.method.checkpoint import Checkpoint
+
+# The last line of a card; what people write stands below it.
+_END = "<!-- What stands below this line stays when the card is written again. -->"
 
 
 def model_card(checkpoint: "Checkpoint") -> str:
@@ -20,8 +24,24 @@ def model_card(checkpoint: "Checkpoint") -> str:
         _materials(checkpoint),
         _limits(checkpoint),
         _how_to_use(checkpoint),
+        _END,
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def with_own_words(card: str, page: Path, *, overwrite: bool) -> str:
+    """The card, and what people have written below the one that lies there.
+
+    A ValueError for a page that is no card, unless it may be overwritten.
+    """
+    if not page.exists():
+        return card
+    _, end, own = page.read_text("utf-8").partition(_END)
+    if not end and not overwrite:
+        raise ValueError(
+            f"{page} exists and is no model card: move it, or pass overwrite=True"
+        )
+    return card + own.removeprefix("\n")
 
 
 def _what_it_is(checkpoint: "Checkpoint") -> str:

@@ -35,10 +35,29 @@ def check_record(what: str, value: Any, shape: tuple[str, str]) -> np.ndarray:
     They are copied, but for those on the disk. A ValueError as of `check_array`.
     """
     if not is_on_disk(value) or value.ndim != len(shape):
+        _check_holes(what, value)
         return check_array(what, value, shape, np.float32)
+    first = 0
     for block in blocks(value):
+        _check_holes(what, block, first)
         check_array(what, block, shape, np.float32)
+        first += len(block)
     return value
+
+
+def _check_holes(what: str, value: Any, first: int = 0) -> None:
+    """A ValueError that says where numbers are missing, from step `first` on."""
+    if not isinstance(value, np.ndarray) or value.ndim != 2 or value.dtype.kind != "f":
+        return
+    holes = ~np.isfinite(value)
+    if not holes.any():
+        return
+    step, number = np.argwhere(holes)[0]
+    raise ValueError(
+        f"{what} is {value[step, number]} in step {first + step}, number {number} "
+        "(both counted from 0): a log with holes goes through runs_from_dataframe("
+        '..., missing="hold"), or "split"'
+    )
 
 
 def blocks(array: np.ndarray) -> Iterator[np.ndarray]:

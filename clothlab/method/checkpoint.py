@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from clothlab import __version__
 from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab._validation import check_array, check_kind, check_number
-from clothlab.method._model_card import model_card
+from clothlab.method._model_card import model_card, with_own_words
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
     SUFFIX,
@@ -98,21 +98,23 @@ class Checkpoint:
     ) -> None:
         """Write one file, whole or not at all; its name ends in `.safetensors`.
 
-        With `card`, its model card lies beside it and ends in `.md`. A ValueError,
-        before anything is written, if another checkpoint lies there (unless `overwrite`
-        is set), if a number is not finite, or if the model has layers that its class
-        would not make again from its three sizes.
+        With `card`, its model card lies beside it and ends in `.md`; what people wrote
+        below the card's last line stays. A ValueError, before anything is written, if
+        another checkpoint or another page lies there (unless `overwrite` is set), if a
+        number is not finite, or if the model has layers that its class would not make
+        again from its three sizes.
         """
         path = Path(path)
-        if path.suffix != SUFFIX:
-            raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
+        _check_suffix(path)
         about = self._about()
         check_layers(self.model, lambda: type(self.model)(*about["sizes"]))
         content = packed(_KIND, about, self._tensors())
         check_free(path, content, overwrite=overwrite)
+        page = path.with_suffix(".md")
+        text = with_own_words(self.card(), page, overwrite=overwrite) if card else ""
         write_bytes(path, content)
         if card:
-            write_bytes(path.with_suffix(".md"), self.card().encode())
+            write_bytes(page, text.encode())
 
     @classmethod
     def load(
@@ -126,6 +128,7 @@ class Checkpoint:
         version; a file that is not there is a FileNotFoundError.
         """
         path = Path(path)
+        _check_suffix(path)
         about, tensors = unpacked(path, _KIND, _KIND)
         with reading(path, _KIND):
             return cls(**cls._fields(about, tensors, network))
@@ -239,6 +242,11 @@ def _made(network: Callable[[int, int, int], Any], about: Mapping[str, Any]) -> 
         )
     model = network(*about["sizes"])
     return quicken(model) if type(model) is DPMPB else model
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix != SUFFIX:
+        raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
 
 
 def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:

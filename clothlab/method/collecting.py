@@ -15,6 +15,7 @@ from clothlab.method._episodes import (
     NotingPolicy,
     check_actions,
     check_environment,
+    command_space,
     is_vector,
     step_through,
 )
@@ -116,7 +117,7 @@ def _one_after_another(
     episodes = []
     left = steps
     while left > 0:
-        episode = _Episode(NotingPolicy(policy, observe), robot=0)
+        episode = _Episode(NotingPolicy(policy, observe, command_space(env)), robot=0)
         episodes.append(episode)
         ending = step_through(env, episode.noted, left, seed, options, bar)
         if ending is not None:
@@ -138,7 +139,7 @@ def _side_by_side(
     """Episodes of several robots, in the order in which they ended."""
     # All begin together.
     mode = _reset_mode(env, options)
-    robots = _Robots(env.num_envs, policy, observe, seed)
+    robots = _Robots(env, policy, observe, seed)
     first = list(range(seed, seed + env.num_envs))
     observations, _ = env.reset(seed=first, options=options)
 
@@ -167,11 +168,13 @@ class _Robots:
 
     def __init__(
         self,
-        count: int,
+        env: Any,
         policy: Policy,
         observe: Callable[[Any], ArrayLike] | None,
         seed: int,
     ):
+        count = env.num_envs
+        self._space = command_space(env)
         self._policy = policy
         self._observe = observe
         self._seeds = itertools.count(seed)
@@ -184,7 +187,8 @@ class _Robots:
     def _begin(self, robot: int) -> tuple[_Episode, int]:
         """Another episode, and its seed."""
         seed = next(self._seeds)
-        noted = NotingPolicy(copy.deepcopy(self._policy), self._observe)
+        policy = copy.deepcopy(self._policy)
+        noted = NotingPolicy(policy, self._observe, self._space)
         noted.reset(seed)
         return _Episode(noted, robot), seed
 

@@ -134,8 +134,8 @@ def set_normalisation(model: PredictiveModel, runs: Sequence[Run]) -> None:
     constant_u = _measure([run.u for run in runs], model.u_mean, model.u_std)
 
     model.leave_out(constant_s, constant_u)
-    _warn_of_constants("state", constant_s)
-    _warn_of_constants("command", constant_u)
+    _warn_of_constants("state", constant_s, runs[0].state_names)
+    _warn_of_constants("command", constant_u, runs[0].command_names)
 
 
 def _measure(records: Sequence[np.ndarray], mean: Tensor, std: Tensor) -> Tensor:
@@ -150,12 +150,14 @@ def _measure(records: Sequence[np.ndarray], mean: Tensor, std: Tensor) -> Tensor
     return constant
 
 
-def _warn_of_constants(kind: str, constant: Tensor) -> None:
+def _warn_of_constants(kind: str, constant: Tensor, names: tuple[str, ...]) -> None:
     if not constant.any():
         return
-    places = ", ".join(str(k) for k in constant.nonzero().flatten().tolist())
+    places = constant.nonzero().flatten().tolist()
+    listed = f"{', '.join(map(str, places))} (counted from 0)"
+    if names:
+        listed = ", ".join(names[k] for k in places)
     warnings.warn(
-        f"{kind} {places} (counted from 0) never changes in these runs: the model "
-        "leaves it out",
+        f"{kind} {listed} never changes in these runs: the model leaves it out",
         stacklevel=4,
     )

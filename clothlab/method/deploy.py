@@ -47,6 +47,9 @@ class Ranges:
 class RangeWatch:
     """Says once of each sensor that it has left what the model was trained on.
 
+    A number that never changed in training is left out by the model, so that it counts
+    as inside wherever it is; but that it has changed is said.
+
     Args:
         ranges: of the training data.
         names: of the numbers of s, for the warning, such as `Checkpoint.state_names`.
@@ -64,6 +67,7 @@ class RangeWatch:
             raise ValueError(f"there are {size} states, and {len(names)} have a name")
         margin = check_number("margin", margin, at_least=0)
         self._ranges = ranges
+        self._heard = ranges.s[0] < ranges.s[1]
         reach = margin * (ranges.s[1] - ranges.s[0])
         self._lowest = ranges.s[0] - reach
         self._highest = ranges.s[1] + reach
@@ -72,20 +76,33 @@ class RangeWatch:
     def __call__(self, s: ArrayLike) -> np.ndarray:
         """Which numbers of a state `[D_s]` are outside, `[D_s]` bool.
 
-        The first time that one is, there is a warning with its name and its range.
+        The first time that one is, there is a warning with its name and its range. A
+        sensor that says nothing (NaN) is outside.
         """
-        s = check_array("s", s, self._told.shape)
-        outside = (s < self._lowest) | (s > self._highest)
+        s = np.asarray(s, np.float64)
+        check_array("s", np.nan_to_num(s), self._told.shape)
+        outside = ~((s >= self._lowest) & (s <= self._highest))
         for k in np.flatnonzero(outside & ~self._told):
-            low, high = self._ranges.s[:, k]
-            warnings.warn(
-                f"{self._names[k]} is {s[k]:.4g}, and was between {low:.4g} and "
-                f"{high:.4g} in training: do not trust p and plans here. Go back "
-                "there, or record such motions and train again",
-                stacklevel=2,
-            )
+            warnings.warn(self._sentence(int(k), s[k]), stacklevel=2)
         self._told |= outside
-        return outside
+        return outside & (self._heard | np.isnan(s))
+
+    def _sentence(self, k: int, value: float) -> str:
+        """What is said of the k-th number of a state."""
+        low, high = self._ranges.s[:, k]
+        name = self._names[k]
+        if np.isnan(value):
+            return f"{name} says nothing (NaN): no plan can be made from such a state"
+        if low == high:
+            return (
+                f"{name} is {value:.4g}, and was always {low:.4g} in training: the "
+                "model leaves it out. If it matters, record it at other values"
+            )
+        return (
+            f"{name} is {value:.4g}, and was between {low:.4g} and {high:.4g} in "
+            "training: do not trust p and plans here. Go back there, or record such "
+            "motions and train again"
+        )
 
 
 class Beat:

@@ -272,6 +272,8 @@ def estimate_bias(
         for p to move at all, there is a warning.
     """
     check_same_step(model, check_run(run))
+    if method == "sgd" and isinstance(settings, NewtonSettings):
+        raise ValueError('NewtonSettings are those of method="newton": pass both')
     newton = partial(NewtonEstimator, from_rest=from_rest)
     estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": newton}
     estimator = choose("method", method, estimators)(model, p, settings)

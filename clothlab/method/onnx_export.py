@@ -132,12 +132,13 @@ def export_estimation(
     Inputs are a window of states `s` `[T + 1, D_s]` and commands `u` `[T + 1, D_u]`, of
     any length, and `p` `[D_p]`. Outputs are the `errors` `[T, D_s]` and their
     `jacobian` `[T, D_s, D_p]`, those of `Linearisation`, in double precision. The step
-    of p is the least squares of the two: `numpy.linalg.lstsq(jacobian, errors)`, or
+    of p is the least squares of the two, in which all steps and states stand below each
+    other: `numpy.linalg.lstsq(jacobian.reshape(-1, D_p), errors.ravel())[0]`; or
     `Linearisation(errors, jacobian).step()`, in which outliers count little.
 
     Args:
         path: of the file.
-        model: a trained DPMPB with D_p of at least 1.
+        model: a trained DPMPB, or a network of your own, with D_p of at least 1.
         warmup: first steps, which only fill the memory and are left out.
     """
     check_model(model)
@@ -234,12 +235,19 @@ def _with_gradients(
     function: Callable[..., Any], examples: tuple[Tensor, ...]
 ) -> Callable[..., Any]:
     """The function as single operations, those of its gradients among them."""
+    from torch._decomp import get_decompositions
     from torch.fx.experimental.proxy_tensor import make_fx  # takes a second
+
+    # Gradients of these have no counterpart in ONNX, either.
+    aten = torch.ops.aten
+    composed = [aten.silu_backward, aten.mish_backward, aten.hardswish_backward]
+    composed += [aten.softplus_backward, aten.leaky_relu_backward]
+    apart: Any = get_decompositions(composed)
 
     # A fused LSTM has no counterpart in ONNX; without it, it is made of single ones.
     with torch.backends.mkldnn.flags(enabled=False):
         try:
-            return make_fx(function)(*examples)
+            return make_fx(function, decomposition_table=apart)(*examples)
         except (RuntimeError, TypeError, ValueError) as error:
             raise ValueError(
                 "this loss can't be exported: it takes a number out of a tensor, such "

@@ -12,6 +12,7 @@ from clothlab.method._episodes import (
     NotingPolicy,
     check_actions,
     check_environment,
+    command_space,
     is_vector,
     step_through,
 )
@@ -96,7 +97,7 @@ def rollout(
                 "only an environment's own record can be watched: leave out material"
             )
         check_actions(env)
-        noting = NotingPolicy(policy, observe)
+        noting = NotingPolicy(policy, observe, command_space(env))
         ending = _go(env, noting, steps, seed, options, progress)
         record = noting.run(material, step)
 

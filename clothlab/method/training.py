@@ -211,8 +211,9 @@ def _check_lengths(runs: Sequence[Run], length: int) -> None:
     for run in runs:
         if len(run) <= length:
             raise ValueError(
-                f"a run needs more steps than the {length} of a sequence, got "
-                f"{len(run)}"
+                f"a run needs more steps than the {length} of a sequence, and one of "
+                f"{run.material} has {len(run)}: leave it out, or set a shorter "
+                "`sequence_length`"
             )
         states_differ = run.s.shape[1] != runs[0].s.shape[1]
         commands_differ = run.u.shape[1] != runs[0].u.shape[1]
