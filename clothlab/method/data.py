@@ -133,7 +133,8 @@ def set_normalisation(model: PredictiveModel, runs: Sequence[Run]) -> None:
     constant_s = _measure([run.s for run in runs], model.s_mean, model.s_std)
     constant_u = _measure([run.u for run in runs], model.u_mean, model.u_std)
 
-    model.leave_out(constant_s, constant_u)
+    if constant_s.any() or constant_u.any():
+        model.leave_out(constant_s, constant_u)
     _warn_of_constants("state", constant_s, runs[0].state_names)
     _warn_of_constants("command", constant_u, runs[0].command_names)
 
