@@ -57,6 +57,10 @@ def lacks_chromium(chromium: BrowserType) -> str:
     )
 
 
+# How a server says that a page has closed: on a web socket, or on the stream below it.
+_CLOSED = re.compile(r"WebSocketClosedError$|\.StreamClosedError: Stream is closed$")
+
+
 def faults_in(log: str) -> list[str]:
     """How the tracebacks in a server's log end, if not with a closed page.
 
@@ -68,7 +72,7 @@ def faults_in(log: str) -> list[str]:
         r"^( *)Traceback \(most recent call last\):\n(?:\1 +.*\n)*\1(.*)", re.MULTILINE
     )
     endings = [ending for _, ending in traceback.findall(log)]
-    return [each for each in endings if not each.endswith("WebSocketClosedError")]
+    return [ending for ending in endings if not _CLOSED.search(ending)]
 
 
 def frame(page: Page) -> int:

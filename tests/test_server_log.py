@@ -29,8 +29,18 @@ FAULT = """\
 """
 
 
+STREAM = """\
+Task exception was never retrieved
+Traceback (most recent call last):
+  File "tornado/websocket.py", line 1085, in wrapper
+    await fut
+tornado.iostream.StreamClosedError: Stream is closed
+"""
+
+
 def test_a_closed_page_is_no_fault():
     assert faults_in(CLOSED) == []
+    assert faults_in(CLOSED + STREAM) == []
 
 
 def test_a_fault_is_told_from_closed_pages():
