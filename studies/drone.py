@@ -85,7 +85,10 @@ WINDOW = 100  # steps from which p is estimated, longer than a loop of the figur
 WINDOWS = (20, 30, 50, 100)  # steps, in the changing wind
 HORIZONS = (1, 3, 5, 10, 20, 30)  # steps
 HISTORY = (0, 2, 5, 10, 20, 50, 200)  # steps that fill the memory
-SEEDS = range(5)  # of the trainings without each controller; the rows say which ran
+# Of the trainings without each controller: in the tables, and what a longer run asks
+# for, as in `studies.run("drone_prediction", seed=MORE_SEEDS, method=METHODS)`
+SEEDS = range(1)
+MORE_SEEDS = range(5)
 MISNAMED = ("NF-C", "NF")  # without which trainings get wrong names, as a control
 _HALF = 250  # steps from which all is known that is held
 _STARTS = range(_HALF, 470, 5)  # of predictions
@@ -105,6 +108,8 @@ _KINDS = {ESTIMATED: P, RIGHT: P, FARTHEST: P, TOLD: TOLD, NO_P: NO_P}
 _KINDS |= {LONG_MEMORY: LONG_MEMORY, CONTEXT: CONTEXT, LAST_LAYER: NO_P}
 _KINDS |= {LONG_P: LONG_P, KEPT: LONG_MEMORY, REHEARSED: REHEARSED}
 METHODS = (*_KINDS, HOVER, DRAG, STAYS)
+AWAITED = (LONG_P, KEPT, REHEARSED)  # which the table does not have yet
+_STORED = tuple(method for method in METHODS if method not in AWAITED)
 # Where memory and tilt might not do: what a model may see, and which are asked
 HARDER = ("one controller", "two controllers", "no tilt")
 _ASKED = (ESTIMATED, TOLD, NO_P, LONG_MEMORY, CONTEXT, KEPT)
@@ -511,7 +516,7 @@ def _development_cases(**sizes: Any) -> list[Case]:
 
 def _estimate_cases(**sizes: Any) -> list[Case]:
     """All trainings with right names, one of each with wrong ones."""
-    axes: dict[str, Any] = {"controller": TESTED, "seed": SEEDS, "wind": WINDS}
+    axes: dict[str, Any] = {"controller": TESTED, "seed": range(2), "wind": WINDS}
     axes |= {"shuffled": False}
     right = grid(**(axes | sizes))
     if "shuffled" in sizes:
@@ -542,7 +547,7 @@ EXPERIMENTS = (
     Experiment(
         "drone_prediction",
         _predict,
-        over(method=METHODS, controller=TESTED, wind=WINDS, seed=SEEDS),
+        over(method=_STORED, controller=TESTED, wind=WINDS, seed=SEEDS),
         seconds=8,
         slow=True,
     ),
