@@ -59,7 +59,7 @@ def gallery() -> None:
         # Few colours: these pictures lie in the repository
         target = ROOT / "docs" / "gallery" / f"{number_of(path)}.png"
         target.parent.mkdir(exist_ok=True)
-        picture.quantize(64).save(target, optimize=True)
+        picture.quantize(64, kmeans=3).save(target, optimize=True)
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
 
 

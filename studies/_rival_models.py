@@ -72,6 +72,15 @@ class Remembering(DPMPB):
         return self._first
 
 
+@torch.no_grad()
+def memory_of(model: PredictiveModel, run: Run, memory: Memory | None = None) -> Memory:
+    """What a model without p remembers of a run."""
+    s = torch.as_tensor(run.s)[None]
+    u = torch.as_tensor(run.u)[None]
+    _, after = model(s, u, torch.zeros(0), memory)
+    return after
+
+
 class StretchEncoder(nn.Module):
     """Some steps of a material to what stands in the place of p.
 

@@ -70,7 +70,7 @@ from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings
-from clothlab.method.model import Memory, PredictiveModel
+from clothlab.method.model import PredictiveModel
 from clothlab.method.policy import Policy
 from clothlab.trials import Trial
 from studies import ablations, transfer
@@ -79,6 +79,7 @@ from studies._rival_models import (
     HindsightPlans,
     Remembering,
     TrainedKind,
+    memory_of,
     train,
     train_hindsight,
 )
@@ -163,22 +164,11 @@ def _remembered(kind: str, memory: str, task: Task) -> Belief:
     learned = _trained_kind(task, kind)
     model: PredictiveModel = learned.model
     if memory != "emptied":
-        first = _memory_of(model, task.excited)
+        first = memory_of(model, task.excited)
         if memory == "settled":
-            first = _memory_of(model, _at_rest(task), first)
+            first = memory_of(model, _at_rest(task), first)
         model = Remembering(model, first)
     return Belief(model, learned.biases, np.zeros(0))
-
-
-@torch.no_grad()
-def _memory_of(
-    model: PredictiveModel, run: Run, memory: Memory | None = None
-) -> Memory:
-    """What a model without p remembers of a run."""
-    s = torch.as_tensor(run.s)[None]
-    u = torch.as_tensor(run.u)[None]
-    _, after = model(s, u, torch.zeros(0), memory)
-    return after
 
 
 def _at_rest(task: Task) -> Run:

@@ -102,8 +102,50 @@ def test_a_changing_wind_is_followed_and_a_constant_one_is_not(world):
     changing = drone._changing("NF", CHANGING, 20, 0)
     constant = drone._changing("NF", "70wind", 20, 0)
     assert changing["r"] > 0.95
+    assert changing["r_by_kernel"] > 0.9
+    assert len(changing["wind_by_kernel"]) == len(changing["wind"])
     assert 0.3 <= changing["delay"] <= 1.5  # half of the window is 1 s
     assert abs(constant["r_at_once"]) < 0.4
+
+
+def test_an_order_is_that_of_a_way_or_a_round_in_either_direction():
+    line = np.array([[0, 0], [1, 0], [2, 0.1], [3, 0]])
+    for points in (line, line[::-1]):
+        assert drone.visiting_order(points) == (0, 1, 2, 3)
+        assert drone.order_along_first_axis(points) == (0, 1, 2, 3)
+    square = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
+    assert drone.visiting_order(square, closed=True) == (0, 1, 2, 3)
+    assert drone.visiting_order(square[[0, 2, 1, 3]], closed=True) == (0, 2, 1, 3)
+    assert drone.visiting_order(line[[1, 0, 2, 3]]) == (1, 0, 2, 3)
+    bent = np.array([[0, 0], [3, 0], [6, 0.5], [1, 0.5]])
+    assert drone.order_along_first_axis(bent) == (0, 3, 1, 2)
+
+
+def test_a_place_is_a_foot_and_beside_it_a_distance():
+    lower, upper = np.array([1.0, 0.0]), np.array([1.0, 2.0])
+    p = np.array([2.0, 0.5])
+    assert drone.place_between(p, lower, upper) == pytest.approx(0.25)
+    assert drone.beside(p, lower, upper) == pytest.approx(0.5)
+
+
+def test_a_line_with_a_corner_holds_readings_back_and_a_kernel_does_not():
+    corner = [[0, 0], [1, 0], [2, 1], [1, 2]]
+    biases = dict(zip(WINDS, np.array(corner, dtype=float), strict=True))
+    outside = np.array([[2.2, 1.02], [2.2, 0.98], [2.3, 1.1]])
+    assert drone.wind_read_from(outside, biases) == pytest.approx(8.5)
+    assert np.ptp(drone.wind_by_kernel(outside, biases)) > 0.1
+    line = {name: np.array([speed, 0.0]) for name, speed in WINDS.items()}
+    read = drone.wind_by_kernel(np.array([[-99.0, 0], [6.0, 0], [99.0, 0]]), line)
+    assert read == pytest.approx([0, 6.3, 12.1], abs=1)
+    assert (np.diff(read) > 0).all()
+
+
+def test_a_sine_is_followed_with_any_phase():
+    time = np.arange(0, 20 * np.pi, 0.1)
+    both = np.sin(time), np.cos(time)
+    assert drone.at_any_phase(np.sin(time - 2), *both) == pytest.approx(1)
+    noise = np.random.default_rng(0).normal(size=len(time))
+    assert drone.at_any_phase(noise, *both) < 0.2
 
 
 def test_a_prediction_is_as_good_as_what_is_held(world):
@@ -118,6 +160,49 @@ def test_a_prediction_is_as_good_as_what_is_held(world):
     lost = 12.1 * DRAG
     assert found[drone.FARTHEST][0] == pytest.approx(lost * STEP, rel=0.01)
     assert found[drone.DRAG][3] < 0.1 < found[drone.FARTHEST][3]
+
+
+def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
+    torch.manual_seed(0)
+    model = DPMPB(8, 3, 0).eval().requires_grad_(False)
+    trained = TrainedKind(model, {}, Kind())
+    monkeypatch.setattr(models, "train", lambda *which: trained)
+    monkeypatch.setattr(drone, "_STARTS", [250])
+    run = world("NF", "70wind").run
+    found = {}
+    for method, begin in {drone.KEPT: 0, drone.LONG_MEMORY: 250}.items():
+        s, u = (torch.as_tensor(each[None, begin:251]) for each in (run.s, run.u))
+        last = model(s, u, torch.zeros(0))[0][0, -1, :3].numpy()
+        found[method] = np.linalg.norm(last - run.s[251, :3])
+        row = drone._predict(method, "NF", "70wind", 0)
+        assert row["velocity"][0, 0] == pytest.approx(found[method], abs=2e-5)
+    assert abs(found[drone.KEPT] - found[drone.LONG_MEMORY]) > 1e-4
+
+
+def test_a_velocity_that_stays_is_wrong_by_what_it_changes(world):
+    run = world("NF", "70wind").run
+    change = run.s[251:471:5, :3] - run.s[250:470:5, :3]
+    row = drone._predict(drone.STAYS, "NF", "70wind", 0)
+    expected = np.sqrt((change**2).sum(1).mean())
+    assert row["velocity"][:, 0] == pytest.approx(expected, abs=1e-4)
+
+
+def test_harder_cases_have_fewer_flights_or_states_without_tilt(world, monkeypatch):
+    seen = []
+
+    def train(kind, recordings, seed, updates=0):
+        seen.append(recordings)
+        size = recordings.runs()[0].s.shape[1]
+        model = DPMPB(size, 3, 0).eval().requires_grad_(False)
+        return TrainedKind(model, {}, Kind())
+
+    monkeypatch.setattr(models, "train", train)
+    for case in drone.HARDER:
+        row = drone._predict_harder(case, drone.NO_P, "NF", "70wind", 0)
+        assert row["velocity"].shape == (len(drone.HISTORY), len(drone.HORIZONS))
+    assert [len(each.controllers) for each in seen] == [1, 2, 4]
+    assert all("NF" not in each.controllers for each in seen)
+    assert [each.runs()[0].s.shape[1] for each in seen] == [8, 8, 6]
 
 
 def test_wrong_names_are_other_winds_for_each_controller():

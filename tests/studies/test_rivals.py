@@ -20,6 +20,7 @@ from studies._rival_models import (
     Kind,
     Remembering,
     _stretches,
+    memory_of,
     train_hindsight,
     train_kind,
 )
@@ -121,7 +122,7 @@ def test_a_remembering_model_goes_on_where_it_has_read(runs):
     s, u = (torch.as_tensor(part)[None] for part in (runs[0].s, runs[0].u))
     nothing = torch.zeros(0)
     whole, _ = model(s, u, nothing)
-    remembering = Remembering(model, rivals._memory_of(model, runs[0][:200]))
+    remembering = Remembering(model, memory_of(model, runs[0][:200]))
     first = remembering.initial_memory()
     rest, _ = remembering(s[:, 200:], u[:, 200:], nothing, first)
     assert torch.allclose(rest, whole[:, 200:], atol=1e-6)
