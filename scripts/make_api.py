@@ -40,7 +40,7 @@ def page() -> str:
     parts = [HEAD]
     for module, names in contents.items():
         path = f"clothlab/{module.replace('.', '/')}.py"
-        parts.append(f"## {module}\n\n[{path}](../{path})\n")
+        parts.append(f"## {module}\n\n`{path}`\n")
         parts += [_entry(module, name) for name in names]
 
     parts.append("# What they take and return\n")
@@ -49,7 +49,7 @@ def page() -> str:
     )
     for module, names in MORE.items():
         path = f"clothlab/{module.replace('.', '/')}.py"
-        parts.append(f"## clothlab.{module}\n\n[{path}](../{path})\n")
+        parts.append(f"## clothlab.{module}\n\n`{path}`\n")
         parts += [_entry(module, name) for name in names]
     return "\n".join(parts)
 
