@@ -38,7 +38,10 @@ def write_robot(folder: Path) -> None:
     """Write what a robot in the page is made of: MuJoCo, and what the worker does."""
     library = packages()["@mujoco/mujoco"].folder
     module = (library / "mujoco.js").read_text("utf-8")
-    worker = "\n".join([module, sources("physics", "camera", "worker")])
+    # A page in a folder may start a plain script as its worker, and no module.
+    script = module.replace("export default loadMujoco;", "")
+    script = script.replace("import.meta.url", "self.location.href")
+    worker = "\n".join([script, sources("physics", "camera", "worker")])
     write_packed(folder / "worker.js", "worker.js", worker.encode())
     wasm = (library / "mujoco.wasm").read_bytes()
     write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)

@@ -9,7 +9,8 @@ from clothlab.simulation.arm import ARMS
 from course.lab_page import scene, sources, write_robot
 from course.npm import packages
 
-# Not in `make test` yet: on a fresh clone the worker gave no answer, and the page waited.
+# Not in `make test` yet: the page's policy stops MuJoCo's JavaScript, which makes
+# functions of strings; 'unsafe-eval' would let it pass.
 pytestmark = pytest.mark.nightly
 
 # What the page may load, and WebAssembly

@@ -2,9 +2,10 @@
 async function startRobot() {
   const source = await unpackedFile("worker.js").text();
   const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
-  const worker = new Worker(address, { type: "module" });
+  const worker = new Worker(address);
   const waiting = new Map(); // what to do with an answer, by the question's id
   let asked = 0;
+  let failure = null; // of the worker itself, also before it was asked anything
 
   worker.addEventListener("message", ({ data: { id, answer, error } }) => {
     const { resolve, reject } = waiting.get(id);
@@ -13,10 +14,12 @@ async function startRobot() {
     else resolve(answer);
   });
   worker.addEventListener("error", (event) => {
-    for (const { reject } of waiting.values()) reject(new Error(event.message || "the worker could not start"));
+    failure = new Error(event.message || "the worker could not start");
+    for (const { reject } of waiting.values()) reject(failure);
   });
   const ask = (what, more = {}) =>
     new Promise((resolve, reject) => {
+      if (failure) throw failure;
       asked += 1;
       waiting.set(asked, { resolve, reject });
       worker.postMessage({ id: asked, what, more });
