@@ -35,7 +35,7 @@ from clothlab._store import write_checksums
 from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.gauss_newton import Linearisation, NewtonSettings
+from clothlab.method.gauss_newton import best_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies import save
@@ -115,17 +115,12 @@ METHODS = {  # what the study calls them
 }
 
 
-def estimate_at_once(model: DPMPB, run: Run, rounds: int = 20) -> np.ndarray:
+def estimate_at_once(model: DPMPB, run: Run) -> np.ndarray:
     """p `[D_p]` with the lowest loss of a whole run, by Gauss-Newton from zero.
 
     Step by step, as `estimate_bias` does it, takes ten times as long.
     """
-    s = torch.as_tensor(run.s)
-    u = torch.as_tensor(run.u)
-    p = np.zeros(model.bias_size)
-    for _ in range(rounds):
-        around = Linearisation.of(model, s, u, p, NewtonSettings.warmup)
-        p = p + around.step(longest=NewtonSettings.longest)
+    p, _ = best_bias(model, run, np.zeros(model.bias_size), rounds=20, from_rest=False)
     return p
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from clothlab.method.data import Run
+from clothlab.method.data import Run, count_windows
 from clothlab.method.training import ModelTraining, train_dpmpb
 
 STATES = 8
@@ -92,7 +92,7 @@ def measure(size: float, stride: int, folder: Path | None = None) -> dict[str, f
         trained = time.perf_counter()
 
         # What copies of all windows would take, with the usual stride
-        windows = sum((len(run) - 31) // ModelTraining.stride + 1 for run in runs)
+        windows = sum(count_windows(run, 30, ModelTraining.stride) for run in runs)
         each = 31 * STATES + 30 * COMMANDS
         return {
             "data": sum(run.s.nbytes + run.u.nbytes for run in runs) / 1e9,

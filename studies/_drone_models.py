@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from clothlab.method.data import Run
-from clothlab.method.gauss_newton import Linearisation, NewtonSettings
+from clothlab.method.data import Run, count_windows
+from clothlab.method.gauss_newton import NewtonSettings, best_bias
 from clothlab.method.model import DPMPB, AnyMemory, PredictiveModel, expanded, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies._grid import shared
@@ -130,19 +130,14 @@ def with_updates(
 ) -> ModelTraining:
     """The same settings, with as many epochs as make so many updates."""
     length = settings.sequence_length
-    windows = sum((len(run) - length - 1) // settings.stride + 1 for run in runs)
+    windows = sum(count_windows(run, length, settings.stride) for run in runs)
     batches = -(-windows // settings.batch_size)
     return replace(settings, epochs=max(1, round(updates / batches)))
 
 
-def estimate_at_once(model: PredictiveModel, run: Run, rounds: int = 15) -> np.ndarray:
-    """p `[D_p]` with the lowest loss of a whole run, by Gauss-Newton from zero."""
-    s = torch.as_tensor(run.s)
-    u = torch.as_tensor(run.u)
-    p = np.zeros(model.bias_size)
-    for _ in range(rounds):
-        around = Linearisation.of(model, s, u, p, NewtonSettings.warmup)
-        p = p + around.step(longest=NewtonSettings.longest)
+def estimate_at_once(model: PredictiveModel, run: Run) -> np.ndarray:
+    """p `[D_p]` with the lowest loss of a whole run in motion, from zero."""
+    p, _ = best_bias(model, run, np.zeros(model.bias_size), rounds=15, from_rest=False)
     return p
 
 
@@ -194,11 +189,8 @@ def with_last_layer(model: PredictiveModel, run: Run, ridge: float) -> DPMPB:
     copy = DPMPB(model.state_size, model.command_size, model.bias_size)
     copy.load_state_dict(model.state_dict())
     body = nn.Sequential(*list(copy.fc_out)[:-1])
-    inputs = torch.cat(
-        [(u[:-1] - model.u_mean) / model.u_std, (s[:-1] - model.s_mean) / model.s_std],
-        dim=-1,
-    )
-    hidden, _ = copy.lstm(copy.fc_in(inputs[None]))
+    inputs = model.to_inputs(s[None, :-1], u[None, :-1], torch.zeros(0))
+    hidden, _ = copy.lstm(copy.fc_in(inputs))
     features = body(hidden)[0]
     last = copy.fc_out[-1]
     assert isinstance(last, nn.Linear)

@@ -78,7 +78,7 @@ from studies._drone_models import (
 )
 from studies._grid import Case, Experiment, grid, over
 from studies._rival_models import TrainedKind, memory_of
-from studies.neural_fly import CHANGING, STEP, WINDS, load_flight
+from studies.neural_fly import CHANGING, STEP, WINDS, load_flight, stated_wind
 
 MARGIN = 0.05  # [m/s], written down beforehand
 WINDOW = 100  # steps from which p is estimated, longer than a loop of the figure
@@ -155,6 +155,11 @@ def _seconds_until_right(
 def _ordered(known: Mapping[str, np.ndarray]) -> np.ndarray:
     """What is known of each wind, from the weakest to the strongest `[K, D]`."""
     return np.stack([known[name] for name in WINDS if name in known])
+
+
+def _speeds(known: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Those of the winds of which something is known, in the same order `[K]` [m/s]."""
+    return np.array([speed for name, speed in WINDS.items() if name in known])
 
 
 def _estimate(
@@ -274,7 +279,7 @@ def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.nda
     goes on straight at its ends.
     """
     points = _ordered(biases)
-    speeds = np.array([speed for name, speed in WINDS.items() if name in biases])
+    speeds = _speeds(biases)
     best = np.full(len(path), np.inf)
     found = np.zeros(len(path))
     last = len(points) - 2
@@ -301,7 +306,7 @@ def wind_by_kernel(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.nda
     never says more than the strongest wind.
     """
     points = _ordered(biases)
-    speeds = np.array([speed for name, speed in WINDS.items() if name in biases])
+    speeds = _speeds(biases)
     apart = np.linalg.norm(points[:, None] - points, axis=2)
     np.fill_diagonal(apart, np.inf)
     width = apart.min(axis=1).mean()
@@ -348,7 +353,7 @@ def _changing(
     recordings = without(controller)
     learned = models.train(P, recordings, seed)
     flight = load_flight(controller, condition)
-    sine = 8.5 + 2.4 * np.sin(flight.time)
+    sine = stated_wind(CHANGING, flight.time)
 
     # From where the longest window is full, by p and by the mean tilt
     path = _estimated(learned, flight.run, window)[WINDOW:]

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from clothlab.method._on_disk import give_back, is_on_disk
-from clothlab.method.data import Run
+from clothlab.method.data import Run, count_windows
 
 Batch = tuple[Tensor, Tensor, Tensor]
 
@@ -35,7 +35,7 @@ class Windows:
         device: torch.device | str = "cpu",
     ):
         # Which window is the first of each run, and where in all the rows it begins
-        counts = [(len(run) - length - 1) // stride + 1 for run in runs]
+        counts = [count_windows(run, length, stride) for run in runs]
         numbers = np.cumsum([0, *counts])
         self._count = int(numbers[-1])
         self._first = torch.as_tensor(numbers[:-1])

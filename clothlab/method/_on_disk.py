@@ -35,17 +35,26 @@ def check_record(what: str, value: Any, shape: tuple[str, str]) -> np.ndarray:
     They are copied, but for those on the disk. A ValueError as of `check_array`.
     """
     if not is_on_disk(value) or value.ndim != len(shape):
-        _check_holes(what, value)
-        return check_array(what, value, shape, np.float32)
+        return _checked(what, value, shape)
     first = 0
     for block in blocks(value):
-        _check_holes(what, block, first)
-        check_array(what, block, shape, np.float32)
+        _checked(what, block, shape, first)
         first += len(block)
     return value
 
 
-def _check_holes(what: str, value: Any, first: int = 0) -> None:
+def _checked(
+    what: str, value: Any, shape: tuple[str, str], first: int = 0
+) -> np.ndarray:
+    """The same of rows in memory, which are steps from `first` on."""
+    try:
+        return check_array(what, value, shape, np.float32)
+    except ValueError:
+        _check_holes(what, value, first)  # which says more
+        raise
+
+
+def _check_holes(what: str, value: Any, first: int) -> None:
     """A ValueError that says where numbers are missing, from step `first` on."""
     if not isinstance(value, np.ndarray) or value.ndim != 2 or value.dtype.kind != "f":
         return

@@ -21,7 +21,7 @@ from clothlab.method._training_file import (
     set_optimiser,
     set_random_numbers,
 )
-from clothlab.method._weights import below
+from clothlab.method._weights import above, below
 from clothlab.method.model import PredictiveModel, predict
 from clothlab.method.training_options import Epoch, TrainingOptions
 
@@ -238,8 +238,8 @@ class Watch:
         tensors = {
             **state.tensors,
             **random_numbers(self._p.device),
-            **_named("model.", _copied(self._model)),
-            **_named("best.", self._best_weights),
+            **above("model.", _copied(self._model)),
+            **above("best.", self._best_weights),
             "p": torch.as_tensor(np.stack(self._biases)),
             "losses": torch.tensor(self._losses, dtype=torch.float64),
         }
@@ -281,7 +281,3 @@ def _copied(model: PredictiveModel) -> dict[str, Tensor]:
     """A copy of all weights, on the processor."""
     weights = model.state_dict()
     return {name: each.detach().cpu().clone() for name, each in weights.items()}
-
-
-def _named(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    return {prefix + name: tensor for name, tensor in tensors.items()}

@@ -110,6 +110,17 @@ def _shapes(network: nn.Module) -> dict[str, torch.Size]:
     return {name: tensor.shape for name, tensor in layers.items()}
 
 
+def check_suffix(path: Path) -> None:
+    """A ValueError for a name that no file of weights has."""
+    if path.suffix != SUFFIX:
+        raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
+
+
+def above(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The same tensors, their names after a prefix."""
+    return {prefix + name: tensor for name, tensor in tensors.items()}
+
+
 def below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The tensors after whose prefix a network's own names stand."""
     return {

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from clothlab import __version__
 from clothlab._files import OtherKindError, reading, write_bytes
@@ -20,10 +20,11 @@ from clothlab._validation import check_array, check_kind, check_number
 from clothlab.method._model_card import model_card, with_own_words
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
-    SUFFIX,
+    above,
     below,
     check_free,
     check_layers,
+    check_suffix,
     filled,
     named_biases,
     packed,
@@ -105,7 +106,7 @@ class Checkpoint:
         again from its three sizes.
         """
         path = Path(path)
-        _check_suffix(path)
+        check_suffix(path)
         about = self._about()
         check_layers(self.model, lambda: type(self.model)(*about["sizes"]))
         content = packed(_KIND, about, self._tensors())
@@ -128,7 +129,7 @@ class Checkpoint:
         version; a file that is not there is a FileNotFoundError.
         """
         path = Path(path)
-        _check_suffix(path)
+        check_suffix(path)
         about, tensors = unpacked(path, _KIND, _KIND)
         with reading(path, _KIND):
             return cls(**cls._fields(about, tensors, network))
@@ -177,9 +178,9 @@ class Checkpoint:
             tensors["ranges.u"] = torch.as_tensor(self.ranges.u)
 
         # A network's name stands before those of its layers.
-        tensors |= _named("model.", self.model)
+        tensors |= above("model.", self.model.state_dict())
         if self.autoencoder is not None:
-            tensors |= _named("autoencoder.", self.autoencoder)
+            tensors |= above("autoencoder.", self.autoencoder.state_dict())
         return tensors
 
     @classmethod
@@ -242,17 +243,6 @@ def _made(network: Callable[[int, int, int], Any], about: Mapping[str, Any]) -> 
         )
     model = network(*about["sizes"])
     return quicken(model) if type(model) is DPMPB else model
-
-
-def _check_suffix(path: Path) -> None:
-    if path.suffix != SUFFIX:
-        raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
-
-
-def _named(prefix: str, network: nn.Module) -> dict[str, Tensor]:
-    """The tensors of one network, their names after a prefix."""
-    layers = network.state_dict()
-    return {prefix + name: tensor for name, tensor in layers.items()}
 
 
 def _check_count(what: str, names: tuple[str, ...], size: int) -> None:

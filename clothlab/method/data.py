@@ -81,6 +81,11 @@ def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
         )
 
 
+def count_windows(run: Run, length: int, stride: int) -> int:
+    """How many windows of so many predicted steps a run has."""
+    return (len(run) - length - 1) // stride + 1
+
+
 def windows(
     runs: Sequence[Run], length: int, stride: int
 ) -> tuple[Tensor, Tensor, Tensor]:

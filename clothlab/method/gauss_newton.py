@@ -222,15 +222,19 @@ def best_bias(
     p: ArrayLike,
     settings: NewtonSettings | None = None,
     rounds: int = 4,
+    *,
+    from_rest: bool = True,
 ) -> tuple[np.ndarray, Linearisation]:
     """The p with the lowest loss over a whole run, by Gauss-Newton.
 
     Args:
         model: a trained one.
-        run: which begins at rest.
+        run: states and commands of one material.
         p: where to begin, `[D_p]`.
         settings: of the steps.
         rounds: how many steps.
+        from_rest: whether all is at rest before the first step; else the first ones
+            only fill the memory.
 
     Returns:
         That p `[D_p]`, and how it predicts.
@@ -240,10 +244,11 @@ def best_bias(
     found = check_array("p", p, (model.bias_size,))
     s = torch.tensor(run.s)
     u = torch.tensor(run.u)
-    seen = Linearisation.of(model, s, u, found)
+    warmup = 0 if from_rest else settings.warmup
+    seen = Linearisation.of(model, s, u, found, warmup)
     for _ in range(rounds):
         found = found + seen.step(settings.freedom, settings.longest)
-        seen = Linearisation.of(model, s, u, found)
+        seen = Linearisation.of(model, s, u, found, warmup)
     return found, seen
 
 

@@ -22,6 +22,7 @@ from clothlab._extras import bring
 from clothlab._files import write_bytes
 from clothlab._validation import check_kind, check_number
 from clothlab.method._inputs import check_model
+from clothlab.method._memories import like
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.control import Controller, GradientSearch, descend
 from clothlab.method.gauss_newton import around_bias
@@ -107,7 +108,7 @@ def export_prediction(
     def predicted(
         s: Tensor, u: Tensor, p: Tensor, *parts: Tensor
     ) -> tuple[Tensor, ...]:
-        following, after = model(s, u, p, _like(memory, parts))
+        following, after = model(s, u, p, like(memory, parts))
         return following, *after
 
     # The shapes of what goes in, and the names of what comes out.
@@ -197,7 +198,7 @@ def export_solve(
         named = dict(zip(more, rest[len(memory) :], strict=True))
 
         def loss_of_plans(plans: Tensor) -> Tensor:
-            states = predict(s, plans, _like(problem.memory, parts))
+            states = predict(s, plans, like(problem.memory, parts))
             if loss is None:
                 return controller.loss(states, plans, named["t"])  # type: ignore
             return loss(states, plans, **named)
@@ -213,11 +214,6 @@ def _named(memory: tuple[Tensor, ...]) -> dict[str, Tensor]:
     """The parts of a memory by their names; those without one are counted."""
     names = getattr(memory, "_fields", [f"memory_{k}" for k in range(len(memory))])
     return dict(zip(names, memory, strict=True))
-
-
-def _like(memory: tuple[Tensor, ...], parts: Sequence[Tensor]) -> Any:
-    """A memory of the same kind from these parts."""
-    return type(memory)(*parts) if hasattr(memory, "_fields") else tuple(parts)
 
 
 class _Graph(nn.Module):

@@ -9,7 +9,7 @@ import numpy as np
 
 from clothlab._validation import Checked, setting
 from clothlab.method._inputs import check_runs
-from clothlab.method._weights import SUFFIX
+from clothlab.method._weights import check_suffix
 from clothlab.method.data import Run
 
 
@@ -60,6 +60,5 @@ class TrainingOptions(Checked):
                 raise ValueError("resume needs a checkpoint, the file to go on from")
             return
         path = Path(self.checkpoint)
-        if path.suffix != SUFFIX:
-            raise ValueError(f"a checkpoint's file ends in {SUFFIX}, got {str(path)!r}")
+        check_suffix(path)
         object.__setattr__(self, "checkpoint", path)
