@@ -151,20 +151,30 @@ def _explain(figure: Figure, handles: Sequence[Any], columns: int) -> None:
 
 def _small_multiples(
     evidences: Sequence[Evidence], trained: Sequence[Mapping[int, Any]], height: float
-) -> tuple[Figure, np.ndarray]:
-    """A row of maps for each evidence, a map for each unit, all of one scale."""
-    columns = max(3, *map(len, trained))
+) -> tuple[Figure, list[np.ndarray]]:
+    """Maps for each evidence, one for each unit, all of one scale, at most five a row.
+
+    Returned are the figure, and the axes of each evidence's units.
+    """
+    columns = min(5, max(3, *map(len, trained)))
+    rows = [-(-len(of_units) // columns) for of_units in trained]
     size = (min(12.8 / columns, 3.2), height)
-    figure, axes = _new_axes(len(trained), columns, size, sharex=True, sharey=True)
-    for row, evidence, of_units in zip(axes, evidences, trained, strict=True):
-        for ax, unit in zip(row, of_units, strict=False):
+    figure, axes = _new_axes(sum(rows), columns, size, sharex=True, sharey=True)
+
+    # Each evidence has the rows below those of the one before
+    found = []
+    for part, evidence, of_units in zip(
+        np.split(axes, np.cumsum(rows)[:-1]), evidences, trained, strict=True
+    ):
+        for ax, unit in zip(part.flat, of_units, strict=False):
             ax.set_title(f"{evidence.of} {unit}")
             ax.margins(0.12)
             ax.tick_params(labelbottom=True)
-        for ax in row[len(of_units) :]:
+        for ax in part.flat[len(of_units) :]:
             ax.set_axis_off()
-        _name_row(row[0], _amount(evidence, evidence["trained_p"]))
-    return figure, axes
+        _name_row(part[0, 0], _amount(evidence, evidence["trained_p"]))
+        found.append(part.ravel())
+    return figure, found
 
 
 def _draw_map(ax: Axes, biases: dict[str, np.ndarray], estimates: pd.DataFrame) -> None:
@@ -329,7 +339,7 @@ def foam_maps(*evidences: Evidence) -> Figure:
         for ax, (unit, biases) in zip(row, of_units.items(), strict=False):
             _draw_foam_map(ax, biases, runs[runs["unit"] == unit])
             ax.set_aspect("equal")  # whether they lie on a line
-    handles, _ = axes[0, 0].get_legend_handles_labels()
+    handles, _ = axes[0][0].get_legend_handles_labels()
     _explain(figure, handles, 7)
     return figure
 
