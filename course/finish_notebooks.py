@@ -16,7 +16,7 @@ from pathlib import Path
 import nbformat
 
 from course.grades import POINTS, exercises
-from course.repository import ROOT, address, doors
+from course.repository import ROOT, address, doors, throw_page
 from course.solutions import without
 
 COLAB = """# @title On Google Colab only: get the repository and what Colab lacks
@@ -101,9 +101,14 @@ def lead_on(
 
 
 def open_elsewhere() -> str:
-    """The README's line of links to where the notebooks run without an installation."""
+    """The README's links to what runs without an installation."""
     links = " · ".join(f"[{name}]({link})" for name, link in doors().items())
-    return f"**Without an installation**: {links} · [repository]({address()})"
+    throw = f"**[Throw a cloth now]({throw_page()})**"
+    return (
+        f"{throw}: a live robot in your browser, on a telephone, too; nothing is "
+        f"installed.\n\n**Without an installation**: {links} · "
+        f"[repository]({address()})"
+    )
 
 
 def times(notebook: nbformat.NotebookNode) -> tuple[str, str]:

@@ -43,6 +43,12 @@ def page_of(path: str) -> str:
     return f"{address()}/blob/{BRANCH}/{quote(path)}"
 
 
+def throw_page() -> str:
+    """The address of the page with the live lab, where GitHub has the site."""
+    owner, name = urlsplit(address()).path.strip("/").split("/")
+    return f"https://{owner}.github.io/{name}/throw.html"
+
+
 def doors(notebook: str = START) -> dict[str, str]:
     """Where a notebook runs without an installation: a name, and the address behind it.
 

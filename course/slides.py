@@ -3,7 +3,8 @@
 Nbconvert makes pages for a projector of them. A heading begins a slide, text goes on
 where it does not fit, each figure has a slide of its own without its code, and
 exercises, things to change, code and checked claims are left to the notebook. So are
-cells about code, which JupyterLab marks under "Slide Type" as "Skip".
+cells about code, which JupyterLab marks under "Slide Type" as "Skip". The last slide
+leads to the live lab in a web page, by a code for the telephones in the room.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell
 from clothlab._files import write_bytes
 from course.book import BUILD, executed, web_output
 from course.editions import ROOT
+from course.repository import throw_page
 from course.solutions import tags
 
 DECKS = ("03", "04", "05", "06", "07", "07b", "11")
@@ -56,6 +58,17 @@ def deck_of(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
         elif not left_out and {"stub", "solution"}.isdisjoint(tags(cell)):
             deck.cells += figures(cell)
     return deck
+
+
+def throw_slide() -> nbformat.NotebookNode:
+    """A slide with the address of the live lab in a web page, for telephones, too."""
+    import segno  # comes with what makes the site
+
+    page = throw_page()
+    picture = segno.make(page, error="m").svg_data_uri(scale=10)
+    code = f'<img alt="QR code of {page}" width="370" src="{picture}">'
+    text = f"## Throw a cloth yourself\n\n{code}\n\n<{page}>"
+    return new_markdown_cell(text, metadata=_slide("slide"))
 
 
 def _slide(kind: str) -> dict:
@@ -123,6 +136,7 @@ def main() -> None:
     for number in arguments.only:
         (path,) = (ROOT / "notebooks").glob(f"{number}_*.ipynb")
         deck = deck_of(executed(path, small=arguments.small))
+        deck.cells.append(throw_slide())
         write_bytes(folder / path.name, nbformat.writes(deck).encode())
     lay_out(folder)
 

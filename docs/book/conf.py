@@ -136,8 +136,8 @@ def level_captions(
 def open_elsewhere(
     app, pagename: str, templatename: str, context: dict, doctree
 ) -> None:
-    """Begin each page with links to where its notebook runs without an installation;
-    other pages lead to the first.
+    """Begin each page with links to the live lab and to where its notebook runs without
+    an installation; other pages lead to the first notebook.
     """
     if doctree is None:  # the search page and the index have no text of their own
         return
@@ -146,9 +146,10 @@ def open_elsewhere(
     links = " · ".join(
         f'<a href="{html.escape(link)}">{name}</a>' for name, link in places.items()
     )
+    throw = f'<a href="{context["pathto"]("throw")}">Throw a cloth now</a>'
     context["body"] = (
-        f'<p class="open-elsewhere">Run it without an installation: {links}</p>'
-        + context["body"]
+        f'<p class="open-elsewhere">{throw}, or run this without an installation: '
+        f"{links}</p>" + context["body"]
     )
 
 

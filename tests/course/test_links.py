@@ -168,6 +168,11 @@ def test_the_address_is_said_once_and_everything_else_is_made_from_it():
     )
 
 
+def test_the_first_notebook_and_the_demonstration_lead_to_the_live_lab():
+    for name in (repository.START, "docs/course/demo.md", "README.md"):
+        assert repository.throw_page() in (ROOT / name).read_text("utf-8"), name
+
+
 def test_doors_lead_to_the_notebook(monkeypatch):
     monkeypatch.setattr(
         repository, "address", lambda: "https://github.com/someone/cloth"
@@ -178,3 +183,5 @@ def test_doors_lead_to_the_notebook(monkeypatch):
     binder = "https://mybinder.org/v2/gh/someone/cloth/main?urlpath=lab/tree/notebooks/05_parametric_bias.ipynb"
     assert doors["Binder"] == binder
     assert doors["Codespace"] == "https://codespaces.new/someone/cloth"
+    page = "https://someone.github.io/cloth/throw.html"
+    assert repository.throw_page() == page

@@ -5,10 +5,11 @@ of the solutions.
 import re
 
 import nbformat
+import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 from course import slides
-from course.repository import number_of
+from course.repository import number_of, throw_page
 
 PICTURE = new_output(
     "display_data",
@@ -62,6 +63,14 @@ def test_what_asks_for_the_notebook_is_left_to_it():
         "## 1. Loop\n\nThe text.",
         "And on.",
     ]
+
+
+def test_the_last_slide_leads_telephones_to_the_live_lab():
+    pytest.importorskip("segno", reason="NO segno: `make book` installs it")
+    slide = slides.throw_slide()
+    assert f"<{throw_page()}>" in slide.source
+    # What the code says can't be read here; but another address has another code.
+    assert slide.source.count("data:image/svg+xml") == 1
 
 
 def test_the_decks_are_of_notebooks_that_exist():
