@@ -19,10 +19,12 @@ from nbconvert.preprocessors import ExecutePreprocessor
 from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab.claims import Findings
+from clothlab.lab._drawn import MOST
 from course.repository import portable
 from course.solutions import ROOT, solved, unsolved, without
 
 CELL_SECONDS = 600  # [s] a cell that takes longer has hung
+FIGURES = 200  # that a widget draws beforehand for the site, at most
 
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -98,6 +100,7 @@ def main() -> None:
     arguments = parser.parse_args()
 
     # Kernels inherit the environment
+    os.environ.setdefault(MOST, str(FIGURES))
     if arguments.record:
         os.environ[Findings.RECORD] = "1"
     for path in arguments.notebooks:
