@@ -1,10 +1,10 @@
 """`make editions`: the notebooks for a class, in `build/`.
 
-That takes about eight minutes for all of them on two cores. `build/student` has the
-stubs and no solutions. `build/instructor` has the solutions, executed with the
-parameters that are written in them, with all outputs, and each notebook as a web page,
-too. So every claim is checked on what was measured; `--record` stores the figures
-(`make findings RECORD=1`).
+That takes about twenty minutes for all of them on two cores, half of them for figures
+that widgets draw for the site. `build/student` has the stubs and no solutions.
+`build/instructor` has the solutions, executed with the parameters that are written in
+them, with all outputs, and each notebook as a web page, too. So every claim is checked
+on what was measured; `--record` stores the figures (`make findings RECORD=1`).
 """
 
 import argparse

@@ -16,7 +16,6 @@ from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
 _ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
-_NO_DITHER = Image.Dither.NONE  # dots would need more bytes than they are worth
 _ENLARGED = 10  # times, or nobody would see the ellipse
 
 
@@ -35,11 +34,14 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
 
 
 def compact(png: bytes) -> bytes:
-    """A figure as WebP with at most 256 colours, a third as large; edges stay sharp."""
+    """A figure as WebP with 16 levels of each colour, a third as large.
+
+    Edges stay sharp, and white stays white.
+    """
     picture = Image.open(io.BytesIO(png)).convert("RGB")
-    few = picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=_NO_DITHER)
+    levels = [17 * round(level / 17) for level in range(256)]
     file = io.BytesIO()
-    few.convert("RGB").save(file, "webp", lossless=True)
+    picture.point(3 * levels).save(file, "webp", lossless=True)
     return file.getvalue()
 
 
