@@ -190,7 +190,7 @@ def test_where_the_figures_are_missing_it_says_so_and_the_still_stands(lesson, p
     page.route("**/drawn/*", lambda route: route.abort())
     page.goto(lesson.file.as_uri())
     page.get_by_role("slider").press("End")
-    expect(page.locator(".drawn .note")).to_contain_text("can't be shown")
+    expect(page.locator(".drawn p[role=status]")).to_contain_text("can't be shown")
     expect(page.locator("img")).to_have_attribute("src", STILL + lesson.still)
 
 

@@ -97,8 +97,10 @@ function enliven(root) {
   const { controls, thinned, sizes, file } = JSON.parse(root.dataset.figure);
   const image = lastBefore(root, "img");
   const words = lastBefore(root, ".figure-in-words");
-  const note = element("p", { className: "note", role: "status" }, thinned ? THINNED : "");
-  let loading = null; // the promise of all figures
+  const note = element("p", { className: "note" }, thinned ? THINNED : "");
+  const status = element("p", { className: "note" });
+  status.setAttribute("role", "status");
+  let loading = null; // the promise of all figures; null before the first touch, and after one that failed
 
   async function load() {
     await loadScript(`${FIGURES}${file}.js`);
@@ -106,24 +108,25 @@ function enliven(root) {
   }
   const standing = () => made.reduce((k, { at }, n) => k * sizes[n] + at(), 0);
   async function show() {
+    if (!loading) status.textContent = "The figures are being loaded …";
     try {
       const figures = await (loading ??= load());
       const { picture, alt, details } = figures[standing()]; // not of when it was asked for
       image.src = `data:image/webp;base64,${picture}`;
       image.alt = alt;
       words.replaceChildren(words.firstElementChild, ...details.map((text) => element("p", {}, text)));
+      status.textContent = "";
     } catch (error) {
-      note.textContent = `The figures can't be shown: ${error.message}.`;
+      loading = null;
+      status.textContent = `The figures can't be shown: ${error.message}.`;
     }
   }
   const made = controls.map((control) => KINDS[control.kind](control, show));
-  const [maps, others] = [true, false].map((isMap) =>
-    made.filter((_, k) => (controls[k].kind === "map") === isMap).map((each) => each.root),
-  );
+  const roots = (isMap) => made.filter((_, k) => (controls[k].kind === "map") === isMap).map((each) => each.root);
   const beside = element("div", { className: "beside" });
   image.replaceWith(root);
-  beside.append(...maps, image);
-  root.append(...others, note, beside);
+  beside.append(...roots(true), image);
+  root.append(...roots(false), beside, status, note);
   root.setAttribute("role", "group");
   root.setAttribute("aria-label", "a figure with its controls");
   for (const event of ["pointerdown", "focusin"]) root.addEventListener(event, show, { once: true });
