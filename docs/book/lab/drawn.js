@@ -104,7 +104,8 @@ function enliven(root) {
 
   async function load() {
     await loadScript(`${FIGURES}${file}.js`);
-    return unpackedFile(file).json();
+    const packed = await unpackedFile(file);
+    return packed.json();
   }
   const standing = () => made.reduce((k, { at }, n) => k * sizes[n] + at(), 0);
   async function show() {
