@@ -23,7 +23,7 @@ from clothlab.lab._drawn import MOST
 from course.repository import portable
 from course.solutions import ROOT, solved, unsolved, without
 
-CELL_SECONDS = 600  # [s] a cell that takes longer has hung
+CELL_SECONDS = 1200  # [s] a cell that takes longer has hung
 FIGURES = 200  # that a widget draws beforehand for the site, at most
 
 
