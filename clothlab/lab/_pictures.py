@@ -34,12 +34,12 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
 
 
 def compact(png: bytes) -> bytes:
-    """A figure as WebP with 16 levels of each colour, a third as large.
+    """A figure as WebP with 32 levels of each colour, a third as large.
 
-    Edges stay sharp, and white stays white.
+    Edges stay sharp, white stays white, and no other level changes by more than 4.
     """
     picture = Image.open(io.BytesIO(png)).convert("RGB")
-    levels = [17 * round(level / 17) for level in range(256)]
+    levels = [round(round(level * 31 / 255) * 255 / 31) for level in range(256)]
     file = io.BytesIO()
     picture.point(3 * levels).save(file, "webp", lossless=True)
     return file.getvalue()
