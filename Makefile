@@ -103,9 +103,10 @@ site-built:
 site-tested: site-built
 	$(BIN)/pytest -m book -rs tests/book
 
+# Where 30 figures are enough, a widget draws so many for its page on the site; `make editions` lets it draw more.
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	CLOTHLAB_FIGURES=30 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 	$(BIN)/python scripts/same_verdicts.py
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)

@@ -4,7 +4,8 @@ Notebooks have small widgets beside it: Control, PBMap and RecordedRun. All else
 folder is the inside of these five.
 """
 
-from clothlab.lab._controls import Control, PBMap
+from clothlab.lab._controls import Control
+from clothlab.lab._map import PBMap
 from clothlab.lab._panel import LivePanel
 from clothlab.lab._playback import RecordedRun
 from clothlab.lab._session import LiveSession

@@ -1,4 +1,4 @@
-"""Controls for notebooks: sliders and menus with a figure below, and the map of p.
+"""Controls for notebooks: sliders, menus and maps of p with a figure below.
 
 ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook
 that runs from top to bottom wait until its time limit. So a figure goes into an Image
@@ -11,20 +11,17 @@ import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import anywidget
 import ipywidgets
 import matplotlib.pyplot as plt
-import numpy as np
-import traitlets
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
 from clothlab._alt_text import AltText, describe
+from clothlab.lab import _drawn
 from clothlab.lab._clock import LoopCallbacks
+from clothlab.lab._map import PBMap
 from clothlab.lab._messages import keep_error
 from clothlab.lab._pictures import encoded
-from clothlab.lab._plane import Plane
-from clothlab.lab._widget import LifeSign, Widget, answer_page, javascript
+from clothlab.lab._widget import LifeSign, Widget
 
 WRAPPED = {
     "display": "flex",
@@ -33,45 +30,6 @@ WRAPPED = {
     "overflow": "visible",
 }
 _FIGURE = "480px"  # as narrow as a figure may get beside a map
-
-
-class PBMap(anywidget.AnyWidget):
-    """The plane of p, in which a click or the arrow keys choose a place.
-
-    The dots are the trained materials.
-
-    Args:
-        biases: trained p of each material, `{name: [D_p]}`.
-        labels: names of the dots, such as `{name: cloth.label}`.
-        p: chosen at first `[D_p]`.
-        reference: p from which a line leads to the chosen one `[D_p]`, if any.
-        symbol: of what is chosen, if it is not p: "z" for a map of images.
-    """
-
-    _esm = javascript("alive", "text", "map", "map_widget")
-    about = traitlets.Dict().tag(sync=True)
-    # Place of the chosen p, PC1 and PC2
-    chosen = traitlets.List(traitlets.Float()).tag(sync=True)
-
-    def __init__(
-        self,
-        biases: Mapping[str, np.ndarray],
-        labels: Mapping[str, str],
-        *,
-        p: ArrayLike,
-        reference: ArrayLike | None = None,
-        symbol: str = "p",
-    ):
-        self._plane = Plane(biases, labels, symbol)
-        line = [] if reference is None else [self._plane.at(reference)]
-        about = self._plane.map | {"line": line}
-        super().__init__(about=about, chosen=self._plane.at(p))
-        self.on_msg(answer_page)
-
-    @property
-    def value(self) -> np.ndarray:
-        """The chosen p `[D_p]`."""
-        return self._plane.p(self.chosen)
 
 
 class Control(Widget, ipywidgets.VBox):
@@ -99,13 +57,14 @@ class Control(Widget, ipywidgets.VBox):
 
         # What is moved
         parameters = inspect.signature(draw).parameters
-        labels = labels or {}
+        self._choices = controls
+        self._labels = {name: (labels or {}).get(name, name) for name in controls}
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
         for name, choices in controls.items():
             widget = choices
             if not isinstance(choices, PBMap):
                 start = parameters[name].default
-                widget = _widget(choices, start, labels.get(name, name))
+                widget = _widget(choices, start, self._labels[name])
             self._redraw_when_moved(widget)
             self.controls[name] = widget
 
@@ -123,6 +82,29 @@ class Control(Widget, ipywidgets.VBox):
     def still(self) -> tuple[bytes, AltText]:
         """What it shows now."""
         return self.picture.value, self._words
+
+    def drawn(self, most: int) -> dict[str, Any]:
+        """Its figures for a grid of what its controls can choose, as plain data.
+
+        Empty, where no grid of so many figures would say enough.
+        """
+        starts = {name: each.value for name, each in self.controls.items()}
+        axes = _drawn.grid(self._choices, starts, self._labels, most)
+        return _drawn.drawn(self._draw, axes) if axes else {}
+
+    def _repr_mimebundle_(
+        self, **options: Any
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What each widget answers, and figures drawn beforehand where asked for."""
+        data, metadata = super()._repr_mimebundle_(**options)
+        if most := _drawn.asked_for():
+            try:
+                figures = self.drawn(most)
+            except Exception:
+                keep_error(self.errors)  # `check` raises it
+            else:
+                data |= {_drawn.MIME: figures} if figures else {}
+        return data, metadata
 
     def _redraw_when_moved(self, widget: ipywidgets.DOMWidget) -> None:
         trait = "chosen" if isinstance(widget, PBMap) else "value"

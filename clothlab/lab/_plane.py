@@ -50,6 +50,7 @@ class Plane:
         return outline(self.at(p), across).round(4).tolist()
 
     def p(self, at: ArrayLike) -> np.ndarray:
-        """p `[D_p]` of a place on the map."""
-        place = np.asarray(at, dtype=float)
-        return self._axes.inverse_transform(place[None])[0]
+        """p `[..., D_p]` of places `[..., 2]` on the map."""
+        places = np.asarray(at, dtype=float)
+        p = self._axes.inverse_transform(places.reshape(-1, 2))
+        return p.reshape(*places.shape[:-1], -1)

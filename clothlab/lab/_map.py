@@ -1,0 +1,54 @@
+"""The map of p as a control of a notebook."""
+
+from collections.abc import Mapping
+
+import anywidget
+import numpy as np
+import traitlets
+from numpy.typing import ArrayLike
+
+from clothlab.lab._plane import Plane
+from clothlab.lab._widget import answer_page, javascript
+
+
+class PBMap(anywidget.AnyWidget):
+    """The plane of p, in which a click or the arrow keys choose a place.
+
+    The dots are the trained materials.
+
+    Args:
+        biases: trained p of each material, `{name: [D_p]}`.
+        labels: names of the dots, such as `{name: cloth.label}`.
+        p: chosen at first `[D_p]`.
+        reference: p from which a line leads to the chosen one `[D_p]`, if any.
+        symbol: of what is chosen, if it is not p: "z" for a map of images.
+    """
+
+    _esm = javascript("alive", "text", "map", "map_widget")
+    about = traitlets.Dict().tag(sync=True)
+    # Place of the chosen p, PC1 and PC2
+    chosen = traitlets.List(traitlets.Float()).tag(sync=True)
+
+    def __init__(
+        self,
+        biases: Mapping[str, np.ndarray],
+        labels: Mapping[str, str],
+        *,
+        p: ArrayLike,
+        reference: ArrayLike | None = None,
+        symbol: str = "p",
+    ):
+        self._plane = Plane(biases, labels, symbol)
+        line = [] if reference is None else [self._plane.at(reference)]
+        about = self._plane.map | {"line": line}
+        super().__init__(about=about, chosen=self._plane.at(p))
+        self.on_msg(answer_page)
+
+    @property
+    def value(self) -> np.ndarray:
+        """The chosen p `[D_p]`."""
+        return self.at(self.chosen)
+
+    def at(self, places: ArrayLike) -> np.ndarray:
+        """The p `[..., D_p]` of places of the map `[..., 2]`, PC1 and PC2."""
+        return self._plane.p(places)
