@@ -6,29 +6,50 @@ belongs to the page is plain scripts, and a file is packed into one.
 
 import base64
 import gzip
+import json
 import lzma
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
 from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab._validation import HEIGHT, WIDTH
-from clothlab.lab import LivePanel
-from clothlab.lab._playback import RECORDING
+from clothlab.lab import LivePanel, LiveSession
+from clothlab.lab._pictures import pixels
+from clothlab.lab._playback import RECORDING, _packed
+from clothlab.lab._views import REACHABLE, Views
 from clothlab.simulation import vision
+from clothlab.simulation._lattice import point_names
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
+from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
 from course.npm import packages
 from course.repository import ROOT
 
 SOURCES = ROOT / "docs" / "book" / "lab"
+# Who can drive there: a controller for each kind of start
+DRIVERS = ["control", "control: last", "control: earlier"]
+DRIVERS += ["manual", "random", "operator"]
+_NOTEBOOK = "not in a web page yet: notebook 08 does this"
+# What no session in a page does, and why
+REFUSED = dict.fromkeys(
+    ["set arm", "explore", "set tension", "upload", "record", "save", "discard"],
+    _NOTEBOOK,
+)
 _EXPORT = "export default { render };"
+# What the page itself does, and what its worker does
+_PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "views"]
+_PAGE += ["live_lab", "robot", "page"]
+_WORKER = ["files", "geometry", "physics", "stage", "camera", "drivers", "session"]
+_WORKER += ["worker"]
 
 
 def write_lab(folder: Path) -> None:
     """Write the scripts of the page into a folder."""
     panel = str(LivePanel._esm).replace(_EXPORT, "")
-    script = "\n".join([panel, sources("files", "recorded_run", "page")])
+    script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
     recording = (_store.data_folder() / RECORDING).read_bytes()
     write_packed(folder / "run.js", "run.json", lzma.decompress(recording))
@@ -41,10 +62,16 @@ def write_robot(folder: Path) -> None:
     # A page in a folder may start a plain script as its worker, and no module.
     script = module.replace("export default loadMujoco;", "")
     script = script.replace("import.meta.url", "self.location.href")
-    worker = "\n".join([script, sources("physics", "camera", "worker")])
+    worker = "\n".join([script, sources(*_WORKER)])
     write_packed(folder / "worker.js", "worker.js", worker.encode())
     wasm = (library / "mujoco.wasm").read_bytes()
     write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
+
+
+def write_lab_data(folder: Path) -> None:
+    """Write what the page knows of arm, cloths, targets and the map of p."""
+    content = json.dumps(lab_data(), default=_packed)
+    write_packed(folder / "lab-data.js", "lab.json", content.encode())
 
 
 def sources(*names: str) -> str:
@@ -67,8 +94,6 @@ def scene(arm: str, cloth: str) -> dict[str, Any]:
     """
     env = ClothEnv(arm, cloth)
     spec = build_spec(env.arm, env.cloth, env.scene)
-    names = ("qpos", "qvel", "act", "ctrl")
-    start = {name: getattr(env.data, name).tolist() for name in names}
     camera = {
         "size": (HEIGHT, WIDTH),
         "redness": vision._REDNESS,
@@ -76,7 +101,73 @@ def scene(arm: str, cloth: str) -> dict[str, Any]:
     }
     return {
         "mjcf": portable_mjcf(spec),
-        "start": start,
+        "start": _start(env),
         "substeps": env.scene.substeps,
         "camera": camera,
+    }
+
+
+def _start(env: ClothEnv) -> dict[str, list[float]]:
+    names = ("qpos", "qvel", "act", "ctrl")
+    return {name: getattr(env.data, name).tolist() for name in names}
+
+
+def any_cloth_scene(arm: str, cloth: str) -> dict[str, Any]:
+    """The same for cloths of any C_damp and C_mass, whose places are open in the MJCF.
+
+    The cloth is put below the hand, and hangs still after `settle` time steps.
+    """
+    placed = ClothEnv(arm, cloth, scene=Scene(settle_time=0))
+    world = scene(arm, cloth)
+    root = ElementTree.fromstring(world["mjcf"])
+    points = [body for body in root.iter("body") if body.get("name") in _points(placed)]
+    for body in points:
+        for joint in body.findall("joint"):
+            joint.set("damping", "{damping}")
+        for ball in body.findall("geom"):
+            ball.set("mass", "{mass}")
+    return world | {
+        "mjcf": ElementTree.tostring(root, encoding="unicode"),
+        "start": _start(placed),
+        "settle": round(Scene.settle_time / Scene.time_step),
+        "points": len(points),
+    }
+
+
+def _points(env: ClothEnv) -> set[str]:
+    return {name for row in point_names(env.cloth) for name in row}
+
+
+def lab_data() -> dict[str, Any]:
+    """What a session in the page begins with, and what its panel shows of it."""
+    session = LiveSession("torque")
+    views = Views(session)
+    setup = session.equipment.setup
+    axes = views.plane._axes
+    drivers = {"arms": ["torque"], "drivers": DRIVERS, "refused": REFUSED}
+    cloths = [
+        {
+            "name": cloth.name,
+            "label": cloth.label,
+            "damping": cloth.damping,
+            "mass": cloth.mass,
+        }
+        for cloth in CLOTHS.values()
+    ]
+    return {
+        "about": views.fixtures() | drivers | {"only": False},
+        "scene": any_cloth_scene("torque", setup.cloth),
+        "cloth": setup.cloth,
+        "cloths": cloths,
+        "arm": {
+            "lower": session.arm.command_lower.tolist(),
+            "upper": session.arm.command_upper.tolist(),
+            "home": session.arm.home_command.tolist(),
+        },
+        "target": pixels(session.target),
+        "p": session.p.tolist(),
+        "biases": {name: p.tolist() for name, p in session.trained.biases.items()},
+        "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
+        "usualDistance": session.equipment.usual_distance,
+        "reachable": REACHABLE,
     }

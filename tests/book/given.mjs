@@ -9,9 +9,9 @@ export async function loaded() {
   return { mujoco: await loadMujoco(), given: JSON.parse(readFileSync(file, "utf8")) };
 }
 
-// The functions of one of the page's sources, which are no modules.
-export function made(name) {
-  const source = readFileSync(`${sources}/${name}.js`, "utf8");
+// The functions of some of the page's sources, which are no modules.
+export function made(...files) {
+  const source = files.map((name) => readFileSync(`${sources}/${name}.js`, "utf8")).join("\n");
   const names = [...source.matchAll(/^function (\w+)/gm)].map(([, each]) => each);
   return new Function(`${source}; return { ${names.join(", ")} };`)();
 }

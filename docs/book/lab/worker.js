@@ -1,34 +1,23 @@
-// In a worker: MuJoCo, a cloth in the robot's hand, and the camera. Each question has an answer with the same id.
-let mujoco = null;
-let physics = null;
-let see = null;
+// In a worker: MuJoCo, the networks, and a session with both. Each question has an answer with the same id, and waits
+// for the one before it.
+let session = null;
+const read = (bytes) => JSON.parse(new TextDecoder().decode(bytes));
 
-const seen = () => ({ qpos: Float64Array.from(physics.data.qpos), mask: see(physics.data) });
 const answers = {
-  async load({ wasm }) {
-    mujoco = await loadMujoco({ wasmBinary: wasm, locateFile: (name) => name });
-  },
-  hold({ scene }) {
-    const next = makePhysics(mujoco, scene); // if that fails, the robot keeps the cloth that it has
-    physics?.free();
-    physics = next;
-    see = makeCamera(mujoco, physics.model, scene.camera);
-    return seen();
-  },
-  reset() {
-    physics.reset();
-    return seen();
-  },
-  advance({ ctrl }) {
-    physics.advance(ctrl);
-    return seen();
+  async load({ files, seed }) {
+    const mujoco = await loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (name) => name });
+    session = await makeSession(mujoco, await makeMethod(files), unpacked(read(files["lab.json"])), seed);
   },
 };
 
-addEventListener("message", async ({ data: { id, what, more } }) => {
-  try {
-    postMessage({ id, answer: await answers[what](more) });
-  } catch (error) {
-    postMessage({ id, error: `${error.message ?? error}` });
-  }
+let turn = Promise.resolve();
+addEventListener("message", ({ data: { id, what, more } }) => {
+  turn = turn.then(async () => {
+    try {
+      const answer = await (answers[what] ?? session.actions[what])(more);
+      postMessage({ id, answer: { answer, now: session.now(), aim: session.aim() } });
+    } catch (error) {
+      postMessage({ id, error: `${error.message ?? error}`, name: error.constructor?.name });
+    }
+  });
 });
