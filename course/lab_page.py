@@ -9,6 +9,7 @@ import gzip
 import json
 import lzma
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,8 @@ _EXPORT = "export default { render };"
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "views"]
 _PAGE += ["live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "stage", "camera", "drivers", "session"]
-_WORKER += ["worker"]
+_WORKER += ["networks", "controller", "estimator", "aim", "worker"]
+_RUNTIME = "ort-wasm-simd-threaded"
 
 
 def write_lab(folder: Path) -> None:
@@ -52,26 +54,36 @@ def write_lab(folder: Path) -> None:
     script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
     recording = (_store.data_folder() / RECORDING).read_bytes()
-    write_packed(folder / "run.js", "run.json", lzma.decompress(recording))
+    write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
 
 
 def write_robot(folder: Path) -> None:
-    """Write what a robot in the page is made of: MuJoCo, and what the worker does."""
-    library = packages()["@mujoco/mujoco"].folder
-    module = (library / "mujoco.js").read_text("utf-8")
+    """Write what a robot in the page is made of.
+
+    What its worker does, MuJoCo, and what runs networks there.
+    """
+    mujoco = packages()["@mujoco/mujoco"].folder
+    runtime = packages()["onnxruntime-web"].folder / "dist"
     # A page in a folder may start a plain script as its worker, and no module.
+    module = (mujoco / "mujoco.js").read_text("utf-8")
     script = module.replace("export default loadMujoco;", "")
     script = script.replace("import.meta.url", "self.location.href")
-    worker = "\n".join([script, sources(*_WORKER)])
-    write_packed(folder / "worker.js", "worker.js", worker.encode())
-    wasm = (library / "mujoco.wasm").read_bytes()
-    write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
+    networks = (runtime / "ort.wasm.min.js").read_text("utf-8")
+    worker = "\n".join([script, networks, sources(*_WORKER)])
+    write_packed(folder / "worker.js", {"worker.js": worker.encode()})
+    wasm = {"mujoco.wasm": (mujoco / "mujoco.wasm").read_bytes()}
+    write_packed(folder / "mujoco.js", wasm)
+    loaded = {
+        f"onnxruntime.{kind}": (runtime / f"{_RUNTIME}.{kind}").read_bytes()
+        for kind in ("mjs", "wasm")
+    }
+    write_packed(folder / "onnxruntime.js", loaded)
 
 
 def write_lab_data(folder: Path) -> None:
     """Write what the page knows of arm, cloths, targets and the map of p."""
     content = json.dumps(lab_data(), default=_packed)
-    write_packed(folder / "lab-data.js", "lab.json", content.encode())
+    write_packed(folder / "lab-data.js", {"lab.json": content.encode()})
 
 
 def sources(*names: str) -> str:
@@ -79,11 +91,13 @@ def sources(*names: str) -> str:
     return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
 
 
-def write_packed(path: Path, name: str, content: bytes) -> None:
-    """Write a script that holds a file by this name, which `files.js` unpacks."""
-    packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
-    script = f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{packed}";\n'
-    write_bytes(path, script.encode())
+def write_packed(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write a script that holds files by their names, which `files.js` unpacks."""
+    lines = ["globalThis.clothlabFiles ??= {};\n"]
+    for name, content in files.items():
+        packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+        lines.append(f'clothlabFiles["{name}"] = "{packed}";\n')
+    write_bytes(path, "".join(lines).encode())
 
 
 def scene(arm: str, cloth: str) -> dict[str, Any]:
@@ -157,17 +171,7 @@ def lab_data() -> dict[str, Any]:
     return {
         "about": views.fixtures() | drivers | {"only": False},
         "scene": any_cloth_scene("torque", setup.cloth),
-        "cloth": setup.cloth,
         "cloths": cloths,
-        "arm": {
-            "lower": session.arm.command_lower.tolist(),
-            "upper": session.arm.command_upper.tolist(),
-            "home": session.arm.home_command.tolist(),
-        },
-        "target": pixels(session.target),
-        "p": session.p.tolist(),
-        "biases": {name: p.tolist() for name, p in session.trained.biases.items()},
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
-        "usualDistance": session.equipment.usual_distance,
         "reachable": REACHABLE,
     }

@@ -65,38 +65,41 @@ function makeOperator({ lower, upper, home }) {
   return { reset, act };
 }
 
-// All of them, for an arm with its limits and home. `controllers`: by their names.
-function makeDrivers(controllers, arm) {
-  const others = { random: makeRandomDriver(arm), operator: makeOperator(arm) };
-  let count = 0; // steps since the controllers began
-  let period = []; // predicted and seen distance of each step since a controller's period began
+// The driver "control", and where it starts its search; the others are to compare it with.
+const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
 
-  function begin(start) {
-    Object.values(controllers).forEach(start);
+// All of them, for an arm with its limits and home.
+function makeDrivers(controller, arm) {
+  const others = { random: makeRandomDriver(arm), operator: makeOperator(arm) };
+  let count = 0; // steps since the controller began
+  let period = []; // predicted and seen distance of each step since its period began
+
+  function reset(seed) {
+    for (const each of Object.values(others)) each.reset(seed);
+    controller.reset();
     count = 0;
     period = [];
   }
-  function reset(seed) {
-    for (const each of Object.values(others)) each.reset(seed);
-    begin((controller) => controller.reset());
+  // Another driver's turn begins.
+  function resume(driver) {
+    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+    controller.resume();
+    count = 0;
+    period = [];
   }
   function setTarget(z) {
-    for (const each of Object.values(controllers)) each.setTarget(z);
+    controller.setTarget(z);
     period = []; // it was about another target
-  }
-  function setBias(p) {
-    for (const each of Object.values(controllers)) each.setBias(p);
   }
   // A command, and what its driver says of it.
   async function choose(driver, s, { hand, solve, solveEvery }) {
-    const controller = controllers[driver];
-    if (!controller) {
+    if (!(driver in CONTROLS)) {
       const command = driver === "manual" ? hand : others[driver].act();
       return { command, predicted: null, periodEnded: false };
     }
     const command = [...(await controller.act(s, { solve: solve && count % solveEvery === 0 }))];
     count += 1;
-    return { command, predicted: await controller.predictedDistance(), periodEnded: controller.periodEnded };
+    return { command, predicted: await controller.predictedDistance(), periodEnded: controller.periodEnded() };
   }
   // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved.
   function closePeriod({ predicted, periodEnded }, distance) {
@@ -106,6 +109,5 @@ function makeDrivers(controllers, arm) {
     period = [];
     return ended;
   }
-  const resume = () => begin((controller) => controller.resume());
-  return { reset, resume, setTarget, setBias, choose, closePeriod };
+  return { reset, resume, setTarget, setBias: controller.setBias, choose, closePeriod };
 }

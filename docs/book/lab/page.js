@@ -1,7 +1,7 @@
 // The page "Throw a cloth": the panel with a live robot, or with the recorded run where the address asks for that, and
 // where a robot can't run.
 const RECORDED = "#recorded-run";
-const PARTS = ["lab-data", "worker", "mujoco"]; // scripts with the files that a robot is made of
+const PARTS = ["lab-data", "torque", "worker", "mujoco", "onnxruntime"]; // scripts with the files that a robot is made of
 const place = document.getElementById("clothlab-lab");
 const folder = document.currentScript.src.replace(/[^/]*$/, "");
 const note = make("span", { role: "status" });
@@ -40,7 +40,7 @@ const live = once(async () => {
   const { "worker.js": worker, ...others } = files;
   const about = unpacked(JSON.parse(text(files["lab.json"])));
   const { ask, first } = await startRobot(text(worker), others, pageSeed());
-  return (lab = await liveLab(ask, first, about));
+  return (lab = await liveLab(ask, first, { ...about, ...first.answer }));
 });
 
 function show(model, chosen) {

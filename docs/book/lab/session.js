@@ -14,31 +14,32 @@ function clothOf(damping, mass, known) {
   return known.find((each) => each.damping === damping && each.mass === mass) ?? own;
 }
 
-// `method`: the networks, controllers by their names, and what makes trackers of p. `lab`: the scene, the cloths, the
-// arm, and what comes with it. `seed`: of all random numbers.
-async function makeSession(mujoco, { networks, controllers, makeTracker, aimAt }, lab, seed) {
-  const { scene, arm } = lab;
+// `method`: networks and what is made of them, and constants. `lab`: the scene and the cloths. `seed`: of all random
+// numbers.
+async function makeSession(mujoco, method, { scene, cloths }, seed) {
+  const { networks, controller, makeTracker, aimAt, constants } = method;
   const seeds = makeRandom(seed);
   const see = makeCamera(scene.camera);
-  const drivers = makeDrivers(controllers, arm);
+  const drivers = makeDrivers(controller, constants);
   let physics = null;
   let look = null;
   let cloth = null;
   let observation = null;
   let still = null; // z of the cloth that hangs still
-  let command = arm.home; // the last one that was sent
-  let hand = arm.home; // that of the driver "manual"
+  let command = constants.home; // the last one that was sent
+  let hand = constants.home; // that of the driver "manual"
   let step = 0; // number since the last reset
   let driver = "control";
   let estimating = false;
-  let p = lab.p;
+  let p = constants.biases[constants.cloth];
   let tracker = null;
   let aim = null;
 
   async function observe(world, lookAt) {
     const stage = lookAt(world.data);
     const mask = see(stage);
-    const z = await networks.encode(mask);
+    const { z } = await networks.encode({ image: mask });
+    const { image } = await networks.decode({ z });
     const joints = [...world.data.qpos.subarray(0, 2), ...world.data.qvel.subarray(0, 2)];
     return {
       stage,
@@ -53,7 +54,7 @@ async function makeSession(mujoco, { networks, controllers, makeTracker, aimAt }
   function begin(seen) {
     observation = seen;
     still = seen.z;
-    command = arm.home;
+    command = constants.home;
     step = 0;
     drivers.reset(seeds.integer(0, 2 ** 32));
     tracker = makeTracker(p);
@@ -128,14 +129,14 @@ async function makeSession(mujoco, { networks, controllers, makeTracker, aimAt }
     step: makeStep,
     setTarget: ({ mask }) => setTarget(mask),
     takeImage: () => setTarget(observation.mask),
-    setCloth: ({ name }) => hold(lab.cloths.find((each) => each.name === name)),
-    setMaterial: ({ damping, mass }) => hold(clothOf(damping, mass, lab.cloths)),
+    setCloth: ({ name }) => hold(cloths.find((each) => each.name === name)),
+    setMaterial: ({ damping, mass }) => hold(clothOf(damping, mass, cloths)),
     setDriver(next) {
-      if (next.driver !== driver) drivers.resume();
+      if (next.driver !== driver) drivers.resume(next.driver);
       driver = next.driver;
     },
     setHand({ u }) {
-      hand = u.map((x, k) => Math.min(arm.upper[k], Math.max(arm.lower[k], x)));
+      hand = u.map((x, k) => Math.min(constants.upper[k], Math.max(constants.lower[k], x)));
       actions.setDriver({ driver: "manual" });
     },
     setBias(next) {
@@ -144,7 +145,8 @@ async function makeSession(mujoco, { networks, controllers, makeTracker, aimAt }
     },
     estimate: ({ on }) => (estimating = on),
   };
-  await setTarget(lab.target);
-  await hold(lab.cloths.find(({ name }) => name === lab.cloth));
+  drivers.setBias(p);
+  await setTarget(constants.gallery[constants.target]);
+  await hold(cloths.find(({ name }) => name === constants.cloth));
   return { actions, now, aim: () => aim };
 }

@@ -44,8 +44,8 @@ function traces({ stillDistance }, history, period) {
 }
 
 // Whether the arm can show a target and the autoencoder knows its shape, and the numbers that this rests on.
-function targetView({ mask, reconstruction, distance, overlap }, { usualDistance, reachable }) {
-  const known = distance <= usualDistance;
+function targetView({ mask, reconstruction, distance, overlap }, { usual_distance: usual, reachable }) {
+  const known = distance <= usual;
   let reach = "Not reachable";
   if (known) reach = "Known shape";
   else if (overlap >= reachable) reach = "Reachable";
@@ -57,7 +57,7 @@ function targetView({ mask, reconstruction, distance, overlap }, { usualDistance
     verdict: `${reach}. The autoencoder ${known ? "reproduces" : "does not reproduce"} it.`,
     reason:
       `Its reconstruction is ${away} (chamfer distance; 99 % of recorded images are below ` +
-      `${usualDistance.toFixed(1)}). The recorded image most like it has an IoU of ${overlap.toFixed(2)} with it.`,
+      `${usual.toFixed(1)}). The recorded image most like it has an IoU of ${overlap.toFixed(2)} with it.`,
   };
 }
 
