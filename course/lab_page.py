@@ -18,6 +18,7 @@ from clothlab.lab._playback import RECORDING
 from clothlab.simulation import vision
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.env import ClothEnv
+from course.lab_constants import method_files
 from course.npm import packages
 from course.repository import ROOT
 
@@ -47,6 +48,21 @@ def write_robot(folder: Path) -> None:
     write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
 
 
+def write_runtime(folder: Path) -> None:
+    """Write what runs the graphs of an arm: onnxruntime."""
+    library = packages()["onnxruntime-web"].folder / "dist"
+    names = ("ort.wasm.min.js", "ort-wasm-simd-threaded.mjs")
+    for name in (*names, "ort-wasm-simd-threaded.wasm"):
+        write_packed(folder / f"{name}.js", name, (library / name).read_bytes())
+
+
+def write_method(folder: Path, arm: str) -> None:
+    """Write the method for an arm: files by names such as `torque/encode`."""
+    files = method_files(arm).items()
+    packed_files = [packed(f"{arm}/{name}", content) for name, content in files]
+    write_bytes(folder / f"{arm}.js", b"".join(packed_files))
+
+
 def sources(*names: str) -> str:
     """The page's own JavaScript, of these files."""
     return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
@@ -54,9 +70,13 @@ def sources(*names: str) -> str:
 
 def write_packed(path: Path, name: str, content: bytes) -> None:
     """Write a script that holds a file by this name, which `files.js` unpacks."""
-    packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
-    script = f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{packed}";\n'
-    write_bytes(path, script.encode())
+    write_bytes(path, packed(name, content))
+
+
+def packed(name: str, content: bytes) -> bytes:
+    """A line of a script that holds a file by this name."""
+    text = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+    return f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{text}";\n'.encode()
 
 
 def scene(arm: str, cloth: str) -> dict[str, Any]:
