@@ -87,7 +87,9 @@ class _Method:
         """Of z `[D_z]`, the probability of cloth at each pixel `[H, W]`."""
         return self._autoencoder.decoder(z[None]).sigmoid()[0, 0]
 
-    def follow(self, s: Tensor, u: Tensor, p: Tensor, h: Tensor, c: Tensor) -> AnyMemory:
+    def follow(
+        self, s: Tensor, u: Tensor, p: Tensor, h: Tensor, c: Tensor
+    ) -> AnyMemory:
         """The memory after a step that was seen."""
         return self._rollout(self._model, p).follow(s, u, Memory(h, c))
 

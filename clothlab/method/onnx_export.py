@@ -29,7 +29,7 @@ from clothlab.method.gauss_newton import around_bias
 from clothlab.method.model import PredictiveModel
 
 _EXTRA = "onnx"
-# The pass that merges equal weights leaves large ones alone, if it isn't told otherwise.
+# The pass that merges equal weights leaves large ones alone, unless it is told so.
 _ANY_SIZE = 2**31
 
 
