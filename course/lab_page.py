@@ -26,6 +26,7 @@ from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
+from course.lab_constants import method_files
 from course.npm import packages
 from course.repository import ROOT
 
@@ -78,6 +79,13 @@ def write_robot(folder: Path) -> None:
         for kind in ("mjs", "wasm")
     }
     write_packed(folder / "onnxruntime.js", loaded)
+
+
+def write_method(folder: Path, arm: str) -> None:
+    """Write the method for an arm: files by names such as `torque/encode`."""
+    files = method_files(arm).items()
+    named = {f"{arm}/{name}": content for name, content in files}
+    write_packed(folder / f"{arm}.js", named)
 
 
 def write_lab_data(folder: Path) -> None:

@@ -29,6 +29,8 @@ from clothlab.method.gauss_newton import around_bias
 from clothlab.method.model import PredictiveModel
 
 _EXTRA = "onnx"
+# The pass that merges equal weights leaves large ones alone, unless it is told so.
+_ANY_SIZE = 2**31
 
 
 def export_onnx(
@@ -74,7 +76,7 @@ def export_onnx(
 
         # The weights are in it once for each use, and much is computed twice.
         _clear_names(program.model, {*inputs, *outputs})
-        passes.DeduplicateInitializersPass()(program.model)
+        passes.DeduplicateInitializersPass(_ANY_SIZE)(program.model)
         passes.CommonSubexpressionEliminationPass()(program.model)
         passes.ClearMetadataAndDocStringPass()(program.model)
     _name(program.model.graph.inputs, inputs)

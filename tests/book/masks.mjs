@@ -1,7 +1,7 @@
 // What the camera sees of a scene in the states of a file: masks as strings of 0 and 1.
-import { loaded, made } from "./given.mjs";
+import { given, loaded, made } from "./given.mjs";
 
-const { mujoco, given } = await loaded();
+const mujoco = await loaded();
 const { makePhysics, makeStage, makeCamera } = made("physics", "geometry", "stage", "camera");
 const { model, data } = makePhysics(mujoco, given.scene);
 const look = makeStage(mujoco, model);
