@@ -41,14 +41,8 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     const { z } = await networks.encode({ image: mask });
     const { image } = await networks.decode({ z });
     const joints = [...world.data.qpos.subarray(0, 2), ...world.data.qvel.subarray(0, 2)];
-    return {
-      stage,
-      mask,
-      z,
-      joints,
-      s: Float32Array.from([...z, ...joints]),
-      reconstruction: await networks.decode(z),
-    };
+    const s = Float32Array.from([...z, ...joints]);
+    return { stage, mask, z, joints, s, reconstruction: image };
   }
   // Go on from a cloth that was just made to hang still.
   function begin(seen) {
