@@ -17,7 +17,6 @@ from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab._validation import HEIGHT, WIDTH
 from clothlab.lab import LivePanel, LiveSession
-from clothlab.lab._pictures import pixels
 from clothlab.lab._playback import RECORDING, _packed
 from clothlab.lab._views import REACHABLE, Views
 from clothlab.simulation import vision
@@ -58,40 +57,40 @@ def write_lab(folder: Path) -> None:
     write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
 
 
-def write_robot(folder: Path) -> None:
+def write_robot(folder: Path, arm: str = "torque") -> None:
     """Write what a robot in the page is made of.
 
-    What its worker does, MuJoCo, and what runs networks there.
+    What its worker does, MuJoCo, what runs networks, the method for an arm, and what
+    the page shows of it. A FileNotFoundError where `make npm` is missing.
     """
     mujoco = packages()["@mujoco/mujoco"].folder
     runtime = packages()["onnxruntime-web"].folder / "dist"
+    if not (mujoco.is_dir() and runtime.is_dir()):
+        raise FileNotFoundError("no files of npm are there: run `make npm`")
     # A page in a folder may start a plain script as its worker, and no module.
     module = (mujoco / "mujoco.js").read_text("utf-8")
     script = module.replace("export default loadMujoco;", "")
     script = script.replace("import.meta.url", "self.location.href")
     networks = (runtime / "ort.wasm.min.js").read_text("utf-8")
     worker = "\n".join([script, networks, sources(*_WORKER)])
-    write_packed(folder / "worker.js", {"worker.js": worker.encode()})
-    wasm = {"mujoco.wasm": (mujoco / "mujoco.wasm").read_bytes()}
-    write_packed(folder / "mujoco.js", wasm)
-    loaded = {
+
+    # Each part in a script of its own
+    wasm = (mujoco / "mujoco.wasm").read_bytes()
+    runs = {
         f"onnxruntime.{kind}": (runtime / f"{_RUNTIME}.{kind}").read_bytes()
         for kind in ("mjs", "wasm")
     }
-    write_packed(folder / "onnxruntime.js", loaded)
-
-
-def write_method(folder: Path, arm: str) -> None:
-    """Write the method for an arm: files by names such as `torque/encode`."""
-    files = method_files(arm).items()
-    named = {f"{arm}/{name}": content for name, content in files}
-    write_packed(folder / f"{arm}.js", named)
-
-
-def write_lab_data(folder: Path) -> None:
-    """Write what the page knows of arm, cloths, targets and the map of p."""
-    content = json.dumps(lab_data(), default=_packed)
-    write_packed(folder / "lab-data.js", {"lab.json": content.encode()})
+    method = {f"{arm}/{name}": file for name, file in method_files(arm).items()}
+    about = json.dumps(lab_data(arm), default=_packed)
+    parts = {
+        "worker": {"worker.js": worker.encode()},
+        "mujoco": {"mujoco.wasm": wasm},
+        "onnxruntime": runs,
+        arm: method,
+        "lab-data": {"lab.json": about.encode()},
+    }
+    for name, files in parts.items():
+        write_packed(folder / f"{name}.js", files)
 
 
 def sources(*names: str) -> str:
@@ -152,6 +151,7 @@ def any_cloth_scene(arm: str, cloth: str) -> dict[str, Any]:
         "mjcf": ElementTree.tostring(root, encoding="unicode"),
         "start": _start(placed),
         "settle": round(Scene.settle_time / Scene.time_step),
+        "timeStep": Scene.time_step,
         "points": len(points),
     }
 
@@ -160,13 +160,13 @@ def _points(env: ClothEnv) -> set[str]:
     return {name for row in point_names(env.cloth) for name in row}
 
 
-def lab_data() -> dict[str, Any]:
+def lab_data(arm: str) -> dict[str, Any]:
     """What a session in the page begins with, and what its panel shows of it."""
-    session = LiveSession("torque")
+    session = LiveSession(arm)
     views = Views(session)
     setup = session.equipment.setup
     axes = views.plane._axes
-    drivers = {"arms": ["torque"], "drivers": DRIVERS, "refused": REFUSED}
+    drivers = {"arms": [arm], "drivers": DRIVERS, "refused": REFUSED}
     cloths = [
         {
             "name": cloth.name,
@@ -178,7 +178,7 @@ def lab_data() -> dict[str, Any]:
     ]
     return {
         "about": views.fixtures() | drivers | {"only": False},
-        "scene": any_cloth_scene("torque", setup.cloth),
+        "scene": any_cloth_scene(arm, setup.cloth),
         "cloths": cloths,
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
         "reachable": REACHABLE,

@@ -45,6 +45,7 @@ const live = once(async () => {
 
 function show(model, chosen) {
   leave();
+  place.model = model; // for tests, and for those who look behind the page
   note.textContent = impossible && `A live robot can't run here: ${impossible}. This is a recorded run. `;
   other.textContent = chosen ? "Steer the robot yourself." : "Watch the recorded run.";
   other.href = chosen ? "#" : RECORDED;

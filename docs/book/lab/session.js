@@ -2,8 +2,6 @@
 // Between two steps all can be changed; a refusal changes nothing.
 class Refusal extends Error {} // what a person asked for and can't be; all other errors are faults
 
-const distanceOf = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
-
 // C_damp [N s/m] or C_mass [kg] as labels have it.
 const shortNumber = (x) => x.toFixed(Math.abs(x - Math.round(100 * x) / 100) < 1e-9 ? 2 : 3);
 
@@ -81,7 +79,11 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
       observation = await observe(physics, look);
     } catch (error) {
       physics.put(before);
-      throw error;
+      if (!(error instanceof SimulationError)) throw error;
+      throw new Refusal(
+        `the simulation of cloth ${cloth.label} diverged; use a smaller time_step than ${scene.timeStep} s, a heavier ` +
+          "cloth or a softer one",
+      );
     }
     step += 1;
     command = u;
@@ -100,7 +102,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
       const estimate = step % estimateEvery === 0;
       use(await tracker.update(before.s, choice.command, { atRest: step === 1, estimate }));
     }
-    const distance = distanceOf(aim.z, observation.z);
+    const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(choice, distance);
     const seconds = (performance.now() - start) / 1000;
     return { ...choice, distance, period, seconds, theta: observation.joints.slice(0, 2), p: [...p] };
@@ -110,7 +112,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     const { stage, mask, reconstruction } = observation;
     const report = estimating ? tracker.report : null;
     const controls = { driver, estimating, hand: driver === "manual" ? hand : command, p: [...p], cloth, report };
-    return { ...controls, step, stillDistance: distanceOf(aim.z, still), stage, mask, reconstruction };
+    return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
   }
   async function setTarget(mask) {
     const next = await aimAt(mask);
@@ -142,5 +144,5 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   drivers.setBias(p);
   await setTarget(constants.gallery[constants.target]);
   await hold(cloths.find(({ name }) => name === constants.cloth));
-  return { actions, now, aim: () => aim };
+  return { actions, now, aim: () => aim, world: () => physics };
 }
