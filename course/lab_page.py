@@ -22,7 +22,7 @@ from clothlab.lab._views import REACHABLE, Views
 from clothlab.simulation import vision
 from clothlab.simulation._lattice import point_names
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
-from clothlab.simulation.cloth import CLOTHS
+from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from course.lab_constants import method_files
@@ -107,7 +107,7 @@ def write_packed(path: Path, files: Mapping[str, bytes]) -> None:
     write_bytes(path, "".join(lines).encode())
 
 
-def scene(arm: str, cloth: str) -> dict[str, Any]:
+def scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     """What physics and camera need of an arm with a cloth that hangs still in its hand.
 
     Its MJCF, where it starts, the time steps of a control period, and how a picture
@@ -133,7 +133,7 @@ def _start(env: ClothEnv) -> dict[str, list[float]]:
     return {name: getattr(env.data, name).tolist() for name in names}
 
 
-def any_cloth_scene(arm: str, cloth: str) -> dict[str, Any]:
+def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     """The same for cloths of any C_damp and C_mass, whose places are open in the MJCF.
 
     The cloth is put below the hand, and hangs still after `settle` time steps.

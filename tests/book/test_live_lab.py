@@ -21,6 +21,7 @@ pytestmark = pytest.mark.book
 
 PERIODS = 8
 STEPS = 8 * PERIODS
+CLOTH = CLOTHS["damp0.05-mass0.10"]
 LIGHT = Cloth("own", damping=0.035, mass=0.06)
 # Of a page that was opened, how a trait of its model stands
 TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
@@ -54,7 +55,7 @@ class Lab:
         self.panel = page.locator(".clothlab")
         self.status = self.panel.locator(".status")
         self.message = self.panel.get_by_role("alert")
-        self.note = page.locator("#clothlab-lab > p")
+        self.note = page.locator("#clothlab-lab > p").get_by_role("status")
 
     def press(self, name):
         self.panel.get_by_role("button", name=name, exact=True).click()
@@ -71,6 +72,13 @@ class Lab:
                 slider.dispatchEvent(new Event(event));
             }""",
             [value, event],
+        )
+
+    def tell(self, what, **more):
+        """Send what the panel would send."""
+        self.page.evaluate(
+            "(message) => document.getElementById('clothlab-lab').model.send(message)",
+            {"do": what, "id": "", **more},
         )
 
     def get(self, trait):
@@ -100,6 +108,8 @@ class Lab:
 
 @pytest.fixture
 def open_lab(folder, visit):
+    """Open the page anew, which takes seconds."""
+
     def open_lab(address=""):
         page = visit(folder / "throw.html", address)
         page.wait_for_selector("[data-frame]", timeout=60_000)
@@ -108,9 +118,47 @@ def open_lab(folder, visit):
     return open_lab
 
 
+@pytest.fixture(scope="module")
+def one_page(folder, browser):
+    """A page that most tests share, and what it complained of."""
+    page = browser.new_page(offline=True, viewport={"width": 1280, "height": 900})
+    complaints = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on(
+        "console",
+        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
+    )
+    page.on(
+        "request",
+        lambda asked: (
+            asked.url.startswith(("file:", "data:", "blob:"))
+            or complaints.append(asked.url)
+        ),
+    )
+    page.goto(f"{(folder / 'throw.html').as_uri()}?seed=7")
+    page.wait_for_selector("[data-frame]", timeout=60_000)
+    yield page, complaints
+    page.close()
+
+
 @pytest.fixture
-def lab(open_lab):
-    return open_lab("?seed=7")
+def lab(one_page):
+    """The robot as it is at first."""
+    page, complaints = one_page
+    lab = Lab(page)
+    (dot,) = [
+        dot for dot in lab.get("about")["map"]["dots"] if dot["name"] == CLOTH.name
+    ]
+    lab.tell("pause")
+    lab.tell("set cloth", cloth=CLOTH.name)
+    lab.tell("set p", at=dot["at"])
+    lab.tell("estimate", on=False)
+    lab.tell("pick", name="target-2")
+    lab.tell("set hand", u=list(ARMS["torque"].home))
+    lab.tell("set driver", driver="control")
+    lab.tell("reset")
+    yield lab
+    assert complaints == []
 
 
 def filled(template, cloth):
@@ -121,7 +169,7 @@ def filled(template, cloth):
 
 @pytest.mark.parametrize("cloth", [*list(CLOTHS.values())[::4], LIGHT])
 def test_the_scene_of_any_cloth_is_that_of_each(cloth):
-    template = any_cloth_scene("torque", "damp0.05-mass0.10")
+    template = any_cloth_scene("torque", CLOTH)
     found = mujoco.MjModel.from_xml_string(filled(template, cloth))
     expected = mujoco.MjModel.from_xml_string(
         portable_mjcf(build_spec(ARMS["torque"], cloth))
@@ -169,7 +217,7 @@ def test_a_cloth_made_by_sliders_moves_as_in_python(lab):
         }""",
         commands,
     )
-    template = any_cloth_scene("torque", "damp0.05-mass0.10")
+    template = any_cloth_scene("torque", CLOTH)
     expected = in_python(template, LIGHT, commands)
     assert np.abs(np.array(found) - expected).max() < BOUND
 
@@ -238,7 +286,7 @@ def test_a_drawn_target_is_aimed_at(lab):
     drawn = lab.get("target")
     assert drawn["version"] == first["version"]
     session = LiveSession("torque")
-    mask = np.array(list(drawn["image"].values()), bool).reshape(session.target.shape)
+    mask = np.array(drawn["image"], bool).reshape(session.target.shape)
     session.set_target(mask)
     lab.press("step")
     lab.wait("get('frame').clock.includes('step 1')")
@@ -268,7 +316,11 @@ def test_a_page_that_nobody_sees_pauses(lab):
     lab.press("start")
     lab.wait("get('frame').clock.includes('step 2')")
     lab.page.evaluate(
-        "Object.defineProperty(document, 'hidden', { value: true }); document.dispatchEvent(new Event('visibilitychange'))"
+        """() => {
+            Object.defineProperty(document, "hidden", { value: true, configurable: true });
+            document.dispatchEvent(new Event("visibilitychange"));
+            delete document.hidden;
+        }"""
     )
     expect(lab.status).to_have_text("❚❚ paused")
     expect(lab.message.first).to_contain_text("paused while nobody saw the page")
@@ -291,6 +343,9 @@ def test_a_page_that_nobody_sees_pauses(lab):
 def test_where_a_robot_cannot_run_the_recorded_run_plays(open_lab, page, lacking, why):
     page.add_init_script(lacking)
     lab = open_lab()
+    expect(
+        lab.page.get_by_role("link", name="Steer the robot yourself.")
+    ).to_be_hidden()
     expect(lab.note).to_have_text(
         f"A live robot can't run here: {why}. This is a recorded run."
     )
@@ -344,6 +399,7 @@ def test_what_a_page_does_not_do_is_off_and_says_why(lab):
 
 
 def test_on_a_phone_it_fits_and_a_screen_reader_finds_names(lab, axe):
+    wide = lab.page.viewport_size
     lab.page.set_viewport_size({"width": 390, "height": 844})
     over = "[...document.querySelectorAll('.clothlab *')].filter((each) => each.getBoundingClientRect().right > innerWidth).map((each) => each.outerHTML.slice(0, 80))"
     assert lab.page.evaluate(over) == []
@@ -357,6 +413,7 @@ def test_on_a_phone_it_fits_and_a_screen_reader_finds_names(lab, axe):
         if each["impact"] in ("serious", "critical")
     ]
     assert [(each["id"], each["nodes"][0]["html"][:200]) for each in serious] == []
+    lab.page.set_viewport_size(wide)
 
 
 def test_resets_and_changes_of_cloth_leave_no_memory_behind(lab):

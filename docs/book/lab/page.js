@@ -24,7 +24,7 @@ function pageSeed() {
 
 const recorded = once(async () => {
   await load("run");
-  const { shots } = await unpackedFile("run.json").json();
+  const { shots } = await (await unpackedFile("run.json")).json();
   return recordedRun(shots);
 });
 const live = once(async () => {
@@ -34,7 +34,8 @@ const live = once(async () => {
   for (const [k, part] of PARTS.entries()) {
     note.textContent = `The robot is being loaded, part ${k + 1} of ${PARTS.length} …`;
     await load(part);
-    for (const name of Object.keys(globalThis.clothlabFiles)) files[name] = await unpackedFile(name).arrayBuffer();
+    for (const name of Object.keys(globalThis.clothlabFiles))
+      files[name] = await (await unpackedFile(name)).arrayBuffer();
   }
   note.textContent = "The robot is being put together …";
   const { "worker.js": worker, ...others } = files;

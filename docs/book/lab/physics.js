@@ -14,11 +14,10 @@ function makePhysics(mujoco, { mjcf, start, substeps, settle = 0 }) {
     mujoco.mj_forward(model, data);
   }
   function simulate(steps) {
-    data.time = 0;
+    data.time = 1;
     for (let k = 0; k < steps; k++) mujoco.mj_step(model, data);
-    // MuJoCo begins anew when a coordinate became infinite, NaN or absurdly large, and its time does, too
-    if (data.time < (steps - 0.5) * model.opt.timestep)
-      throw new SimulationError("the simulation of this cloth diverged");
+    // MuJoCo begins anew when a coordinate became infinite, NaN or absurdly large, and its time then does from 0
+    if (data.time < 1 + (steps - 0.5) * model.opt.timestep) throw new SimulationError();
     mujoco.mj_forward(model, data); // positions of bodies, which the camera looks at, are those of now
   }
   // Holds a command for a control period; after an error, no time has passed.
