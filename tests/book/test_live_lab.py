@@ -229,7 +229,10 @@ def test_control_throws_nearer_than_a_cloth_that_hangs(lab):
     assert np.abs(np.array(hanging) - still).max() < 0.1
     lab.press("reset")
     lab.choose("driven by", "control")
-    lab.run_until(STEPS)
+    lab.wait("get('state').driver === 'control'")
+    for _ in range(STEPS):
+        lab.tell("step")  # as fast as it can: nothing is left out then
+    lab.wait(f"get('frame').clock.endsWith('step {STEPS}')")
     distances, still = lab.distances
     ends = np.array(distances)[7::8]
     assert np.median(ends[2:]) < 0.6 * still

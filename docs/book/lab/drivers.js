@@ -97,7 +97,9 @@ function makeDrivers(controller, arm) {
       const command = driver === "manual" ? hand : others[driver].act();
       return { command, predicted: null, periodEnded: false };
     }
-    const command = [...(await controller.act(s, { solve: solve && count % solveEvery === 0 }))];
+    // A period that begins without a solve would go on with the plan of the last one.
+    const begins = count % arm.control.period === 0;
+    const command = [...(await controller.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
     count += 1;
     return { command, predicted: await controller.predictedDistance(), periodEnded: controller.periodEnded() };
   }

@@ -61,6 +61,7 @@ async function liveLab(ask, first, lab) {
   let session = first.now;
   let history = [];
   let running = false;
+  let turn = 0; // number of times that it was started
   let broken = false; // whether time stands still since a step failed
   let late = false;
   let message = { text: "", kind: "info" };
@@ -118,10 +119,13 @@ async function liveLab(ask, first, lab) {
       },
     });
   }
-  let drawn = Promise.resolve(); // frames come one after the other
-  function show() {
+  let drawing = null; // the frame that is being drawn; frames come one after the other
+  async function show({ force = true } = {}) {
     refresh();
-    return (drawn = drawn.then(() => guarded(drawFrame)));
+    if (drawing && !force) return; // a slow page leaves some out
+    const mine = (drawing = Promise.resolve(drawing).then(() => guarded(drawFrame)));
+    await mine;
+    if (drawing === mine) drawing = null;
   }
   async function showTarget(aim, { onCanvas = true } = {}) {
     const view = targetView(aim, lab);
@@ -147,16 +151,20 @@ async function liveLab(ask, first, lab) {
   const forget = () => (history = []);
 
   // -- time
+  const now = () => performance.now() / 1000;
   async function run() {
-    let due = performance.now() / 1000;
-    const now = () => performance.now() / 1000;
-    for (const mine = (running = {}); running === mine;) {
+    const mine = (turn += 1);
+    for (let due = now(); running && turn === mine;) {
       const began = now();
       late = began - due > about.period / 2;
       const well = await guarded(() => advance({ solve: began - due < about.period }));
-      if (!well) [running, broken] = [false, true];
-      await show();
-      if (running === mine && tiers.took(now() - began)) {
+      if (!well) {
+        running = false;
+        broken = true;
+      }
+      const took = now() - began; // the page draws meanwhile
+      show({ force: !well });
+      if (running && tiers.took(took)) {
         const { about: left } = tiers.now();
         say(left ? `this machine is slow for 5 steps a second: from now on ${left}` : "");
       }
@@ -166,7 +174,9 @@ async function liveLab(ask, first, lab) {
   }
   function start() {
     broken = false;
-    if (!running) guarded(run);
+    if (running) return;
+    running = true;
+    guarded(run);
   }
   const pause = () => (running = false);
 
@@ -174,7 +184,10 @@ async function liveLab(ask, first, lab) {
   const actions = {
     start,
     pause,
-    step: () => ((broken = false), advance()),
+    async step() {
+      broken = false;
+      await advance();
+    },
     async reset() {
       await told("reset");
       broken = false;
