@@ -184,10 +184,14 @@ def main() -> None:
         help="leave out the solutions and what they printed",
     )
     arguments = parser.parse_args()
+
+    # The pages
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
     notebooks = {path.name: executed(path, small=arguments.small) for path in paths}
     site = BUILD / ("book-student" if arguments.student else "book")
     lay_out(notebooks, site / "source", student=arguments.student)
+
+    # A robot in one of them, where there is what it is made of
     try:
         write_robot(site / "source" / "static" / "lab")
     except FileNotFoundError as error:

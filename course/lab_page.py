@@ -67,6 +67,7 @@ def write_robot(folder: Path, arm: str = "torque") -> None:
     runtime = packages()["onnxruntime-web"].folder / "dist"
     if not (mujoco.is_dir() and runtime.is_dir()):
         raise FileNotFoundError("no files of npm are there: run `make npm`")
+
     # A page in a folder may start a plain script as its worker, and no module.
     module = (mujoco / "mujoco.js").read_text("utf-8")
     script = module.replace("export default loadMujoco;", "")
@@ -140,13 +141,18 @@ def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     """
     placed = ClothEnv(arm, cloth, scene=Scene(settle_time=0))
     world = scene(arm, cloth)
+
+    # Names in braces where numbers of the cloth stand
     root = ElementTree.fromstring(world["mjcf"])
-    points = [body for body in root.iter("body") if body.get("name") in _points(placed)]
+    names = {name for row in point_names(placed.cloth) for name in row}
+    points = [body for body in root.iter("body") if body.get("name") in names]
     for body in points:
         for joint in body.findall("joint"):
             joint.set("damping", "{damping}")
         for ball in body.findall("geom"):
             ball.set("mass", "{mass}")
+
+    # And how it begins
     return world | {
         "mjcf": ElementTree.tostring(root, encoding="unicode"),
         "start": _start(placed),
@@ -156,29 +162,22 @@ def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     }
 
 
-def _points(env: ClothEnv) -> set[str]:
-    return {name for row in point_names(env.cloth) for name in row}
-
-
 def lab_data(arm: str) -> dict[str, Any]:
     """What a session in the page begins with, and what its panel shows of it."""
     session = LiveSession(arm)
     views = Views(session)
-    setup = session.equipment.setup
+    session.close()
+
+    # What a person chooses from
+    drivers = {"arms": [arm], "drivers": DRIVERS, "refused": REFUSED, "only": False}
+    keys = ("name", "label", "damping", "mass")
+    cloths = [{key: getattr(cloth, key) for key in keys} for cloth in CLOTHS.values()]
+
+    # The scene, and the map of p
     axes = views.plane._axes
-    drivers = {"arms": [arm], "drivers": DRIVERS, "refused": REFUSED}
-    cloths = [
-        {
-            "name": cloth.name,
-            "label": cloth.label,
-            "damping": cloth.damping,
-            "mass": cloth.mass,
-        }
-        for cloth in CLOTHS.values()
-    ]
     return {
-        "about": views.fixtures() | drivers | {"only": False},
-        "scene": any_cloth_scene(arm, setup.cloth),
+        "about": views.fixtures() | drivers,
+        "scene": any_cloth_scene(arm, session.equipment.setup.cloth),
         "cloths": cloths,
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
         "reachable": REACHABLE,
