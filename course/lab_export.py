@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import torch
 from onnx.external_data_helper import set_external_data
@@ -25,6 +26,13 @@ from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.cloth_task import control_loss
 from clothlab.method.control import ControlSettings, Limits, descend
+from clothlab.method.iterative import (
+    IterativeLearningSettings,
+    _descended,
+    _Forecast,
+    _kernel,
+    _Learned,
+)
 from clothlab.method.model import Memory
 from clothlab.method.onnx_export import _named, export_estimation, export_onnx
 from course.repository import ROOT
@@ -77,7 +85,12 @@ class _Method:
         self._model = trained.model
         self._rollout = rollout_of(trained.model)
         self._tensions = trained.layout.tensions
+        self._z = trained.layout.z
         self._settings = ControlSettings()
+        # Any one: what changes in it is put in its place
+        nothing = np.ones((HEIGHT, WIDTH))
+        policy = trained.controller(nothing, np.zeros(trained.model.bias_size))
+        self._problem = policy.controller.problem(trained.model.s_mean)
 
     def encode(self, image: Tensor) -> Tensor:
         """Of a mask `[H, W]`, z `[D_z]`."""
@@ -133,6 +146,69 @@ class _Method:
 
         return descend(loss, u, limits, replace(self._settings, iterations=1))
 
+    def look_back(
+        self, s: Tensor, u: Tensor, p: Tensor, h: Tensor, c: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """What N attempts were like, what was predicted of them, and their kernel.
+
+        States are `[N, D_s]`, plans `[N, T, D_u]`, memories `[N, 2, 1, 30]`.
+        """
+        memory = Memory(h[:, :, 0].movedim(1, 0), c[:, :, 0].movedim(1, 0))
+        forecast = self._forecast(s[0], p, memory, s[0, self._z], 0.0)
+        x, predicted = forecast.looked_back(s, u, memory)
+        return x, predicted, _kernel(x, x)
+
+    def distance(self, s: Tensor, u: Tensor, *given: Tensor) -> Tensor:
+        """Distance that iterative learning expects of plans `[B, T, D_u]`, `[B]`.
+
+        What is given after them: p, h, c and z_ref as in `predict`, the caution, and
+        what attempts taught, the parts of `_Learned`.
+        """
+        p, h, c, z_ref, caution, *learned = given
+        forecast = self._forecast(s, p, Memory(h, c), z_ref, caution)
+        residuals = _Learned(*learned)
+
+        def in_steps(x: Tensor) -> tuple[Tensor, Tensor]:
+            mean, variance = residuals(x)
+            return mean.unflatten(1, (self._settings.period, -1)), variance
+
+        forecast.residuals = in_steps
+        return forecast.distance(u)
+
+    def improve(self, s: Tensor, u: Tensor, *given: Tensor) -> tuple[Tensor, Tensor]:
+        """Such plans after one iteration of a descent, and their distances.
+
+        After what `distance` is given come the limits.
+        """
+        *around, lower, upper = given
+        limits = Limits(lower, upper, self._model.u_std * (upper > lower))
+
+        def loss(plans: Tensor) -> Tensor:
+            return self.distance(s, plans, *around)
+
+        return _descended(loss, u, limits, self._settings)
+
+    def _forecast(
+        self,
+        s: Tensor,
+        p: Tensor,
+        memory: AnyMemory,
+        z_ref: Tensor,
+        caution: float | Tensor,
+    ) -> _Forecast:
+        """What iterative learning expects.
+
+        Args:
+            s: state to start from, `[D_s]`.
+            p: parametric bias, `[D_p]`.
+            memory: recurrent state before.
+            z_ref: the target, `[D_z]`.
+            caution: weight of the variance.
+        """
+        rollout = self._rollout(self._model, p)
+        problem = replace(self._problem, s=s, memory=memory, rollout=rollout)
+        return _Forecast(problem, z_ref, IterativeLearningSettings(), caution)
+
 
 def export(trained: ClothCheckpoint) -> dict[str, bytes]:
     """The graphs of an arm by name, and their weights."""
@@ -144,27 +220,71 @@ def export(trained: ClothCheckpoint) -> dict[str, bytes]:
         def write(function: Any, inputs: Any, *outputs: str, **more: Any) -> None:
             export_onnx(made / function.__name__, function, inputs, outputs, **more)
 
-        # An example of each input
-        step = {"s": model.s_mean, "u": model.u_mean, "p": torch.zeros(model.bias_size)}
-        memory = _named(model.initial_memory())
-        plan = model.u_mean.repeat(ControlSettings.horizon, 1)
-        image = torch.zeros(HEIGHT, WIDTH)
+        # The images, and the steps that were seen
+        step = _step(trained)
+        image = {"image": torch.zeros(HEIGHT, WIDTH)}
         z = torch.ones(trained.autoencoder.latent_size)
-        given = step | memory | {"z_ref": z, "mask": torch.ones(len(plan))}
-        limits = {"lower": model.u_mean - 1, "upper": model.u_mean + 1}
-
-        # All of the method
         with torch.no_grad():
-            write(method.encode, {"image": image}, "z")
+            write(method.encode, image, "z")
             write(method.decode, {"z": z}, "image")
-            write(method.follow, step | memory, "next_h", "next_c")
-            plans = given | {"u": plan.repeat(2, 1, 1)}
-            write(method.predict, plans, "states", "losses", free={"u": [0]})
-        start = given | {"u": plan} | limits
-        write(method.descend, start, "plan", "losses", gradients=True)
+            write(method.follow, step, "next_h", "next_c")
         export_estimation(made / "linearise", model)
+
+        # The paper's control
+        plan = model.u_mean.repeat(ControlSettings.horizon, 1)
+        around = step | {"z_ref": z, "mask": torch.ones(len(plan))}
+        limits = {"lower": model.u_mean - 1, "upper": model.u_mean + 1}
+        some = {"u": plan.repeat(2, 1, 1)}
+        with torch.no_grad():
+            write(method.predict, around | some, "states", "losses", free={"u": [0]})
+        inputs = around | {"u": plan} | limits
+        write(method.descend, inputs, "plan", "losses", gradients=True)
+
+        # Iterative learning; its graphs take as many plans as there may be, or fewer
+        learning = IterativeLearningSettings()
+        around = step | {"z_ref": z, "caution": torch.ones(())} | _taught(trained)
+        starts = {"u": plan.repeat(learning.starts, 1, 1)}
+        tried = {"u": plan.repeat(learning.remembered, 1, 1)}
+        judged = {"u": plan.repeat(learning.remembered + learning.recorded + 1, 1, 1)}
+        attempts = {
+            name: each[None].repeat(learning.remembered, *(1 for _ in each.shape))
+            for name, each in step.items()
+        }
+        attempts |= tried | {"p": step["p"]}
+        with torch.no_grad():
+            write(method.distance, around | judged, "losses")
+            write(method.look_back, attempts, "x", "predicted", "kernel")
+        inputs = around | starts | limits
+        write(method.improve, inputs, "plans", "losses", gradients=True)
         written = {path.name: path.read_bytes() for path in sorted(made.iterdir())}
     return _sharing(written)
+
+
+def _step(trained: ClothCheckpoint) -> dict[str, Tensor]:
+    """An example of a state, a command, p and a memory."""
+    model = trained.model
+    p = torch.zeros(model.bias_size)
+    memory = _named(model.initial_memory())
+    return {"s": model.s_mean, "u": model.u_mean, "p": p, **memory}
+
+
+def _taught(trained: ClothCheckpoint) -> dict[str, Tensor]:
+    """An example of what attempts taught: nothing."""
+    count = IterativeLearningSettings.remembered
+    horizon = ControlSettings.horizon
+    sizes = {
+        "x": (count, features(trained)),
+        "inverse": (count, count),
+        "weights": (count, horizon * trained.autoencoder.latent_size),
+        "variance": (),
+    }
+    return {name: torch.zeros(size) for name, size in sizes.items()}
+
+
+def features(trained: ClothCheckpoint) -> int:
+    """How many numbers say what a plan is like to iterative learning."""
+    model = trained.model
+    return ControlSettings.horizon * model.command_size + model.state_size
 
 
 def _sharing(written: Mapping[str, bytes]) -> dict[str, bytes]:

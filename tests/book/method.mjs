@@ -8,7 +8,9 @@ const { runtime, folder, questions } = given;
 const ort = createRequire(import.meta.url)(`${runtime}/ort.wasm.min.js`);
 ort.env.wasm.wasmPaths = pathToFileURL(`${runtime}/`).href;
 ort.env.wasm.numThreads = 1;
-const { makeNetworks, readConstants, makeController } = made("networks", "controller");
+const { makeNetworks, readConstants, makeController, iterativeSearch, makeTracker, makeAim, makeEllipse } = made(
+  ...["networks", "controller", "iterative", "estimator", "aim", "ellipse"],
+);
 const { constants: about, ...graphs } = Object.fromEntries(
   readdirSync(folder).map((name) => [name, readFileSync(`${folder}/${name}`)]),
 );
@@ -39,6 +41,33 @@ const answers = {
       steps.push({ u, z: [...z], predicted, ended: controller.periodEnded(), solves: controller.solves() });
     }
     return steps;
+  },
+  // Commands of iterative learning in states that were seen, and what it expects and rests on.
+  async iterate({ p, target, states, exploring }) {
+    const search = iterativeSearch(networks, constants);
+    const controller = makeController(networks, constants, search);
+    controller.setBias(p);
+    controller.setTarget(target);
+    const steps = [];
+    for (const [t, s] of states.entries()) {
+      search.explore(exploring[t]);
+      const u = [...(await controller.act(s))];
+      const predicted = await controller.predictedDistance();
+      steps.push({ u, predicted, basis: search.basis(controller.learned()), solves: controller.solves() });
+    }
+    return steps;
+  },
+  // p after each step, and the last report.
+  async estimate({ p, states, commands }) {
+    const tracker = makeTracker(networks, constants, p);
+    const path = [];
+    for (const [t, s] of states.entries()) path.push([...(await tracker.update(s, commands[t], { atRest: true }))]);
+    return { path, report: tracker.report };
+  },
+  ellipse: ({ theta, tension }) => makeEllipse(constants.ellipse)(theta, tension),
+  async aim({ mask }) {
+    const { known, z, distance, overlap } = await makeAim(networks, constants)(Uint8Array.from(mask));
+    return { known: known.join(""), z: [...z], distance, overlap };
   },
 };
 const found = [];

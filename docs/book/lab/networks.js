@@ -4,11 +4,13 @@ async function makeNetworks(ort, { weights, ...graphs }) {
   const externalData = [{ path: "weights", data: weights }];
   const kinds = { float32: Float32Array, float64: Float64Array };
 
-  // Of a dimension that is free, numbers say how long it is.
+  // Where a graph takes a fixed count, there may be fewer numbers; those that are not given are zeros.
   function tensorOf({ name, type, shape }, values) {
     const known = shape.reduce((product, length) => product * (Number(length) || 1), 1);
     const dims = shape.map((length) => (typeof length === "number" ? length : values.length / known));
-    return new ort.Tensor(type, kinds[type].from(values), dims);
+    const numbers = new kinds[type](Math.max(known, values.length));
+    numbers.set(values);
+    return new ort.Tensor(type, numbers, dims);
   }
   async function network(graph) {
     const session = await ort.InferenceSession.create(graph, { executionProviders: ["wasm"], externalData });
@@ -26,6 +28,7 @@ async function makeNetworks(ort, { weights, ...graphs }) {
 function readConstants(bytes) {
   const known = JSON.parse(new TextDecoder().decode(bytes));
   const unpack = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const floatsOf = (text) => new Float32Array(unpack(text).buffer);
   const masksOf = (text) => {
     const bits = unpack(text);
     const pixels = Uint8Array.from({ length: 8 * bits.length }, (_, k) => (bits[k >> 3] >> (7 - (k & 7))) & 1);
@@ -35,7 +38,9 @@ function readConstants(bytes) {
   const gallery = Object.entries(known.gallery).map(([name, text]) => [name, masksOf(text)[0]]);
   return {
     ...known,
-    plans: new Float32Array(unpack(known.plans).buffer),
+    plans: floatsOf(known.plans),
+    runs: known.runs.map(({ material, z, u }) => ({ material, z: floatsOf(z), u: floatsOf(u) })),
+    ellipse: known.ellipse && { ...known.ellipse, pushes: floatsOf(known.ellipse.pushes) },
     images: masksOf(known.images),
     gallery: Object.fromEntries(gallery),
   };
