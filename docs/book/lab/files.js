@@ -1,5 +1,26 @@
 // What belongs to the page lies beside it in scripts, as base64 of gzip files: from a folder a browser fetches nothing.
-function unpackedFile(name) {
-  const bytes = Uint8Array.from(atob(globalThis.clothlabFiles[name]), (letter) => letter.charCodeAt(0));
-  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip")));
+function loadScript(address) {
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = address;
+    script.onload = resolve;
+    script.onerror = () => reject(new Error(`${address.split("/").pop()} can't be loaded`));
+    document.head.append(script);
+  });
+}
+
+// A file of a script that was loaded, once: what is packed is forgotten then.
+async function unpackedFile(name) {
+  const packed = globalThis.clothlabFiles[name];
+  delete globalThis.clothlabFiles[name];
+  const { body } = await fetch(`data:application/gzip;base64,${packed}`); // a browser decodes this sooner than we do
+  return new Response(body.pipeThrough(new DecompressionStream("gzip")));
+}
+
+// Of what JSON holds, bytes as a panel takes them.
+function unpacked(value) {
+  if (value === null || typeof value !== "object") return value;
+  if (Array.isArray(value)) return value.map(unpacked);
+  if ("bytes" in value) return Uint8Array.from(atob(value.bytes), (letter) => letter.charCodeAt(0));
+  return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
 }
