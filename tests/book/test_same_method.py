@@ -23,7 +23,7 @@ pytestmark = pytest.mark.book
 SOLVES = 40
 ESTIMATED = 200  # steps
 # Arm, and how far a plan may be off [rad], [N]
-ARMS = [("torque", 1e-4)]
+ARMS = [("torque", 1e-4), ("muscle", 1e-2)]
 BIAS = 1e-3
 ELLIPSE = 3e-4  # [m], of a centimetre or more
 AIM = 1e-4  # [s.d. of z], [pixel]
