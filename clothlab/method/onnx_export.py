@@ -29,6 +29,8 @@ from clothlab.method.gauss_newton import around_bias
 from clothlab.method.model import PredictiveModel
 
 _EXTRA = "onnx"
+# The pass that merges equal weights leaves large ones alone, unless it is told so.
+_ANY_SIZE = 2**31
 
 
 def export_onnx(
@@ -52,9 +54,8 @@ def export_onnx(
         gradients: whether the function takes gradients inside. Then its loops are
             unrolled, and no dimension can be free.
     """
-    bring("export_onnx", "onnxscript", _EXTRA)
-    passes = bring("export_onnx", "onnx_ir.passes.common", _EXTRA)
-    bring("export_onnx", "onnx", _EXTRA)
+    for package in ("onnxscript", "onnx_ir", "onnx"):
+        bring("export_onnx", package, _EXTRA)
     if gradients and free:
         raise ValueError("a function with gradients inside has no free dimensions")
 
@@ -68,15 +69,11 @@ def export_onnx(
             examples,
             dynamo=True,
             dynamic_shapes=(_shapes(inputs, free),) if free else None,
+            optimize=False,  # a third of the time; onnxruntime has its own
             verbose=False,
         )
         assert program is not None
-
-        # The weights are in it once for each use, and much is computed twice.
-        _clear_names(program.model, {*inputs, *outputs})
-        passes.DeduplicateInitializersPass()(program.model)
-        passes.CommonSubexpressionEliminationPass()(program.model)
-        passes.ClearMetadataAndDocStringPass()(program.model)
+        _simplify(program.model, {*inputs, *outputs})
     _name(program.model.graph.inputs, inputs)
     _name(program.model.graph.outputs, outputs)
     if free:
@@ -260,6 +257,22 @@ def _shapes(
         dict.fromkeys(free[name], torch.export.Dim.AUTO) if name in free else None
         for name in inputs
     )
+
+
+def _simplify(model: Any, names: set[str]) -> None:
+    """Take out what is there twice or not needed; names are for inputs and outputs."""
+    from onnx_ir.passes import common
+    from onnxscript import optimizer
+
+    optimizer.inline(model)
+    optimizer.fold_constants(model)
+    optimizer.remove_unused_nodes(model)
+
+    # The weights are in it once for each use, and much is computed twice.
+    _clear_names(model, names)
+    common.DeduplicateInitializersPass(_ANY_SIZE)(model)
+    common.CommonSubexpressionEliminationPass()(model)
+    common.ClearMetadataAndDocStringPass()(model)
 
 
 def _clear_names(model: Any, wanted: set[str]) -> None:
