@@ -94,9 +94,7 @@ pages-other:
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) site-tested
 
-# Without a network, all but the physics in WebAssembly is tested.
 site-built:
-	-$(MAKE) npm
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 
@@ -168,6 +166,7 @@ npm: $(STAMP)  ## fetch what the live lab in a page takes of npm into build/npm,
 	$(BIN)/python course/npm.py
 
 book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
+	-$(BIN)/python course/npm.py # without a network, its robot stands still
 	$(BIN)/python course/book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
 	rm -rf $(SITE)/html
 	CLOTHLAB_BOOK=$(if $(STUDENT),student) $(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \

@@ -21,7 +21,7 @@ from clothlab.lab._drawn import MIME
 from clothlab.lab._widget import REOPENED
 from course.drawn import drawn_here, write_controls, write_figures
 from course.editions import ROOT, student_edition
-from course.lab_page import SOURCES, write_lab
+from course.lab_page import SOURCES, write_lab, write_robot
 from course.solutions import solved, tags, without
 
 BUILD = ROOT / "build"
@@ -190,10 +190,18 @@ def main() -> None:
         help="leave out the solutions and what they printed",
     )
     arguments = parser.parse_args()
+
+    # The pages
     paths = sorted((ROOT / "notebooks").glob("*.ipynb"))
     notebooks = {path.name: executed(path, small=arguments.small) for path in paths}
     site = BUILD / ("book-student" if arguments.student else "book")
     lay_out(notebooks, site / "source", student=arguments.student)
+
+    # A robot in one of them, where there is what it is made of
+    try:
+        write_robot(site / "source" / "static" / "lab")
+    except FileNotFoundError as error:
+        print(f"NO ROBOT in the page of the live lab, only the recorded run: {error}")
 
 
 if __name__ == "__main__":

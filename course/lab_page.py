@@ -6,45 +6,92 @@ belongs to the page is plain scripts, and a file is packed into one.
 
 import base64
 import gzip
+import json
 import lzma
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab._validation import HEIGHT, WIDTH
-from clothlab.lab import LivePanel
-from clothlab.lab._playback import RECORDING
+from clothlab.lab import LivePanel, LiveSession
+from clothlab.lab._playback import RECORDING, _packed
+from clothlab.lab._views import REACHABLE, Views
 from clothlab.simulation import vision
+from clothlab.simulation._lattice import point_names
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
+from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
+from course.lab_constants import method_files
 from course.npm import packages
 from course.repository import ROOT
 
 SOURCES = ROOT / "docs" / "book" / "lab"
+# Who can drive there: a controller for each kind of start
+DRIVERS = ["control", "control: last", "control: earlier"]
+DRIVERS += ["manual", "random", "operator"]
+_NOTEBOOK = "not in a web page yet: notebook 08 does this"
+# What no session in a page does, and why
+REFUSED = dict.fromkeys(
+    ["set arm", "explore", "set tension", "upload", "record", "save", "discard"],
+    _NOTEBOOK,
+)
 _EXPORT = "export default { render };"
+# What the page itself does, and what its worker does
+_PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "views"]
+_PAGE += ["live_lab", "robot", "page"]
+_WORKER = ["files", "geometry", "physics", "stage", "camera", "drivers", "session"]
+_WORKER += ["networks", "controller", "estimator", "aim", "worker"]
+_RUNTIME = "ort-wasm-simd-threaded"
 
 
 def write_lab(folder: Path) -> None:
     """Write the scripts of the page into a folder."""
     panel = str(LivePanel._esm).replace(_EXPORT, "")
-    script = "\n".join([panel, sources("files", "recorded_run", "page")])
+    script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
     recording = (_store.data_folder() / RECORDING).read_bytes()
-    write_packed(folder / "run.js", "run.json", lzma.decompress(recording))
+    write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
 
 
-def write_robot(folder: Path) -> None:
-    """Write what a robot in the page is made of: MuJoCo, and what the worker does."""
-    library = packages()["@mujoco/mujoco"].folder
-    module = (library / "mujoco.js").read_text("utf-8")
+def write_robot(folder: Path, arm: str = "torque") -> None:
+    """Write what a robot in the page is made of.
+
+    What its worker does, MuJoCo, what runs networks, the method for an arm, and what
+    the page shows of it. A FileNotFoundError where `make npm` is missing.
+    """
+    mujoco = packages()["@mujoco/mujoco"].folder
+    runtime = packages()["onnxruntime-web"].folder / "dist"
+    if not (mujoco.is_dir() and runtime.is_dir()):
+        raise FileNotFoundError("no files of npm are there: run `make npm`")
+
     # A page in a folder may start a plain script as its worker, and no module.
+    module = (mujoco / "mujoco.js").read_text("utf-8")
     script = module.replace("export default loadMujoco;", "")
     script = script.replace("import.meta.url", "self.location.href")
-    worker = "\n".join([script, sources("physics", "camera", "worker")])
-    write_packed(folder / "worker.js", "worker.js", worker.encode())
-    wasm = (library / "mujoco.wasm").read_bytes()
-    write_packed(folder / "mujoco.js", "mujoco.wasm", wasm)
+    networks = (runtime / "ort.wasm.min.js").read_text("utf-8")
+    worker = "\n".join([script, networks, sources(*_WORKER)])
+
+    # Each part in a script of its own
+    wasm = (mujoco / "mujoco.wasm").read_bytes()
+    runs = {
+        f"onnxruntime.{kind}": (runtime / f"{_RUNTIME}.{kind}").read_bytes()
+        for kind in ("mjs", "wasm")
+    }
+    method = {f"{arm}/{name}": file for name, file in method_files(arm).items()}
+    about = json.dumps(lab_data(arm), default=_packed)
+    parts = {
+        "worker": {"worker.js": worker.encode()},
+        "mujoco": {"mujoco.wasm": wasm},
+        "onnxruntime": runs,
+        arm: method,
+        "lab-data": {"lab.json": about.encode()},
+    }
+    for name, files in parts.items():
+        write_packed(folder / f"{name}.js", files)
 
 
 def sources(*names: str) -> str:
@@ -52,14 +99,16 @@ def sources(*names: str) -> str:
     return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
 
 
-def write_packed(path: Path, name: str, content: bytes) -> None:
-    """Write a script that holds a file by this name, which `files.js` unpacks."""
-    packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
-    script = f'(globalThis.clothlabFiles ??= {{}})["{name}"] = "{packed}";\n'
-    write_bytes(path, script.encode())
+def write_packed(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write a script that holds files by their names, which `files.js` unpacks."""
+    lines = ["globalThis.clothlabFiles ??= {};\n"]
+    for name, content in files.items():
+        packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+        lines.append(f'clothlabFiles["{name}"] = "{packed}";\n')
+    write_bytes(path, "".join(lines).encode())
 
 
-def scene(arm: str, cloth: str) -> dict[str, Any]:
+def scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     """What physics and camera need of an arm with a cloth that hangs still in its hand.
 
     Its MJCF, where it starts, the time steps of a control period, and how a picture
@@ -67,8 +116,6 @@ def scene(arm: str, cloth: str) -> dict[str, Any]:
     """
     env = ClothEnv(arm, cloth)
     spec = build_spec(env.arm, env.cloth, env.scene)
-    names = ("qpos", "qvel", "act", "ctrl")
-    start = {name: getattr(env.data, name).tolist() for name in names}
     camera = {
         "size": (HEIGHT, WIDTH),
         "redness": vision._REDNESS,
@@ -76,7 +123,62 @@ def scene(arm: str, cloth: str) -> dict[str, Any]:
     }
     return {
         "mjcf": portable_mjcf(spec),
-        "start": start,
+        "start": _start(env),
         "substeps": env.scene.substeps,
         "camera": camera,
+    }
+
+
+def _start(env: ClothEnv) -> dict[str, list[float]]:
+    names = ("qpos", "qvel", "act", "ctrl")
+    return {name: getattr(env.data, name).tolist() for name in names}
+
+
+def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
+    """The same for cloths of any C_damp and C_mass, whose places are open in the MJCF.
+
+    The cloth is put below the hand, and hangs still after `settle` time steps.
+    """
+    placed = ClothEnv(arm, cloth, scene=Scene(settle_time=0))
+    world = scene(arm, cloth)
+
+    # Names in braces where numbers of the cloth stand
+    root = ElementTree.fromstring(world["mjcf"])
+    names = {name for row in point_names(placed.cloth) for name in row}
+    points = [body for body in root.iter("body") if body.get("name") in names]
+    for body in points:
+        for joint in body.findall("joint"):
+            joint.set("damping", "{damping}")
+        for ball in body.findall("geom"):
+            ball.set("mass", "{mass}")
+
+    # And how it begins
+    return world | {
+        "mjcf": ElementTree.tostring(root, encoding="unicode"),
+        "start": _start(placed),
+        "settle": round(Scene.settle_time / Scene.time_step),
+        "timeStep": Scene.time_step,
+        "points": len(points),
+    }
+
+
+def lab_data(arm: str) -> dict[str, Any]:
+    """What a session in the page begins with, and what its panel shows of it."""
+    session = LiveSession(arm)
+    views = Views(session)
+    session.close()
+
+    # What a person chooses from
+    drivers = {"arms": [arm], "drivers": DRIVERS, "refused": REFUSED, "only": False}
+    keys = ("name", "label", "damping", "mass")
+    cloths = [{key: getattr(cloth, key) for key in keys} for cloth in CLOTHS.values()]
+
+    # The scene, and the map of p
+    axes = views.plane._axes
+    return {
+        "about": views.fixtures() | drivers,
+        "scene": any_cloth_scene(arm, session.equipment.setup.cloth),
+        "cloths": cloths,
+        "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
+        "reachable": REACHABLE,
     }

@@ -75,6 +75,18 @@ def _decoded(file: bytes, kind: int) -> np.ndarray:
     return np.asarray(cv2.imdecode(np.frombuffer(file, np.uint8), kind))
 
 
+def pushed_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> np.ndarray:
+    """How far a push of 1 N from all around moves the hand, `[N, 2]` (forward, up) [m].
+
+    The posture θ is `[2]` [rad], the tension of the muscles f_const [N].
+    """
+    pushed = []
+    for angle in np.linspace(0, 2 * np.pi, 25):
+        force = np.array([np.cos(angle), np.sin(angle)])
+        pushed.append(arm.hand(static_posture(arm, [*theta, f_const], force)))
+    return np.array(pushed) - arm.hand(theta)
+
+
 def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure:
     """The arm, and ten times how far a push of 1 N from any direction moves its hand.
 
@@ -86,11 +98,7 @@ def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure
     elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
 
     # Its hand, pushed from all around
-    pushed = []
-    for angle in np.linspace(0, 2 * np.pi, 25):
-        force = np.array([np.cos(angle), np.sin(angle)])
-        pushed.append(arm.hand(static_posture(arm, [*theta, f_const], force)))
-    ellipse = hand + _ENLARGED * (np.array(pushed) - hand)
+    ellipse = hand + _ENLARGED * pushed_hand(arm, theta, f_const)
 
     # The figure, with the same axes for every posture
     figure, ((ax,),) = plots.new_axes(size=(4.0, 3.6))

@@ -16,7 +16,7 @@ that needs no setting. Not in the paper.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, setting, settings_or_default
 from clothlab.method._experience import Attempt, Experience
 from clothlab.method._inputs import check_runs
-from clothlab.method._memories import joined
+from clothlab.method._memories import AnyMemory, joined
 from clothlab.method.control import (
     ControlSettings,
     Limits,
@@ -88,7 +88,7 @@ class IterativeLearningSettings(Checked):
         """
         plan = (u / model.u_std).flatten(1) / self.plan_scale
         start = s / model.s_std / self.state_scale
-        return torch.cat([plan, start.expand(len(u), -1)], dim=1)
+        return torch.cat([plan, start.expand(u.shape[0], -1)], dim=1)
 
 
 class _RecordedPlans(NamedTuple):
@@ -148,6 +148,21 @@ def _check_longer(runs: Sequence[Run], horizon: int) -> None:
         raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
 
 
+class _Learned(NamedTuple):
+    """What a `ResidualModel` keeps, as tensors alone."""
+
+    x: Tensor  # features of the plans that were tried [N, D]
+    inverse: Tensor  # of the covariance of their residuals [N, N]
+    weights: Tensor  # of each of them in a mean [N, T D_z]
+    variance: Tensor  # far from all that was tried []
+
+    def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean `[B, T D_z]` and variance `[B]` for plans with features x `[B, D]`."""
+        k = _kernel(x, self.x)
+        known = ((k @ self.inverse) * k).sum(1)
+        return k @ self.weights, self.variance * (1 - known).clamp_min(0)
+
+
 class ResidualModel:
     """Gaussian process of residuals, with one squared-exponential kernel.
 
@@ -161,24 +176,22 @@ class ResidualModel:
     def __init__(
         self, x: Tensor, residuals: Tensor, settings: IterativeLearningSettings
     ):
-        self._x = x
         self._shape = residuals.shape[1:]
         noise = settings.noise * torch.eye(len(x), dtype=x.dtype)
-        self._inverse = torch.linalg.inv(_kernel(x, x) + noise)
-        self._weights = self._inverse @ residuals.flatten(1)
+        inverse = torch.linalg.inv(_kernel(x, x) + noise)
+        weights = inverse @ residuals.flatten(1)
 
         # The squared error of a prediction far from all that was tried: the mean of
         # what was seen and, as if seen so many times, of what was assumed before.
         squares = residuals.square().mean(dim=(1, 2)).sum()
         assumed = settings.prior_count * settings.prior_error**2
         self.variance = (assumed + squares) / (settings.prior_count + len(x))
+        self._learned = _Learned(x, inverse, weights, self.variance)
 
     def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Mean `[B, T, D_z]` and variance `[B]` for plans with features x `[B, D]`."""
-        k = _kernel(x, self._x)
-        known = ((k @ self._inverse) * k).sum(1)
-        mean = (k @ self._weights).unflatten(1, self._shape)
-        return mean, self.variance * (1 - known).clamp_min(0)
+        mean, variance = self._learned(x)
+        return mean.unflatten(1, self._shape), variance
 
 
 def _kernel(a: Tensor, b: Tensor) -> Tensor:
@@ -192,35 +205,42 @@ class _Forecast:
     Args:
         problem: the state to start from, the model and its p.
         z_ref: the target, `[D_z]`.
-        attempts: periods that are over, perhaps none.
         settings: how far an outcome teaches.
+        caution: weight of the variance.
     """
 
     def __init__(
         self,
         problem: Problem,
         z_ref: Tensor,
-        attempts: Sequence[Attempt],
         settings: IterativeLearningSettings,
+        caution: float | Tensor,
     ):
         self._problem = problem
         self._z_ref = z_ref
         self._settings = settings
-        self._caution = _caution(attempts, z_ref, settings)
-        self.residuals: ResidualModel | None = None
-        if attempts:
-            with torch.no_grad():
-                self.residuals = self._learn(attempts)
+        self._caution = caution
+        self.residuals: Any = None  # a `ResidualModel`, once there are attempts
 
-    def _learn(self, attempts: Sequence[Attempt]) -> ResidualModel:
-        """How predictions with the present p erred in the attempts."""
+    def learn(self, attempts: Sequence[Attempt]) -> None:
+        """Learn how predictions with the present p erred in the attempts."""
         s = torch.stack([each.s for each in attempts])
         u = torch.stack([each.u for each in attempts])
         z = torch.stack([each.z for each in attempts])
         memory = joined([each.memory for each in attempts])
+        with torch.no_grad():
+            x, predicted = self.looked_back(s, u, memory)
+            self.residuals = ResidualModel(x, z - predicted, self._settings)
+
+    def looked_back(
+        self, s: Tensor, u: Tensor, memory: AnyMemory
+    ) -> tuple[Tensor, Tensor]:
+        """What plans are like `[N, D]`, and the z predicted for them `[N, T, D_z]`.
+
+        From states `[N, D_s]`, plans `[N, T, D_u]`, and memories of N that are over.
+        """
         states = self._problem.rollout(s, u, memory)
-        predicted = states[..., : len(self._z_ref)]
-        return ResidualModel(self.features(s, u), z - predicted, self._settings)
+        return self.features(s, u), states[..., : len(self._z_ref)]
 
     def features(self, s: Tensor, u: Tensor) -> Tensor:
         """What plans u `[B, T, D_u]` from states s `[B, D_s]` are like, `[B, D]`."""
@@ -238,8 +258,8 @@ class _Forecast:
         states = self._problem.predict(plans.repeat(1, ahead, 1))
         states = states.unflatten(1, (ahead, period))
 
-        total = torch.zeros(len(plans))
-        start = self._problem.s.expand(len(plans), -1)
+        total = plans.new_zeros(plans.shape[0])
+        start = self._problem.s.expand(plans.shape[0], -1)
         for k in range(ahead):
             # Where this period leads, corrected by what was learned.
             predicted = states[:, k, :, :latent]
@@ -358,7 +378,12 @@ class IterativeSearch:
 
     def forecast(self, problem: Problem, attempts: Sequence[Attempt] = ()) -> _Forecast:
         """What is expected of plans in this problem, after these attempts."""
-        return _Forecast(problem, _target_of(problem), attempts, self.settings)
+        z_ref = _target_of(problem)
+        caution = _caution(attempts, z_ref, self.settings)
+        forecast = _Forecast(problem, z_ref, self.settings, caution)
+        if attempts:
+            forecast.learn(attempts)
+        return forecast
 
     def basis(self, learned: Experience) -> str:
         """What the plan being sent rests on, in words."""
@@ -460,17 +485,20 @@ class IterativeSearch:
     ) -> _Choice:
         """The best plan after a descent from plans `[B, T, D_u]` with losses `[B]`."""
         trace = [losses.min().item()]
-        few = replace(
-            problem.settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP
-        )
-        gamma = few.step_sizes()[:, None, None, None]
-        scale = problem.limits.scale
         for _ in range(self.settings.iterations if self.exploring else 0):
-            _, direction = steepest_ascent(loss, plans, scale)
-            steps = gamma * (direction * scale)
-            plans, losses = best_step(loss, plans, steps, problem.limits)
+            plans, losses = _descended(loss, plans, problem.limits, problem.settings)
             trace.append(losses.min().item())
         return _Choice(plans[losses.argmin()], trace[-1], np.array(trace))
+
+
+def _descended(
+    loss: _LossOfPlans, plans: Tensor, limits: Limits, settings: ControlSettings
+) -> tuple[Tensor, Tensor]:
+    """Plans `[B, T, D_u]` after one iteration of a descent, and their losses `[B]`."""
+    few = replace(settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP)
+    gamma = few.step_sizes()[:, None, None, None]
+    _, direction = steepest_ascent(loss, plans, limits.scale)
+    return best_step(loss, plans, gamma * (direction * limits.scale), limits)
 
 
 def _target_of(problem: Problem) -> Tensor:

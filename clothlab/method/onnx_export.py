@@ -29,6 +29,8 @@ from clothlab.method.gauss_newton import around_bias
 from clothlab.method.model import PredictiveModel
 
 _EXTRA = "onnx"
+# The pass that merges equal weights leaves large ones alone, unless it is told so.
+_ANY_SIZE = 2**31
 
 
 def export_onnx(
@@ -52,7 +54,7 @@ def export_onnx(
         gradients: whether the function takes gradients inside. Then its loops are
             unrolled, and no dimension can be free.
     """
-    bring("export_onnx", "onnxscript", _EXTRA)
+    optimizer = bring("export_onnx", "onnxscript.optimizer", _EXTRA)
     passes = bring("export_onnx", "onnx_ir.passes.common", _EXTRA)
     bring("export_onnx", "onnx", _EXTRA)
     if gradients and free:
@@ -68,13 +70,16 @@ def export_onnx(
             examples,
             dynamo=True,
             dynamic_shapes=(_shapes(inputs, free),) if free else None,
+            optimize=False,  # it looks for patterns, at a third of the time
             verbose=False,
         )
         assert program is not None
 
         # The weights are in it once for each use, and much is computed twice.
+        optimizer.inline(program.model)
+        optimizer.fold_constants(program.model)
         _clear_names(program.model, {*inputs, *outputs})
-        passes.DeduplicateInitializersPass()(program.model)
+        passes.DeduplicateInitializersPass(_ANY_SIZE)(program.model)
         passes.CommonSubexpressionEliminationPass()(program.model)
         passes.ClearMetadataAndDocStringPass()(program.model)
     _name(program.model.graph.inputs, inputs)

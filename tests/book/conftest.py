@@ -116,8 +116,8 @@ def visit(page):
     )
     page.on("pageerror", lambda error: complaints.append(str(error)))
 
-    def visit(file):
-        page.goto(file.as_uri())
+    def visit(file, more=""):
+        page.goto(file.as_uri() + more)
         page.wait_for_function(
             "!window.MathJax?.startup || MathJax.startup.promise.then(() => true)"
         )

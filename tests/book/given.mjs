@@ -4,14 +4,16 @@ import { pathToFileURL } from "node:url";
 
 const [library, sources, file] = process.argv.slice(2);
 
+export const given = JSON.parse(readFileSync(file, "utf8"));
+
 export async function loaded() {
   const { default: loadMujoco } = await import(pathToFileURL(library));
-  return { mujoco: await loadMujoco(), given: JSON.parse(readFileSync(file, "utf8")) };
+  return loadMujoco();
 }
 
-// The functions of one of the page's sources, which are no modules.
-export function made(name) {
-  const source = readFileSync(`${sources}/${name}.js`, "utf8");
-  const names = [...source.matchAll(/^function (\w+)/gm)].map(([, each]) => each);
-  return new Function(`${source}; return { ${names.join(", ")} };`)();
+// The functions of some of the page's sources, which are no modules.
+export function made(...names) {
+  const source = names.map((name) => readFileSync(`${sources}/${name}.js`, "utf8")).join("\n");
+  const functions = [...source.matchAll(/^(?:async )?function (\w+)/gm)].map(([, each]) => each);
+  return new Function(`${source}; return { ${functions.join(", ")} };`)();
 }

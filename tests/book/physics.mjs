@@ -1,7 +1,7 @@
 // Moves the scene of a file as its commands say: the positions at the end of each control period.
-import { loaded, made } from "./given.mjs";
+import { given, loaded, made } from "./given.mjs";
 
-const { mujoco, given } = await loaded();
+const mujoco = await loaded();
 const { makePhysics } = made("physics");
 const physics = makePhysics(mujoco, given.scene);
 const positions = given.commands.map((ctrl) => {

@@ -61,7 +61,7 @@ class Lab:
 @pytest.fixture
 def lab(site, visit):
     """The panel on its page."""
-    page = visit(site / "throw.html")
+    page = visit(site / "throw.html", "#recorded-run")
     page.wait_for_selector("[data-frame]")
     return Lab(page)
 
@@ -174,7 +174,7 @@ def test_any_server_of_files_will_do(address, browser):
     complaints = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda asked: complaints.append(asked.url))
-    page.goto(f"{address}/throw.html")
+    page.goto(f"{address}/throw.html#recorded-run")
     page.wait_for_selector("[data-frame]")
     page.get_by_role("button", name="start", exact=True).click()
     expect(Lab(page).time).not_to_have_value("0")

@@ -8,12 +8,8 @@ const SAMPLES = [
   [0.625, 0.125],
 ];
 
-const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const minus3 = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const three = (values, k) => [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
 // Red beyond green, and beyond blue, of 255.
-const excess = (rgba, k) => [255 * (rgba[4 * k] - rgba[4 * k + 1]), 255 * (rgba[4 * k] - rgba[4 * k + 2])];
+const excess = ([red, green, blue]) => [255 * (red - green), 255 * (red - blue)];
 
 // Samples of a picture: how near they are, and how red beyond green and beyond blue.
 function makeSamples(rows, columns) {
@@ -70,73 +66,27 @@ function makeSamples(rows, columns) {
   return { clear, triangle, ball, redness };
 }
 
-// `camera`: the size of a mask, the redness of cloth, and the kernel of closing and opening.
-function makeCamera(mujoco, model, { size, redness, kernel }) {
+// Of a camera: the size of a mask, the redness of cloth, and the kernel of closing and opening.
+function makeCamera({ size, redness, kernel }) {
   const [height, width] = size;
   const samples = makeSamples(height, width);
-  const id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA.value, "camera");
-  const focus = (0.5 * height) / Math.tan((model.cam_fovy[id] * Math.PI) / 360);
-  const CAPSULE = mujoco.mjtGeom.mjGEOM_CAPSULE.value;
-  const capsules = [...model.geom_type.keys()].filter((k) => model.geom_type[k] === CAPSULE);
-  const part = (values, first, count) => [...values.subarray(first, first + count)];
-  const skins = [...model.skin_facenum.keys()].map((k) => ({
-    faces: part(model.skin_face, 3 * model.skin_faceadr[k], 3 * model.skin_facenum[k]),
-    bodies: part(model.skin_bonebodyid, model.skin_boneadr[k], model.skin_bonenum[k]), // one for each vertex
-    colour: excess(model.skin_rgba, k),
-  }));
   const around = kernel.flatMap((row, j) =>
     row.flatMap((on, i) => (on ? [[j - (kernel.length >> 1), i - (row.length >> 1)]] : [])),
   );
 
-  let eye = [0, 0, 0];
-  let axes = []; // what is right, up and backward
-  let ambient = 0;
-  let beams = []; // of each light, where it comes from and how bright it is
-  function look(data) {
-    const turned = data.cam_xmat.subarray(9 * id, 9 * id + 9);
-    const { headlight } = model.vis;
-    eye = three(data.cam_xpos, id);
-    axes = [0, 1, 2].map((k) => [turned[k], turned[3 + k], turned[6 + k]]);
-    ambient = headlight.ambient[0];
-    beams = [[axes[2], headlight.diffuse[0]]];
-    for (const k of model.light_type.keys())
-      beams.push([three(data.light_xdir, k).map((x) => -x), model.light_diffuse[3 * k]]);
-  }
-  // Of a surface with this normal, whatever its length.
-  function brightness(normal) {
-    const length = Math.hypot(...normal);
-    return beams.reduce((sum, [beam, diffuse]) => sum + (diffuse * Math.max(0, dot3(normal, beam))) / length, ambient);
-  }
-  function project(point) {
-    const from = minus3(point, eye);
-    const near = -1 / dot3(from, axes[2]);
-    return [width / 2 + focus * near * dot3(from, axes[0]), height / 2 - focus * near * dot3(from, axes[1]), near];
-  }
-  function drawSkin({ faces, bodies, colour }, { xpos }) {
-    const points = bodies.map((body) => three(xpos, body));
-    const normals = points.map(() => [0, 0, 0]);
+  function drawSkin({ triangles, points, colour }, { project }, lights) {
     const places = points.map(project);
-    const triangles = Array.from({ length: faces.length / 3 }, (_, k) => three(faces, k));
-    for (const [a, b, c] of triangles) {
-      const normal = cross3(minus3(points[b], points[a]), minus3(points[c], points[a]));
-      for (const k of [a, b, c]) normal.forEach((x, i) => (normals[k][i] += x));
-    }
-    const bright = normals.map(brightness);
+    const bright = pointNormals(points, triangles).map((normal) => brightness(normal, lights));
     for (const corners of triangles)
       samples.triangle(
         corners.map((k) => [...places[k], bright[k]]),
-        colour,
+        excess(colour),
       );
   }
-  function drawCapsule(k, { geom_xpos, geom_xmat }) {
-    const [radius, half] = three(model.geom_size, k);
-    const centre = three(geom_xpos, k);
-    const count = Math.ceil((4 * half) / radius);
-    for (let ball = 0; ball <= count; ball++) {
-      const along = half * ((2 * ball) / count - 1);
-      const at = centre.map((x, i) => x + along * geom_xmat[9 * k + 3 * i + 2]); // along its z axis
-      samples.ball(project(at), radius, focus, excess(model.geom_rgba, k));
-    }
+  function drawCapsule({ from, to, radius, colour }, { project, focus }) {
+    const count = Math.ceil((2 * Math.hypot(...minus3(to, from))) / radius);
+    for (let ball = 0; ball <= count; ball++)
+      samples.ball(project(between(from, to, ball / count)), radius, focus, excess(colour));
   }
   const extract = () => new Uint8Array(height * width).map((_, pixel) => (samples.redness(pixel) > redness ? 1 : 0));
   // Dilation, or erosion, by the kernel, which is symmetric; outside of the picture is neither cloth nor none.
@@ -154,12 +104,12 @@ function makeCamera(mujoco, model, { size, redness, kernel }) {
     }
     return next;
   }
-  // The mask of the cloth, row by row, of 0 and 1.
-  return function see(data) {
-    look(data);
+  // The mask of the cloth on a stage, row by row, of 0 and 1.
+  return function see({ camera, lights, skins, rods }) {
+    const projection = makeProjection(camera, [width, height]);
     samples.clear();
-    for (const skin of skins) drawSkin(skin, data);
-    for (const k of capsules) drawCapsule(k, data);
+    for (const skin of skins) drawSkin(skin, projection, lights);
+    for (const rod of rods) if (rod.round) drawCapsule(rod, projection);
     return [true, false, false, true].reduce(spread, extract()); // closing, then opening
   };
 }

@@ -1,23 +1,49 @@
-// A scene in MuJoCo's WebAssembly. `scene`: its MJCF, where it starts, and the time steps of a control period.
-function makePhysics(mujoco, { mjcf, start, substeps }) {
+// A scene in MuJoCo's WebAssembly. `scene`: its MJCF, where it starts, the time steps of a control period, and those
+// after which a cloth that was just put into the hand hangs still.
+class SimulationError extends Error {}
+
+function makePhysics(mujoco, { mjcf, start, substeps, settle = 0 }) {
   const model = mujoco.MjModel.from_xml_string(mjcf);
   const data = new mujoco.MjData(model);
+  const STATE = ["qpos", "qvel", "act", "ctrl", "qacc_warmstart"];
 
-  function reset() {
+  const kept = () => Object.fromEntries(STATE.map((name) => [name, Float64Array.from(data[name])]));
+  function put(state) {
     mujoco.mj_resetData(model, data);
-    for (const name of ["qpos", "qvel", "act", "ctrl"]) if (start[name].length) data[name].set(start[name]);
+    for (const name of STATE) if (state[name]?.length) data[name].set(state[name]);
     mujoco.mj_forward(model, data);
   }
-  function advance(ctrl) {
-    data.ctrl.set(ctrl);
-    for (let k = 0; k < substeps; k++) mujoco.mj_step(model, data);
+  function simulate(steps) {
+    data.time = 1;
+    for (let k = 0; k < steps; k++) mujoco.mj_step(model, data);
+    // MuJoCo begins anew when a coordinate became infinite, NaN or absurdly large, and its time then does from 0
+    if (data.time < 1 + (steps - 0.5) * model.opt.timestep) throw new SimulationError();
     mujoco.mj_forward(model, data); // positions of bodies, which the camera looks at, are those of now
+  }
+  // Holds a command for a control period; after an error, no time has passed.
+  function advance(ctrl) {
+    const before = kept();
+    try {
+      data.ctrl.set(ctrl);
+      simulate(substeps);
+    } catch (error) {
+      put(before);
+      throw error;
+    }
   }
   // What lies in WebAssembly's memory is not collected by itself.
   function free() {
     data.delete();
     model.delete();
   }
-  reset();
-  return { model, data, reset, advance, free };
+
+  put(start);
+  try {
+    if (settle) simulate(settle);
+  } catch (error) {
+    free();
+    throw error;
+  }
+  const still = kept();
+  return { model, data, reset: () => put(still), kept, put, advance, free };
 }

@@ -6,18 +6,9 @@ const STEERING =
 const DRAWING = "draw, clear, pick, take, upload, record, save, discard";
 const REFUSED = [STEERING, DRAWING].flatMap((names) => names.split(", "));
 
-// Of what JSON holds, bytes as a panel takes them.
-function unpacked(value) {
-  if (value === null || typeof value !== "object") return value;
-  if (Array.isArray(value)) return value.map(unpacked);
-  if ("bytes" in value) return Uint8Array.from(atob(value.bytes), (letter) => letter.charCodeAt(0));
-  return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
-}
-
 // shots: of each step, the traits that were new then, and `caption`.
 function recordedRun(shots) {
-  const listeners = new Map();
-  const traits = {};
+  const { get, on, off, tell, set } = makeTraits();
   const from = {}; // the shot that a trait was last shown of
   const { period } = shots[0].about;
   const last = shots.length - 1;
@@ -46,17 +37,14 @@ function recordedRun(shots) {
     };
     return { ...unpacked(shots[newest("state")].state), ...now };
   }
-  function tell(event, ...news) {
-    for (const listener of listeners.get(event) ?? []) listener(...news);
-  }
   function show() {
-    traits.state = state();
     const others = ["target", "frame", "ellipse"].filter((name) => from[name] !== newest(name));
+    const news = { state: state() };
     for (const name of others) {
       from[name] = newest(name);
-      traits[name] = unpacked(shots[from[name]][name]);
+      news[name] = unpacked(shots[from[name]][name]);
     }
-    for (const name of ["state", ...others]) tell(`change:${name}`);
+    set(news);
   }
 
   function pause() {
@@ -87,13 +75,7 @@ function recordedRun(shots) {
   }
   document.addEventListener("visibilitychange", () => document.hidden && send({ do: "pause", id: answered }));
 
-  traits.about = about();
+  set({ about: about() });
   show();
-  const on = (event, listener) => listeners.set(event, [...(listeners.get(event) ?? []), listener]);
-  const off = (event, listener) =>
-    listeners.set(
-      event,
-      (listeners.get(event) ?? []).filter((each) => each !== listener),
-    );
-  return { get: (name) => traits[name], on, off, send };
+  return { get, on, off, send };
 }

@@ -1,31 +1,31 @@
 // The robot in its worker: a function that asks it something, and promises what it answers.
-async function startRobot() {
-  const source = await unpackedFile("worker.js").text();
+// `files`: the worker's source, and what it is made of, as responses.
+async function startRobot(source, files, seed) {
   const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
   const worker = new Worker(address);
   const waiting = new Map(); // what to do with an answer, by the question's id
   let asked = 0;
   let failure = null; // of the worker itself, also before it was asked anything
 
-  worker.addEventListener("message", ({ data: { id, answer, error } }) => {
+  worker.addEventListener("message", ({ data: { id, answer, error, name } }) => {
     const { resolve, reject } = waiting.get(id);
     waiting.delete(id);
-    if (error) reject(new Error(error));
+    if (error) reject(Object.assign(new Error(error), { name }));
     else resolve(answer);
   });
   worker.addEventListener("error", (event) => {
     failure = new Error(event.message || "the worker could not start");
     for (const { reject } of waiting.values()) reject(failure);
   });
-  const ask = (what, more = {}) =>
+  const ask = (what, more = {}, handed = []) =>
     new Promise((resolve, reject) => {
       if (failure) throw failure;
       asked += 1;
       waiting.set(asked, { resolve, reject });
-      worker.postMessage({ id: asked, what, more });
+      worker.postMessage({ id: asked, what, more }, handed);
     });
 
-  await ask("load", { wasm: await unpackedFile("mujoco.wasm").arrayBuffer() });
+  const first = await ask("load", { files, seed }, Object.values(files));
   URL.revokeObjectURL(address);
-  return ask;
+  return { ask, first };
 }

@@ -1,34 +1,52 @@
-// In a worker: MuJoCo, a cloth in the robot's hand, and the camera. Each question has an answer with the same id.
-let mujoco = null;
-let physics = null;
-let see = null;
+// In a worker: MuJoCo, the networks, and a session with both. Each question has an answer with the same id, and waits
+// for the one before it.
+let session = null;
+const read = (bytes) => JSON.parse(new TextDecoder().decode(bytes));
 
-const seen = () => ({ qpos: Float64Array.from(physics.data.qpos), mask: see(physics.data) });
+// onnxruntime in one thread. It loads a module of its own, which can only come from an address.
+function loadRuntime({ "onnxruntime.mjs": module, "onnxruntime.wasm": wasm }) {
+  const address = URL.createObjectURL(new Blob([module], { type: "text/javascript" }));
+  Object.assign(ort.env.wasm, { numThreads: 1, wasmBinary: wasm, wasmPaths: { mjs: address } });
+  return ort;
+}
+
+// What Python exported for an arm: constants, and networks with what is made of them.
+async function makeMethod(files, arm) {
+  const its = Object.entries(files).filter(([name]) => name.startsWith(`${arm}/`));
+  const exported = its.map(([name, bytes]) => [name.slice(arm.length + 1), new Uint8Array(bytes)]);
+  const { constants: about, ...graphs } = Object.fromEntries(exported);
+  const constants = readConstants(about);
+  const networks = await makeNetworks(loadRuntime(files), graphs);
+  return {
+    constants,
+    networks,
+    controller: makeController(networks, constants),
+    makeTracker: (p) => makeTracker(networks, constants, p),
+    aimAt: makeAim(networks, constants),
+  };
+}
+
 const answers = {
-  async load({ wasm }) {
-    mujoco = await loadMujoco({ wasmBinary: wasm, locateFile: (name) => name });
-  },
-  hold({ scene }) {
-    const next = makePhysics(mujoco, scene); // if that fails, the robot keeps the cloth that it has
-    physics?.free();
-    physics = next;
-    see = makeCamera(mujoco, physics.model, scene.camera);
-    return seen();
-  },
-  reset() {
-    physics.reset();
-    return seen();
-  },
-  advance({ ctrl }) {
-    physics.advance(ctrl);
-    return seen();
+  async load({ files, seed }) {
+    const lab = unpacked(read(files["lab.json"]));
+    const [mujoco, method] = await Promise.all([
+      loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (name) => name }),
+      makeMethod(files, lab.about.arms[0]),
+    ]);
+    session = await makeSession(mujoco, method, lab, seed);
+    const { biases, usual_distance } = method.constants;
+    return { biases, usual_distance };
   },
 };
 
-addEventListener("message", async ({ data: { id, what, more } }) => {
-  try {
-    postMessage({ id, answer: await answers[what](more) });
-  } catch (error) {
-    postMessage({ id, error: `${error.message ?? error}` });
-  }
+let turn = Promise.resolve();
+addEventListener("message", ({ data: { id, what, more } }) => {
+  turn = turn.then(async () => {
+    try {
+      const answer = await (answers[what] ?? session.actions[what])(more);
+      postMessage({ id, answer: { answer, now: session.now(), aim: session.aim() } });
+    } catch (error) {
+      postMessage({ id, error: `${error.message ?? error}`, name: error.constructor?.name });
+    }
+  });
 });

@@ -1,0 +1,118 @@
+// Model predictive control, step after step of a run: Python's `Controller` with its `GradientSearch`.
+// A plan holds the T commands of D_u numbers one after the other.
+
+// How a plan goes on when a step has passed, and whether a period may start from a recorded plan.
+const STARTS = {
+  last: { repeats: false, recorded: false },
+  earlier: { repeats: true, recorded: false },
+  recorded: { repeats: false, recorded: true },
+};
+const distanceBetween = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
+const joined = (...parts) => Float32Array.from(parts.flatMap((part) => [...part]));
+
+// The paper's search: down the gradient, by the best of many step sizes.
+function gradientSearch(networks, { plans, control }) {
+  async function recorded({ plan, within, ...problem }) {
+    const starts = joined(plan, within(plans));
+    const { losses } = await networks.predict({ ...problem, u: starts });
+    const best = losses.indexOf(Math.min(...losses));
+    return starts.subarray(best * plan.length, (best + 1) * plan.length);
+  }
+  async function find(problem) {
+    let { plan } = problem;
+    if (!problem.solve) return { plan, trace: null, learned: null };
+    if (problem.start.recorded && problem.t % control.period === 0) plan = await recorded(problem);
+    const trace = [];
+    for (let k = 0; k < control.iterations; k++) {
+      const found = await networks.descend({ ...problem, u: plan });
+      plan = found.plan;
+      trace.splice(k, 2, ...found.losses);
+    }
+    return { plan, trace, learned: null };
+  }
+  return { begin: () => null, find };
+}
+
+// `constants`: the limits of the commands, the settings and recorded plans. A search of one's own has `begin`, `find`.
+function makeController(networks, constants, search = gradientSearch(networks, constants)) {
+  const { lower, upper, home, control } = constants;
+  const { horizon, period } = control;
+  const size = home.length;
+  const first = joined(...Array(horizon).fill(home));
+  let p = null;
+  let target = null; // z of what is aimed at
+  let start = STARTS.recorded;
+  let now = null; // replaced as a whole, so that a step happens wholly or not at all
+
+  function beginning(learned) {
+    const empty = new Float32Array(constants.memory);
+    return { plan: first, sent: [], h: empty, c: empty, learned: search.begin(learned), last: null, t: 0, solves: 0 };
+  }
+  const within = (plan) => plan.map((x, k) => Math.min(Math.max(x, lower[k % size]), upper[k % size]));
+  const mask = (t) => Array.from({ length: horizon }, (_, k) => Number((t + 1 + k) % period === 0));
+  const stepsLeft = () => (period - (now.t % period)) % period;
+
+  // The progress when the next state is seen: a step has passed.
+  async function movedOn(p) {
+    if (!now.last) return now;
+    const { next_h: h, next_c: c } = await networks.follow({ ...now.last, p, h: now.h, c: now.c });
+    const sent = [...now.sent, now.plan.subarray(0, size)].slice(-period);
+    const added = start.repeats && sent.length === period ? sent[0] : now.plan.subarray(-size);
+    return { ...now, h, c, sent, plan: joined(now.plan.subarray(size), added) };
+  }
+  // The next command in state s; without a solve that of the plan, where there is one already.
+  async function act(s, { solve = true } = {}) {
+    const before = await movedOn(p);
+    const { plan, t, h, c } = before;
+    const around = { s, p, h, c, z_ref: target, mask: mask(t), lower, upper };
+    const problem = { ...around, plan, t, solve: solve || !t, start, within };
+    const found = await search.find(problem, before.learned);
+    const u = found.plan.slice(0, size);
+    const solves = before.solves + Number(found.trace !== null);
+    now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };
+    return u;
+  }
+  // States to which the plan leads in so many steps, one after the other; null before the first step.
+  async function foresee(steps) {
+    if (!now.last) return null;
+    const { s } = now.last;
+    const { states } = await networks.predict({
+      s,
+      u: now.plan,
+      p,
+      h: now.h,
+      c: now.c,
+      z_ref: target,
+      mask: mask(now.t),
+    });
+    return states.slice(0, steps * s.length);
+  }
+  // The z to which the plan leads at the end of its period, where that is within the horizon.
+  async function foreseen() {
+    const steps = stepsLeft() + 1;
+    const states = steps > horizon ? null : await foresee(steps);
+    return states && states.slice(-now.last.s.length).slice(...constants.z);
+  }
+  // Distance to the target that is expected of the plan; a search that learns says it itself.
+  async function predictedDistance() {
+    if (now.learned) return search.expectedFor(now.learned, target);
+    const z = await foreseen();
+    return z && distanceBetween(target, z);
+  }
+
+  now = beginning();
+  return {
+    act,
+    foresee,
+    foreseen,
+    predictedDistance,
+    reset: () => (now = beginning()),
+    resume: () => (now = beginning(now.learned)), // as after somebody moved the robot; what was learned stays
+    setBias: (next) => (p = next),
+    setTarget: (z) => (target = z),
+    setStart: (name) => (start = STARTS[name]),
+    solves: () => now.solves,
+    learned: () => now.learned,
+    periodEnded: () => now.last !== null && now.t % period === 0,
+  };
+}

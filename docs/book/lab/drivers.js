@@ -1,0 +1,115 @@
+// Who chooses the commands: random commands and the scripted operator, as in `policies.py`, a person, and controllers.
+// Random numbers come from a seed alone, from 0 to 1; this is mulberry32.
+function makeRandom(seed) {
+  let state = seed >>> 0;
+  function next() {
+    state = (state + 0x6d2b79f5) >>> 0;
+    let mixed = Math.imul(state ^ (state >>> 15), state | 1);
+    mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
+    return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
+  }
+  const uniform = (low, high) => low + (high - low) * next();
+  const integer = (low, end) => low + Math.floor((end - low) * next());
+  return { next, uniform, integer };
+}
+
+const LONGEST_HOLD = 4; // steps
+
+// Uniform commands, each held for 1 to 4 steps, so that there are slow and fast motions.
+function makeRandomDriver({ lower, upper }) {
+  let random = makeRandom(0);
+  let u = null;
+  let stepsLeft = 0;
+  function reset(seed) {
+    random = makeRandom(seed);
+    stepsLeft = 0;
+  }
+  function act() {
+    if (!stepsLeft) {
+      u = lower.map((low, k) => random.uniform(low, upper[k]));
+      stepsLeft = random.integer(1, LONGEST_HOLD + 1);
+    }
+    stepsLeft -= 1;
+    return [...u];
+  }
+  return { reset, act };
+}
+
+// Lifts the cloth slowly and throws it down fast; each swing draws its own height, depth, speeds and pauses.
+function makeOperator({ lower, upper, home }) {
+  let random = makeRandom(0);
+  let u = home;
+  let plan = [];
+  function reset(seed) {
+    random = makeRandom(seed);
+    u = home;
+    plan = [];
+  }
+  // Up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3; angles are smaller, the higher the arm is.
+  function swing() {
+    const within = (low, high) => lower.map((least, k) => least + random.uniform(low, high) * (upper[k] - least));
+    const high = within(0, 0.35);
+    const low = within(0.65, 1);
+    const way = (from, to, count) => Array.from({ length: count }, (_, k) => between(from, to, (k + 1) / count));
+    const rest = (where, count) => Array(count).fill(where);
+    const up = way(u, high, random.integer(3, 7));
+    const above = rest(high, random.integer(0, 3));
+    const down = way(high, low, random.integer(1, 3));
+    return [...up, ...above, ...down, ...rest(low, random.integer(1, 4))];
+  }
+  function act() {
+    if (!plan.length) plan = swing();
+    u = plan.shift();
+    return [...u];
+  }
+  return { reset, act };
+}
+
+// The driver "control", and where it starts its search; the others are to compare it with.
+const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
+
+// All of them, for an arm with its limits and home.
+function makeDrivers(controller, arm) {
+  const others = { random: makeRandomDriver(arm), operator: makeOperator(arm) };
+  let count = 0; // steps since the controller began
+  let period = []; // predicted and seen distance of each step since its period began
+
+  function reset(seed) {
+    for (const each of Object.values(others)) each.reset(seed);
+    controller.reset();
+    count = 0;
+    period = [];
+  }
+  // Another driver's turn begins.
+  function resume(driver) {
+    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+    controller.resume();
+    count = 0;
+    period = [];
+  }
+  function setTarget(z) {
+    controller.setTarget(z);
+    period = []; // it was about another target
+  }
+  // A command, and what its driver says of it.
+  async function choose(driver, s, { hand, solve, solveEvery }) {
+    if (!(driver in CONTROLS)) {
+      const command = driver === "manual" ? hand : others[driver].act();
+      return { command, predicted: null, periodEnded: false };
+    }
+    // A period that begins without a solve would go on with the plan of the last one.
+    const begins = count % arm.control.period === 0;
+    const command = [...(await controller.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
+    count += 1;
+    return { command, predicted: await controller.predictedDistance(), periodEnded: controller.periodEnded() };
+  }
+  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved.
+  function closePeriod({ predicted, periodEnded }, distance) {
+    if (predicted !== null) period.push(predicted);
+    if (!periodEnded || !period.length) return null;
+    const ended = { predicted: period[0], achieved: distance };
+    period = [];
+    return ended;
+  }
+  return { reset, resume, setTarget, setBias: controller.setBias, choose, closePeriod };
+}

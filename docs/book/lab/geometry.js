@@ -1,0 +1,35 @@
+// What a camera in space needs: vectors, a pinhole, and how bright a surface is. A mask and a picture are made with it.
+const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const minus3 = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const three = (values, k) => [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
+// From a to b, at a share of the way.
+const between = (a, b, share) => a.map((x, i) => x + (b[i] - x) * share);
+
+// Where a point of the world is in a picture of this size: x, y [pixel], and how near that is [1 / m].
+function makeProjection({ eye, axes, fovy }, [width, height]) {
+  const focus = (0.5 * height) / Math.tan((fovy * Math.PI) / 360);
+  const [right, up, backward] = axes;
+  function project(point) {
+    const from = minus3(point, eye);
+    const near = -1 / dot3(from, backward);
+    return [width / 2 + focus * near * dot3(from, right), height / 2 - focus * near * dot3(from, up), near];
+  }
+  return { focus, project };
+}
+
+// Of a surface with this normal, whatever its length.
+function brightness(normal, { ambient, beams }) {
+  const length = Math.hypot(...normal);
+  return beams.reduce((sum, [beam, diffuse]) => sum + (diffuse * Math.max(0, dot3(normal, beam))) / length, ambient);
+}
+
+// The normals of points that triangles join; a large triangle counts for more.
+function pointNormals(points, triangles) {
+  const normals = points.map(() => [0, 0, 0]);
+  for (const [a, b, c] of triangles) {
+    const normal = cross3(minus3(points[b], points[a]), minus3(points[c], points[a]));
+    for (const k of [a, b, c]) normal.forEach((x, i) => (normals[k][i] += x));
+  }
+  return normals;
+}

@@ -1,0 +1,47 @@
+// The graphs that Python exported of its own functions, in onnxruntime. `files`: graphs by name, and their weights.
+// Each becomes a function that takes numbers by name and promises those that come out, by name.
+async function makeNetworks(ort, { weights, ...graphs }) {
+  const externalData = [{ path: "weights", data: weights }];
+  const kinds = { float32: Float32Array, float64: Float64Array };
+
+  // Where a graph takes a fixed count, there may be fewer numbers; those that are not given are zeros.
+  function tensorOf({ name, type, shape }, values) {
+    const known = shape.reduce((product, length) => product * (Number(length) || 1), 1);
+    const dims = shape.map((length) => (typeof length === "number" ? length : values.length / known));
+    const numbers = new kinds[type](Math.max(known, values.length));
+    numbers.set(values);
+    return new ort.Tensor(type, numbers, dims);
+  }
+  async function network(graph) {
+    const session = await ort.InferenceSession.create(graph, { executionProviders: ["wasm"], externalData });
+    return async (inputs) => {
+      const feeds = session.inputMetadata.map((each) => [each.name, tensorOf(each, inputs[each.name])]);
+      const found = await session.run(Object.fromEntries(feeds));
+      return Object.fromEntries(Object.entries(found).map(([name, { data }]) => [name, data]));
+    };
+  }
+  const made = await Promise.all(Object.values(graphs).map(network));
+  return Object.fromEntries(Object.keys(graphs).map((name, k) => [name, made[k]]));
+}
+
+// What Python exported beside the graphs, with plans and masks unpacked: of a mask, a number for each pixel.
+function readConstants(bytes) {
+  const known = JSON.parse(new TextDecoder().decode(bytes));
+  const unpack = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const floatsOf = (text) => new Float32Array(unpack(text).buffer);
+  const masksOf = (text) => {
+    const bits = unpack(text);
+    const pixels = Uint8Array.from({ length: 8 * bits.length }, (_, k) => (bits[k >> 3] >> (7 - (k & 7))) & 1);
+    const [area, count] = [known.size[0] * known.size[1], pixels.length / known.size[0] / known.size[1]];
+    return Array.from({ length: count }, (_, k) => pixels.subarray(k * area, (k + 1) * area));
+  };
+  const gallery = Object.entries(known.gallery).map(([name, text]) => [name, masksOf(text)[0]]);
+  return {
+    ...known,
+    plans: floatsOf(known.plans),
+    runs: known.runs.map(({ material, z, u }) => ({ material, z: floatsOf(z), u: floatsOf(u) })),
+    ellipse: known.ellipse && { ...known.ellipse, pushes: floatsOf(known.ellipse.pushes) },
+    images: masksOf(known.images),
+    gallery: Object.fromEntries(gallery),
+  };
+}

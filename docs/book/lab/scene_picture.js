@@ -1,0 +1,141 @@
+// The onlooker's picture of a stage: floor and shadow, arm and cloth, from far to near. The page draws it, so that the
+// robot has its worker for itself.
+const SKY = [0.93, 0.95, 0.97];
+const FLOOR = [0.95, 0.95, 0.93];
+const FINE = 3; // parts of an edge of the cloth's triangles, which are shaded each
+const ROD_PARTS = 8; // of one, which may stand before the cloth or behind it
+const ROUND = [-1, -0.8, -0.4, 0, 0.4, 0.8, 1]; // across a rod, where its shading is computed
+
+const rgb = (colour, bright) => `rgb(${colour.map((x) => Math.min(255, 255 * x * bright)).join(" ")})`;
+
+// What triangle [a, b, c] is cut into: corners as shares of a, b and c.
+function fineTriangles(count) {
+  const corner = (i, j) => [1 - (i + j) / count, i / count, j / count];
+  const fine = [];
+  for (let i = 0; i < count; i++)
+    for (let j = 0; i + j < count; j++) {
+      fine.push([corner(i, j), corner(i + 1, j), corner(i, j + 1)]);
+      if (i + j < count - 1) fine.push([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
+    }
+  return fine;
+}
+const FACETS = fineTriangles(FINE);
+const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
+
+function scenePicture(canvas) {
+  const ctx = canvas.getContext("2d");
+  const { width, height } = canvas;
+
+  function polygon(places) {
+    ctx.beginPath();
+    for (const [x, y] of places) ctx.lineTo(x, y);
+    ctx.closePath();
+  }
+  // The floor reaches to the horizon, where the camera looks if it looks level.
+  function drawFloor({ axes }, focus) {
+    const [, up, backward] = axes;
+    const level = [-backward[0], -backward[1], 0];
+    const horizon = height / 2 + (focus * dot3(level, up)) / dot3(level, backward);
+    ctx.fillStyle = rgb(SKY, 1);
+    ctx.fillRect(0, 0, width, height);
+    const top = Math.max(0, horizon);
+    const fading = ctx.createLinearGradient(0, top, 0, height);
+    fading.addColorStop(0, rgb(FLOOR, 0.98));
+    fading.addColorStop(1, rgb(FLOOR, 0.86));
+    ctx.fillStyle = fading;
+    ctx.fillRect(0, top, width, height - top);
+  }
+  // All shadows are one shape, or they would be darker where two of them meet.
+  function drawShadows({ skins, rods, lights }, { project }) {
+    const [sun] = lights.beams.at(-1);
+    const onFloor = (point) => project([0, 1, 2].map((i) => point[i] - (point[2] / sun[2]) * sun[i]));
+    const shape = new Path2D();
+    function add(places) {
+      const [a, b, c] = places;
+      const turned = (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]);
+      const [first, ...others] = turned ? places.toReversed() : places; // or two would cancel each other
+      shape.moveTo(...first.slice(0, 2));
+      for (const [x, y] of others) shape.lineTo(x, y);
+      shape.closePath();
+    }
+    for (const corners of skins[0].triangles) add(corners.map((k) => onFloor(skins[0].points[k])));
+    for (const { from, to, radius } of rods) {
+      const across = cross3(minus3(to, from), sun);
+      const wide = across.map((x) => (radius * x) / (Math.hypot(...across) || 1));
+      const edge = (point, side) => onFloor(point.map((x, i) => x + side * wide[i]));
+      add([edge(from, 1), edge(to, 1), edge(to, -1), edge(from, -1)]);
+    }
+    ctx.fillStyle = "rgb(40 45 60 / 0.2)";
+    ctx.fill(shape);
+  }
+  // Of a cloth's side, the facets that are seen of it: how far each is, and what draws it.
+  function facets({ triangles, points, colour }, lights, { project }, eye) {
+    const normals = pointNormals(points, triangles);
+    return triangles.flatMap((corners) => {
+      const [a, b, c] = corners.map((k) => points[k]);
+      const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
+      if (!front) return [];
+      return FACETS.map((fine) => {
+        const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
+        const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
+        const normal = mixed(
+          middle,
+          corners.map((k) => normals[k]),
+        );
+        const draw = () => {
+          polygon(places);
+          ctx.fillStyle = ctx.strokeStyle = rgb(colour, brightness(normal, lights));
+          ctx.lineWidth = 1; // closes the seams between facets
+          ctx.fill();
+          ctx.stroke();
+        };
+        return { near: (places[0][2] + places[1][2] + places[2][2]) / 3, draw };
+      });
+    });
+  }
+  function parts({ round, from, to, radius, colour }, lights, { project, focus }, eye) {
+    const along = minus3(to, from);
+    const across = cross3(along, minus3(eye, from));
+    const length = Math.hypot(...across) || 1;
+    const side = across.map((x) => x / length);
+    const towards = cross3(side, along).map((x) => x / (Math.hypot(...along) || 1));
+    const shades = ROUND.map((at) =>
+      rgb(
+        colour,
+        brightness(
+          side.map((x, i) => at * x + Math.sqrt(1 - at * at) * towards[i]),
+          lights,
+        ),
+      ),
+    );
+    return Array.from({ length: ROD_PARTS }, (_, k) => {
+      const [begin, end] = [k, k + 1].map((each) => project(between(from, to, each / ROD_PARTS)));
+      const near = (begin[2] + end[2]) / 2;
+      const edge = (sign) =>
+        project(between(from, to, (k + 0.5) / ROD_PARTS).map((x, i) => x + sign * radius * side[i]));
+      const draw = () => {
+        const [left, right] = [edge(-1), edge(1)];
+        const shading = ctx.createLinearGradient(left[0], left[1], right[0], right[1]);
+        ROUND.forEach((at, i) => shading.addColorStop((at + 1) / 2, shades[i]));
+        ctx.strokeStyle = shading;
+        ctx.lineWidth = 2 * radius * focus * near;
+        ctx.lineCap = round ? "round" : "butt";
+        ctx.beginPath();
+        ctx.moveTo(begin[0], begin[1]);
+        ctx.lineTo(end[0], end[1]);
+        ctx.stroke();
+      };
+      return { near: 1 / (1 / near - radius), draw };
+    });
+  }
+  return function draw(stage) {
+    const { camera, lights, skins, rods } = stage;
+    const projection = makeProjection(camera, [width, height]);
+    drawFloor(camera, projection.focus);
+    drawShadows(stage, projection);
+    const things = skins.flatMap((skin) => facets(skin, lights, projection, camera.eye));
+    things.push(...rods.flatMap((rod) => parts(rod, lights, projection, camera.eye)));
+    things.sort((a, b) => a.near - b.near);
+    for (const thing of things) thing.draw();
+  };
+}

@@ -1,0 +1,75 @@
+// What the panel shows of a session, as plain data: Python's `Views` and `traces`.
+const JOINTS = ["shoulder", "elbow"];
+
+const line = (name, values, colour = 0, { dash = 0, fine = false } = {}) => ({ name, values, colour, dash, fine });
+const plot = (title, unit, lines, limit, pairs = []) => ({ title, unit, lines, limit, pairs });
+
+// The plots of a history, one below the other.
+function traces({ stillDistance }, history, period) {
+  const of = (what) => history.map(what);
+  const distances = [
+    line(
+      "distance",
+      of((moment) => moment.distance),
+    ),
+  ];
+  const predicted = of((moment) => moment.predicted);
+  const foretold = predicted.some((each) => each !== null);
+  if (foretold) distances.push(line("predicted at each step", predicted, 1, { dash: 1, fine: true }));
+  const pairs = history.flatMap(({ period: ended }, k) => (ended ? [[k, ended.predicted, ended.achieved]] : []));
+  const angles = JOINTS.map((joint, j) =>
+    line(
+      joint,
+      of((moment) => moment.theta[j]),
+      j,
+    ),
+  ); // eslint-disable-line
+  const sent = JOINTS.map((joint, j) =>
+    line(
+      `${joint} ref`,
+      of((moment) => moment.command[j]),
+      j,
+      { dash: 1 },
+    ),
+  );
+  const times = line(
+    "step",
+    of((moment) => 1e3 * moment.seconds),
+  ); // eslint-disable-line
+  return [
+    plot("distance to the target", "s.d. of z", distances, ["hanging still", stillDistance], pairs),
+    plot("joint angles", "rad", [...angles, ...sent], null),
+    plot("time a step took", "ms", [times], ["control period", 1e3 * period]),
+  ];
+}
+
+// Whether the arm can show a target and the autoencoder knows its shape, and the numbers that this rests on.
+function targetView({ mask, reconstruction, distance, overlap }, { usual_distance: usual, reachable }) {
+  const known = distance <= usual;
+  let reach = "Not reachable";
+  if (known) reach = "Known shape";
+  else if (overlap >= reachable) reach = "Reachable";
+  const away = Number.isFinite(distance) ? `${distance.toFixed(1)} pixel from the target` : "no cloth at all";
+  return {
+    image: mask,
+    reconstruction,
+    known,
+    verdict: `${reach}. The autoencoder ${known ? "reproduces" : "does not reproduce"} it.`,
+    reason:
+      `Its reconstruction is ${away} (chamfer distance; 99 % of recorded images are below ` +
+      `${usual.toFixed(1)}). The recorded image most like it has an IoU of ${overlap.toFixed(2)} with it.`,
+  };
+}
+
+// The plane of the map: p of a place, and the place of p.
+function makePlane({ mean, axes }) {
+  const at = (p) => axes.map((axis) => axis.reduce((sum, x, k) => sum + x * (p[k] - mean[k]), 0));
+  const p = (place) => mean.map((x, k) => x + axes.reduce((sum, axis, j) => sum + axis[k] * place[j], 0));
+  return { at, p };
+}
+
+// The material whose trained p is nearest.
+function nearestMaterial(p, biases) {
+  const gap = (name) => Math.hypot(...p.map((x, k) => x - biases[name][k]));
+  return Object.keys(biases).reduce((best, name) => (gap(name) < gap(best) ? name : best));
+}

@@ -1,0 +1,433 @@
+"""The live lab in a page that lies in a folder: a visitor steers the robot there."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+from test_same_physics import BOUND
+
+from clothlab.lab import LiveSession
+from clothlab.simulation._mjcf import build_spec, portable_mjcf
+from clothlab.simulation.arm import ARMS
+from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.env import SimulationError
+from course.lab_page import SOURCES, any_cloth_scene, write_lab, write_robot
+from course.npm import packages
+
+pytestmark = pytest.mark.book
+
+PERIODS = 8
+STEPS = 8 * PERIODS
+CLOTH = CLOTHS["damp0.05-mass0.10"]
+LIGHT = Cloth("own", damping=0.035, mass=0.06)
+# Of a page that was opened, how a trait of its model stands
+TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
+PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Throw a cloth</title>
+<meta name="viewport" content="width=device-width">
+<meta http-equiv="Content-Security-Policy" content="{policy}"><main><h1>Throw a cloth</h1>
+{body}</main></html>"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The page by itself, with what `throw.md` has of it."""
+    if not packages()["onnxruntime-web"].folder.exists():
+        pytest.skip("NO FILES OF NPM: run `make npm`")
+    folder = tmp_path_factory.mktemp("page")
+    write_lab(folder / "_static" / "lab")
+    write_robot(folder / "_static" / "lab")
+    text = (SOURCES.parent / "throw.md").read_text("utf-8")
+    (policy,) = re.findall(r'Policy": "(.*)"', text)
+    (body,) = re.findall(r"```\{raw\} html\n(.*?)```", text, re.DOTALL)
+    page = PAGE.format(policy=policy, body=body)
+    (folder / "throw.html").write_text(page, "utf-8")
+    return folder
+
+
+class Lab:
+    """What a visitor does at the panel, and sees of it."""
+
+    def __init__(self, page):
+        self.page = page
+        self.panel = page.locator(".clothlab")
+        self.status = self.panel.locator(".status")
+        self.message = self.panel.get_by_role("alert")
+        self.note = page.locator("#clothlab-lab > p").get_by_role("status")
+
+    def press(self, name):
+        self.panel.get_by_role("button", name=name, exact=True).click()
+
+    def choose(self, menu, option):
+        self.panel.get_by_label(menu, exact=True).select_option(option)
+
+    def move(self, name, value, event="change"):
+        """Move a slider, also beyond its end."""
+        self.panel.get_by_role("slider", name=name).evaluate(
+            """(slider, [value, event]) => {
+                slider.min = Math.min(slider.min, value);
+                slider.value = value;
+                slider.dispatchEvent(new Event(event));
+            }""",
+            [value, event],
+        )
+
+    def tell(self, what, **more):
+        """Send what the panel would send."""
+        self.page.evaluate(
+            "(message) => document.getElementById('clothlab-lab').model.send(message)",
+            {"do": what, "id": "", **more},
+        )
+
+    def get(self, trait):
+        return self.page.evaluate(TRAIT, trait)
+
+    @property
+    def distances(self):
+        """That to the target at each step, and of the cloth that hangs still."""
+        plot = self.get("frame")["traces"][0]
+        return plot["lines"][0]["values"], plot["limit"][1]
+
+    def run_until(self, step):
+        self.press("start")
+        self.wait(f"+get('frame').clock.match(/step (\\d+)/)[1] >= {step}")
+        self.press("pause")
+        expect(self.status).to_have_text("❚❚ paused")
+
+    def wait(self, condition):
+        self.page.wait_for_function(
+            f"() => {{ const get = {TRAIT}; return {condition}; }}", timeout=120_000
+        )
+
+    def inside(self, expression, argument=None):
+        """Ask in the worker, where `session` is."""
+        return self.page.workers[0].evaluate(expression, argument)
+
+
+@pytest.fixture
+def open_lab(folder, visit):
+    """Open the page anew, which takes seconds."""
+
+    def open_lab(address=""):
+        page = visit(folder / "throw.html", address)
+        page.wait_for_selector("[data-frame]", timeout=60_000)
+        return Lab(page)
+
+    return open_lab
+
+
+@pytest.fixture(scope="module")
+def one_page(folder, browser):
+    """A page that most tests share, and what it complained of."""
+    page = browser.new_page(offline=True, viewport={"width": 1280, "height": 900})
+    complaints = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on(
+        "console",
+        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
+    )
+    page.on(
+        "request",
+        lambda asked: (
+            asked.url.startswith(("file:", "data:", "blob:"))
+            or complaints.append(asked.url)
+        ),
+    )
+    page.goto(f"{(folder / 'throw.html').as_uri()}?seed=7")
+    page.wait_for_selector("[data-frame]", timeout=60_000)
+    yield page, complaints
+    page.close()
+
+
+@pytest.fixture
+def lab(one_page):
+    """The robot as it is at first."""
+    page, complaints = one_page
+    lab = Lab(page)
+    (dot,) = [
+        dot for dot in lab.get("about")["map"]["dots"] if dot["name"] == CLOTH.name
+    ]
+    lab.tell("pause")
+    lab.tell("set cloth", cloth=CLOTH.name)
+    lab.tell("set p", at=dot["at"])
+    lab.tell("estimate", on=False)
+    lab.tell("pick", name="target-2")
+    lab.tell("set hand", u=list(ARMS["torque"].home))
+    lab.tell("set driver", driver="control")
+    lab.tell("reset")
+    yield lab
+    assert complaints == []
+
+
+def filled(template, cloth):
+    """The MJCF of a scene with a cloth."""
+    text = template["mjcf"].replace("{damping}", str(cloth.damping))
+    return text.replace("{mass}", str(cloth.point_mass))
+
+
+@pytest.mark.parametrize("cloth", [*list(CLOTHS.values())[::4], LIGHT])
+def test_the_scene_of_any_cloth_is_that_of_each(cloth):
+    template = any_cloth_scene("torque", CLOTH)
+    found = mujoco.MjModel.from_xml_string(filled(template, cloth))
+    expected = mujoco.MjModel.from_xml_string(
+        portable_mjcf(build_spec(ARMS["torque"], cloth))
+    )
+    for name in ("body_mass", "body_inertia", "dof_damping", "tendon_stiffness"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-5)
+    assert "{" not in "".join(
+        ElementTree.fromstring(filled(template, cloth)).itertext()
+    )
+
+
+def in_python(template, cloth, commands):
+    """Coordinates after each command, from a cloth that hangs still."""
+    model = mujoco.MjModel.from_xml_string(filled(template, cloth))
+    data = mujoco.MjData(model)
+    for name, values in template["start"].items():
+        getattr(data, name)[:] = values
+    mujoco.mj_forward(model, data)
+    mujoco.mj_step(model, data, template["settle"])
+    places = []
+    for u in commands:
+        mujoco.mj_forward(model, data)
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data, template["substeps"])
+        places.append(data.qpos.tolist())
+    return np.array(places)
+
+
+def test_a_cloth_made_by_sliders_moves_as_in_python(lab):
+    lab.move("C_damp [N s/m]", LIGHT.damping)
+    lab.wait("get('state').cloth.material[0] === 0.035")
+    lab.move("C_mass [kg]", LIGHT.mass)
+    lab.wait("get('state').cloth.material[1] === 0.06")
+    assert lab.get("state")["cloth"]["label"] == LIGHT.label
+    commands = [[-0.6, -1.2], [-0.6, -1.2], [0.9, -0.1], [0.2, -0.9]]
+    found = lab.inside(
+        """async (commands) => {
+            const places = [];
+            for (const u of commands) {
+                session.actions.setHand({ u });
+                await session.actions.step({ solve: true, solveEvery: 1, estimateEvery: 1 });
+                places.push([...session.world().data.qpos]);
+            }
+            return places;
+        }""",
+        commands,
+    )
+    template = any_cloth_scene("torque", CLOTH)
+    expected = in_python(template, LIGHT, commands)
+    assert np.abs(np.array(found) - expected).max() < BOUND
+
+
+def test_control_throws_nearer_than_a_cloth_that_hangs(lab):
+    lab.choose("driven by", "manual")
+    lab.run_until(8)
+    hanging, still = lab.distances
+    assert np.abs(np.array(hanging) - still).max() < 0.1
+    lab.press("reset")
+    lab.choose("driven by", "control")
+    lab.wait("get('state').driver === 'control'")
+    for _ in range(STEPS):
+        lab.tell("step")  # as fast as it can: nothing is left out then
+    lab.wait(f"get('frame').clock.endsWith('step {STEPS}')")
+    distances, still = lab.distances
+    ends = np.array(distances)[7::8]
+    assert np.median(ends[2:]) < 0.6 * still
+    pairs = lab.get("frame")["traces"][0]["pairs"]
+    assert [k for k, _, _ in pairs][:3] == [7, 15, 23]
+
+
+def test_a_cloth_that_is_too_light_is_refused_in_pythons_words(lab):
+    with pytest.raises(SimulationError) as refusal:
+        LiveSession("torque").set_material(0.05, 0.005)
+    before = lab.get("state")["cloth"]
+    lab.move("C_mass [kg]", 0.005)
+    expect(lab.message.first).to_contain_text("too light")
+    assert lab.message.first.inner_text() == f"⚠ {refusal.value}"
+    assert lab.get("state")["cloth"] == before
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    assert lab.get("state")["cloth"] == before
+
+
+def test_a_step_that_fails_has_not_happened(lab):
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    before = lab.inside("() => [...session.world().data.qpos]")
+    lab.inside("() => { session.world().data.qvel.fill(1e12); }")
+    lab.press("step")
+    expect(lab.message.first).to_contain_text(
+        "the simulation of cloth (0.05, 0.10) diverged"
+    )
+    assert lab.inside("() => [...session.world().data.qpos]") == before
+    lab.press("reset")
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    expect(lab.status).to_have_text("❚❚ paused")
+
+
+def test_a_drawn_target_is_aimed_at(lab):
+    canvas = lab.panel.get_by_role("application", name=re.compile("^target"))
+    first = lab.get("target")
+    lab.press("clear")
+    expect(lab.message.first).to_contain_text("draw a target")
+    assert lab.get("target")["image"] == first["image"]
+    box = canvas.bounding_box()
+    at = [(0.45, 0.5), (0.55, 0.5), (0.56, 0.75), (0.45, 0.75), (0.5, 0.6)]
+    places = [
+        (box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in at
+    ]
+    lab.page.mouse.move(*places[0])
+    lab.page.mouse.down()
+    for place in places:
+        lab.page.mouse.move(*place, steps=5)
+    lab.page.mouse.up()
+    lab.wait(f"get('target').reason !== {first['reason']!r}")
+    drawn = lab.get("target")
+    assert drawn["version"] == first["version"]
+    session = LiveSession("torque")
+    mask = np.array(drawn["image"], bool).reshape(session.target.shape)
+    session.set_target(mask)
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    _, still = lab.distances
+    assert still == pytest.approx(session.still_distance, abs=0.1)
+    assert drawn["image"] != first["image"]
+    session.close()
+
+
+def test_p_is_set_on_the_map_and_estimated(lab):
+    before = lab.get("frame")["at"]
+    the_map = lab.panel.get_by_role("application", name=re.compile("^map"))
+    the_map.click(position={"x": 240, "y": 60})
+    lab.wait(f"get('frame').at[0] !== {before[0]}")
+    wrong = lab.get("frame")["at"]
+    lab.choose("driven by", "random")
+    lab.press("estimate p online")
+    lab.run_until(60)
+    frame = lab.get("frame")
+    gap = np.linalg.norm(np.subtract(frame["at"], before))
+    assert gap < 0.5 * np.linalg.norm(np.subtract(wrong, before))
+    assert len(frame["trail"]) >= 60
+    assert len(frame["region"]) > 10
+
+
+def test_a_page_that_nobody_sees_pauses(lab):
+    lab.press("start")
+    lab.wait("get('frame').clock.includes('step 2')")
+    lab.page.evaluate(
+        """() => {
+            Object.defineProperty(document, "hidden", { value: true, configurable: true });
+            document.dispatchEvent(new Event("visibilitychange"));
+            delete document.hidden;
+        }"""
+    )
+    expect(lab.status).to_have_text("❚❚ paused")
+    expect(lab.message.first).to_contain_text("paused while nobody saw the page")
+    lab.page.wait_for_timeout(500)
+    clock = lab.get("frame")["clock"]
+    lab.page.wait_for_timeout(700)
+    assert lab.get("frame")["clock"] == clock
+
+
+@pytest.mark.parametrize(
+    ("lacking", "why"),
+    [
+        ("delete globalThis.WebAssembly", "this browser has no WebAssembly"),
+        (
+            "Object.defineProperty(Navigator.prototype, 'deviceMemory', { get: () => 0.5 })",
+            "this machine has less than 1 GB of memory",
+        ),
+    ],
+)
+def test_where_a_robot_cannot_run_the_recorded_run_plays(open_lab, page, lacking, why):
+    page.add_init_script(lacking)
+    lab = open_lab()
+    expect(
+        lab.page.get_by_role("link", name="Steer the robot yourself.")
+    ).to_be_hidden()
+    expect(lab.note).to_have_text(
+        f"A live robot can't run here: {why}. This is a recorded run."
+    )
+    assert lab.page.get_by_role("slider", name="time [s]").is_visible()
+    lab.press("start")
+    expect(lab.status).to_have_text("▶ running")
+
+
+def test_the_recorded_run_and_the_robot_take_turns(lab):
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    lab.page.get_by_role("link", name="Watch the recorded run.").click()
+    time = lab.page.get_by_role("slider", name="time [s]")
+    expect(time).to_be_visible()
+    lab.page.get_by_role("link", name="Steer the robot yourself.").click()
+    expect(time).to_have_count(0)
+    assert "step 1" in lab.get("frame")["clock"]
+
+
+def test_the_same_seed_drives_the_same(open_lab):
+    sent = []
+    for address in ("?seed=7", "?seed=7", "?seed=8"):
+        lab = open_lab(address)
+        lab.choose("driven by", "random")
+        for step in (1, 2, 3):
+            lab.press("step")
+            lab.wait(f"get('frame').clock.includes('step {step}')")
+        sent.append(lab.get("frame")["traces"][1]["lines"][2]["values"])
+    assert sent[0] == sent[1] != sent[2]
+
+
+def test_a_hand_takes_over_by_slider_and_by_key(lab):
+    slider = lab.panel.get_by_role("slider", name="θ_ref shoulder [rad]")
+    slider.focus()
+    slider.press("ArrowRight")
+    lab.wait("get('state').driver === 'manual'")
+    lab.move("θ_ref shoulder [rad]", -0.5, "input")
+    lab.wait("Math.abs(get('state').hand[0] + 0.5) < 0.01")
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 2')")
+    assert lab.get("frame")["traces"][1]["lines"][0]["values"][-1] < 0
+
+
+def test_what_a_page_does_not_do_is_off_and_says_why(lab):
+    for name in ("record", "from a file"):
+        button = lab.panel.get_by_role("button", name=name, exact=True)
+        assert button.is_disabled()
+        assert "notebook 08" in button.get_attribute("title")
+
+
+def test_on_a_phone_it_fits_and_a_screen_reader_finds_names(lab, axe):
+    wide = lab.page.viewport_size
+    lab.page.set_viewport_size({"width": 390, "height": 844})
+    over = "[...document.querySelectorAll('.clothlab *')].filter((each) => each.getBoundingClientRect().right > innerWidth).map((each) => each.outerHTML.slice(0, 80))"
+    assert lab.page.evaluate(over) == []
+    assert lab.page.evaluate("document.documentElement.scrollWidth") == 390
+    lab.page.evaluate(axe)
+    options = {"resultTypes": ["violations"], "preload": False}
+    found = lab.page.evaluate("(options) => axe.run(document, options)", options)
+    serious = [
+        each
+        for each in found["violations"]
+        if each["impact"] in ("serious", "critical")
+    ]
+    assert [(each["id"], each["nodes"][0]["html"][:200]) for each in serious] == []
+    lab.page.set_viewport_size(wide)
+
+
+def test_resets_and_changes_of_cloth_leave_no_memory_behind(lab):
+    size = "() => session.world().data.qpos.buffer.byteLength"
+    change = """async (count) => {
+        for (let k = 0; k < count; k++) {
+            await session.actions.setMaterial({ damping: 0.05, mass: 0.08 + 0.001 * (k % 2) });
+            await session.actions.reset();
+        }
+    }"""
+    lab.inside(change, 5)
+    before = lab.inside(size)
+    lab.inside(change, 20)
+    assert lab.inside(size) == before

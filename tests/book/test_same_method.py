@@ -1,0 +1,257 @@
+"""The method in the page computes what Python computes."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import torch
+
+from clothlab import data
+from clothlab.lab._equipment import SETUPS, Equipment
+from clothlab.lab._tracker import BiasTracker, _calibration
+from clothlab.method._rollouts import rollout_of
+from clothlab.method.cloth_task import period_mask
+from clothlab.method.control import ControlSettings, descend
+from clothlab.method.data import Run
+from clothlab.method.model import Memory
+from clothlab.simulation.stiffness import static_posture
+from course.lab_constants import method_files
+from course.npm import packages
+
+pytestmark = pytest.mark.book
+
+SOLVES = 40
+ESTIMATED = 200  # steps
+# Arm, and how far a plan may be off [rad], [N]
+ARMS = [("torque", 1e-4)]
+BIAS = 1e-3
+LEARNED = 10  # times as far may a plan of iterative learning be off
+ELLIPSE = 3e-4  # [m], of a centimetre or more
+AIM = 1e-4  # [s.d. of z], [pixel]
+SETTINGS = ControlSettings()
+
+
+class Page:
+    """An arm, and what the page answers about it."""
+
+    def __init__(self, arm, plan, node, folder):
+        self.plan = plan
+        self.equipment = Equipment.of(arm)
+        self.trained = self.equipment.trained
+        trials = data.load_trials(SETUPS[arm].known)
+        self.runs = [self.trained.to_run(trial) for trial in trials]
+        for name, content in method_files(arm).items():
+            (folder / name).write_bytes(content)
+        runtime = packages()["onnxruntime-web"].folder / "dist"
+        self._given = {"folder": str(folder), "runtime": str(runtime)}
+        self._node = node
+
+    def ask(self, what, questions):
+        asked = [{"what": what} | question for question in questions]
+        return self._node("method.mjs", self._given | {"questions": asked})
+
+    def controller(self, p, start):
+        """Python's, as the page's starts."""
+        plans = self.equipment.plans if start == "recorded" else None
+        settings = ControlSettings(
+            warm_start="earlier" if start == "earlier" else "last"
+        )
+        mask = self.equipment.gallery["target-1"]
+        return self.trained.controller(mask, p, settings, plans)
+
+
+@pytest.fixture(scope="module", params=ARMS, ids=lambda arm: arm[0])
+def page(request, node, tmp_path_factory):
+    return Page(*request.param, node, tmp_path_factory.mktemp("method"))
+
+
+class Moment(NamedTuple):
+    """What a solve begins with: a state of a recorded run, and the memory before."""
+
+    s: torch.Tensor
+    u: torch.Tensor
+    p: torch.Tensor
+    h: torch.Tensor
+    c: torch.Tensor
+    z_ref: torch.Tensor
+    mask: torch.Tensor
+
+    def question(self, arm, **other):
+        lists = {
+            name: value.flatten().tolist() for name, value in self._asdict().items()
+        }
+        lower, upper = arm.command_lower.tolist(), arm.command_upper.tolist()
+        return (
+            lists
+            | {"iterations": SETTINGS.iterations, "lower": lower, "upper": upper}
+            | other
+        )
+
+
+def moments(page):
+    rng = np.random.default_rng(0)
+    biases = list(page.trained.biases.values())
+    aims = [
+        page.equipment.aim_at(page.equipment.gallery[name])
+        for name in ("target-1", "target-2")
+    ]
+    for k in range(SOLVES):
+        run = page.runs[k % len(page.runs)]
+        t = int(rng.integers(20, len(run.s) - 10))
+        p = torch.as_tensor(biases[rng.integers(len(biases))])
+        before = slice(t - 10, t)
+        s = torch.as_tensor(run.s[None, before])
+        _, memory = page.trained.model(s, torch.as_tensor(run.u[None, before]), p)
+        yield Moment(
+            torch.as_tensor(run.s[t]),
+            torch.as_tensor(run.u[t : t + SETTINGS.horizon]),
+            p,
+            *memory,
+            torch.as_tensor(aims[k % 2].z),
+            torch.as_tensor(period_mask(t)),
+        )
+
+
+def solved(page, moment):
+    """The plan that Python finds."""
+    policy = page.controller(moment.p, "last")
+    policy.loss.z_ref = moment.z_ref
+    rollout = rollout_of(page.trained.model)(page.trained.model, moment.p)
+    t = SETTINGS.period - 1 - int(moment.mask.argmax())
+
+    def loss(plans):
+        states = rollout(moment.s, plans, Memory(moment.h, moment.c))
+        return policy.loss(states, plans, t)
+
+    plan, _ = descend(loss, moment.u, policy.controller.limits, SETTINGS)
+    return plan.numpy()
+
+
+def test_recorded_solves(page):
+    cases = list(moments(page))
+    expected = np.array([solved(page, moment) for moment in cases])
+
+    def apart(**other):
+        questions = [moment.question(page.trained.arm, **other) for moment in cases]
+        found = [answer["plan"] for answer in page.ask("solve", questions)]
+        return np.abs(np.reshape(found, expected.shape) - expected).max()
+
+    print(f"plans: {apart():.1e}")
+    assert apart() < page.plan
+    # Another p would be noticed, and a solve that goes nowhere
+    assert apart(p=[0.0, 0.0]) > page.plan
+    assert apart(iterations=0) > page.plan
+
+
+@pytest.mark.parametrize("start", ["last", "earlier", "recorded"])
+def test_a_controller_goes_through_a_run(page, start):
+    """It is shown a recorded run, whatever it commands."""
+    p = next(iter(page.trained.biases.values()))
+    states = page.runs[0].s[:20]
+    skip = [9, 10]
+    policy = page.controller(p, start)
+    controller = policy.controller
+    target = policy.loss.z_ref.tolist()
+    question = {"start": start, "p": p.tolist(), "target": target}
+    question |= {"states": states.tolist(), "skip": skip}
+    (steps,) = page.ask("control", [question])
+    for t, (s, step) in enumerate(zip(states, steps, strict=True)):
+        u = controller.act(s, solve=t not in skip)
+        assert step["u"] == pytest.approx(u, abs=page.plan), t
+        assert step["z"] == pytest.approx(policy.foreseen, abs=1e-3), t
+        assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
+        assert step["ended"] == controller.period_ended
+        assert step["solves"] == controller.solves
+
+
+def test_iterative_learning_goes_through_a_run(page):
+    """It is shown a recorded run, whatever it commands."""
+    p = next(iter(page.trained.biases.values()))
+    states = page.runs[0].s[: 6 * SETTINGS.period]
+    exploring = [t < 5 * SETTINGS.period for t in range(len(states))]
+    mask = page.equipment.first_aim().known
+    policy = page.trained.iterative_controller(mask, p, page.equipment.runs)
+    search = policy.controller.search
+    target = policy.loss.z_ref.tolist()
+    question = {"p": p.tolist(), "target": target, "states": states.tolist()}
+    (steps,) = page.ask("iterate", [question | {"exploring": exploring}])
+    for s, step, explores in zip(states, steps, exploring, strict=True):
+        search.exploring = explores
+        u = policy.controller.act(s)
+        print(
+            np.abs(step["u"] - u).max(), step["predicted"] - policy.predicted_distance
+        )
+        assert step["u"] == pytest.approx(u, abs=LEARNED * page.plan)
+        assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
+        assert step["basis"] == search.basis(policy.controller.learned)
+        assert step["solves"] == policy.controller.solves
+
+
+def estimated(page, run, p):
+    """p after each step, and the last report, of Python's tracker."""
+    setup = page.equipment.setup
+    _calibration(setup.weights, setup.known).result()
+    tracker = BiasTracker(page.trained, setup.known, p)
+    path = [
+        tracker.update(s, u, at_rest=True) for s, u in zip(run.s, run.u, strict=True)
+    ]
+    return np.array(path), tracker.report
+
+
+def test_estimates_of_recorded_steps(page):
+    start = np.zeros(2, np.float32)
+    run = page.runs[0]
+    # Longer than the window, so that it moves
+    whole = Run(np.tile(run.s, (2, 1)), np.tile(run.u, (2, 1)), run.material)
+    whole = whole[: ESTIMATED + 20]
+    expected, report = estimated(page, whole, start)
+    question = {"states": whole.s.tolist(), "commands": whole.u.tolist()}
+    found, other = page.ask(
+        "estimate", [question | {"p": p} for p in (start.tolist(), [1.0, 0.0])]
+    )
+    difference = np.abs(np.array(found["path"]) - expected).max()
+    print(f"p: {difference:.1e}")
+    assert difference < BIAS
+
+    # And how sure it is
+    told = found["report"]
+    assert np.array(told["covariance"]) == pytest.approx(report.covariance, rel=1e-2)
+    assert told["logErrorRatio"] == pytest.approx(report.log_error_ratio, abs=1e-3)
+    assert told["outOfDistribution"] == report.out_of_distribution
+    assert told["outsideHull"] == report.outside_hull
+
+    # Another p to begin with would be noticed
+    assert np.abs(np.array(other["path"]) - expected).max() > BIAS
+
+
+def test_aims(page):
+    masks = [*data.load_targets().values(), *data.load_targets("drawn").values()]
+    aims = [page.equipment.aim_at(mask) for mask in masks]
+    found = page.ask(
+        "aim", [{"mask": mask.ravel().astype(int).tolist()} for mask in masks]
+    )
+    for aim, answer in zip(aims, found, strict=True):
+        known = np.array(list(answer["known"])) == "1"
+        assert (known == aim.known.ravel()).all()
+        assert answer["z"] == pytest.approx(aim.z, abs=AIM)
+        assert answer["distance"] == pytest.approx(aim.distance, abs=AIM)
+        assert answer["overlap"] == pytest.approx(aim.overlap)
+    assert any((aim.known != aim.mask).any() for aim in aims)
+
+
+def test_ellipses_between_those_of_the_grid(page):
+    arm = page.trained.arm
+    if not arm.has_stiffness:
+        pytest.skip("this arm has no stiffness")
+    rng = np.random.default_rng(0)
+    commands = rng.uniform(arm.command_lower, arm.command_upper, (15, 3))
+    questions = [{"theta": [*theta], "tension": f} for *theta, f in commands]
+    worst = 0.0
+    for u, answer in zip(commands, page.ask("ellipse", questions), strict=True):
+        # Pushes from all around, which turn with the shoulder
+        angles = np.linspace(0, 2 * np.pi, len(answer)) - u[0]
+        pushes = np.column_stack([np.cos(angles), np.sin(angles)])
+        pushed = np.array([arm.hand(static_posture(arm, u, push)) for push in pushes])
+        worst = max(worst, np.abs(answer - (pushed - arm.hand(u[:2]))).max())
+    print(f"ellipses: {1e3 * worst:.2f} mm")
+    assert worst < ELLIPSE
