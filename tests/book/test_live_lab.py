@@ -240,6 +240,17 @@ def test_control_throws_nearer_than_a_cloth_that_hangs(lab):
     assert [k for k, _, _ in pairs][:3] == [7, 15, 23]
 
 
+def test_iterative_learning_gets_nearer_from_period_to_period(lab):
+    lab.choose("driven by", "iterative")
+    lab.wait("get('state').driver === 'iterative'")
+    for _ in range(STEPS):
+        lab.tell("step")
+    lab.wait(f"get('frame').clock.includes('step {STEPS}, plan from 7 attempts')")
+    _, still = lab.distances
+    achieved = [seen for _, _, seen in lab.get("frame")["traces"][0]["pairs"]]
+    assert min(achieved[3:]) < 0.4 * still
+
+
 def test_a_cloth_that_is_too_light_is_refused_in_pythons_words(lab):
     with pytest.raises(SimulationError) as refusal:
         LiveSession("torque").set_material(0.05, 0.005)
