@@ -38,31 +38,48 @@ def method_files(arm: str) -> dict[str, bytes]:
 
 def constants(equipment: Equipment) -> dict[str, Any]:
     """What the page's method needs beside its graphs, as JSON takes it."""
+    setup = equipment.setup
+    first = {"cloth": setup.cloth, "target": setup.target}
+    known = _robot(equipment) | _settings() | _images(equipment)
+    return first | known | {"calibration": _calibrated(equipment)}
+
+
+def _robot(equipment: Equipment) -> dict[str, Any]:
+    """The arm, its materials, and what was recorded with it."""
     trained = equipment.trained
     arm = trained.arm
-    layout = trained.layout
+    z = trained.layout.z
     return {
         "arm": arm.name,
-        "cloth": equipment.setup.cloth,
-        "target": equipment.setup.target,
-        "z": (layout.z.start, layout.z.stop),
+        "z": (z.start, z.stop),
         "memory": trained.model.initial_memory()[0].numel(),
         "lower": arm.command_lower.tolist(),
         "upper": arm.command_upper.tolist(),
         "home": arm.home_command.tolist(),
         "biases": {name: p.tolist() for name, p in trained.biases.items()},
-        "control": asdict(ControlSettings()),
-        "estimation": asdict(NewtonSettings())
-        | {"lag": _LAG, "report_every": _REPORT_EVERY},
-        "learning": asdict(IterativeLearningSettings())
-        | {"same_material": _SAME_MATERIAL},
-        "runs": [_run(run, layout.z) for run in equipment.runs],
-        "calibration": _calibrated(equipment),
         "plans": _floats(equipment.plans),
+        "runs": [_run(run, z) for run in equipment.runs],
+        "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
+    }
+
+
+def _settings() -> dict[str, dict[str, Any]]:
+    """The constants of control, estimation and iterative learning."""
+    estimation = {"lag": _LAG, "report_every": _REPORT_EVERY}
+    learning = {"same_material": _SAME_MATERIAL}
+    return {
+        "control": asdict(ControlSettings()),
+        "estimation": asdict(NewtonSettings()) | estimation,
+        "learning": asdict(IterativeLearningSettings()) | learning,
+    }
+
+
+def _images(equipment: Equipment) -> dict[str, Any]:
+    """Images to aim at, and to judge a target by."""
+    return {
         "size": (HEIGHT, WIDTH),
         "images": _bits(equipment.images),
         "gallery": {name: _bits(mask) for name, mask in equipment.gallery.items()},
-        "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
         "usual_distance": equipment.usual_distance,
         "cannot_draw": _drawable._CANNOT_DRAW,
     }

@@ -100,11 +100,9 @@ class _Method:
         """Of z `[D_z]`, the probability of cloth at each pixel `[H, W]`."""
         return self._autoencoder.decoder(z[None]).sigmoid()[0, 0]
 
-    def follow(
-        self, s: Tensor, u: Tensor, p: Tensor, h: Tensor, c: Tensor
-    ) -> AnyMemory:
+    def follow(self, s: Tensor, u: Tensor, p: Tensor, *memory: Tensor) -> AnyMemory:
         """The memory after a step that was seen."""
-        return self._rollout(self._model, p).follow(s, u, Memory(h, c))
+        return self._rollout(self._model, p).follow(s, u, memory)
 
     def predict(
         self,
@@ -147,13 +145,13 @@ class _Method:
         return descend(loss, u, limits, replace(self._settings, iterations=1))
 
     def look_back(
-        self, s: Tensor, u: Tensor, p: Tensor, h: Tensor, c: Tensor
+        self, s: Tensor, u: Tensor, p: Tensor, *memories: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """What N attempts were like, what was predicted of them, and their kernel.
 
         States are `[N, D_s]`, plans `[N, T, D_u]`, memories `[N, 2, 1, 30]`.
         """
-        memory = Memory(h[:, :, 0].movedim(1, 0), c[:, :, 0].movedim(1, 0))
+        memory = tuple(each[:, :, 0].movedim(1, 0) for each in memories)
         forecast = self._forecast(s[0], p, memory, s[0, self._z], 0.0)
         x, predicted = forecast.looked_back(s, u, memory)
         return x, predicted, _kernel(x, x)
@@ -212,60 +210,82 @@ class _Method:
 
 def export(trained: ClothCheckpoint) -> dict[str, bytes]:
     """The graphs of an arm by name, and their weights."""
-    method = _Method(trained)
-    model = trained.model
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
-
-        def write(function: Any, inputs: Any, *outputs: str, **more: Any) -> None:
-            export_onnx(made / function.__name__, function, inputs, outputs, **more)
-
-        # The images, and the steps that were seen
-        step = _step(trained)
-        image = {"image": torch.zeros(HEIGHT, WIDTH)}
-        z = torch.ones(trained.autoencoder.latent_size)
-        with torch.no_grad():
-            write(method.encode, image, "z")
-            write(method.decode, {"z": z}, "image")
-            write(method.follow, step, "next_h", "next_c")
-        export_estimation(made / "linearise", model)
-
-        # The paper's control
-        plan = model.u_mean.repeat(ControlSettings.horizon, 1)
-        around = step | {"z_ref": z, "mask": torch.ones(len(plan))}
-        limits = {"lower": model.u_mean - 1, "upper": model.u_mean + 1}
-        some = {"u": plan.repeat(2, 1, 1)}
-        with torch.no_grad():
-            write(method.predict, around | some, "states", "losses", free={"u": [0]})
-        inputs = around | {"u": plan} | limits
-        write(method.descend, inputs, "plan", "losses", gradients=True)
-
-        # Iterative learning; its graphs take as many plans as there may be, or fewer
-        learning = IterativeLearningSettings()
-        around = step | {"z_ref": z, "caution": torch.ones(())} | _taught(trained)
-        starts = {"u": plan.repeat(learning.starts, 1, 1)}
-        tried = {"u": plan.repeat(learning.remembered, 1, 1)}
-        judged = {"u": plan.repeat(learning.remembered + learning.recorded + 1, 1, 1)}
-        attempts = {
-            name: each[None].repeat(learning.remembered, *(1 for _ in each.shape))
-            for name, each in step.items()
-        }
-        attempts |= tried | {"p": step["p"]}
-        with torch.no_grad():
-            write(method.distance, around | judged, "losses")
-            write(method.look_back, attempts, "x", "predicted", "kernel")
-        inputs = around | starts | limits
-        write(method.improve, inputs, "plans", "losses", gradients=True)
+        writer = _Writer(trained, made)
+        writer.write_what_was_seen()
+        writer.write_control()
+        writer.write_iterative_learning()
         written = {path.name: path.read_bytes() for path in sorted(made.iterdir())}
     return _sharing(written)
 
 
-def _step(trained: ClothCheckpoint) -> dict[str, Tensor]:
-    """An example of a state, a command, p and a memory."""
-    model = trained.model
-    p = torch.zeros(model.bias_size)
-    memory = _named(model.initial_memory())
-    return {"s": model.s_mean, "u": model.u_mean, "p": p, **memory}
+class _Writer:
+    """Writes the graphs of an arm, each with an example of what goes in.
+
+    Args:
+        trained: the weights.
+        folder: where to.
+    """
+
+    def __init__(self, trained: ClothCheckpoint, folder: Path):
+        self._trained = trained
+        self._method = _Method(trained)
+        self._folder = folder
+
+        # A step, with a memory before it
+        model = trained.model
+        step = {"s": model.s_mean, "u": model.u_mean, "p": torch.zeros(model.bias_size)}
+        self._step: dict[str, Tensor] = step | _named(model.initial_memory())
+
+        # What is wanted, with a plan, and between which limits
+        self._z = torch.ones(trained.autoencoder.latent_size)
+        self._plan = model.u_mean.repeat(ControlSettings.horizon, 1)
+        self._limits = {"lower": model.u_mean - 1, "upper": model.u_mean + 1}
+
+    def write_what_was_seen(self) -> None:
+        """Images, the memory of steps, and how p predicts them."""
+        image = {"image": torch.zeros(HEIGHT, WIDTH)}
+        self._write(self._method.encode, image, "z")
+        self._write(self._method.decode, {"z": self._z}, "image")
+        self._write(self._method.follow, self._step, "next_h", "next_c")
+        export_estimation(self._folder / "linearise", self._trained.model)
+
+    def write_control(self) -> None:
+        """The paper's control."""
+        given = self._step | {"z_ref": self._z, "mask": torch.ones(len(self._plan))}
+        some = given | self._plans(2)
+        free = {"u": [0]}
+        self._write(self._method.predict, some, "states", "losses", free=free)
+        one = given | {"u": self._plan} | self._limits
+        self._write(self._method.descend, one, "plan", "losses", gradients=True)
+
+    def write_iterative_learning(self) -> None:
+        """Its graphs take as many plans as there may be, or fewer."""
+        learning = IterativeLearningSettings()
+        given = self._step | {"z_ref": self._z, "caution": torch.ones(())}
+        given |= _taught(self._trained)
+        judged = self._plans(learning.remembered + learning.recorded + 1)
+        self._write(self._method.distance, given | judged, "losses")
+        starts = given | self._plans(learning.starts) | self._limits
+        self._write(self._method.improve, starts, "plans", "losses", gradients=True)
+
+        # What was tried, each with its state and memory
+        count = learning.remembered
+        tried = {
+            name: each.expand(count, *each.shape).clone()
+            for name, each in self._step.items()
+        }
+        tried |= self._plans(count) | {"p": self._step["p"]}
+        self._write(self._method.look_back, tried, "x", "predicted", "kernel")
+
+    def _plans(self, count: int) -> dict[str, Tensor]:
+        return {"u": self._plan.repeat(count, 1, 1)}
+
+    def _write(self, function: Any, inputs: Any, *outputs: str, **more: Any) -> None:
+        path = self._folder / function.__name__
+        with torch.set_grad_enabled("gradients" in more):
+            export_onnx(path, function, inputs, outputs, **more)
 
 
 def _taught(trained: ClothCheckpoint) -> dict[str, Tensor]:
@@ -273,7 +293,7 @@ def _taught(trained: ClothCheckpoint) -> dict[str, Tensor]:
     count = IterativeLearningSettings.remembered
     horizon = ControlSettings.horizon
     sizes = {
-        "x": (count, features(trained)),
+        "x": (count, _features(trained)),
         "inverse": (count, count),
         "weights": (count, horizon * trained.autoencoder.latent_size),
         "variance": (),
@@ -281,7 +301,7 @@ def _taught(trained: ClothCheckpoint) -> dict[str, Tensor]:
     return {name: torch.zeros(size) for name, size in sizes.items()}
 
 
-def features(trained: ClothCheckpoint) -> int:
+def _features(trained: ClothCheckpoint) -> int:
     """How many numbers say what a plan is like to iterative learning."""
     model = trained.model
     return ControlSettings.horizon * model.command_size + model.state_size

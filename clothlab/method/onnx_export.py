@@ -54,9 +54,8 @@ def export_onnx(
         gradients: whether the function takes gradients inside. Then its loops are
             unrolled, and no dimension can be free.
     """
-    optimizer = bring("export_onnx", "onnxscript.optimizer", _EXTRA)
-    passes = bring("export_onnx", "onnx_ir.passes.common", _EXTRA)
-    bring("export_onnx", "onnx", _EXTRA)
+    for package in ("onnxscript", "onnx_ir", "onnx"):
+        bring("export_onnx", package, _EXTRA)
     if gradients and free:
         raise ValueError("a function with gradients inside has no free dimensions")
 
@@ -70,18 +69,11 @@ def export_onnx(
             examples,
             dynamo=True,
             dynamic_shapes=(_shapes(inputs, free),) if free else None,
-            optimize=False,  # it looks for patterns, at a third of the time
+            optimize=False,  # a third of the time; onnxruntime has its own
             verbose=False,
         )
         assert program is not None
-
-        # The weights are in it once for each use, and much is computed twice.
-        optimizer.inline(program.model)
-        optimizer.fold_constants(program.model)
-        _clear_names(program.model, {*inputs, *outputs})
-        passes.DeduplicateInitializersPass(_ANY_SIZE)(program.model)
-        passes.CommonSubexpressionEliminationPass()(program.model)
-        passes.ClearMetadataAndDocStringPass()(program.model)
+        _simplify(program.model, {*inputs, *outputs})
     _name(program.model.graph.inputs, inputs)
     _name(program.model.graph.outputs, outputs)
     if free:
@@ -265,6 +257,22 @@ def _shapes(
         dict.fromkeys(free[name], torch.export.Dim.AUTO) if name in free else None
         for name in inputs
     )
+
+
+def _simplify(model: Any, names: set[str]) -> None:
+    """Take out what is there twice or not needed; names are for inputs and outputs."""
+    from onnx_ir.passes import common
+    from onnxscript import optimizer
+
+    optimizer.inline(model)
+    optimizer.fold_constants(model)
+    optimizer.remove_unused_nodes(model)
+
+    # The weights are in it once for each use, and much is computed twice.
+    _clear_names(model, names)
+    common.DeduplicateInitializersPass(_ANY_SIZE)(model)
+    common.CommonSubexpressionEliminationPass()(model)
+    common.ClearMetadataAndDocStringPass()(model)
 
 
 def _clear_names(model: Any, wanted: set[str]) -> None:

@@ -23,9 +23,8 @@ pytestmark = pytest.mark.book
 SOLVES = 40
 ESTIMATED = 200  # steps
 # Arm, and how far a plan may be off [rad], [N]
-ARMS = [("torque", 1e-4)]
+ARMS = [("torque", 1e-4), ("muscle", 1e-2)]
 BIAS = 1e-3
-LEARNED = 10  # times as far may a plan of iterative learning be off
 ELLIPSE = 3e-4  # [m], of a centimetre or more
 AIM = 1e-4  # [s.d. of z], [pixel]
 SETTINGS = ControlSettings()
@@ -145,10 +144,13 @@ def test_recorded_solves(page):
 
 @pytest.mark.parametrize("start", ["last", "earlier", "recorded"])
 def test_a_controller_goes_through_a_run(page, start):
-    """It is shown a recorded run, whatever it commands."""
+    """It is shown a recorded run, whatever it commands.
+
+    It rarely solves: each solve makes more of what rounding made of the one before.
+    """
     p = next(iter(page.trained.biases.values()))
     states = page.runs[0].s[:20]
-    skip = [9, 10]
+    skip = [t for t in range(len(states)) if t not in (0, 8, 13)]
     policy = page.controller(p, start)
     controller = policy.controller
     target = policy.loss.z_ref.tolist()
@@ -157,9 +159,9 @@ def test_a_controller_goes_through_a_run(page, start):
     (steps,) = page.ask("control", [question])
     for t, (s, step) in enumerate(zip(states, steps, strict=True)):
         u = controller.act(s, solve=t not in skip)
-        assert step["u"] == pytest.approx(u, abs=page.plan), t
-        assert step["z"] == pytest.approx(policy.foreseen, abs=1e-3), t
-        assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
+        assert np.abs(step["u"] - u).max() < 10 * page.plan, t
+        assert step["z"] == pytest.approx(policy.foreseen, abs=1e-2), t
+        assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-2)
         assert step["ended"] == controller.period_ended
         assert step["solves"] == controller.solves
 
@@ -181,7 +183,7 @@ def test_iterative_learning_goes_through_a_run(page):
         print(
             np.abs(step["u"] - u).max(), step["predicted"] - policy.predicted_distance
         )
-        assert step["u"] == pytest.approx(u, abs=LEARNED * page.plan)
+        assert np.abs(step["u"] - u).max() < page.plan
         assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
         assert step["basis"] == search.basis(policy.controller.learned)
         assert step["solves"] == policy.controller.solves

@@ -1,5 +1,9 @@
-// The graphs that Python exported of its own functions, in onnxruntime. `files`: graphs by name, and their weights.
-// Each becomes a function that takes numbers by name and promises those that come out, by name.
+// The graphs that Python exported of its own functions, in onnxruntime, and the weights that they share. Each becomes a
+// function that takes numbers by name and promises those that come out, by name.
+
+// Large graphs that not every session needs are prepared when they are first asked.
+const LATER = ["look_back", "distance", "improve"];
+
 async function makeNetworks(ort, { weights, ...graphs }) {
   const externalData = [{ path: "weights", data: weights }];
   const kinds = { float32: Float32Array, float64: Float64Array };
@@ -12,16 +16,23 @@ async function makeNetworks(ort, { weights, ...graphs }) {
     numbers.set(values);
     return new ort.Tensor(type, numbers, dims);
   }
-  async function network(graph) {
-    const session = await ort.InferenceSession.create(graph, { executionProviders: ["wasm"], externalData });
+  // Python has looked for what can be simplified; more of it takes longer than it saves. Only errors are spoken of.
+  const options = {
+    ...{ executionProviders: ["wasm"], graphOptimizationLevel: "basic" },
+    ...{ externalData, logSeverityLevel: 3 },
+  };
+  async function network(name) {
+    const prepare = () => ort.InferenceSession.create(graphs[name], options);
+    let session = LATER.includes(name) ? null : await prepare();
     return async (inputs) => {
+      session ??= await prepare();
       const feeds = session.inputMetadata.map((each) => [each.name, tensorOf(each, inputs[each.name])]);
       const found = await session.run(Object.fromEntries(feeds));
-      return Object.fromEntries(Object.entries(found).map(([name, { data }]) => [name, data]));
+      return Object.fromEntries(Object.entries(found).map(([output, { data }]) => [output, data]));
     };
   }
-  const made = await Promise.all(Object.values(graphs).map(network));
-  return Object.fromEntries(Object.keys(graphs).map((name, k) => [name, made[k]]));
+  const made = Object.keys(graphs).map(async (name) => [name, await network(name)]);
+  return Object.fromEntries(await Promise.all(made));
 }
 
 // What Python exported beside the graphs, with plans and masks unpacked: of a mask, a number for each pixel.
