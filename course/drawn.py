@@ -41,7 +41,7 @@ def write_figures(page: nbformat.NotebookNode, folder: Path) -> None:
             if figures := output.get("data", {}).pop(MIME, None):
                 name = _name(figures)
                 content = json.dumps(figures["figures"]).encode()
-                write_packed(folder / f"{name}.js", name, content)
+                write_packed(folder / f"{name}.js", {name: content})
 
 
 def write_controls(folder: Path) -> None:

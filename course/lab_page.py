@@ -32,19 +32,19 @@ from course.repository import ROOT
 SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
 DRIVERS = ["control", "control: last", "control: earlier"]
-DRIVERS += ["manual", "random", "operator"]
+DRIVERS += ["iterative", "manual", "random", "operator"]
 _NOTEBOOK = "not in a web page yet: notebook 08 does this"
 # What no session in a page does, and why
 REFUSED = dict.fromkeys(
-    ["set arm", "explore", "set tension", "upload", "record", "save", "discard"],
-    _NOTEBOOK,
+    ["set arm", "set tension", "upload", "record", "save", "discard"], _NOTEBOOK
 )
 _EXPORT = "export default { render };"
 # What the page itself does, and what its worker does
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "views"]
 _PAGE += ["live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "stage", "camera", "drivers", "session"]
-_WORKER += ["networks", "controller", "estimator", "aim", "worker"]
+_WORKER += ["networks", "controller", "estimator", "aim"]
+_WORKER += ["iterative", "worker"]
 _RUNTIME = "ort-wasm-simd-threaded"
 
 

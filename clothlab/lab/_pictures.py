@@ -16,6 +16,7 @@ from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
 _ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
+_AREA = 500  # pixels of one colour that are seen as an area
 _ENLARGED = 10  # times, or nobody would see the ellipse
 
 
@@ -34,14 +35,19 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
 
 
 def compact(png: bytes) -> bytes:
-    """A figure as WebP with 32 levels of each colour, a third as large.
+    """A figure as WebP with few colours, a third as large; edges stay sharp.
 
-    Edges stay sharp, white stays white, and no other level changes by more than 4.
+    Areas keep their colour. Of others, as between a line and its ground, each channel
+    keeps 16 levels, none of them more than 8 away.
     """
     picture = Image.open(io.BytesIO(png)).convert("RGB")
-    levels = [round(round(level * 31 / 255) * 255 / 31) for level in range(256)]
+    exact = np.asarray(picture)
+    few = (17 * np.round(exact / 17)).astype(np.uint8)
+    for count, colour in picture.getcolors(exact.size) or []:
+        if count > _AREA:
+            few[(exact == colour).all(axis=-1)] = colour
     file = io.BytesIO()
-    picture.point(3 * levels).save(file, "webp", lossless=True)
+    Image.fromarray(few).save(file, "webp", lossless=True)
     return file.getvalue()
 
 

@@ -68,48 +68,58 @@ function makeOperator({ lower, upper, home }) {
 // The driver "control", and where it starts its search; the others are to compare it with.
 const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
 
-// All of them, for an arm with its limits and home.
-function makeDrivers(controller, arm) {
+// All of them, for an arm with its limits and home. `learning`: the search of the controller that learns iteratively.
+function makeDrivers({ controller, learner, learning }, arm) {
   const others = { random: makeRandomDriver(arm), operator: makeOperator(arm) };
+  const controllers = [controller, learner];
+  const controllerOf = (driver) => (driver in CONTROLS ? controller : driver === "iterative" ? learner : null);
   let count = 0; // steps since the controller began
   let period = []; // predicted and seen distance of each step since its period began
 
   function reset(seed) {
     for (const each of Object.values(others)) each.reset(seed);
-    controller.reset();
+    for (const each of controllers) each.reset();
     count = 0;
     period = [];
   }
-  // Another driver's turn begins.
+  // Another driver's turn begins; what was learned stays.
   function resume(driver) {
     if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
-    controller.resume();
+    for (const each of controllers) each.resume();
     count = 0;
     period = [];
   }
   function setTarget(z) {
-    controller.setTarget(z);
+    for (const each of controllers) each.setTarget(z);
     period = []; // it was about another target
+  }
+  function setBias(p) {
+    for (const each of controllers) each.setBias(p);
   }
   // A command, and what its driver says of it.
   async function choose(driver, s, { hand, solve, solveEvery }) {
-    if (!(driver in CONTROLS)) {
+    const chosen = controllerOf(driver);
+    if (!chosen) {
       const command = driver === "manual" ? hand : others[driver].act();
-      return { command, predicted: null, periodEnded: false };
+      return { command, predicted: null, periodEnded: false, basis: "" };
     }
     // A period that begins without a solve would go on with the plan of the last one.
     const begins = count % arm.control.period === 0;
-    const command = [...(await controller.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
+    const command = [...(await chosen.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
     count += 1;
-    return { command, predicted: await controller.predictedDistance(), periodEnded: controller.periodEnded() };
+    const predicted = await chosen.predictedDistance();
+    const basis = chosen === learner ? learning.basis(learner.learned()) : "";
+    return { command, predicted, periodEnded: chosen.periodEnded(), basis };
   }
-  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved.
-  function closePeriod({ predicted, periodEnded }, distance) {
-    if (predicted !== null) period.push(predicted);
+  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved: at its last
+  // step, or by who learns at its best one.
+  function closePeriod(driver, { predicted, periodEnded }, distance) {
+    if (predicted !== null) period.push({ predicted, distance });
     if (!periodEnded || !period.length) return null;
-    const ended = { predicted: period[0], achieved: distance };
+    const best = Math.min(...period.map((each) => each.distance));
+    const ended = { predicted: period[0].predicted, achieved: driver === "iterative" ? best : distance };
     period = [];
     return ended;
   }
-  return { reset, resume, setTarget, setBias: controller.setBias, choose, closePeriod };
+  return { reset, resume, setTarget, setBias, choose, closePeriod };
 }

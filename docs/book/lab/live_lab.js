@@ -87,19 +87,28 @@ async function liveLab(ask, first, lab) {
     return late ? "late" : "running";
   }
   function refresh() {
-    const { driver, estimating, hand, cloth } = session;
+    const { driver, exploring, estimating, hand, cloth } = session;
     const { name, label, damping, mass } = cloth;
     set({
       state: {
-        ...{ arm: about.arms[0], driver, estimating, hand, cloth: { name, label, material: [damping, mass] } },
-        ...{ exploring: false, fixed: false, tension: [], recording: false, waiting: false },
+        ...{
+          arm: about.arms[0],
+          driver,
+          exploring,
+          estimating,
+          hand,
+          cloth: { name, label, material: [damping, mass] },
+        },
+        ...{ fixed: false, tension: [], recording: false, waiting: false },
         ...{ running, status: status(), message, answered },
       },
     });
   }
   function clock() {
+    const basis = history.at(-1)?.basis;
     const { about: left } = tiers.now();
-    return `${(session.step * about.period).toFixed(1)} s, step ${session.step}${left ? `, ${left}` : ""}`;
+    const more = [basis && `plan from ${basis}`, left].filter(Boolean);
+    return [`${(session.step * about.period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
   }
   async function drawFrame() {
     const { stage, mask, reconstruction, p, report } = session;
@@ -196,6 +205,7 @@ async function liveLab(ask, first, lab) {
     "set cloth": ({ cloth }) => told("setCloth", { name: cloth }),
     "set material": ({ damping, mass }) => told("setMaterial", { damping, mass }),
     "set p": ({ at }) => told("setBias", { p: plane.p(at) }),
+    explore: ({ on: wanted }) => told("explore", { on: wanted }),
     estimate: ({ on: wanted }) => told("estimate", { on: wanted }),
     "set driver": ({ driver }) => told("setDriver", { driver }),
     "set hand": ({ u }) => told("setHand", { u }),

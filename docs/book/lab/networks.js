@@ -16,8 +16,11 @@ async function makeNetworks(ort, { weights, ...graphs }) {
     numbers.set(values);
     return new ort.Tensor(type, numbers, dims);
   }
-  // Python has looked for what can be simplified; more of it takes longer than it saves.
-  const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic", externalData };
+  // Python has looked for what can be simplified; more of it takes longer than it saves. Only errors are spoken of.
+  const options = {
+    ...{ executionProviders: ["wasm"], graphOptimizationLevel: "basic" },
+    ...{ externalData, logSeverityLevel: 3 },
+  };
   async function network(name) {
     const prepare = () => ort.InferenceSession.create(graphs[name], options);
     let session = LATER.includes(name) ? null : await prepare();

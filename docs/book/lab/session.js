@@ -15,10 +15,10 @@ function clothOf(damping, mass, known) {
 // `method`: networks and what is made of them, and constants. `lab`: the scene and the cloths. `seed`: of all random
 // numbers.
 async function makeSession(mujoco, method, { scene, cloths }, seed) {
-  const { networks, controller, makeTracker, aimAt, constants } = method;
+  const { networks, learning, makeTracker, aimAt, constants } = method;
   const seeds = makeRandom(seed);
   const see = makeCamera(scene.camera);
-  const drivers = makeDrivers(controller, constants);
+  const drivers = makeDrivers(method, constants);
   let physics = null;
   let look = null;
   let cloth = null;
@@ -29,6 +29,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   let step = 0; // number since the last reset
   let driver = "control";
   let estimating = false;
+  let exploring = true; // whether who learns iteratively tries new plans; else it repeats the best known one
   let p = constants.biases[constants.cloth];
   let tracker = null;
   let aim = null;
@@ -103,7 +104,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
       use(await tracker.update(before.s, choice.command, { atRest: step === 1, estimate }));
     }
     const distance = distanceBetween(aim.z, observation.z);
-    const period = drivers.closePeriod(choice, distance);
+    const period = drivers.closePeriod(driver, choice, distance);
     const seconds = (performance.now() - start) / 1000;
     return { ...choice, distance, period, seconds, theta: observation.joints.slice(0, 2), p: [...p] };
   }
@@ -111,7 +112,15 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   function now() {
     const { stage, mask, reconstruction } = observation;
     const report = estimating ? tracker.report : null;
-    const controls = { driver, estimating, hand: driver === "manual" ? hand : command, p: [...p], cloth, report };
+    const controls = {
+      driver,
+      exploring,
+      estimating,
+      hand: driver === "manual" ? hand : command,
+      p: [...p],
+      cloth,
+      report,
+    };
     return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
   }
   async function setTarget(mask) {
@@ -141,6 +150,10 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
       use(next.p);
     },
     estimate: ({ on }) => (estimating = on),
+    explore({ on }) {
+      learning.explore(on);
+      exploring = on;
+    },
   };
   drivers.setBias(p);
   await setTarget(constants.gallery[constants.target]);

@@ -17,10 +17,13 @@ async function makeMethod(files, arm) {
   const { constants: about, ...graphs } = Object.fromEntries(exported);
   const constants = readConstants(about);
   const networks = await makeNetworks(loadRuntime(files), graphs);
+  const learning = iterativeSearch(networks, constants);
   return {
     constants,
     networks,
+    learning,
     controller: makeController(networks, constants),
+    learner: makeController(networks, constants, learning),
     makeTracker: (p) => makeTracker(networks, constants, p),
     aimAt: makeAim(networks, constants),
   };
