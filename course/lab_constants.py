@@ -3,6 +3,7 @@
 import base64
 import json
 from dataclasses import asdict
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from clothlab.lab._tracker import _REPORT_EVERY, _calibration
 from clothlab.method import _drawable
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import _LAG, NewtonSettings
+from clothlab.method.gauss_newton import Linearisation, NewtonSettings
 from clothlab.method.iterative import _SAME_MATERIAL, IterativeLearningSettings
 from clothlab.simulation.arm import MuscleArm
 from course.lab_export import graphs
@@ -65,7 +66,8 @@ def _robot(equipment: Equipment) -> dict[str, Any]:
 
 def _settings() -> dict[str, dict[str, Any]]:
     """The constants of control, estimation and iterative learning."""
-    estimation = {"lag": _LAG, "report_every": _REPORT_EVERY}
+    lag = signature(Linearisation.covariance).parameters["lag"].default
+    estimation = {"lag": lag, "report_every": _REPORT_EVERY}
     learning = {"same_material": _SAME_MATERIAL}
     return {
         "control": asdict(ControlSettings()),

@@ -29,7 +29,6 @@ from clothlab.method.estimation import BiasEstimator, Estimator
 from clothlab.method.model import PredictiveModel
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
-_LAG = 5  # steps after which gradients of predictions have forgotten each other
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class Linearisation:
         return step * min(1, longest / max(length, 1e-12))
 
     def covariance(
-        self, freedom: float = NewtonSettings.freedom, lag: int = _LAG
+        self, freedom: float = NewtonSettings.freedom, lag: int = 5
     ) -> np.ndarray:
         """Covariance of p at the lowest loss, `[D_p, D_p]`.
 

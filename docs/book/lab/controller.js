@@ -15,7 +15,7 @@ function gradientSearch(networks, { plans, control }) {
   async function recorded({ plan, within, ...problem }) {
     const starts = joined(plan, within(plans));
     const { losses } = await networks.predict({ ...problem, u: starts });
-    const best = losses.indexOf(Math.min(...losses));
+    const best = losses.reduce((least, loss, k) => (loss < losses[least] ? k : least), 0);
     return starts.subarray(best * plan.length, (best + 1) * plan.length);
   }
   async function find(problem) {
@@ -67,6 +67,7 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     const around = { s, p, h, c, z_ref: target, mask: mask(t), lower, upper };
     const problem = { ...around, plan, t, solve: solve || !t, start, within };
     const found = await search.find(problem, before.learned);
+    if (!found.plan.every(Number.isFinite)) throw new Error("the gradient of the loss is not finite");
     const u = found.plan.slice(0, size);
     const solves = before.solves + Number(found.trace !== null);
     now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };
@@ -74,18 +75,10 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   }
   // States to which the plan leads in so many steps, one after the other; null before the first step.
   async function foresee(steps) {
-    if (!now.last) return null;
-    const { s } = now.last;
-    const { states } = await networks.predict({
-      s,
-      u: now.plan,
-      p,
-      h: now.h,
-      c: now.c,
-      z_ref: target,
-      mask: mask(now.t),
-    });
-    return states.slice(0, steps * s.length);
+    const { last, plan, h, c, t } = now;
+    if (!last) return null;
+    const { states } = await networks.predict({ s: last.s, u: plan, p, h, c, z_ref: target, mask: mask(t) });
+    return states.slice(0, steps * last.s.length);
   }
   // The z to which the plan leads at the end of its period, where that is within the horizon.
   async function foreseen() {
