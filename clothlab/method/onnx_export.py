@@ -261,18 +261,17 @@ def _shapes(
 
 def _simplify(model: Any, names: set[str]) -> None:
     """Take out what is there twice or not needed; names are for inputs and outputs."""
-    from onnx_ir.passes import common
-    from onnxscript import optimizer
-
+    optimizer = bring("export_onnx", "onnxscript.optimizer", _EXTRA)
+    passes = bring("export_onnx", "onnx_ir.passes.common", _EXTRA)
     optimizer.inline(model)
     optimizer.fold_constants(model)
     optimizer.remove_unused_nodes(model)
 
     # The weights are in it once for each use, and much is computed twice.
     _clear_names(model, names)
-    common.DeduplicateInitializersPass(_ANY_SIZE)(model)
-    common.CommonSubexpressionEliminationPass()(model)
-    common.ClearMetadataAndDocStringPass()(model)
+    passes.DeduplicateInitializersPass(_ANY_SIZE)(model)
+    passes.CommonSubexpressionEliminationPass()(model)
+    passes.ClearMetadataAndDocStringPass()(model)
 
 
 def _clear_names(model: Any, wanted: set[str]) -> None:

@@ -146,11 +146,12 @@ def test_recorded_solves(page):
 def test_a_controller_goes_through_a_run(page, start):
     """It is shown a recorded run, whatever it commands.
 
-    It rarely solves: each solve makes more of what rounding made of the one before.
+    It solves once for each start: a solve makes more of what rounding made of the last.
     """
     p = next(iter(page.trained.biases.values()))
     states = page.runs[0].s[:20]
-    skip = [t for t in range(len(states)) if t not in (0, 8, 13)]
+    solved = (0, SETTINGS.period) if start == "recorded" else (0,)
+    skip = [t for t in range(len(states)) if t not in solved]
     policy = page.controller(p, start)
     controller = policy.controller
     target = policy.loss.z_ref.tolist()
@@ -180,9 +181,6 @@ def test_iterative_learning_goes_through_a_run(page):
     for s, step, explores in zip(states, steps, exploring, strict=True):
         search.exploring = explores
         u = policy.controller.act(s)
-        print(
-            np.abs(step["u"] - u).max(), step["predicted"] - policy.predicted_distance
-        )
         assert np.abs(step["u"] - u).max() < page.plan
         assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
         assert step["basis"] == search.basis(policy.controller.learned)
