@@ -8,16 +8,27 @@ function iou(a, b) {
   });
   return union ? common / union : 1;
 }
+// Of each pixel, the distance to the nearest one of a mask that is in its column [pixel].
+function distancesInColumns(mask, width) {
+  const found = Float32Array.from(mask, (on) => (on ? 0 : Infinity));
+  for (let k = width; k < found.length; k++) found[k] = Math.min(found[k], found[k - width] + 1);
+  for (let k = found.length - width - 1; k >= 0; k--) found[k] = Math.min(found[k], found[k + width] + 1);
+  return found;
+}
 // Mean distance from the pixels of one mask to the nearest of the other, both ways [pixel].
 function chamferDistance(a, b, [, width]) {
-  const places = (mask) => [...mask.keys()].filter((k) => mask[k]).map((k) => [k % width, Math.floor(k / width)]);
   function oneWay(from, to) {
-    const nearest = ([x, y]) =>
-      to.reduce((least, at) => Math.min(least, (at[0] - x) ** 2 + (at[1] - y) ** 2), Infinity);
-    return from.reduce((sum, place) => sum + Math.sqrt(nearest(place)), 0) / from.length;
+    const inColumns = distancesInColumns(to, width);
+    function nearest(k) {
+      const [column, row] = [k % width, k - (k % width)];
+      let least = Infinity;
+      for (let x = 0; x < width; x++) least = Math.min(least, (x - column) ** 2 + inColumns[row + x] ** 2);
+      return Math.sqrt(least);
+    }
+    const places = [...from.keys()].filter((k) => from[k]);
+    return places.reduce((sum, k) => sum + nearest(k), 0) / places.length;
   }
-  const [these, those] = [places(a), places(b)];
-  return (oneWay(these, those) + oneWay(those, these)) / 2;
+  return (oneWay(a, b) + oneWay(b, a)) / 2;
 }
 
 // Looks at a target: what is aimed at is the mask, or a recorded image in its place, if that is more like it than what
@@ -26,17 +37,17 @@ function makeAim(networks, { images, cannot_draw: cannotDraw, size }) {
   const encode = async (image) => (await networks.encode({ image })).z;
 
   return async function aimAt(mask) {
-    if (!mask.includes(1)) throw new Error("no cloth in the image: the mask is empty");
-    const own = await encode(mask);
-    const { image: reconstruction } = await networks.decode({ z: own });
-    const shape = Uint8Array.from(reconstruction, (x) => x > 0.5);
+    if (!mask.includes(1)) throw new Refusal("no cloth in the image: the mask is empty");
+    const understood = await encode(mask);
+    const { image: reconstruction } = await networks.decode({ z: understood });
+    const drawn = Uint8Array.from(reconstruction, (x) => x > 0.5);
+    const own = iou(drawn, mask);
     const overlaps = images.map((image) => iou(image, mask));
     const overlap = Math.max(...overlaps);
-    const drawn = iou(shape, mask);
-    const replaced = drawn < cannotDraw && overlap > drawn;
+    const replaced = own < cannotDraw && overlap > own;
     const known = replaced ? images[overlaps.indexOf(overlap)] : mask;
-    const distance = shape.includes(1) ? chamferDistance(mask, shape, size) : Infinity;
-    const z = replaced ? await encode(known) : own;
+    const distance = drawn.includes(1) ? chamferDistance(mask, drawn, size) : Infinity;
+    const z = replaced ? await encode(known) : understood;
     return { mask, known, z, reconstruction, distance, overlap };
   };
 }
