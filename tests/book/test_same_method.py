@@ -167,7 +167,19 @@ def test_a_controller_goes_through_a_run(page, start):
         assert step["solves"] == controller.solves
 
 
-def test_iterative_learning_goes_through_a_run(page):
+def led_to_by_zeros(page, p, s):
+    """The z to which commands of 0 lead, which are no plan that was ever tried."""
+    model = page.trained.model
+    zeros = torch.zeros(1, SETTINGS.period, model.command_size)
+    with torch.no_grad():
+        states = rollout_of(model)(model, torch.as_tensor(p))(
+            torch.as_tensor(s), zeros, model.initial_memory()
+        )
+    return states[0, -1, page.trained.layout.z]
+
+
+@pytest.mark.parametrize("aim", ["first", "led to by zeros"])
+def test_iterative_learning_goes_through_a_run(page, aim):
     """It is shown a recorded run, whatever it commands."""
     p = next(iter(page.trained.biases.values()))
     states = page.runs[0].s[: 6 * SETTINGS.period]
@@ -175,6 +187,8 @@ def test_iterative_learning_goes_through_a_run(page):
     mask = page.equipment.first_aim().known
     policy = page.trained.iterative_controller(mask, p, page.equipment.runs)
     search = policy.controller.search
+    if aim == "led to by zeros":
+        policy.loss.z_ref = led_to_by_zeros(page, p, states[5 * SETTINGS.period])
     target = policy.loss.z_ref.tolist()
     question = {"p": p.tolist(), "target": target, "states": states.tolist()}
     (steps,) = page.ask("iterate", [question | {"exploring": exploring}])

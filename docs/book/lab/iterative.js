@@ -82,7 +82,10 @@ function iterativeSearch(networks, { learning, control, biases, runs, home, z: l
   // What the distances of plans are asked with.
   async function forecast(problem, attempts) {
     const around = { ...problem, caution: [caution(attempts, problem.z_ref)], ...(await taught(problem, attempts)) };
-    return async (plans, name = "distance") => networks[name]({ ...around, u: joined(...plans) });
+    return async function ask(plans, name = "distance") {
+      const { losses, ...more } = await networks[name]({ ...around, u: joined(...plans) });
+      return { ...more, losses: losses.subarray(0, plans.length) }; // a graph has room for more plans
+    };
   }
 
   // The plan of the period that just ended, and what is expected of it from here.
