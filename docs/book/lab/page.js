@@ -7,16 +7,24 @@ const folder = document.currentScript.src.replace(/[^/]*$/, "");
 const note = make("span", { role: "status" });
 const other = make("a"); // leads to the other of the two
 const el = make("div");
-let impossible = ""; // why there is no robot here
-let lab = null; // the model of the live lab
+let failed = ""; // why there is no robot
 let leave = () => {}; // takes a panel away
 
 const load = (name) => loadScript(`${folder}${name}.js`);
-const wantsRun = () => location.hash === RECORDED || impossible !== "";
-const once = (start) => {
+const wantsRun = () => location.hash === RECORDED || failed !== "";
+// What was started once is not started again, unless it failed: the next time a part may arrive.
+function once(start) {
   let started = null;
-  return () => (started ??= start());
-};
+  async function tried() {
+    try {
+      return await start();
+    } catch (error) {
+      started = null;
+      throw error;
+    }
+  }
+  return () => (started ??= tried());
+}
 const text = (bytes) => new TextDecoder().decode(bytes);
 function pageSeed() {
   return Number(new URLSearchParams(location.search).get("seed") ?? crypto.getRandomValues(new Uint32Array(1))[0]);
@@ -27,45 +35,65 @@ const recorded = once(async () => {
   const { shots } = await (await unpackedFile("run.json")).json();
   return recordedRun(shots);
 });
+// Why no robot can run in this browser; empty where one can.
+function lacking() {
+  if (typeof WebAssembly === "undefined") return "this browser has no WebAssembly";
+  if (navigator.deviceMemory < 1) return "this machine has less than 1 GB of memory";
+  return "";
+}
+function report(progress) {
+  if (!wantsRun()) note.textContent = progress;
+}
 const live = once(async () => {
-  if (typeof WebAssembly === "undefined") throw new Error("this browser has no WebAssembly");
-  if (navigator.deviceMemory < 1) throw new Error("this machine has less than 1 GB of memory");
+  if (lacking()) throw new Error(lacking());
   const files = {};
   for (const [k, part] of PARTS.entries()) {
-    note.textContent = `The robot is being loaded, part ${k + 1} of ${PARTS.length} …`;
+    report(`The robot is being loaded, part ${k + 1} of ${PARTS.length} …`);
     await load(part);
     for (const name of Object.keys(globalThis.clothlabFiles))
       files[name] = await (await unpackedFile(name)).arrayBuffer();
   }
-  note.textContent = "The robot is being put together …";
+  report("The robot is being put together …");
   const { "worker.js": worker, ...others } = files;
   const about = unpacked(JSON.parse(text(files["lab.json"])));
   const { ask, first } = await startRobot(text(worker), others, pageSeed());
-  return (lab = await liveLab(ask, first, { ...about, ...first.answer }));
+  return liveLab(ask, first, { ...about, ...first.answer });
 });
 
-function show(model, chosen) {
+// The way to the other of the two, also while one is being loaded.
+function offerOther(chosen) {
+  other.textContent = failed ? "Try again." : chosen ? "Steer the robot yourself." : "Watch the recorded run.";
+  other.href = chosen ? "#" : RECORDED;
+  other.hidden = lacking() !== "";
+}
+function show(model) {
+  note.textContent = failed && `A live robot can't run here: ${failed}. This is a recorded run. `;
+  if (place.model === model) return; // the address has changed, but not what is shown
+  place.model?.pause();
   leave();
   place.model = model; // for tests, and for those who look behind the page
-  note.textContent = impossible && `A live robot can't run here: ${impossible}. This is a recorded run. `;
-  other.textContent = chosen ? "Steer the robot yourself." : "Watch the recorded run.";
-  other.href = chosen ? "#" : RECORDED;
-  other.hidden = impossible !== "";
   leave = render({ model, el });
 }
 async function choose() {
   const chosen = wantsRun();
-  lab?.pause();
+  offerOther(chosen);
   try {
     const model = await (chosen ? recorded() : live());
-    if (chosen === wantsRun()) show(model, chosen);
+    if (chosen === wantsRun()) show(model);
   } catch (error) {
-    if (chosen) note.textContent = `This browser can't play the recorded run: ${error.message}.`;
-    else impossible = error.message;
+    const why = error.message || "it fails, and does not say why";
+    if (chosen) note.textContent = `This browser can't play the recorded run: ${why}.`;
+    else failed = why;
     if (!chosen) await choose();
   }
 }
+function tryAgain() {
+  if (!failed) return;
+  failed = "";
+  choose();
+}
 
 place.replaceChildren(make("p", {}, note, other), el);
+other.addEventListener("click", tryAgain);
 addEventListener("hashchange", choose);
 choose();

@@ -73,9 +73,13 @@ function recordedRun(shots) {
     answered = id;
     show();
   }
-  document.addEventListener("visibilitychange", () => document.hidden && send({ do: "pause", id: answered }));
+  function leave() {
+    pause();
+    show();
+  }
+  document.addEventListener("visibilitychange", () => document.hidden && leave());
 
   set({ about: about() });
   show();
-  return { get, on, off, send };
+  return { get, on, off, send, pause: leave };
 }

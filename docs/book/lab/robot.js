@@ -7,10 +7,10 @@ async function startRobot(source, files, seed) {
   let asked = 0;
   let failure = null; // of the worker itself, also before it was asked anything
 
-  worker.addEventListener("message", ({ data: { id, answer, error, name } }) => {
+  worker.addEventListener("message", ({ data: { id, error, ...answer } }) => {
     const { resolve, reject } = waiting.get(id);
     waiting.delete(id);
-    if (error) reject(Object.assign(new Error(error), { name }));
+    if (error) reject(Object.assign(new Error(error.message), { name: error.name, now: answer.now }));
     else resolve(answer);
   });
   worker.addEventListener("error", (event) => {
@@ -25,7 +25,12 @@ async function startRobot(source, files, seed) {
       worker.postMessage({ id: asked, what, more }, handed);
     });
 
-  const first = await ask("load", { files, seed }, Object.values(files));
-  URL.revokeObjectURL(address);
-  return { ask, first };
+  try {
+    return { ask, first: await ask("load", { files, seed }, Object.values(files)) };
+  } catch (error) {
+    worker.terminate();
+    throw error;
+  } finally {
+    URL.revokeObjectURL(address);
+  }
 }
