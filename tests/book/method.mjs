@@ -17,6 +17,15 @@ const { constants: about, ...graphs } = Object.fromEntries(
 const constants = readConstants(about);
 const networks = await makeNetworks(ort, graphs);
 
+// What a person is told; of a fault, it is not there.
+async function refused(act) {
+  try {
+    await act();
+  } catch (error) {
+    return { refused: error.constructor.name === "Refusal" ? error.message : null };
+  }
+}
+
 const answers = {
   // A plan from the one that is given, and its losses on the way.
   async solve({ iterations, u, ...around }) {
@@ -66,6 +75,7 @@ const answers = {
   },
   ellipse: ({ theta, tension }) => makeEllipse(constants.ellipse)(theta, tension),
   async aim({ mask }) {
+    if (!mask.includes(1)) return refused(() => makeAim(networks, constants)(Uint8Array.from(mask)));
     const { known, z, distance, overlap } = await makeAim(networks, constants)(Uint8Array.from(mask));
     return { known: known.join(""), z: [...z], distance, overlap };
   },

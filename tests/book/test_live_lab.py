@@ -369,14 +369,211 @@ def test_where_a_robot_cannot_run_the_recorded_run_plays(open_lab, page, lacking
 
 
 def test_the_recorded_run_and_the_robot_take_turns(lab):
-    lab.press("step")
+    def paused():
+        state = lab.page.evaluate("() => left.get('state')")
+        return not state["running"] and state["status"] == "paused"
+
+    leave = "() => { window.left = document.getElementById('clothlab-lab').model; }"
+    lab.press("start")
     lab.wait("get('frame').clock.includes('step 1')")
+    lab.page.evaluate(leave)
     lab.page.get_by_role("link", name="Watch the recorded run.").click()
     time = lab.page.get_by_role("slider", name="time [s]")
     expect(time).to_be_visible()
+    assert paused()
+    clock = lab.page.evaluate("() => left.get('frame').clock")
+    lab.press("start")
+    expect(lab.status).to_have_text("▶ running")
+    lab.page.evaluate(leave)
     lab.page.get_by_role("link", name="Steer the robot yourself.").click()
     expect(time).to_have_count(0)
-    assert "step 1" in lab.get("frame")["clock"]
+    assert paused()
+    assert clock.split(",")[0] in lab.get("frame")["clock"]
+
+
+def test_another_place_in_the_page_leaves_the_panel_alone(lab):
+    lab.panel.first.evaluate("(root) => { root.dataset.mark = 'the same'; }")
+    lab.page.evaluate("() => { location.hash = '#what-to-try'; }")
+    lab.page.wait_for_timeout(300)
+    expect(lab.panel.first).to_have_attribute("data-mark", "the same")
+    lab.page.evaluate("() => { location.hash = ''; }")
+
+
+def test_a_robot_that_is_loaded_meanwhile_says_nothing_of_it(folder, visit):
+    page = visit(folder / "throw.html")
+    page.evaluate("() => { location.hash = '#recorded-run'; }")
+    expect(page.get_by_role("slider", name="time [s]")).to_be_visible()
+    note = page.locator("#clothlab-lab > p").get_by_role("status")
+    page.evaluate(
+        """() => {
+            const note = document.querySelector("#clothlab-lab > p [role=status]");
+            window.said = [note.textContent];
+            const hear = () => said.push(note.textContent);
+            new MutationObserver(hear).observe(note, { childList: true });
+        }"""
+    )
+    if not page.workers:
+        page.wait_for_event("worker", timeout=60_000)
+    page.wait_for_timeout(300)
+    assert {*page.evaluate("said")} == {""}
+    expect(note).to_have_text("")
+
+
+def test_a_part_that_was_lost_on_the_way_is_asked_for_again(folder, browser):
+    part = folder / "_static" / "lab" / "torque.js"
+    elsewhere = part.with_suffix(".lost")
+    part.rename(elsewhere)
+    page = browser.new_page(offline=True)
+    try:
+        page.goto((folder / "throw.html").as_uri())
+        lab = Lab(page)
+        expect(lab.note).to_have_text(
+            "A live robot can't run here: torque.js can't be loaded. "
+            "This is a recorded run.",
+            timeout=60_000,
+        )
+    finally:
+        elsewhere.rename(part)
+    page.get_by_role("link", name="Try again.").click()
+    lab.wait("get('frame')?.clock.includes('step 0')")
+    expect(lab.note).to_have_text("")
+    page.close()
+
+
+def test_a_robot_that_fails_without_a_word_leaves_nothing_behind(open_lab, page):
+    page.add_init_script(
+        """const { postMessage } = Worker.prototype;
+        Worker.prototype.postMessage = function (message, handed) {
+            postMessage.call(this, message, handed);
+            this.dispatchEvent(new MessageEvent("message", { data: {
+                id: message.id, error: { message: "", name: "Error" }
+            } }));
+        };
+        window.revoked = 0;
+        const { revokeObjectURL } = URL;
+        URL.revokeObjectURL = (address) => {
+            revoked += 1;
+            revokeObjectURL.call(URL, address);
+        };"""
+    )
+    lab = open_lab()
+    expect(lab.note).to_contain_text("it fails, and does not say why")
+    page.wait_for_timeout(300)
+    assert page.workers == []
+    assert page.evaluate("revoked") > 0
+
+
+def test_two_quick_choices_of_a_target_are_two(lab):
+    versions = lab.page.evaluate(
+        """async () => {
+            const { model } = document.getElementById("clothlab-lab");
+            const versions = [];
+            const hear = () => versions.push(model.get("target").version);
+            model.on("change:target", hear);
+            const pick = (name) => model.send({ do: "pick", id: "", name });
+            await Promise.all([pick("target-1"), pick("target-2")]);
+            model.off("change:target", hear);
+            return versions;
+        }"""
+    )
+    assert len({*versions}) == 2
+
+
+# From now on, each picture takes a while, or there is none
+SLOW = """() => {
+    window.toBlob = HTMLCanvasElement.prototype.toBlob;
+    HTMLCanvasElement.prototype.toBlob = function (take, ...more) {
+        setTimeout(() => toBlob.call(this, take, ...more), 100);
+    };
+}"""
+NONE = """() => {
+    window.toBlob = HTMLCanvasElement.prototype.toBlob;
+    HTMLCanvasElement.prototype.toBlob = (take) => take(null);
+}"""
+AS_BEFORE = "() => { HTMLCanvasElement.prototype.toBlob = toBlob; }"
+# Of two steps or many moves of a hand, one after the other, the frames
+CLOCKS = """async ([what, count]) => {
+    const { model } = document.getElementById("clothlab-lab");
+    const clocks = [];
+    const hear = () => clocks.push(model.get("frame").clock);
+    model.on("change:frame", hear);
+    for (let k = 0; k < count; k++) await model.send({ do: what, id: "", u: [0, -1] });
+    await new Promise((resolve) => setTimeout(resolve, 1500));
+    model.off("change:frame", hear);
+    return clocks;
+}"""
+
+
+@pytest.fixture
+def slow_lab(lab):
+    lab.page.wait_for_timeout(500)  # what is still being drawn
+    lab.page.evaluate(SLOW)
+    yield lab
+    lab.page.evaluate(AS_BEFORE)
+
+
+def test_a_frame_is_of_one_step(slow_lab):
+    slow_lab.tell("set driver", driver="manual")
+    slow_lab.page.wait_for_timeout(1000)
+    clocks = slow_lab.page.evaluate(CLOCKS, ["step", 2])
+    assert [clock.split(", ")[1] for clock in clocks] == ["step 1", "step 2"]
+
+
+def test_at_most_one_frame_waits(slow_lab):
+    clocks = slow_lab.page.evaluate(CLOCKS, ["set hand", 20])
+    assert 1 < len(clocks) < 10
+
+
+def test_a_frame_that_can_not_be_drawn_stops_time_and_says_so(lab):
+    lab.press("start")
+    lab.wait("get('frame').clock.includes('step 1')")
+    lab.page.evaluate(NONE)
+    expect(lab.message.first).to_contain_text("made no picture of a canvas")
+    expect(lab.status).to_contain_text("fault")
+    assert not lab.get("state")["running"]
+    lab.page.evaluate(AS_BEFORE)
+    lab.press("step")
+    expect(lab.status).to_have_text("❚❚ paused")
+
+
+def test_a_step_that_was_late_is_spoken_of_for_some_steps(lab):
+    lab.tell("set driver", driver="manual")
+    statuses = lab.page.evaluate(
+        """async () => {
+            const { model } = document.getElementById("clothlab-lab");
+            const statuses = [];
+            const seconds = (x) => new Promise((resolve) => setTimeout(resolve, 1000 * x));
+            model.send({ do: "start", id: "" });
+            await seconds(0.9);
+            for (const until = performance.now() + 350; performance.now() < until; );
+            const hear = () => statuses.push(model.get("state").status);
+            model.on("change:state", hear);
+            await seconds(3);
+            model.off("change:state", hear);
+            model.send({ do: "pause", id: "" });
+            return statuses;
+        }"""
+    )
+    assert statuses.count("late") >= 4
+
+
+def test_a_mistake_shows_what_has_happened_nevertheless(lab):
+    """The estimator fails after a step was made."""
+    lab.tell("set driver", driver="random")
+    lab.tell("estimate", on=True)
+    lab.inside("() => session.actions.setBias({ p: [1e30, 1e30] })")
+    for _ in range(20):
+        lab.tell("step")
+    lab.wait("get('state').message.text.includes('so far from')")
+    assert lab.get("state")["message"]["kind"] == "mistake"
+    step = lab.inside("() => session.now().step")
+    lab.wait(f"get('frame').clock.includes('step {step}')")
+
+
+def test_a_gamepad_without_sticks_is_a_mistake(lab):
+    lab.tell("greet gamepad", enough=False)
+    lab.wait("get('state').message.text.includes('two sticks')")
+    assert lab.get("state")["message"]["kind"] == "mistake"
 
 
 def test_the_same_seed_drives_the_same(open_lab):

@@ -29,7 +29,10 @@ def test_chamfer_distances_are_those_of_python_and_keep_no_robot_waiting(node):
     cases = [*chamfer_cases()]
     questions = [
         {"what": "chamfer", "size": SIZE}
-        | {name: mask.ravel().astype(int).tolist() for name, mask in zip("ab", case, strict=True)}
+        | {
+            name: mask.ravel().astype(int).tolist()
+            for name, mask in zip("ab", case, strict=True)
+        }
         for case in cases
     ]
     for (a, b), found in zip(cases, node("parts.mjs", questions), strict=True):

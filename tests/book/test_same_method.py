@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from clothlab import data
+from clothlab._validation import HEIGHT, WIDTH
 from clothlab.lab._equipment import SETUPS, Equipment
 from clothlab.lab._tracker import BiasTracker, _calibration
 from clothlab.method._rollouts import rollout_of
@@ -217,7 +218,7 @@ def test_estimates_of_recorded_steps(page):
     run = page.runs[0]
     # Longer than the window, so that it moves
     whole = Run(np.tile(run.s, (2, 1)), np.tile(run.u, (2, 1)), run.material)
-    whole = whole[: ESTIMATED + 20]
+    whole = whole[: ESTIMATED + 22]  # two steps after the last report
     expected, report = estimated(page, whole, start)
     question = {"states": whole.s.tolist(), "commands": whole.u.tolist()}
     found, other = page.ask(
@@ -233,9 +234,16 @@ def test_estimates_of_recorded_steps(page):
     assert told["logErrorRatio"] == pytest.approx(report.log_error_ratio, abs=1e-3)
     assert told["outOfDistribution"] == report.out_of_distribution
     assert told["outsideHull"] == report.outside_hull
+    region = np.array(told["region"])
+    assert (region.max(0) + region.min(0)) / 2 == pytest.approx(expected[-1], abs=BIAS)
 
     # Another p to begin with would be noticed
     assert np.abs(np.array(other["path"]) - expected).max() > BIAS
+
+
+def test_a_mask_without_a_cloth_is_a_mistake(page):
+    (answer,) = page.ask("aim", [{"mask": np.zeros(HEIGHT * WIDTH).tolist()}])
+    assert answer == {"refused": "no cloth in the image: the mask is empty"}
 
 
 def test_aims(page):

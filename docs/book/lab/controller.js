@@ -67,7 +67,7 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     const around = { s, p, h, c, z_ref: target, mask: mask(t), lower, upper };
     const problem = { ...around, plan, t, solve: solve || !t, start, within };
     const found = await search.find(problem, before.learned);
-    if (!found.plan.every(Number.isFinite)) throw new Error("the gradient of the loss is not finite");
+    if (!found.plan.every(Number.isFinite)) throw new Refusal("the gradient of the loss is not finite");
     const u = found.plan.slice(0, size);
     const solves = before.solves + Number(found.trace !== null);
     now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };

@@ -111,7 +111,7 @@ function reportOf(fit, p, { floor, lengths, scale, limit, biases, usual, reach, 
     const times = Math.exp(logErrorRatio).toFixed(1);
     warning = `The material is unlike the trained ones: squared prediction error ${times} times the usual.`;
   } else if (outsideHull) warning = "p lies outside the trained ones.";
-  return { covariance, logErrorRatio, outOfDistribution, outsideHull, region: outline(p, covariance, radius), warning };
+  return { covariance, logErrorRatio, outOfDistribution, outsideHull, warning };
 }
 // The edge of such a region, its last point the first.
 function outline(centre, covariance, radius, points = 48) {
@@ -149,7 +149,7 @@ function makeTracker(networks, { estimation, calibration }, first) {
     const now = [...seen, { s, u }].slice(-window - 1);
     const step = estimate ? ((await linearised(now, p))?.step() ?? [0, 0]) : [0, 0];
     const next = p.map((x, k) => x + step[k]);
-    if (!next.every(Number.isFinite)) throw new Error(UNKNOWN);
+    if (!next.every(Number.isFinite)) throw new Refusal(UNKNOWN);
     [p, seen, count] = [next, now, count + 1];
     if (count % every === 0) {
       const fit = await linearised(seen, p);
@@ -159,8 +159,9 @@ function makeTracker(networks, { estimation, calibration }, first) {
   }
   return {
     update,
+    // Its region moves with p.
     get report() {
-      return report;
+      return report && { ...report, region: outline([...p], report.covariance, calibration.radius) };
     },
   };
 }

@@ -1,6 +1,7 @@
 // The live lab as the model of the panel: what Python's `LivePanel` is in a notebook. The session is in the worker; here
 // are time, words, and pictures. Each action says in the panel's message what it did, if it can't be seen.
 const PATIENT = 15; // steps, over whose mean time a tier is chosen
+const RECENT = 5; // steps, one of which was late where time is said to be
 // What is left out on a machine that is too slow: a solve or an estimate comes every so many steps.
 const TIERS = [
   { solveEvery: 1, estimateEvery: 1, about: "" },
@@ -24,18 +25,14 @@ function makeTiers(period) {
     times = [];
     return true;
   }
-  return { took, now: () => TIERS[tier], mean: () => mean(Math.min(times.length, PATIENT)) };
+  return { took, now: () => TIERS[tier] };
 }
 
 // Pictures as files, which the panel shows.
-function fileOf(canvas, type) {
-  return new Promise((resolve, reject) => {
-    async function take(blob) {
-      if (blob) resolve(new Uint8Array(await blob.arrayBuffer()));
-      else reject(new Error("this browser made no picture of a canvas"));
-    }
-    canvas.toBlob(take, type, 0.85);
-  });
+async function fileOf(canvas, type) {
+  const blob = await new Promise((resolve) => canvas.toBlob(resolve, type, 0.85));
+  if (!blob) throw new Error("this browser made no picture of a canvas");
+  return new Uint8Array(await blob.arrayBuffer());
 }
 function makeGrey([width, height]) {
   const canvas = make("canvas", { width, height });
@@ -57,16 +54,17 @@ async function liveLab(ask, first, lab) {
   const tiers = makeTiers(about.period);
   const canvas = make("canvas", { width: 560, height: 420 });
   const drawScene = scenePicture(canvas);
-  const [seen, decoded, reconstructed] = [0, 1, 2].map(() => makeGrey(about.size));
+  const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(about.size));
   let session = first.now;
   let history = [];
   let running = false;
   let turn = 0; // number of times that it was started
   let broken = false; // whether time stands still since a step failed
-  let late = false;
+  let lateness = []; // whether each of the last few steps was late
   let message = { text: "", kind: "info" };
   let answered = "";
   let frames = 0;
+  let targets = 0; // that were put on the canvas
 
   const say = (text, kind = "info") => (message = { text, kind });
   async function guarded(act) {
@@ -74,6 +72,7 @@ async function liveLab(ask, first, lab) {
       await act();
       return true;
     } catch (error) {
+      if (error.now) session = error.now;
       if (error.name === "Refusal") say(`⚠ ${error.message}`, "mistake");
       else say(`✗ a fault in the lab: ${error.message}`, "fault");
       return false;
@@ -84,25 +83,15 @@ async function liveLab(ask, first, lab) {
   function status() {
     if (broken || message.kind === "fault") return "fault";
     if (!running) return "paused";
-    return late ? "late" : "running";
+    return lateness.includes(true) ? "late" : "running";
   }
   function refresh() {
-    const { driver, exploring, estimating, hand, cloth } = session;
-    const { name, label, damping, mass } = cloth;
-    set({
-      state: {
-        ...{
-          arm: about.arms[0],
-          driver,
-          exploring,
-          estimating,
-          hand,
-          cloth: { name, label, material: [damping, mass] },
-        },
-        ...{ fixed: false, tension: [], recording: false, waiting: false },
-        ...{ running, status: status(), message, answered },
-      },
-    });
+    const { driver, exploring, estimating, hand } = session;
+    const { name, label, damping, mass } = session.cloth;
+    const cloth = { name, label, material: [damping, mass] };
+    const steered = { arm: about.arms[0], driver, exploring, estimating, hand, cloth };
+    const never = { fixed: false, tension: [], recording: false, waiting: false };
+    set({ state: { ...steered, ...never, running, status: status(), message, answered } });
   }
   function clock() {
     const basis = history.at(-1)?.basis;
@@ -110,54 +99,68 @@ async function liveLab(ask, first, lab) {
     const more = [basis && `plan from ${basis}`, left].filter(Boolean);
     return [`${(session.step * about.period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
   }
-  async function drawFrame() {
-    const { stage, mask, reconstruction, p, report } = session;
-    drawScene(stage);
-    const [scene, ...images] = await Promise.all([fileOf(canvas, "image/jpeg"), seen(mask), decoded(reconstruction)]);
-    frames += 1;
-    set({
-      frame: {
-        ...{ number: frames, scene, seen: images[0], decoded: images[1], clock: clock() },
-        traces: traces(session, history, about.period),
-        marks: history.flatMap((moment, k) => (moment.periodEnded ? [k] : [])),
-        at: plane.at(p),
-        trail: history.map((moment) => plane.at(moment.p)),
-        nearest: lab.cloths.find(({ name }) => name === nearestMaterial(p, lab.biases)).label,
-        region: report ? report.region.map(plane.at) : [],
-        warning: report?.warning ?? "",
-      },
-    });
+  // What a frame shows beside its pictures.
+  function plots() {
+    const { p, report } = session;
+    return {
+      clock: clock(),
+      traces: traces(session, history, about.period),
+      marks: history.flatMap((moment, k) => (moment.periodEnded ? [k] : [])),
+      at: plane.at(p),
+      trail: history.map((moment) => plane.at(moment.p)),
+      nearest: lab.cloths.find(({ name }) => name === nearestMaterial(p, lab.biases)).label,
+      region: report ? report.region.map(plane.at) : [],
+      warning: report?.warning ?? "",
+    };
   }
-  let drawing = null; // the frame that is being drawn; frames come one after the other
-  async function show({ force = true } = {}) {
+  async function drawFrame() {
+    const { stage, mask, reconstruction } = session;
+    const others = plots(); // of the same step as the pictures, which take a while
+    drawScene(stage);
+    const pictures = [fileOf(canvas, "image/jpeg"), seenImage(mask), decodedImage(reconstruction)];
+    const [scene, seen, decoded] = await Promise.all(pictures);
+    frames += 1;
+    set({ frame: { number: frames, scene, seen, decoded, ...others } });
+  }
+  // Frames come one after the other. Of those that are wanted meanwhile, one comes; without force, none.
+  let drawing = null;
+  let wanted = false;
+  async function draw() {
+    do {
+      wanted = false;
+      if (!(await guarded(drawFrame))) stop();
+    } while (wanted);
+    drawing = null;
+  }
+  function show({ force = true } = {}) {
     refresh();
-    if (drawing && !force) return; // a slow page leaves some out
-    const mine = (drawing = Promise.resolve(drawing).then(() => guarded(drawFrame)));
-    await mine;
-    if (drawing === mine) drawing = null;
+    if (drawing && force) wanted = true;
+    drawing ??= draw();
+    return drawing;
   }
   async function showTarget(aim, { onCanvas = true } = {}) {
     const view = targetView(aim, lab);
-    const version = (get("target")?.version ?? 0) + (onCanvas ? 1 : 0);
-    set({ target: { ...view, version, reconstruction: await reconstructed(view.reconstruction) } });
+    if (onCanvas) targets += 1;
+    const version = targets; // others may be chosen until its picture is there
+    set({ target: { ...view, version, reconstruction: await reconstructedImage(view.reconstruction) } });
   }
 
   // -- what is asked of the session
-  async function told(what, more) {
+  // `remember` makes the history that belongs to an answer, so that both are new at once.
+  async function told(what, more, remember = () => history) {
     const { now, answer, aim } = await ask(what, more);
     session = now;
-    return { answer, aim };
+    history = remember(answer);
+    return aim;
   }
   async function aim(what, more, options) {
-    const { aim: next } = await told(what, more);
-    await showTarget(next, options);
+    await showTarget(await told(what, more), options);
   }
   async function advance({ solve = true } = {}) {
     const { solveEvery, estimateEvery } = tiers.now();
-    const { answer } = await told("step", { solve, solveEvery, estimateEvery });
-    history = [...history, answer].slice(-about.history);
+    const remember = (moment) => [...history, moment].slice(-about.history);
+    await told("step", { solve, solveEvery, estimateEvery }, remember);
   }
-  const forget = () => (history = []);
 
   // -- time
   const now = () => performance.now() / 1000;
@@ -165,29 +168,36 @@ async function liveLab(ask, first, lab) {
     const mine = (turn += 1);
     for (let due = now(); running && turn === mine;) {
       const began = now();
-      late = began - due > about.period / 2;
-      const well = await guarded(() => advance({ solve: began - due < about.period }));
-      if (!well) {
-        running = false;
-        broken = true;
-      }
+      lateness = [...lateness, began - due > about.period / 2].slice(-RECENT);
+      if (!(await guarded(() => advance({ solve: began - due < about.period })))) stop();
       const took = now() - began; // the page draws meanwhile
-      show({ force: !well });
-      if (running && tiers.took(took)) {
-        const { about: left } = tiers.now();
-        say(left ? `this machine is slow for 5 steps a second: from now on ${left}` : "");
-      }
+      show({ force: !running });
+      if (running && tiers.took(took)) sayTier();
       due = Math.max(due + about.period, now() - 2 * about.period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
     }
+  }
+  // A mistake stays in sight; the clock says it, too.
+  function sayTier() {
+    const { about: left } = tiers.now();
+    if (message.kind === "info") say(left && `this machine is slow for 5 steps a second: from now on ${left}`);
   }
   function start() {
     broken = false;
     if (running) return;
     running = true;
+    lateness = [];
     guarded(run);
   }
-  const pause = () => (running = false);
+  function pause() {
+    running = false;
+    refresh();
+  }
+  // After an error in a step or a frame.
+  function stop() {
+    broken = true;
+    pause();
+  }
 
   // -- what a person does
   const actions = {
@@ -198,9 +208,8 @@ async function liveLab(ask, first, lab) {
       await advance();
     },
     async reset() {
-      await told("reset");
+      await told("reset", {}, () => []);
       broken = false;
-      forget();
     },
     "set cloth": ({ cloth }) => told("setCloth", { name: cloth }),
     "set material": ({ damping, mass }) => told("setMaterial", { damping, mass }),
@@ -212,7 +221,8 @@ async function liveLab(ask, first, lab) {
     "move sticks": ({ places }) =>
       told("setHand", { u: about.hands.map(([, [low, high]], k) => low + places[k] * (high - low)) }),
     "greet gamepad"({ enough }) {
-      say(enough ? "gamepad: left stick: shoulder, right stick: elbow" : "⚠ a gamepad needs two sticks and a trigger");
+      if (enough) say("gamepad: left stick: shoulder, right stick: elbow");
+      else say("⚠ a gamepad needs two sticks and a trigger", "mistake");
     },
     draw: (_, [pixels]) => aim("setTarget", { mask: new Uint8Array(pixels) }, { onCanvas: false }),
     clear: () => say("draw a target; until then the robot keeps the one that it has"),
@@ -230,9 +240,8 @@ async function liveLab(ask, first, lab) {
   }
   function hide() {
     if (!document.hidden || !running) return;
-    pause();
     say("paused while nobody saw the page: press start");
-    refresh();
+    pause();
   }
   document.addEventListener("visibilitychange", hide);
 

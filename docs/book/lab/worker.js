@@ -42,14 +42,16 @@ const answers = {
   },
 };
 
+// An answer, or an error, with how the session stands then: what was asked may be done in part.
+async function answerTo(what, more) {
+  try {
+    const answer = await (answers[what] ?? session.actions[what])(more);
+    return { answer, now: session.now(), aim: session.aim() };
+  } catch (error) {
+    return { error: { message: `${error.message ?? error}`, name: error.constructor?.name }, now: session?.now() };
+  }
+}
 let turn = Promise.resolve();
 addEventListener("message", ({ data: { id, what, more } }) => {
-  turn = turn.then(async () => {
-    try {
-      const answer = await (answers[what] ?? session.actions[what])(more);
-      postMessage({ id, answer: { answer, now: session.now(), aim: session.aim() } });
-    } catch (error) {
-      postMessage({ id, error: `${error.message ?? error}`, name: error.constructor?.name });
-    }
-  });
+  turn = turn.then(async () => postMessage({ id, ...(await answerTo(what, more)) }));
 });
