@@ -209,7 +209,7 @@ def test_a_cloth_made_by_sliders_moves_as_in_python(lab):
         """async (commands) => {
             const places = [];
             for (const u of commands) {
-                session.actions.setHand({ u });
+                session.actions["set hand"]({ u });
                 await session.actions.step({ solve: true, solveEvery: 1, estimateEvery: 1 });
                 places.push([...session.world().data.qpos]);
             }
@@ -381,14 +381,16 @@ def test_the_recorded_run_and_the_robot_take_turns(lab):
     time = lab.page.get_by_role("slider", name="time [s]")
     expect(time).to_be_visible()
     assert paused()
+    lab.page.wait_for_timeout(500)  # a step that was under way
     clock = lab.page.evaluate("() => left.get('frame').clock")
     lab.press("start")
     expect(lab.status).to_have_text("▶ running")
     lab.page.evaluate(leave)
+    lab.page.wait_for_timeout(500)
     lab.page.get_by_role("link", name="Steer the robot yourself.").click()
     expect(time).to_have_count(0)
     assert paused()
-    assert clock.split(",")[0] in lab.get("frame")["clock"]
+    assert lab.get("frame")["clock"] == clock
 
 
 def test_another_place_in_the_page_leaves_the_panel_alone(lab):
@@ -561,13 +563,11 @@ def test_a_mistake_shows_what_has_happened_nevertheless(lab):
     """The estimator fails after a step was made."""
     lab.tell("set driver", driver="random")
     lab.tell("estimate", on=True)
-    lab.inside("() => session.actions.setBias({ p: [1e30, 1e30] })")
-    for _ in range(20):
-        lab.tell("step")
+    lab.inside("() => session.actions['set p']({ p: [NaN, NaN] })")
+    lab.tell("step")
     lab.wait("get('state').message.text.includes('so far from')")
     assert lab.get("state")["message"]["kind"] == "mistake"
-    step = lab.inside("() => session.now().step")
-    lab.wait(f"get('frame').clock.includes('step {step}')")
+    lab.wait("get('frame').clock.includes('step 1')")
 
 
 def test_a_gamepad_without_sticks_is_a_mistake(lab):
@@ -634,7 +634,7 @@ def test_resets_and_changes_of_cloth_leave_no_memory_behind(lab):
     size = "() => session.world().data.qpos.buffer.byteLength / 1e6"  # [MB]
     change = """async (count) => {
         for (let k = 0; k < count; k++) {
-            await session.actions.setMaterial({ damping: 0.05, mass: 0.08 + 0.001 * (k % 2) });
+            await session.actions["set material"]({ damping: 0.05, mass: 0.08 + 0.001 * (k % 2) });
             await session.actions.reset();
         }
     }"""

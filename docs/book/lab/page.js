@@ -1,7 +1,7 @@
 // The page "Throw a cloth": the panel with a live robot, or with the recorded run where the address asks for that, and
 // where a robot can't run.
 const RECORDED = "#recorded-run";
-const PARTS = ["lab-data", "torque", "worker", "mujoco", "onnxruntime"]; // scripts with the files that a robot is made of
+const PARTS = ["lab-data", "torque", "worker", "mujoco", "onnxruntime"]; // scripts, with the files of a robot
 const place = document.getElementById("clothlab-lab");
 const folder = document.currentScript.src.replace(/[^/]*$/, "");
 const note = make("span", { role: "status" });
@@ -87,8 +87,9 @@ async function choose() {
     if (!chosen) await choose();
   }
 }
-function tryAgain() {
+function tryAgain(event) {
   if (!failed) return;
+  event.preventDefault(); // the link leads to the recorded run from now on
   failed = "";
   choose();
 }
