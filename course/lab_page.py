@@ -33,11 +33,6 @@ SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
 DRIVERS = ["control", "control: last", "control: earlier"]
 DRIVERS += ["iterative", "manual", "random", "operator"]
-_NOTEBOOK = "not in a web page yet: notebook 08 does this"
-# What no session in a page does, and why
-REFUSED = dict.fromkeys(
-    ["set arm", "set tension", "upload", "record", "save", "discard"], _NOTEBOOK
-)
 _EXPORT = "export default { render };"
 # What the page itself does, and what its worker does
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "views"]
@@ -169,7 +164,7 @@ def lab_data(arm: str) -> dict[str, Any]:
     session.close()
 
     # What a person chooses from
-    drivers = {"arms": [arm], "drivers": DRIVERS, "refused": REFUSED, "only": False}
+    drivers = {"arms": [arm], "drivers": DRIVERS, "only": False}
     keys = ("name", "label", "damping", "mass")
     cloths = [{key: getattr(cloth, key) for key in keys} for cloth in CLOTHS.values()]
 

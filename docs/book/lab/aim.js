@@ -1,4 +1,4 @@
-// Images to aim at, and how well the network understands them: Python's `aim_at`, `known_target` and `chamfer_distance`.
+// Images to aim at, and how well the network knows them: Python's `aim_at`, `known_target` and `chamfer_distance`.
 // A mask has a number for each pixel, 0 or 1.
 function iou(a, b) {
   let [common, union] = [0, 0];

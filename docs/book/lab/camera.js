@@ -70,18 +70,13 @@ function makeSamples(rows, columns) {
 function makeCamera({ size, redness, kernel }) {
   const [height, width] = size;
   const samples = makeSamples(height, width);
-  const around = kernel.flatMap((row, j) =>
-    row.flatMap((on, i) => (on ? [[j - (kernel.length >> 1), i - (row.length >> 1)]] : [])),
-  );
+  const away = (j, i) => [j - (kernel.length >> 1), i - (kernel[0].length >> 1)]; // from its middle
+  const around = kernel.flatMap((row, j) => row.flatMap((on, i) => (on ? [away(j, i)] : [])));
 
   function drawSkin({ triangles, points, colour }, { project }, lights) {
-    const places = points.map(project);
-    const bright = pointNormals(points, triangles).map((normal) => brightness(normal, lights));
-    for (const corners of triangles)
-      samples.triangle(
-        corners.map((k) => [...places[k], bright[k]]),
-        excess(colour),
-      );
+    const normals = pointNormals(points, triangles);
+    const places = points.map((point, k) => [...project(point), brightness(normals[k], lights)]);
+    for (const [a, b, c] of triangles) samples.triangle([places[a], places[b], places[c]], excess(colour));
   }
   function drawCapsule({ from, to, radius, colour }, { project, focus }) {
     const count = Math.ceil((2 * Math.hypot(...minus3(to, from))) / radius);

@@ -73,18 +73,13 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };
     return u;
   }
-  // States to which the plan leads in so many steps, one after the other; null before the first step.
-  async function foresee(steps) {
-    const { last, plan, h, c, t } = now;
-    if (!last) return null;
-    const { states } = await networks.predict({ s: last.s, u: plan, p, h, c, z_ref: target, mask: mask(t) });
-    return states.slice(0, steps * last.s.length);
-  }
-  // The z to which the plan leads at the end of its period, where that is within the horizon.
+  // The z to which the plan leads at the end of its period, where that is within the horizon; null before a step.
   async function foreseen() {
-    const steps = stepsLeft() + 1;
-    const states = steps > horizon ? null : await foresee(steps);
-    return states && states.slice(-now.last.s.length).slice(...constants.z);
+    const { last, plan, h, c, t } = now;
+    const left = stepsLeft();
+    if (!last || left >= horizon) return null;
+    const { states } = await networks.predict({ s: last.s, u: plan, p, h, c, z_ref: target, mask: mask(t) });
+    return states.subarray(left * last.s.length).slice(...constants.z);
   }
   // Distance to the target that is expected of the plan; a search that learns says it itself.
   async function predictedDistance() {
@@ -96,7 +91,6 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   now = beginning();
   return {
     act,
-    foresee,
     foreseen,
     predictedDistance,
     reset: () => (now = beginning()),

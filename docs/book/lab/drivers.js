@@ -10,59 +10,34 @@ function makeRandom(seed) {
   }
   const uniform = (low, high) => low + (high - low) * next();
   const integer = (low, end) => low + Math.floor((end - low) * next());
-  return { next, uniform, integer };
+  return { uniform, integer };
 }
 
 const LONGEST_HOLD = 4; // steps
+const held = (u, count) => Array(count).fill(u);
 
 // Uniform commands, each held for 1 to 4 steps, so that there are slow and fast motions.
-function makeRandomDriver({ lower, upper }) {
-  let random = makeRandom(0);
-  let u = null;
-  let stepsLeft = 0;
-  function reset(seed) {
-    random = makeRandom(seed);
-    stepsLeft = 0;
+function* randomCommands({ lower, upper }, { uniform, integer }) {
+  for (;;) {
+    const u = lower.map((low, k) => uniform(low, upper[k]));
+    yield* held(u, integer(1, LONGEST_HOLD + 1));
   }
-  function act() {
-    if (!stepsLeft) {
-      u = lower.map((low, k) => random.uniform(low, upper[k]));
-      stepsLeft = random.integer(1, LONGEST_HOLD + 1);
-    }
-    stepsLeft -= 1;
-    return [...u];
-  }
-  return { reset, act };
 }
 
 // Lifts the cloth slowly and throws it down fast; each swing draws its own height, depth, speeds and pauses.
-function makeOperator({ lower, upper, home }) {
-  let random = makeRandom(0);
+function* operatorCommands({ lower, upper, home }, { uniform, integer }) {
+  const within = (low, high) => lower.map((least, k) => least + uniform(low, high) * (upper[k] - least));
+  const way = (from, to, count) => Array.from({ length: count }, (_, k) => between(from, to, (k + 1) / count));
   let u = home;
-  let plan = [];
-  function reset(seed) {
-    random = makeRandom(seed);
-    u = home;
-    plan = [];
-  }
-  // Up in 3 to 6 steps, a pause of 0 to 2, down in 1 or 2, a pause of 1 to 3; angles are smaller, the higher the arm is.
-  function swing() {
-    const within = (low, high) => lower.map((least, k) => least + random.uniform(low, high) * (upper[k] - least));
-    const high = within(0, 0.35);
+  for (;;) {
+    const high = within(0, 0.35); // angles are smaller, the higher the arm is
     const low = within(0.65, 1);
-    const way = (from, to, count) => Array.from({ length: count }, (_, k) => between(from, to, (k + 1) / count));
-    const rest = (where, count) => Array(count).fill(where);
-    const up = way(u, high, random.integer(3, 7));
-    const above = rest(high, random.integer(0, 3));
-    const down = way(high, low, random.integer(1, 3));
-    return [...up, ...above, ...down, ...rest(low, random.integer(1, 4))];
+    yield* way(u, high, integer(3, 7));
+    yield* held(high, integer(0, 3));
+    yield* way(high, low, integer(1, 3));
+    yield* held(low, integer(1, 4));
+    u = low;
   }
-  function act() {
-    if (!plan.length) plan = swing();
-    u = plan.shift();
-    return [...u];
-  }
-  return { reset, act };
 }
 
 // The driver "control", and where it starts its search; the others are to compare it with.
@@ -70,14 +45,14 @@ const CONTROLS = { control: "recorded", "control: last": "last", "control: earli
 
 // All of them, for an arm with its limits and home. `learning`: the search of the controller that learns iteratively.
 function makeDrivers({ controller, learner, learning }, arm) {
-  const others = { random: makeRandomDriver(arm), operator: makeOperator(arm) };
+  let others = {}; // their commands, one after the other
   const controllers = [controller, learner];
   const controllerOf = (driver) => (driver in CONTROLS ? controller : driver === "iterative" ? learner : null);
   let count = 0; // steps since the controller began
   let period = []; // predicted and seen distance of each step since its period began
 
   function reset(seed) {
-    for (const each of Object.values(others)) each.reset(seed);
+    others = { random: randomCommands(arm, makeRandom(seed)), operator: operatorCommands(arm, makeRandom(seed)) };
     for (const each of controllers) each.reset();
     count = 0;
     period = [];
@@ -100,7 +75,7 @@ function makeDrivers({ controller, learner, learning }, arm) {
   async function choose(driver, s, { hand, solve, solveEvery }) {
     const chosen = controllerOf(driver);
     if (!chosen) {
-      const command = driver === "manual" ? hand : others[driver].act();
+      const command = driver === "manual" ? hand : others[driver].next().value;
       return { command, predicted: null, periodEnded: false, basis: "" };
     }
     // A period that begins without a solve would go on with the plan of the last one.
@@ -111,8 +86,8 @@ function makeDrivers({ controller, learner, learning }, arm) {
     const basis = chosen === learner ? learning.basis(learner.learned()) : "";
     return { command, predicted, periodEnded: chosen.periodEnded(), basis };
   }
-  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved: at its last
-  // step, or by who learns at its best one.
+  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved: at its
+  // last step, or by who learns at its best one.
   function closePeriod(driver, { predicted, periodEnded }, distance) {
     if (predicted !== null) period.push({ predicted, distance });
     if (!periodEnded || !period.length) return null;

@@ -36,9 +36,10 @@ function makeLinearisation({ errors, jacobian }, sensors, { freedom, longest, la
   // Of the loss of each step of the window.
   function gradients() {
     const found = Array.from({ length: count }, () => [0, 0]);
-    errors.forEach((error, k) =>
-      row(k).forEach((x, i) => (found[Math.floor(k / sensors)][i] += weights[k] * error * x)),
-    );
+    errors.forEach((error, k) => {
+      const sum = found[Math.floor(k / sensors)];
+      row(k).forEach((x, i) => (sum[i] += weights[k] * error * x));
+    });
     return found;
   }
   // To the lowest loss, at most so long, and not along an axis that the predictions don't depend on.
@@ -97,14 +98,8 @@ function reportOf(fit, p, { floor, lengths, scale, limit, biases, usual, reach, 
   // Warnings: predicted worse than any that was trained on, or beyond a side of them.
   const early = fit.count < lengths[0] - 1;
   const outOfDistribution = !early && logErrorRatio > interpolated(fit.count, lengths, limit);
-  const reaches = (normal) =>
-    radius *
-    Math.sqrt(
-      dot2(
-        normal,
-        covariance.map((row) => dot2(row, normal)),
-      ),
-    );
+  const scattered = (normal) => covariance.map((row) => dot2(row, normal));
+  const reaches = (normal) => radius * Math.sqrt(dot2(normal, scattered(normal)));
   const outsideHull = sides.some(([x, y, offset]) => dot2([x, y], p) + offset > reaches([x, y]));
   let warning = "";
   if (outOfDistribution) {

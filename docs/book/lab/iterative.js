@@ -7,9 +7,8 @@ function nearestPlans(runs, target, period, count, size) {
   const fromEach = Math.ceil(count / runs.length);
   const found = runs.flatMap(({ z, u, material }) => {
     const seen = (k) => z.subarray(k * target.length, (k + 1) * target.length);
-    const distances = Array.from({ length: u.length / size - period }, (_, k) =>
-      distanceBetween(target, seen(k + period)),
-    );
+    const after = (_, k) => distanceBetween(target, seen(k + period));
+    const distances = Array.from({ length: u.length / size - period }, after);
     return Array.from({ length: Math.min(fromEach, Math.floor(distances.length / period)) }, () => {
       const distance = Math.min(...distances);
       const start = distances.indexOf(distance);

@@ -1,7 +1,9 @@
-// The live lab as the model of the panel: what Python's `LivePanel` is in a notebook. The session is in the worker; here
-// are time, words, and pictures. Each action says in the panel's message what it did, if it can't be seen.
+// The live lab as the model of the panel: what Python's `LivePanel` is in a notebook. The session is in the worker, and
+// here are time, words, and pictures. Each action says in the panel's message what it did, if it can't be seen.
 const PATIENT = 15; // steps, over whose mean time a tier is chosen
 const RECENT = 5; // steps, one of which was late where time is said to be
+// What the session does just as the panel asks for it.
+const FORWARDED = ["set cloth", "set material", "set driver", "set hand", "estimate", "explore"];
 // What is left out on a machine that is too slow: a solve or an estimate comes every so many steps.
 const TIERS = [
   { solveEvery: 1, estimateEvery: 1, about: "" },
@@ -211,24 +213,19 @@ async function liveLab(ask, first, lab) {
       await told("reset", {}, () => []);
       broken = false;
     },
-    "set cloth": ({ cloth }) => told("setCloth", { name: cloth }),
-    "set material": ({ damping, mass }) => told("setMaterial", { damping, mass }),
-    "set p": ({ at }) => told("setBias", { p: plane.p(at) }),
-    explore: ({ on: wanted }) => told("explore", { on: wanted }),
-    estimate: ({ on: wanted }) => told("estimate", { on: wanted }),
-    "set driver": ({ driver }) => told("setDriver", { driver }),
-    "set hand": ({ u }) => told("setHand", { u }),
+    "set p": ({ at }) => told("set p", { p: plane.p(at) }),
     "move sticks": ({ places }) =>
-      told("setHand", { u: about.hands.map(([, [low, high]], k) => low + places[k] * (high - low)) }),
+      told("set hand", { u: about.hands.map(([, [low, high]], k) => low + places[k] * (high - low)) }),
     "greet gamepad"({ enough }) {
       if (enough) say("gamepad: left stick: shoulder, right stick: elbow");
       else say("⚠ a gamepad needs two sticks and a trigger", "mistake");
     },
-    draw: (_, [pixels]) => aim("setTarget", { mask: new Uint8Array(pixels) }, { onCanvas: false }),
+    draw: (_, [pixels]) => aim("draw", { mask: new Uint8Array(pixels) }, { onCanvas: false }),
     clear: () => say("draw a target; until then the robot keeps the one that it has"),
-    pick: ({ name }) => aim("setTarget", { mask: about.gallery.find((each) => each.name === name).image }),
-    take: () => aim("takeImage"),
+    pick: ({ name }) => aim("pick", { name }),
+    take: () => aim("take"),
   };
+  for (const what of FORWARDED) actions[what] = (more) => told(what, more);
   async function send({ do: what, id, ...more }, _, buffers = []) {
     if (what === "alive?") tell("msg:custom", { do: "alive" });
     if (!(what in actions)) return;
@@ -245,7 +242,10 @@ async function liveLab(ask, first, lab) {
   }
   document.addEventListener("visibilitychange", hide);
 
-  set({ about, ellipse: null });
+  set({
+    about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
+    ellipse: null,
+  });
   await showTarget(first.aim);
   await show();
   return { get, on, off, send, pause };

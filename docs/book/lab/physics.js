@@ -20,16 +20,10 @@ function makePhysics(mujoco, { mjcf, start, substeps, settle = 0 }) {
     if (data.time < 1 + (steps - 0.5) * model.opt.timestep) throw new SimulationError();
     mujoco.mj_forward(model, data); // positions of bodies, which the camera looks at, are those of now
   }
-  // Holds a command for a control period; after an error, no time has passed.
+  // Holds a command for a control period. After an error, `put` what was `kept` before.
   function advance(ctrl) {
-    const before = kept();
-    try {
-      data.ctrl.set(ctrl);
-      simulate(substeps);
-    } catch (error) {
-      put(before);
-      throw error;
-    }
+    data.ctrl.set(ctrl);
+    simulate(substeps);
   }
   // What lies in WebAssembly's memory is not collected by itself.
   function free() {

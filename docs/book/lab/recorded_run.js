@@ -1,10 +1,6 @@
 // A recorded run as the model of the panel: it shows what was kept at each step, and computes nothing.
 // Python's LivePanel has the same traits and takes the same messages.
 const REFUSAL = "a recording can't be steered: a running notebook 08 does this";
-const STEERING =
-  "set arm, set driver, explore, set tension, set hand, move sticks, set cloth, set material, set p, estimate";
-const DRAWING = "draw, clear, pick, take, upload, record, save, discard";
-const REFUSED = [STEERING, DRAWING].flatMap((names) => names.split(", "));
 
 // shots: of each step, the traits that were new then, and `caption`.
 function recordedRun(shots) {
@@ -22,8 +18,7 @@ function recordedRun(shots) {
     return k;
   }
   function about() {
-    const refused = Object.fromEntries(REFUSED.map((what) => [what, REFUSAL]));
-    return { ...unpacked(shots[0].about), length: last * period, refused };
+    return { ...unpacked(shots[0].about), length: last * period, refused: refused(actions, REFUSAL) };
   }
   function state() {
     const running = timer !== null;

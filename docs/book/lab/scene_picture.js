@@ -53,7 +53,7 @@ function scenePicture(canvas) {
     function add(places) {
       const [a, b, c] = places;
       const turned = (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]);
-      const [first, ...others] = turned ? places.toReversed() : places; // or two would cancel each other
+      const [first, ...others] = turned ? [...places].reverse() : places; // or two would cancel each other
       shape.moveTo(...first.slice(0, 2));
       for (const [x, y] of others) shape.lineTo(x, y);
       shape.closePath();
@@ -73,15 +73,13 @@ function scenePicture(canvas) {
     const normals = pointNormals(points, triangles);
     return triangles.flatMap((corners) => {
       const [a, b, c] = corners.map((k) => points[k]);
+      const around = corners.map((k) => normals[k]);
       const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
       if (!front) return [];
       return FACETS.map((fine) => {
         const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
         const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
-        const normal = mixed(
-          middle,
-          corners.map((k) => normals[k]),
-        );
+        const normal = mixed(middle, around);
         const draw = () => {
           polygon(places);
           ctx.fillStyle = ctx.strokeStyle = rgb(colour, brightness(normal, lights));
@@ -99,20 +97,13 @@ function scenePicture(canvas) {
     const length = Math.hypot(...across) || 1;
     const side = across.map((x) => x / length);
     const towards = cross3(side, along).map((x) => x / (Math.hypot(...along) || 1));
-    const shades = ROUND.map((at) =>
-      rgb(
-        colour,
-        brightness(
-          side.map((x, i) => at * x + Math.sqrt(1 - at * at) * towards[i]),
-          lights,
-        ),
-      ),
-    );
+    const normal = (at) => side.map((x, i) => at * x + Math.sqrt(1 - at * at) * towards[i]);
+    const shades = ROUND.map((at) => rgb(colour, brightness(normal(at), lights)));
     return Array.from({ length: ROD_PARTS }, (_, k) => {
       const [begin, end] = [k, k + 1].map((each) => project(between(from, to, each / ROD_PARTS)));
       const near = (begin[2] + end[2]) / 2;
-      const edge = (sign) =>
-        project(between(from, to, (k + 0.5) / ROD_PARTS).map((x, i) => x + sign * radius * side[i]));
+      const middle = between(from, to, (k + 0.5) / ROD_PARTS);
+      const edge = (sign) => project(middle.map((x, i) => x + sign * radius * side[i]));
       const draw = () => {
         const [left, right] = [edge(-1), edge(1)];
         const shading = ctx.createLinearGradient(left[0], left[1], right[0], right[1]);

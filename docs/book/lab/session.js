@@ -112,15 +112,8 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   function now() {
     const { stage, mask, reconstruction } = observation;
     const report = estimating ? tracker.report : null;
-    const controls = {
-      driver,
-      exploring,
-      estimating,
-      hand: driver === "manual" ? hand : command,
-      p: [...p],
-      cloth,
-      report,
-    };
+    const shownHand = driver === "manual" ? hand : command;
+    const controls = { driver, exploring, estimating, hand: shownHand, p: [...p], cloth, report };
     return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
   }
   async function setTarget(mask) {
@@ -129,22 +122,24 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     aim = next;
   }
 
+  // By the names that the panel has for them.
   const actions = {
     reset,
     step: makeStep,
-    setTarget: ({ mask }) => setTarget(mask),
-    takeImage: () => setTarget(observation.mask),
-    setCloth: ({ name }) => hold(cloths.find((each) => each.name === name)),
-    setMaterial: ({ damping, mass }) => hold(clothOf(damping, mass, cloths)),
-    setDriver(next) {
+    draw: ({ mask }) => setTarget(mask),
+    pick: ({ name }) => setTarget(constants.gallery[name]),
+    take: () => setTarget(observation.mask),
+    "set cloth": ({ cloth: name }) => hold(cloths.find((each) => each.name === name)),
+    "set material": ({ damping, mass }) => hold(clothOf(damping, mass, cloths)),
+    "set driver"(next) {
       if (next.driver !== driver) drivers.resume(next.driver);
       driver = next.driver;
     },
-    setHand({ u }) {
+    "set hand"({ u }) {
       hand = u.map((x, k) => Math.min(constants.upper[k], Math.max(constants.lower[k], x)));
-      actions.setDriver({ driver: "manual" });
+      actions["set driver"]({ driver: "manual" });
     },
-    setBias(next) {
+    "set p"(next) {
       tracker = makeTracker(next.p);
       use(next.p);
     },

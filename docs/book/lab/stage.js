@@ -23,10 +23,8 @@ function makeStage(mujoco, model) {
   // Of each light, where it comes from and how bright it is.
   function lit(data, backward) {
     const { headlight } = model.vis;
-    const others = [...model.light_type.keys()].map((k) => [
-      three(data.light_xdir, k).map((x) => -x),
-      model.light_diffuse[3 * k],
-    ]);
+    const towards = (k) => three(data.light_xdir, k).map((x) => -x);
+    const others = [...model.light_type.keys()].map((k) => [towards(k), model.light_diffuse[3 * k]]);
     return { ambient: headlight.ambient[0], beams: [[backward, headlight.diffuse[0]], ...others] };
   }
   function rod(k, { geom_xpos, geom_xmat }) {

@@ -1,41 +1,20 @@
 // What the panel shows of a session, as plain data: Python's `Views` and `traces`.
 const JOINTS = ["shoulder", "elbow"];
 
-const line = (name, values, colour = 0, { dash = 0, fine = false } = {}) => ({ name, values, colour, dash, fine });
 const plot = (title, unit, lines, limit, pairs = []) => ({ title, unit, lines, limit, pairs });
 
-// The plots of a history, one below the other.
+// The plots of a history, one below the other. A line is named, and `of` gives its value at a moment.
 function traces({ stillDistance }, history, period) {
-  const of = (what) => history.map(what);
-  const distances = [
-    line(
-      "distance",
-      of((moment) => moment.distance),
-    ),
-  ];
-  const predicted = of((moment) => moment.predicted);
-  const foretold = predicted.some((each) => each !== null);
-  if (foretold) distances.push(line("predicted at each step", predicted, 1, { dash: 1, fine: true }));
+  const line = (name, of, colour = 0, { dash = 0, fine = false } = {}) => {
+    return { name, values: history.map(of), colour, dash, fine };
+  };
+  const distances = [line("distance", (moment) => moment.distance)];
+  const predicted = line("predicted at each step", (moment) => moment.predicted, 1, { dash: 1, fine: true });
+  if (predicted.values.some((each) => each !== null)) distances.push(predicted);
   const pairs = history.flatMap(({ period: ended }, k) => (ended ? [[k, ended.predicted, ended.achieved]] : []));
-  const angles = JOINTS.map((joint, j) =>
-    line(
-      joint,
-      of((moment) => moment.theta[j]),
-      j,
-    ),
-  ); // eslint-disable-line
-  const sent = JOINTS.map((joint, j) =>
-    line(
-      `${joint} ref`,
-      of((moment) => moment.command[j]),
-      j,
-      { dash: 1 },
-    ),
-  );
-  const times = line(
-    "step",
-    of((moment) => 1e3 * moment.seconds),
-  ); // eslint-disable-line
+  const angles = JOINTS.map((joint, j) => line(joint, (moment) => moment.theta[j], j));
+  const sent = JOINTS.map((joint, j) => line(`${joint} ref`, (moment) => moment.command[j], j, { dash: 1 }));
+  const times = line("step", (moment) => 1e3 * moment.seconds);
   return [
     plot("distance to the target", "s.d. of z", distances, ["hanging still", stillDistance], pairs),
     plot("joint angles", "rad", [...angles, ...sent], null),
