@@ -12,7 +12,9 @@ What counts as found, and what it takes to say that p pays, says `other_robots_p
 import argparse
 import itertools
 import tempfile
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +100,7 @@ def control(
     name = robot.name_of(material)
     for feedback, every in FEEDBACK.items():
         rewards = {
-            arm: gym_robots.control(robot, trained, material, p, size.attempt, every)[0]
+            arm: gym_robots.control(robot, trained, material, p, size.attempt, every)
             for arm, p in biases.items()
         }
         add(rows, name, f"reward, {feedback}", rewards)
@@ -215,25 +217,35 @@ def networks(seed: int, size: Size) -> Rows:
             first = NEW + 100_000 * seed + 1000 * k
             seen = gym_robots.record(PENDULUM, material, size.seen, first)
             p = gym_robots.estimate(trained.model, seen)
-            reward, each = gym_robots.control(
-                PENDULUM, trained, material, p, size.attempt
-            )
+            reward = gym_robots.control(PENDULUM, trained, material, p, size.attempt)
             add(rows, name, "reward", {arm: reward})
-            add(rows, name, "act [ms]", {arm: each})
     return rows
 
 
-def spring(seed: int, size: Size) -> Rows:
-    """The same three networks with the mass on a spring of `own_network.py`."""
+def speed(seed: int, size: Size) -> Rows:
+    """What a command takes with each network, in turn: all share one machine's moods.
+
+    What they learned doesn't matter.
+    """
+    brief = replace(size, steps=100, epochs=1)
+    controllers = {}
+    for network in own_network.NETWORKS:
+        trained = gym_robots.trained_on(PENDULUM, brief, seed, network)
+        p = np.zeros(trained.model.bias_size)
+        controllers[network] = gym_robots.controller_of(PENDULUM, trained, p)
+
+    # Any states will do
+    rng = np.random.default_rng(seed)
+    times: dict[str, list[float]] = {network: [] for network in controllers}
+    for _ in range(size.attempt):
+        s = rng.normal(size=3)
+        for network, controller in controllers.items():
+            start = time.thread_time()
+            controller.act(s)
+            times[network].append(1000 * (time.thread_time() - start))
     rows: Rows = []
-    for stiffness, goal in itertools.product(own_network.UNSEEN, own_network.GOALS):
-        case = f"{stiffness}, {goal}"
-        add(rows, case, "distance", {"without control": abs(goal)})
-    share = size.epochs / Size.epochs
-    for each in own_network.measure(seed, share).to_dict("records"):
-        case = f"{each['stiffness']}, {each['goal']}"
-        for name in ("distance", "act [ms]", "training [s]"):
-            add(rows, case, name, {each["training"]: each[name]})
+    medians = {network: float(np.median(each)) for network, each in times.items()}
+    add(rows, "", "act [ms]", medians)
     return rows
 
 
@@ -243,7 +255,7 @@ TASKS: dict[str, Callable[[int, Size], Rows]] = {
     "hopper": hopper,
     "logs": logs,
     "networks": networks,
-    "spring": spring,
+    "speed": speed,
 }
 TABLE = "other_robots"
 
@@ -286,7 +298,7 @@ def main() -> None:
 
     # Each training is stored as soon as it is tried
     cases = itertools.product(arguments.seeds, arguments.only)
-    bar = tqdm([] if arguments.tell else list(cases))
+    bar = tqdm([] if arguments.tell else list(cases), disable=arguments.tell)
     for seed, name in bar:
         bar.set_description(f"{name}, seed {seed}")
         found = measure(name, seed, SMALL if arguments.small else Size())

@@ -1,5 +1,6 @@
 """The tasks of *Your own robot* on other robots, in small."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -171,7 +172,7 @@ def rewards(wrong):
     """Rows of two robots in which the wrong p loses so much of 10."""
     rows = []
     arms = {"right p": 0.0, "estimated p": 0.0, "p = 0": -1.0, "wrong p": -wrong}
-    for task, seed, case in other_robots.itertools.product(
+    for task, seed, case in itertools.product(
         other_robots_page.ROBOTS, range(3), "abcd"
     ):
         shift = 0.1 * seed + 0.2 * "abcd".index(case)
@@ -187,6 +188,13 @@ def rewards(wrong):
     return pd.DataFrame(rows)
 
 
+def test_where_control_gains_nothing_p_can_lose_nothing():
+    rows = rewards(3.0)
+    rows.loc[rows["measure"] == "reward, random commands", "value"] = 2.0
+    for line in other_robots_page.controlling(rows):
+        assert line["verdict"].startswith("**no control**")
+
+
 @pytest.mark.parametrize(
     ("wrong", "verdict"), [(3.0, "**p pays**"), (0.2, "**no difference**")]
 )
@@ -196,6 +204,31 @@ def test_p_pays_where_the_wrong_one_loses_more_than_a_tenth(wrong, verdict):
     for line in told:
         assert line["verdict"] == verdict
         assert line["lost with the wrong p"].startswith(f"{10 * wrong:.0f} %")
+
+
+def test_a_network_is_judged_by_what_it_gains_and_how_fast_it_is():
+    rewards = {"DPMPB": -2.0, "GRU": -3.0, "residual": -2.1, "residual, as long": -1.9}
+    times = {"DPMPB": 30, "GRU": 29, "residual": 20}
+    rows = []
+    for seed, case in itertools.product(range(3), "abc"):
+        noise = 0.01 * seed + 0.02 * "abc".index(case)
+        for task, measure, values in (
+            ("networks", "reward", rewards | {"without control": -8.0}),
+            ("networks", "training [s]", dict.fromkeys(rewards, 9.0)),
+            ("speed", "act [ms]", times),
+        ):
+            same = {"task": task, "measure": measure, "seed": seed, "case": case}
+            rows += [
+                same | {"arm": arm, "value": value * (1 + noise)}
+                for arm, value in values.items()
+            ]
+    told = other_robots_page.own_networks(pd.DataFrame(rows))
+    assert {line["network"]: line["verdict"] for line in told} == {
+        "DPMPB": "",
+        "GRU": "**worse**",
+        "residual": "**as good**, **faster**",
+        "residual, as long": "**as good**, **faster**",
+    }
 
 
 def test_what_is_measured_again_takes_the_place_of_the_same(monkeypatch):
@@ -222,7 +255,7 @@ def test_a_hopper_is_looked_for_small(monkeypatch):
     arms = rows[rows["measure"] == "damping"]["arm"].value_counts()
     assert arms.to_dict() == {"nearest p": 9, "least error": 9, "simulation": 9}
     (line,) = other_robots_page.hopping(rows.assign(task="hopper", seed=0))
-    assert line["damping by simulation"].startswith("9 of 9")
+    assert line["by simulation"] == "9 of 9"
     assert float(line["damping moves a step by"]) < float(line["mass moves a step by"])
 
 
@@ -253,3 +286,9 @@ def test_other_tasks_are_measured_small(monkeypatch):
         "even logs": 2,
         "messy logs": 2,
     }
+
+
+def test_the_page_says_what_is_stored():
+    rows = studies.load(other_robots.TABLE)
+    assert set(rows["task"]) == set(other_robots.TASKS)
+    assert other_robots_page.tell(rows) in PAGE.read_text("utf-8")
