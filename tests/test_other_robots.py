@@ -251,6 +251,7 @@ def test_what_is_measured_again_takes_the_place_of_the_same(monkeypatch):
 @pytest.mark.slow
 def test_a_hopper_is_looked_for_small(monkeypatch):
     monkeypatch.setattr(other_robots, "WAYS", {"upright": WAYS["upright"]})
+    monkeypatch.setattr(hopper_damping, "NOISE", 0.0)
     rows = pd.DataFrame(other_robots.hopper(0, TINY))
     arms = rows[rows["measure"] == "damping"]["arm"].value_counts()
     assert arms.to_dict() == {"nearest p": 9, "least error": 9, "simulation": 9}
