@@ -205,6 +205,24 @@ def test_harder_cases_have_fewer_flights_or_states_without_tilt(world, monkeypat
     assert [each.runs()[0].s.shape[1] for each in seen] == [8, 8, 6]
 
 
+def test_a_setting_is_judged_by_both_histories_and_all_winds():
+    def velocity(value):
+        errors = np.full((len(drone.HISTORY), len(drone.HORIZONS)), 9.0)
+        errors[drone.HISTORY.index(20), 3] = value
+        errors[drone.HISTORY.index(0), 3] = value + 0.2
+        return errors
+
+    rows = [
+        {"method": "no p", "updates": updates, "ridge": 10.0, "wind": wind}
+        | {"velocity": velocity(error)}
+        for updates, errors in {300: (0.1, 0.3), 600: (0.0, 0.2)}.items()
+        for wind, error in zip(("nowind", "35wind"), errors, strict=True)
+    ]
+    found = drone.development_errors(pd.DataFrame(rows))
+    assert found["no p", 300, 10.0] == pytest.approx(0.3)
+    assert found["no p", 600, 10.0] == pytest.approx(0.2)
+
+
 def test_wrong_names_are_other_winds_for_each_controller():
     straight = models.Recordings(("NF", "indi", "L1", "NF-C"))
     asked = []
