@@ -164,7 +164,7 @@ def forecasts(run: Run, starts: Sequence[int], history: int, steps: int) -> Fore
 
 @torch.no_grad()
 def predicted(
-    model: PredictiveModel, p: Tensor, given: Forecasts, kept: AnyMemory | None = None
+    model: PredictiveModel, p: Tensor, kept: AnyMemory | None, given: Forecasts
 ) -> Tensor:
     """States `[B, T, D_s]` that a model predicts, each from the prediction before.
 

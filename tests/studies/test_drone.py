@@ -167,7 +167,8 @@ def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
     model = DPMPB(8, 3, 0).eval().requires_grad_(False)
     trained = TrainedKind(model, {}, Kind())
     monkeypatch.setattr(models, "train", lambda *which: trained)
-    monkeypatch.setattr(drone, "_STARTS", [250])
+    for name, value in {"_STARTS": [250], "PAUSED": [250], "_SECOND": 1}.items():
+        monkeypatch.setattr(drone, name, value)
     run = world("NF", "70wind").run
     found = {}
     for method, begin in {drone.KEPT: 0, drone.LONG_MEMORY: 250}.items():
@@ -176,6 +177,8 @@ def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
         found[method] = np.linalg.norm(last - run.s[251, :3])
         row = drone._predict(method, "NF", "70wind", 0)
         assert row["velocity"][0, 0] == pytest.approx(found[method], abs=2e-5)
+        row = drone._after_pause(method, "NF", "70wind", 0)
+        assert row["error"] == pytest.approx([found[method]], abs=1e-3)
     assert abs(found[drone.KEPT] - found[drone.LONG_MEMORY]) > 1e-4
 
 
