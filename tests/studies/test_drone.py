@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
+import studies
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB, Memory
 from studies import _drone_models as models, drone, neural_fly
@@ -216,14 +217,20 @@ def test_a_setting_is_judged_by_both_histories_and_all_winds():
         return errors
 
     rows = [
-        {"method": "no p", "updates": updates, "ridge": 10.0, "wind": wind}
+        {"method": "no p", "updates": updates, "ridge": None, "wind": wind}
         | {"velocity": velocity(error)}
         for updates, errors in {300: (0.1, 0.3), 600: (0.0, 0.2)}.items()
         for wind, error in zip(("nowind", "35wind"), errors, strict=True)
     ]
-    found = drone.development_errors(pd.DataFrame(rows))
-    assert found["no p", 300, 10.0] == pytest.approx(0.3)
-    assert found["no p", 600, 10.0] == pytest.approx(0.2)
+    found = drone.development_errors(pd.DataFrame(rows)).set_index("updates")
+    assert found["error"].to_dict() == pytest.approx({300: 0.3, 600: 0.2})
+
+
+def test_what_is_in_use_served_best_in_the_development():
+    """A changed setting asks for another look at `drone_development`."""
+    lost = drone.lost_by_choice(studies.load("drone_development"))
+    assert set(lost.index) >= {drone.ESTIMATED, drone.NO_P, drone.LAST_LAYER}
+    assert lost[lost > drone.CLOSE].empty
 
 
 def test_wrong_names_are_other_winds_for_each_controller():
