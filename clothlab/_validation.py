@@ -179,6 +179,15 @@ def check_some(what: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
+def check_names(what: str, names: Sequence[str], size: int) -> None:
+    """A ValueError unless each number has a name, or none has."""
+    if names and len(names) != size:
+        raise ValueError(
+            f"{size} {what} need as many names, or none, got {len(names)}: "
+            f"{', '.join(names)}"
+        )
+
+
 def check_masks(images: ArrayLike) -> np.ndarray:
     """Return masks as bool `[..., H, W]`.
 

@@ -317,8 +317,14 @@ def test_a_file_has_the_ending_by_which_it_is_known(swing, tmp_path):
         ({"model": None}, "model is a PredictiveModel"),
         ({"biases": {"light": [1.0, 2.0]}}, r"p of light is \[1\] and finite"),
         ({"losses": np.zeros((2, 2))}, r"losses are \[epochs\]"),
-        ({"state_names": ("angle",)}, "the model has 2 states, and 1 have a name"),
-        ({"command_names": ("a", "b")}, "the model has 1 commands, and 2 have a name"),
+        (
+            {"state_names": ("angle",)},
+            "2 states of the model need as many names, or none, got 1: angle",
+        ),
+        (
+            {"command_names": ("a", "b")},
+            "1 commands of the model need as many names, or none, got 2",
+        ),
         ({"settings": {"epochs": 3}}, "settings is a ModelTraining"),
         ({"step": 0.0}, "step must be above 0"),
         ({"steps": {"light": -1}}, "steps of light must be at least 0"),
@@ -331,7 +337,9 @@ def test_what_does_not_belong_together_is_refused(swing, change, message):
 
 
 def test_an_arm_that_does_not_fit_the_model_is_refused(cloth):
-    with pytest.raises(ValueError, match="the model has 7 states, and 15 have a name"):
+    with pytest.raises(
+        ValueError, match="7 states of the model need as many names, or none, got 15"
+    ):
         replace(cloth, arm="muscle")
     with pytest.raises(ValueError, match="autoencoder is an Autoencoder, got NoneType"):
         replace(cloth, autoencoder=None)

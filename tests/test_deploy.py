@@ -91,7 +91,10 @@ def test_ranges_are_those_of_all_runs():
         (lambda: Ranges.of([]), "no runs"),
         (lambda: Ranges([[1], [0]], [[0], [1]]), "range of s has a lowest value above"),
         (lambda: Ranges([[0], [1]], [0, 1]), r"range of u is \[2, D_u\]"),
-        (lambda: RangeWatch(Ranges.of(runs()), ["one"]), "2 states, and 1 have a name"),
+        (
+            lambda: RangeWatch(Ranges.of(runs()), ["one"]),
+            "2 states need as many names, or none, got 1: one",
+        ),
         (lambda: RangeWatch(Ranges.of(runs()), margin=-1), "margin must be at least 0"),
         (lambda: Beat(0), "period must be above 0"),
     ],

@@ -334,8 +334,8 @@ def test_a_stretch_of_a_run_keeps_step_and_names():
     ("wrong", "message"),
     [
         ({"step": 0}, "step of a run must be above 0"),
-        ({"state_names": ("x",)}, "2 states needs as many names, or none, got 1: x"),
-        ({"command_names": ("a", "b")}, "1 commands needs as many names"),
+        ({"state_names": ("x",)}, "2 states need as many names, or none, got 1: x"),
+        ({"command_names": ("a", "b")}, "1 commands need as many names"),
     ],
 )
 def test_step_and_names_are_checked(wrong, message):

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from clothlab import __version__
 from clothlab._files import OtherKindError, reading, write_bytes
-from clothlab._validation import check_array, check_kind, check_number
+from clothlab._validation import check_array, check_kind, check_names, check_number
 from clothlab.method._model_card import model_card, with_own_words
 from clothlab.method._quick_tanh import quicken
 from clothlab.method._weights import (
@@ -71,8 +71,8 @@ class Checkpoint:
         # Each p fits the model, and so do the names.
         for material, p in self.biases.items():
             check_array(f"p of {material}", p, (model.bias_size,))
-        _check_count("states", self.state_names, model.state_size)
-        _check_count("commands", self.command_names, model.command_size)
+        check_names("states of the model", self.state_names, model.state_size)
+        check_names("commands of the model", self.command_names, model.command_size)
 
         if self.settings is not None:
             check_kind("settings", self.settings, ModelTraining)
@@ -243,9 +243,3 @@ def _made(network: Callable[[int, int, int], Any], about: Mapping[str, Any]) -> 
         )
     model = network(*about["sizes"])
     return quicken(model) if type(model) is DPMPB else model
-
-
-def _check_count(what: str, names: tuple[str, ...], size: int) -> None:
-    """Names may be left out, but not some of them."""
-    if names and len(names) != size:
-        raise ValueError(f"the model has {size} {what}, and {len(names)} have a name")

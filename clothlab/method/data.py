@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab._validation import Checked, check_number, setting
+from clothlab._validation import Checked, check_names, check_number, setting
 from clothlab.method._on_disk import check_record, summary_of, taken, told
 from clothlab.method.model import PredictiveModel
 
@@ -46,8 +46,8 @@ class Run(Checked):
         if self.step is not None:
             step = check_number("step of a run", self.step, above=0)
             object.__setattr__(self, "step", step)
-        _check_names("states", self.state_names, s.shape[1])
-        _check_names("commands", self.command_names, u.shape[1])
+        check_names("states", self.state_names, s.shape[1])
+        check_names("commands", self.command_names, u.shape[1])
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process is told: of arrays on the disk, where they lie."""
@@ -70,15 +70,6 @@ class Run(Checked):
                 f"{steps!r}"
             )
         return replace(self, s=self.s[steps], u=self.u[steps])
-
-
-def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
-    """Names may be left out, but not some of them."""
-    if names and len(names) != size:
-        raise ValueError(
-            f"a run of {size} {what} needs as many names, or none, got {len(names)}: "
-            f"{', '.join(names)}"
-        )
 
 
 def count_windows(run: Run, length: int, stride: int) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number
+from clothlab._validation import check_array, check_names, check_number
 from clothlab.method._inputs import check_runs
 from clothlab.method.data import Run
 
@@ -60,11 +60,9 @@ class RangeWatch:
         self, ranges: Ranges, names: Sequence[str] = (), *, margin: float = 0.1
     ):
         size = ranges.s.shape[1]
-        self._names = list(names) or [
-            f"state {k} (counted from 0)" for k in range(size)
-        ]
-        if len(self._names) != size:
-            raise ValueError(f"there are {size} states, and {len(names)} have a name")
+        check_names("states", names, size)
+        counted = [f"state {k} (counted from 0)" for k in range(size)]
+        self._names = list(names) or counted
         margin = check_number("margin", margin, at_least=0)
         self._ranges = ranges
         self._heard = ranges.s[0] < ranges.s[1]
