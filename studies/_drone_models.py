@@ -34,10 +34,9 @@ LONG_MEMORY = "long memory"
 CONTEXT = "context encoder"
 LONG_P = "p, windows of 10 s"
 REHEARSED = "kept memory, rehearsed"
-# How many updates a training has: of 600, 1,200 and 2,400 what served it best. The last
-# three have those of p, until a row of `drone_development` says better
+# How many updates a training has: what served it best in `drone_development`
 UPDATES = {P: 1200, NO_P: 600, LONG_MEMORY: 1200, CONTEXT: 1200}
-UPDATES |= {TOLD: 1200, LONG_P: 1200, REHEARSED: 1200}
+UPDATES |= {TOLD: 1200, LONG_P: 2400, REHEARSED: 1200}
 _RIVALS = {
     NO_P: Kind(predicted=_PREDICTED),
     LONG_MEMORY: Kind(length=100, predicted=_PREDICTED),
@@ -164,7 +163,7 @@ def forecasts(run: Run, starts: Sequence[int], history: int, steps: int) -> Fore
 
 @torch.no_grad()
 def predicted(
-    model: PredictiveModel, p: Tensor, given: Forecasts, kept: AnyMemory | None = None
+    model: PredictiveModel, p: Tensor, kept: AnyMemory | None, given: Forecasts
 ) -> Tensor:
     """States `[B, T, D_s]` that a model predicts, each from the prediction before.
 

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
+import studies
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB, Memory
 from studies import _drone_models as models, drone, neural_fly
@@ -167,7 +168,8 @@ def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
     model = DPMPB(8, 3, 0).eval().requires_grad_(False)
     trained = TrainedKind(model, {}, Kind())
     monkeypatch.setattr(models, "train", lambda *which: trained)
-    monkeypatch.setattr(drone, "_STARTS", [250])
+    for name, value in {"_STARTS": [250], "PAUSED": [250], "_SECOND": 1}.items():
+        monkeypatch.setattr(drone, name, value)
     run = world("NF", "70wind").run
     found = {}
     for method, begin in {drone.KEPT: 0, drone.LONG_MEMORY: 250}.items():
@@ -176,6 +178,8 @@ def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
         found[method] = np.linalg.norm(last - run.s[251, :3])
         row = drone._predict(method, "NF", "70wind", 0)
         assert row["velocity"][0, 0] == pytest.approx(found[method], abs=2e-5)
+        row = drone._after_pause(method, "NF", "70wind", 0)
+        assert row["error"] == pytest.approx([found[method]], abs=1e-3)
     assert abs(found[drone.KEPT] - found[drone.LONG_MEMORY]) > 1e-4
 
 
@@ -203,6 +207,30 @@ def test_harder_cases_have_fewer_flights_or_states_without_tilt(world, monkeypat
     assert [len(each.controllers) for each in seen] == [1, 2, 4]
     assert all("NF" not in each.controllers for each in seen)
     assert [each.runs()[0].s.shape[1] for each in seen] == [8, 8, 6]
+
+
+def test_a_setting_is_judged_by_both_histories_and_all_winds():
+    def velocity(value):
+        errors = np.full((len(drone.HISTORY), len(drone.HORIZONS)), 9.0)
+        errors[drone.HISTORY.index(20), 3] = value
+        errors[drone.HISTORY.index(0), 3] = value + 0.2
+        return errors
+
+    rows = [
+        {"method": "no p", "updates": updates, "ridge": None, "wind": wind}
+        | {"velocity": velocity(error)}
+        for updates, errors in {300: (0.1, 0.3), 600: (0.0, 0.2)}.items()
+        for wind, error in zip(("nowind", "35wind"), errors, strict=True)
+    ]
+    found = drone.development_errors(pd.DataFrame(rows)).set_index("updates")
+    assert found["error"].to_dict() == pytest.approx({300: 0.3, 600: 0.2})
+
+
+def test_what_is_in_use_served_best_in_the_development():
+    """A changed setting asks for another look at `drone_development`."""
+    lost = drone.lost_by_choice(studies.load("drone_development"))
+    assert set(lost.index) >= {drone.ESTIMATED, drone.NO_P, drone.LAST_LAYER}
+    assert lost[lost > drone.CLOSE].empty
 
 
 def test_wrong_names_are_other_winds_for_each_controller():
