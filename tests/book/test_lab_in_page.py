@@ -465,8 +465,8 @@ def test_a_robot_that_fails_without_a_word_leaves_nothing_behind(open_lab, page)
     assert page.evaluate("revoked") > 0
 
 
-def test_two_quick_choices_of_a_target_are_two(lab):
-    versions = lab.page.evaluate(
+def test_two_quick_choices_of_a_target_are_two(slow_lab):
+    versions = slow_lab.page.evaluate(
         """async () => {
             const { model } = document.getElementById("clothlab-lab");
             const versions = [];
