@@ -10,6 +10,7 @@ import json
 import lzma
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,12 @@ _WORKER = ["files", "geometry", "physics", "stage", "camera", "drivers", "sessio
 _WORKER += ["networks", "controller", "estimator", "aim"]
 _WORKER += ["iterative", "worker"]
 _RUNTIME = "ort-wasm-simd-threaded"
+# Whose work is on the page, and where its licence lies in its Python package; those on
+# npm have none.
+_LICENCES = {
+    "mujoco": ("LICENSE", "LICENSES_THIRD_PARTY.md"),
+    "onnxruntime": ("LICENSE", "ThirdPartyNotices.txt"),
+}
 
 
 def write_lab(folder: Path) -> None:
@@ -50,6 +57,16 @@ def write_lab(folder: Path) -> None:
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
     recording = (_store.data_folder() / RECORDING).read_bytes()
     write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
+    write_bytes(folder / "licences.txt", licences().encode())
+
+
+def licences() -> str:
+    """Under which conditions others' work is on the page."""
+    texts = []
+    for package, names in _LICENCES.items():
+        found = {file.name: file for file in metadata.files(package) or ()}
+        texts += [f"{package}\n\n{found[name].read_text()}" for name in names]
+    return "\n\n".join(texts)
 
 
 def write_robot(folder: Path, arm: str = "torque") -> None:
