@@ -106,7 +106,8 @@ def test_predicted_distances_are_achieved(arm, policy, square, request):
         # No command is sent: how far it is from here
         here = search.distances(np.empty((1, 0, len(u))))
         assert here == pytest.approx([search.trace[-1][-1]], abs=1e-5)
-    assert len({float(trace[-1]) for trace in search.trace}) == 3
+    # Not always the same distance, whose prediction would say nothing
+    assert len({float(trace[-1]) for trace in search.trace}) > 1
     assert (np.diff(search.trace, axis=1) <= 0).all()
 
 
