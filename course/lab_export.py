@@ -68,8 +68,8 @@ def _digest() -> str:
     for pattern in _MADE_OF:
         for path in sorted(ROOT.glob(pattern)):
             digest.update(path.read_bytes())
-    weights = (line for line in _SUMS.open("rb") if b"weights/" in line)
-    digest.update(b"".join(weights))
+    sums = _SUMS.read_bytes().splitlines()
+    digest.update(b"".join(line for line in sums if b"weights/" in line))
     return digest.hexdigest()
 
 
