@@ -203,11 +203,16 @@ def record(robot: Robot, material: Material, steps: int, seed: int) -> list[Run]
     return runs
 
 
+def seed_of(training: int, material: int) -> int:
+    """Of the runs of a material, by its number; those of a training are its own."""
+    return 100_000 * training + 1000 * material
+
+
 def record_all(robot: Robot, steps: int, seed: int) -> list[Run]:
     """Runs of all materials, of seeds that no other training has."""
     runs = []
     for k, material in enumerate(robot.materials):
-        runs += record(robot, material, steps, 100_000 * seed + 1000 * k)
+        runs += record(robot, material, steps, seed_of(seed, k))
     return runs
 
 

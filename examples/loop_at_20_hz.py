@@ -291,11 +291,11 @@ def rates(repeats: int = 100) -> str:
     return "\n".join(lines)
 
 
-def put_into(page: Path, table: str, begin: str = BEGIN, end: str = END) -> None:
-    """Put a table between its marks in a page of Markdown."""
-    before, _, rest = page.read_text("utf-8").partition(begin)
-    _, _, after = rest.partition(end)
-    page.write_text(f"{before}{begin}\n\n{table}\n\n{end}{after}", "utf-8")
+def put_into(page: Path, table: str) -> None:
+    """Put the table between its marks in a page of Markdown."""
+    before, _, rest = page.read_text("utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    page.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}", "utf-8")
 
 
 def _timed(

@@ -26,14 +26,15 @@ import pandas as pd
 import torch
 from gym_robots import CHEETAH, PENDULUM, Robot, Size, Trained
 from hopper_damping import WAYS, fitted, shares_of_error
-from loop_at_20_hz import put_into
 from other_robots_page import BEGIN, END, tell
 from tqdm.auto import tqdm
 
 import studies
+from clothlab import Run
 from clothlab._store import write_checksums
 from clothlab.analysis import nearest_material
 from clothlab.method.gauss_newton import NewtonSettings
+from studies._pages import put_between
 
 SMALL = Size(steps=100, seen=100, attempt=2, epochs=1, window=12)
 NEW = 50_000  # seeds of new runs, beyond those of recordings
@@ -54,6 +55,22 @@ def add(rows: Rows, case: str, measure: str, values: dict[str, float] | float) -
         rows.append(row)
 
 
+def new_runs(
+    robot: Robot, material: gym_robots.Material, number: int, seed: int, size: Size
+) -> list[Run]:
+    """Runs of a material that a training with this seed never saw.
+
+    Args:
+        robot: that is recorded.
+        material: of it.
+        number: of the material.
+        seed: of the training.
+        size: how long it is looked at.
+    """
+    first = NEW + gym_robots.seed_of(seed, number)
+    return gym_robots.record(robot, material, size.seen, first)
+
+
 def find_and_control(robot: Robot, seed: int, size: Size) -> Rows:
     """All four calls: p of nine materials, estimates, predictions, and control."""
     trained = gym_robots.trained_on(robot, size, seed)
@@ -64,8 +81,7 @@ def find_and_control(robot: Robot, seed: int, size: Size) -> Rows:
     # New runs of the same materials, whose names nobody is told
     for k, material in enumerate(robot.materials):
         name = robot.name_of(material)
-        first = NEW + 100_000 * seed + 1000 * k
-        seen = gym_robots.record(robot, material, size.seen, first)
+        seen = new_runs(robot, material, k, seed, size)
         p = gym_robots.estimate(trained.model, seen)
         add(rows, name, "right", nearest_material(p, trained.biases) == name)
         biases = gym_robots.four_biases(trained, name, p)
@@ -150,8 +166,7 @@ def look_for(
         size: how long it is looked at.
     """
     material = robot.materials[number]
-    first = NEW + 100_000 * seed + 1000 * number
-    seen = gym_robots.record(robot, material, size.seen, first)
+    seen = new_runs(robot, material, number, seed, size)
 
     # By p, by the error of each trained p, and by the simulation
     p = gym_robots.estimate(trained.model, seen, SHORT_RUNS)
@@ -162,7 +177,8 @@ def look_for(
         "least error": names[gym_robots.least_wrong(trained, seen)],
     }
     if seed == 0:  # no training is in this one
-        guesses["simulation"] = fitted(robot, seen, scale, first)
+        noise = NEW + gym_robots.seed_of(seed, number)
+        guesses["simulation"] = fitted(robot, seen, scale, noise)
     for k, quality in enumerate(robot.properties):
         right = {arm: guess[k] == material[k] for arm, guess in guesses.items()}
         add(rows, f"{way}: {robot.name_of(material)}", quality, right)
@@ -214,8 +230,7 @@ def networks(seed: int, size: Size) -> Rows:
         # With the p that each estimates itself
         for k, material in enumerate(PENDULUM.materials[SOME]):
             name = PENDULUM.name_of(material)
-            first = NEW + 100_000 * seed + 1000 * k
-            seen = gym_robots.record(PENDULUM, material, size.seen, first)
+            seen = new_runs(PENDULUM, material, k, seed, size)
             p = gym_robots.estimate(trained.model, seen)
             reward = gym_robots.control(PENDULUM, trained, material, p, size.attempt)
             add(rows, name, "reward", {arm: reward})
@@ -318,7 +333,7 @@ def main() -> None:
     told = tell(rows)
     print(told)
     if arguments.page:
-        put_into(arguments.page, told, BEGIN, END)
+        put_between(arguments.page, f"\n{told}\n", BEGIN, END)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab.analysis import crossed_interval, rate_interval
+from studies import _pages
 
 FOUND = 2 / 3  # of new runs
 MATTERS = 0.1  # of what control gains
@@ -125,9 +126,8 @@ def right(rows: pd.DataFrame) -> dict[str, str]:
 
 def markdown(table: list[dict[str, str]]) -> str:
     """Rows of text as a table."""
-    names = list(table[0])
-    lines = [names, ["---"] * len(names)] + [list(row.values()) for row in table]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    lines = [tuple(row.values()) for row in table]
+    return _pages.table([tuple(table[0]), *lines])
 
 
 def finding(rows: pd.DataFrame) -> list[dict[str, str]]:

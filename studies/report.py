@@ -11,10 +11,13 @@ from itertools import chain
 from pathlib import Path
 
 from clothlab._store import Folder, data_folder
-from studies import EXPERIMENTS, PAPER, Row, claims, figures, load
+from studies import EXPERIMENTS, PAPER, Row, _pages, claims, figures, load
 from studies._grid import Tables
 from studies.claims import Claim, Evidence, Judged
 
+# Marks in a page, between which results stand
+_BEGIN = "<!-- results -->"
+_END = "<!-- /results -->"
 # Of the README: claims by which the paper stands, and rows of this project's own
 CLAIMS = (
     "pc1_damping_not_ratio",
@@ -97,7 +100,7 @@ def claims_table(chosen: Iterable[Claim], judged: Verdicts) -> str:
         for amount in claims.AMOUNTS:
             line += _number_and_verdict(judged[amount].get(claim.name))
         lines.append(tuple(line))
-    return _markdown(lines)
+    return _pages.table(lines)
 
 
 def _in_words(claim: Claim) -> str:
@@ -226,7 +229,7 @@ def table(rows: Iterable[Row], beside: Mapping[str, Row]) -> str:
         papers = row.figure if row.of_paper else papers
         aim = "" if row.met is None else f"{row.aim}: {marks[row.met]}"
         lines.append((row.label, papers, more, aim))
-    return _markdown(lines)
+    return _pages.table(lines)
 
 
 def publish(folder: Path, *, data: Folder = None) -> list[Row]:
@@ -239,8 +242,12 @@ def publish(folder: Path, *, data: Folder = None) -> list[Row]:
     asked = questions(stored(data=data))
     beside = by_key(questions(stored(PAPER, data=data)))
     chosen = [claims.all_claims()[name] for name in CLAIMS]
-    _write(folder, "README.md", f"{claims_table(chosen, judged)}\n\n{_counts(judged)}")
-    _write(folder, "docs/results.md", page(judged, asked, beside))
+    texts = {
+        "README.md": f"{claims_table(chosen, judged)}\n\n{_counts(judged)}",
+        "docs/results.md": page(judged, asked, beside),
+    }
+    for name, text in texts.items():
+        _pages.put_between(folder / name, text, _BEGIN, _END)
     draw(folder / "docs" / "results", judged, asked, beside, data=data)
     return [*chain(*asked.values())]
 
@@ -299,22 +306,3 @@ the figures with numbers over their margins show: *holds* (all of it above zero)
 of it nearer to zero than the margin. "By our method" is said where the paper's alone
 was not enough, "by assumption" where a result follows from what we had to assume.
 """
-
-
-def _write(folder: Path, name: str, text: str) -> None:
-    """Put a text between the marks of a page."""
-    path = folder / name
-    before, mark, rest = path.read_text().partition("<!-- results -->")
-    _, end, after = rest.partition("<!-- /results -->")
-    if not mark or not end:
-        raise ValueError(
-            f"{name} has no place for the results: "
-            "<!-- results --> and <!-- /results -->"
-        )
-    path.write_text(f"{before}{mark}\n{text}\n{end}{after}")
-
-
-def _markdown(lines: Iterable[tuple[str, ...]]) -> str:
-    head, *body = lines
-    rule = ("---",) * len(head)
-    return "\n".join(f"| {' | '.join(line)} |" for line in [head, rule, *body])
