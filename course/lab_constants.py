@@ -27,12 +27,11 @@ _ELBOWS = 9
 _SOFTNESSES = 9
 
 
-def method_files(arm: str) -> dict[str, bytes]:
+def method_files(equipment: Equipment) -> dict[str, bytes]:
     """All that the page needs of the method for an arm, by name.
 
     Graphs, their weights, and `constants`.
     """
-    equipment = Equipment.of(arm)
     about = json.dumps(constants(equipment)).encode()
     return graphs(equipment.trained) | {"constants": about}
 

@@ -93,8 +93,11 @@ def write_robot(folder: Path, arm: str = "torque") -> None:
         f"onnxruntime.{kind}": (runtime / f"{_RUNTIME}.{kind}").read_bytes()
         for kind in ("mjs", "wasm")
     }
-    method = {f"{arm}/{name}": file for name, file in method_files(arm).items()}
-    about = json.dumps(lab_data(arm), default=_packed)
+    session = LiveSession(arm)
+    session.close()
+    made = method_files(session.equipment)
+    method = {f"{arm}/{name}": file for name, file in made.items()}
+    about = json.dumps(lab_data(session), default=_packed)
     parts = {
         "worker": {"worker.js": worker.encode()},
         "mujoco": {"mujoco.wasm": wasm},
@@ -174,11 +177,10 @@ def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     }
 
 
-def lab_data(arm: str) -> dict[str, Any]:
+def lab_data(session: LiveSession) -> dict[str, Any]:
     """What a session in the page begins with, and what its panel shows of it."""
-    session = LiveSession(arm)
+    arm = session.arm.name
     views = Views(session)
-    session.close()
 
     # What a person chooses from
     drivers = {"arms": [arm], "drivers": DRIVERS, "only": False}

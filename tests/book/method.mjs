@@ -9,7 +9,7 @@ const ort = createRequire(import.meta.url)(`${runtime}/ort.wasm.min.js`);
 ort.env.wasm.wasmPaths = pathToFileURL(`${runtime}/`).href;
 ort.env.wasm.numThreads = 1;
 const { makeNetworks, readConstants, makeController, iterativeSearch, makeTracker, makeAim, makeEllipse } = made(
-  ...["networks", "session", "controller", "iterative", "estimator", "aim", "ellipse"],
+  ...["files", "networks", "session", "controller", "iterative", "estimator", "aim", "ellipse"],
 );
 const { constants: about, ...graphs } = Object.fromEntries(
   readdirSync(folder).map((name) => [name, readFileSync(`${folder}/${name}`)]),

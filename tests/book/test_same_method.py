@@ -40,7 +40,7 @@ class Page:
         self.trained = self.equipment.trained
         trials = data.load_trials(SETUPS[arm].known)
         self.runs = [self.trained.to_run(trial) for trial in trials]
-        for name, content in method_files(arm).items():
+        for name, content in method_files(self.equipment).items():
             (folder / name).write_bytes(content)
         runtime = packages()["onnxruntime-web"].folder / "dist"
         self._given = {"folder": str(folder), "runtime": str(runtime)}

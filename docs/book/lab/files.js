@@ -17,10 +17,12 @@ async function unpackedFile(name) {
   return new Response(body.pipeThrough(new DecompressionStream("gzip")));
 }
 
+const bytesOfBase64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+
 // Of what JSON holds, bytes as a panel takes them.
 function unpacked(value) {
   if (value === null || typeof value !== "object") return value;
   if (Array.isArray(value)) return value.map(unpacked);
-  if ("bytes" in value) return Uint8Array.from(atob(value.bytes), (letter) => letter.charCodeAt(0));
+  if ("bytes" in value) return bytesOfBase64(value.bytes);
   return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
 }

@@ -150,10 +150,10 @@ async function liveLab(ask, first, lab) {
   // -- what is asked of the session
   // `remember` makes the history that belongs to an answer, so that both are new at once.
   async function told(what, more, remember = () => history) {
-    const { now, answer, aim } = await ask(what, more);
+    const { now, answer } = await ask(what, more);
     session = now;
     history = remember(answer);
-    return aim;
+    return answer;
   }
   async function aim(what, more, options) {
     await showTarget(await told(what, more), options);
@@ -246,7 +246,7 @@ async function liveLab(ask, first, lab) {
     about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
     ellipse: null,
   });
-  await showTarget(first.aim);
+  await showTarget(lab.aim);
   await show();
   return { get, on, off, send, pause };
 }

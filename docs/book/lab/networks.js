@@ -38,10 +38,9 @@ async function makeNetworks(ort, { weights, ...graphs }) {
 // What Python exported beside the graphs, with plans and masks unpacked: of a mask, a number for each pixel.
 function readConstants(bytes) {
   const known = JSON.parse(new TextDecoder().decode(bytes));
-  const unpack = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const floatsOf = (text) => new Float32Array(unpack(text).buffer);
+  const floatsOf = (text) => new Float32Array(bytesOfBase64(text).buffer);
   const masksOf = (text) => {
-    const bits = unpack(text);
+    const bits = bytesOfBase64(text);
     const pixels = Uint8Array.from({ length: 8 * bits.length }, (_, k) => (bits[k >> 3] >> (7 - (k & 7))) & 1);
     const [area, count] = [known.size[0] * known.size[1], pixels.length / known.size[0] / known.size[1]];
     return Array.from({ length: count }, (_, k) => pixels.subarray(k * area, (k + 1) * area));

@@ -1,5 +1,5 @@
 // The robot in its worker: a function that asks it something, and promises what it answers.
-// `files`: the worker's source, and what it is made of, as responses.
+// `files`: the worker's source, and what it is made of, which it is handed.
 async function startRobot(source, files, seed) {
   const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
   const worker = new Worker(address);

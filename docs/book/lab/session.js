@@ -120,6 +120,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     const next = await aimAt(mask);
     drivers.setTarget(next.z);
     aim = next;
+    return aim;
   }
 
   // By the names that the panel has for them.

@@ -38,7 +38,7 @@ const answers = {
     ]);
     session = await makeSession(mujoco, method, lab, seed);
     const { biases, usual_distance } = method.constants;
-    return { biases, usual_distance };
+    return { biases, usual_distance, aim: session.aim() };
   },
 };
 
@@ -46,7 +46,7 @@ const answers = {
 async function answerTo(what, more) {
   try {
     const answer = await (answers[what] ?? session.actions[what])(more);
-    return { answer, now: session.now(), aim: session.aim() };
+    return { answer, now: session.now() };
   } catch (error) {
     return { error: { message: `${error.message ?? error}`, name: error.constructor?.name }, now: session?.now() };
   }
