@@ -10,10 +10,11 @@ from scipy import stats
 from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
-from clothlab.trials import Trial
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA
+
+    from clothlab.simulation.trial import Trial
 
 # The last periods of a run, by which what learns from its outcomes is judged
 LATE = slice(-10, None)
@@ -58,7 +59,7 @@ def nearest_material(p: ArrayLike, biases: dict[str, np.ndarray]) -> str:
 
 
 def target_distance(
-    autoencoder: Autoencoder, trial: Trial, target: ArrayLike
+    autoencoder: Autoencoder, trial: "Trial", target: ArrayLike
 ) -> np.ndarray:
     """Distance ‖z_ref - z‖₂ of every step of a trial to a target, `[T]` [s.d. of z].
 

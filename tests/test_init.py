@@ -150,3 +150,10 @@ def test_gymnasium_without_a_simulation_is_no_fault():
         run(block + "import gymnasium, clothlab; print(clothlab.iou.__name__)")
         == "iou\n"
     )
+
+
+def test_intervals_need_no_simulation():
+    """Examples of robots that are no cloth end with one."""
+    block = BLOCK.replace("{blocked}", repr({"mujoco", "cv2"}))
+    code = "from clothlab.analysis import crossed_interval as f; print(f.__name__)"
+    assert run(block + code) == "crossed_interval\n"
