@@ -29,82 +29,98 @@ from clothlab import _extras
 
 __version__ = "0.4.0"
 
-# The table of contents: where each name is. Importing the package imports none of it,
-# so that the method runs without a simulation, and the simulation without Jupyter.
-# `__init__.pyi` says the same to editors and type checkers.
-_CONTENTS: dict[str, dict[str, list[str]]] = {
-    # `pip install clothlab`: the method, for any robot, in the order of the paper
-    "": {
-        "method.model": ["DPMPB", "PredictiveModel", "predict"],
+# The table of contents: where each name is, by subject. Importing the package imports
+# none of it, so that the method runs without a simulation, and the simulation without
+# Jupyter. `__init__.pyi` says the same to editors and type checkers.
+_METHOD: dict[str, dict[str, list[str]]] = {
+    # `pip install clothlab`: the method, for any robot
+    "The four calls": {
+        "method.collecting": ["collect_runs"],
+        "method.training": ["train_dpmpb"],
+        "method.gauss_newton": ["estimate_bias"],
+        "method.control": ["Controller"],
+    },
+    "Runs": {
         "method.data": ["Run"],
-        "method.training": ["ModelTraining", "train_dpmpb"],
+        "method.logs": ["read_runs", "runs_from_dataframe"],
+        "method.datasets": ["runs_from_minari", "runs_from_lerobot"],
+        "method.rollout": ["rollout"],
+        "method.policy": ["Policy"],
+    },
+    "Networks and their training": {
+        "method.model": ["PredictiveModel", "DPMPB", "predict"],
+        "method.training": ["ModelTraining"],
         "method.training_options": ["TrainingOptions"],
         "method.several": ["train_several"],
-        "method.checkpoint": ["Checkpoint"],
+    },
+    "Estimation": {
         "method.estimation": ["BiasEstimator"],
-        "method.gauss_newton": ["NewtonEstimator", "estimate_bias"],
-        "method.control": ["ControlSettings", "Controller", "GradientSearch"],
-        "method.autoencoder": [
-            "Autoencoder",
-            "AutoencoderTraining",
-            "decode",
-            "encode",
-            "train_autoencoder",
+        "method.gauss_newton": ["NewtonEstimator"],
+    },
+    "Control": {
+        "method.control": ["ControlSettings", "GradientSearch"],
+        "method.iterative": ["IterativeLearningSettings"],
+        "method.fast_rollout": ["FastDPMPB"],
+    },
+    "On a robot": {
+        "method.checkpoint": ["Checkpoint"],
+        "method.deploy": ["Beat", "Ranges", "RangeWatch"],
+        "method.onnx_export": [
+            "export_prediction",
+            "export_estimation",
+            "export_solve",
+            "export_onnx",
         ],
-        "method.policy": ["Policy"],
-        "method.rollout": ["rollout"],
-        "method.collecting": ["collect_runs"],
-        "method.logs": ["read_runs", "runs_from_dataframe"],
-        "method.datasets": ["runs_from_lerobot", "runs_from_minari"],
+    },
+    "The task of the paper": {
+        "method.autoencoder": ["encode", "decode"],
         "method.cloth_task": [
             "ControlPolicy",
             "EstimatingPolicy",
             "observe",
             "period_mask",
         ],
-        "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
-        "method.fast_rollout": ["FastDPMPB"],
-        "method.deploy": ["Beat", "RangeWatch", "Ranges"],
-        "method.onnx_export": [
-            "export_estimation",
-            "export_onnx",
-            "export_prediction",
-            "export_solve",
-        ],
         "masks": ["iou"],
     },
+}
+_CLOTH: dict[str, dict[str, list[str]]] = {
     # `pip install clothlab[cloth]`: the robot, the cloth, and what was recorded of them
-    "cloth": {
-        "simulation.arm": ["MuscleArm", "TorqueArm"],
-        "simulation.cloth": ["CLOTHS", "Cloth", "cloth_name", "get_cloth"],
-        "simulation.scene": ["Scene"],
-        "simulation.env": ["CONTROL_PERIOD", "ClothEnv"],
-        "simulation.vision": ["chamfer_distance"],
-        "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
-        "trials": ["Trial", "load_trial", "recorded_plans", "save_trial"],
-        "cloth_checkpoint": ["ClothCheckpoint"],
+    "What is stored": {
         "data": [
             "load",
-            "load_autoencoder",
             "load_model",
+            "load_autoencoder",
             "load_target",
             "load_targets",
             "load_trials",
         ],
+        "trials": ["load_trial", "save_trial", "recorded_plans"],
     },
-    # `pip install clothlab[notebooks]`: modules that the lessons use
-    "notebooks": {
+    "The simulation": {
+        "simulation.env": ["ClothEnv", "CONTROL_PERIOD"],
+        "simulation.arm": ["MuscleArm"],
+        "simulation.cloth": ["CLOTHS", "Cloth", "cloth_name", "get_cloth"],
+        "simulation.scene": ["Scene"],
+        "simulation.vision": ["chamfer_distance"],
+        "policies": ["OperatorPolicy", "RandomPolicy", "ReplayPolicy"],
+    },
+}
+_NOTEBOOKS: dict[str, dict[str, list[str]]] = {
+    # `pip install clothlab[notebooks]`
+    "Modules that the lessons use": {
         "analysis": ["analysis"],
         "checks": ["checks"],
         "diagrams": ["diagrams"],
         "lab": ["lab"],
         "plots": ["plots"],
         "tables": ["tables"],
-    },
+    }
 }
+_EXTRAS = {"": _METHOD, "cloth": _CLOTH, "notebooks": _NOTEBOOKS}
 _PLACES = {
     name: (f"clothlab.{module}", extra)
-    for extra, modules in _CONTENTS.items()
+    for extra, subjects in _EXTRAS.items()
+    for modules in subjects.values()
     for module, names in modules.items()
     for name in names
 }

@@ -8,7 +8,6 @@ from clothlab import (
     plots as plots,
     tables as tables,
 )
-from clothlab.cloth_checkpoint import ClothCheckpoint as ClothCheckpoint
 from clothlab.data import (
     load as load,
     load_autoencoder as load_autoencoder,
@@ -18,13 +17,7 @@ from clothlab.data import (
     load_trials as load_trials,
 )
 from clothlab.masks import iou as iou
-from clothlab.method.autoencoder import (
-    Autoencoder as Autoencoder,
-    AutoencoderTraining as AutoencoderTraining,
-    decode as decode,
-    encode as encode,
-    train_autoencoder as train_autoencoder,
-)
+from clothlab.method.autoencoder import decode as decode, encode as encode
 from clothlab.method.checkpoint import Checkpoint as Checkpoint
 from clothlab.method.cloth_task import (
     ControlPolicy as ControlPolicy,
@@ -56,7 +49,6 @@ from clothlab.method.gauss_newton import (
 )
 from clothlab.method.iterative import (
     IterativeLearningSettings as IterativeLearningSettings,
-    IterativeSearch as IterativeSearch,
 )
 from clothlab.method.logs import (
     read_runs as read_runs,
@@ -86,7 +78,7 @@ from clothlab.policies import (
     RandomPolicy as RandomPolicy,
     ReplayPolicy as ReplayPolicy,
 )
-from clothlab.simulation.arm import MuscleArm as MuscleArm, TorqueArm as TorqueArm
+from clothlab.simulation.arm import MuscleArm as MuscleArm
 from clothlab.simulation.cloth import (
     CLOTHS as CLOTHS,
     Cloth as Cloth,
@@ -100,7 +92,6 @@ from clothlab.simulation.env import (
 from clothlab.simulation.scene import Scene as Scene
 from clothlab.simulation.vision import chamfer_distance as chamfer_distance
 from clothlab.trials import (
-    Trial as Trial,
     load_trial as load_trial,
     recorded_plans as recorded_plans,
     save_trial as save_trial,

@@ -156,14 +156,14 @@ def check_each(what: str, values: Any, kind: type[_T], advice: str = "") -> list
     return [check_kind(f"each of {what}", value, kind, advice) for value in values]
 
 
-def settings_or_default(value: _T | None, kind: type[_T]) -> _T:
+def settings_or_default(value: _T | None, kind: type[_T], what: str = "settings") -> _T:
     """Return these settings, or the default ones.
 
     A ValueError for what is no object of their class, such as a dict.
     """
     if value is None:
         return kind()
-    return check_kind("settings", value, kind, f": write {kind.__name__}(name=value)")
+    return check_kind(what, value, kind, f": write {kind.__name__}(name=value)")
 
 
 def check_some(what: str, values: np.ndarray) -> np.ndarray:

@@ -5,14 +5,15 @@ nothing of them is run, and what is there already is not fetched again.
 """
 
 import base64
-import hashlib
-import io
+import sys
 import tarfile
+import tempfile
 import tomllib
-import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+import pooch
 
 from clothlab._files import write_bytes
 from course.repository import ROOT
@@ -20,7 +21,6 @@ from course.repository import ROOT
 NPM = ROOT / "build" / "npm"
 _LIST = ROOT / "docs" / "book" / "lab" / "npm.toml"
 _REGISTRY = "https://registry.npmjs.org"
-_TIMEOUT = 60.0  # [s] without an answer
 
 
 class Package(NamedTuple):
@@ -38,6 +38,12 @@ class Package(NamedTuple):
         return f"{_REGISTRY}/{self.name}/-/{last}-{self.version}.tgz"
 
     @property
+    def checksum(self) -> str:
+        """The same as pooch writes it: kind of hash, hash in hexadecimal digits."""
+        kind, _, digest = self.integrity.partition("-")
+        return f"{kind}:{base64.b64decode(digest).hex()}"
+
+    @property
     def folder(self) -> Path:
         """Where its files lie here: another version has another folder."""
         return NPM / f"{self.name}-{self.version}"
@@ -49,34 +55,34 @@ def packages() -> dict[str, Package]:
     return {each["name"]: Package(**each) for each in pinned}
 
 
-def unpacked(package: Package, archive: bytes) -> dict[str, bytes]:
-    """The files that are needed, out of an archive that has the right checksum."""
-    kind, _, expected = package.integrity.partition("-")
-    got = base64.b64encode(hashlib.new(kind, archive).digest()).decode()
-    if got != expected:
-        raise ValueError(
-            f"{package.address} is not what {_LIST.name} pins: its {kind} is {got}"
-        )
-    with tarfile.open(fileobj=io.BytesIO(archive)) as members:
-        found = {name: members.extractfile(f"package/{name}") for name in package.files}
-        return {name: file.read() for name, file in found.items() if file}
-
-
 def fetch(package: Package) -> None:
-    """Put a package's files into its folder, where they are not there yet."""
+    """Put a package's files into its folder, where they are not there yet.
+
+    Another archive than the pinned one is a ValueError, no network a ConnectionError.
+    """
     if all((package.folder / name).is_file() for name in package.files):
         return
-    with urllib.request.urlopen(package.address, timeout=_TIMEOUT) as answer:
-        archive = answer.read()
-    for name, content in unpacked(package, archive).items():
-        write_bytes(package.folder / name, content)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            archive = pooch.retrieve(package.address, package.checksum, path=folder)
+        except OSError as error:
+            raise ConnectionError(
+                f"cannot fetch {package.address} ({type(error).__name__}): go online"
+            ) from error
+        with tarfile.open(archive) as members:
+            for name in package.files:
+                content = members.extractfile(f"package/{name}").read()
+                write_bytes(package.folder / name, content)
     print(f"{package.folder}: fetched")
 
 
 def main() -> None:
-    """Fetch all of them."""
-    for package in packages().values():
-        fetch(package)
+    """Fetch all of them, or say in one sentence why that can't be."""
+    try:
+        for package in packages().values():
+            fetch(package)
+    except (ConnectionError, ValueError) as error:
+        sys.exit(str(error))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ their peaks. `python scripts/large_runs.py` takes 10 GB; Linux alone says such t
 
 import argparse
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from sampling import sampling
 
 from clothlab.method.data import Run, count_windows
 from clothlab.method.training import ModelTraining, train_dpmpb
@@ -63,20 +63,13 @@ def memory() -> dict[str, float]:
 def peaks() -> Iterator[dict[str, float]]:
     """The largest of each since the beginning of the block."""
     most = memory()
-    over = threading.Event()
 
-    def watch() -> None:
-        while not over.wait(SAMPLE):
-            for name, value in memory().items():
-                most[name] = max(most[name], value)
+    def look() -> None:
+        for name, value in memory().items():
+            most[name] = max(most[name], value)
 
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    try:
+    with sampling(look, every=SAMPLE):
         yield most
-    finally:
-        over.set()
-        watcher.join()
 
 
 def measure(size: float, stride: int, folder: Path | None = None) -> dict[str, float]:

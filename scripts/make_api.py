@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "api.md"
 HEAD = """# The method's names
 
-What `pip install clothlab` brings, in the order of `clothlab/__init__.py`; each is
+What `pip install clothlab` brings, by subject, as in `clothlab/__init__.py`. Each is
 imported as `from clothlab import NAME`. `make format` writes this page from the code.
 Shapes are in brackets: `B` plans or sequences, `T` steps, `D_s` states, `D_u` commands,
 `D_p` numbers of p. [Your own robot](your_own_robot.md) shows how they work together.
@@ -27,6 +27,8 @@ Shapes are in brackets: `B` plans or sequences, `T` steps, `D_s` states, `D_u` c
 MORE = {
     "method.estimation": ["EstimationSettings"],
     "method.gauss_newton": ["NewtonSettings", "Linearisation", "linearise"],
+    "method.iterative": ["IterativeSearch"],
+    "method.autoencoder": ["train_autoencoder", "AutoencoderTraining", "Autoencoder"],
     "method.training_options": ["Epoch"],
     "method._watch": ["TrainingTrace"],
 }
@@ -36,29 +38,29 @@ SECTIONS = {"Args:": "Takes", "Returns:": "Returns", "Raises:": "Raises"}
 
 def page() -> str:
     """The whole page."""
-    contents = clothlab._CONTENTS[""]
     parts = [HEAD]
-    for module, names in contents.items():
-        path = f"clothlab/{module.replace('.', '/')}.py"
-        parts.append(f"## {module}\n\n`{path}`\n")
-        parts += [_entry(module, name) for name in names]
+    for subject, modules in clothlab._METHOD.items():
+        parts.append(f"## {subject}\n")
+        for module, names in modules.items():
+            parts += [_entry(module, name) for name in names]
 
     parts.append("# What they take and return\n")
     parts.append(
         "Imported from the module that is named, where you need them at all.\n"
     )
     for module, names in MORE.items():
-        path = f"clothlab/{module.replace('.', '/')}.py"
-        parts.append(f"## clothlab.{module}\n\n`{path}`\n")
+        parts.append(f"## clothlab.{module}\n")
         parts += [_entry(module, name) for name in names]
     return "\n".join(parts)
 
 
 def _entry(module: str, name: str) -> str:
-    """Of one name: how it is called, and what its docstring says."""
+    """Of one name: where it is, how it is called, and what its docstring says."""
     item = getattr(importlib.import_module(f"clothlab.{module}"), name)
     node = ast.parse(textwrap.dedent(inspect.getsource(item))).body[0]
-    lines = [f"### {name}", "", "```python", _call(name, node, item), "```", ""]
+    path = f"clothlab/{module.replace('.', '/')}.py"
+    lines = [f"### {name}", "", f"`{path}`", ""]
+    lines += ["```python", _call(name, node, item), "```", ""]
     lines.append(_text(inspect.getdoc(item) or ""))
     if isinstance(node, ast.ClassDef):
         members = [line for each in _nodes(node, item) for line in _members(each, item)]
@@ -68,11 +70,10 @@ def _entry(module: str, name: str) -> str:
 
 def _nodes(node: ast.ClassDef, item: Any) -> Iterator[ast.ClassDef]:
     """A class, and those of ours from which it has more and that no one imports."""
-    public = {name for names in clothlab._CONTENTS[""].values() for name in names}
     yield node
     for base in item.__mro__[1:]:
         ours = base.__module__.startswith("clothlab.method")
-        if ours and base.__name__ not in public:
+        if ours and base.__name__ not in clothlab.__all__:
             source = textwrap.dedent(inspect.getsource(base))
             found = ast.parse(source).body[0]
             assert isinstance(found, ast.ClassDef)

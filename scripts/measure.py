@@ -11,7 +11,6 @@ import platform
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ import psutil
 from browser_lab import Lab
 from nbclient import NotebookClient
 from nbformat.v4 import new_code_cell
+from sampling import sampling
 
 from clothlab._files import write_bytes
 from course import solutions
@@ -75,32 +75,27 @@ def watched(find: "psutil.Process | None" = None) -> Iterator[Usage]:
     Or another process, and all that it starts.
     """
     usage = Usage()
-    over = threading.Event()
     spent: dict[int, float] = {}  # processor time of each process [s]
 
-    def watch() -> None:
-        while not over.wait(SAMPLE):
-            # This process itself does not count
-            found = tree(find) if find else tree(psutil.Process())[1:]
-            memory = 0.0
-            for each in found:
-                try:
-                    memory += each.memory_info().rss / 1e6
-                    times = each.cpu_times()
-                    spent[each.pid] = times.user + times.system
-                except psutil.NoSuchProcess:
-                    continue
-            usage.memory = max(usage.memory, memory)
+    def look() -> None:
+        # This process itself does not count
+        found = tree(find) if find else tree(psutil.Process())[1:]
+        memory = 0.0
+        for each in found:
+            try:
+                memory += each.memory_info().rss / 1e6
+                times = each.cpu_times()
+                spent[each.pid] = times.user + times.system
+            except psutil.NoSuchProcess:
+                continue
+        usage.memory = max(usage.memory, memory)
 
     # From here until the caller's work is done
     start = time.perf_counter()
-    watcher = threading.Thread(target=watch)
-    watcher.start()
     try:
-        yield usage
+        with sampling(look, every=SAMPLE):
+            yield usage
     finally:
-        over.set()
-        watcher.join()
         usage.seconds = time.perf_counter() - start
         usage.processor = sum(spent.values())
 

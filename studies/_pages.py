@@ -16,5 +16,5 @@ def put_between(path: Path, text: str, begin: str, end: str) -> None:
     before, mark, rest = path.read_text("utf-8").partition(begin)
     _, last, after = rest.partition(end)
     if not mark or not last:
-        raise ValueError(f"{path.name} has no place for the results: {begin} and {end}")
+        raise ValueError(f"{path.name} has no place for this text: {begin} and {end}")
     path.write_text(f"{before}{begin}\n{text}\n{end}{after}", "utf-8")

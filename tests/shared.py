@@ -5,8 +5,11 @@ loads them in a process that runs tests.
 """
 
 import copy
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +133,35 @@ def full_disk() -> Callable[[], AbstractContextManager]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
     return full
+
+
+class _Silent(SimpleHTTPRequestHandler):
+    asked: list[str]  # paths, in order
+
+    def __init__(self, asked, *arguments, **options):
+        self.asked = asked
+        super().__init__(*arguments, **options)
+
+    def do_GET(self):
+        self.asked.append(self.path.lstrip("/"))
+        super().do_GET()
+
+    def log_message(self, *arguments):
+        pass
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """A folder that is served: its address, and what is asked of it."""
+    asked: list[str] = []
+    handler = partial(_Silent, asked, directory=str(folder))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}", asked
+    server.shutdown()
+    thread.join()
+    server.server_close()
 
 
 @pytest.fixture(autouse=True)

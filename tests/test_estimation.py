@@ -252,8 +252,20 @@ def test_a_run_that_does_not_begin_at_rest_needs_its_first_steps(listening, run)
     assert np.array_equal(path, expected)
 
 
-def test_newton_settings_without_their_method_say_so():
+@pytest.mark.parametrize(
+    ("method", "settings", "message"),
+    [
+        ("sgd", NewtonSettings(), 'method="sgd" is an EstimationSettings, got Newton'),
+        (
+            "newton",
+            EstimationSettings(),
+            'method="newton" is a NewtonSettings, got Est',
+        ),
+        ("newton", {"window": 60}, r"got dict .*: write NewtonSettings\(name=value\)"),
+    ],
+)
+def test_settings_of_another_method_are_refused(method, settings, message):
     run = Run(np.zeros((30, 2)), np.zeros((30, 1)), "a")
     model = DPMPB(2, 1, 1).eval().requires_grad_(False)
-    with pytest.raises(ValueError, match=r'those of method="newton"'):
-        estimate_bias(model, run, settings=NewtonSettings())
+    with pytest.raises(ValueError, match=message):
+        estimate_bias(model, run, method=method, settings=settings)

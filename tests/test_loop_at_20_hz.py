@@ -189,3 +189,14 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path):
         expected = f"a\n{example.BEGIN}\n\n{table}\n\n{example.END}\nb\n"
         assert page.read_text() == expected
     assert example.BEGIN in PAGE.read_text("utf-8")
+
+
+def test_a_page_without_marks_is_left_as_it_is_and_the_marks_are_named(tmp_path):
+    page = tmp_path / "page.md"
+    for text in ("a\n", f"a\n{example.BEGIN}\nb\n"):
+        page.write_text(text)
+        with pytest.raises(
+            ValueError, match=r"page.md has no place for .*end of rates"
+        ):
+            example.put_into(page, "new")
+        assert page.read_text() == text

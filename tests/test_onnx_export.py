@@ -6,6 +6,7 @@ import torch
 
 from clothlab import data
 from clothlab._extras import bring
+from clothlab.method._traced import traced
 from clothlab.method.cloth_task import control_loss, period_mask
 from clothlab.method.control import (
     Controller,
@@ -268,6 +269,33 @@ def test_only_the_papers_search_is_exported(onnxruntime, model, tmp_path):
     )
     with pytest.raises(ValueError, match="search is a GradientSearch, got Other"):
         export_solve(tmp_path / "solve.onnx", controller)
+
+
+@pytest.mark.filterwarnings("ignore:TF32 acceleration")
+def test_slopes_of_a_gradient_are_computed_together():
+    """Each gradient has its own; numbers are those of the function itself."""
+    weight = torch.tensor([[0.3, -0.5], [0.7, 0.2]])
+
+    def loss(u):
+        x = (u @ weight).sigmoid()
+        x = torch.cat([x @ weight, x @ weight.T], 1).tanh()
+        return (x @ x.T).sigmoid().sum()
+
+    def twice(u):
+        for _ in range(2):
+            u = u.detach().requires_grad_()
+            (gradient,) = torch.autograd.grad(loss(u), u)
+            u = u - gradient
+        return u
+
+    u = torch.tensor([[0.4, -1.0]])
+    single = traced(twice, (u,))
+    assert torch.equal(single(u), twice(u))
+    called = [str(node.target) for node in single.graph.nodes]
+    assert not any("sigmoid_backward" in name for name in called)
+    assert not any("tanh_backward" in name for name in called)
+    # Of each gradient two: those of σ, and that of tanh.
+    assert sum(node.target == "split" for node in single.graph.nodes) == 4
 
 
 def test_gradients_and_free_dimensions_do_not_go_together(onnxruntime, tmp_path):

@@ -3,33 +3,16 @@ sentence why not.
 """
 
 import gc
-import threading
 from email.message import Message
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shared import serving
 
 from clothlab import __version__, _store, data
 from clothlab.data import _writing
 from clothlab.trials import load_trial, save_trial
-
-
-class _Silent(SimpleHTTPRequestHandler):
-    asked: list[str]  # paths, in order
-
-    def __init__(self, asked, *arguments, **options):
-        self.asked = asked
-        super().__init__(*arguments, **options)
-
-    def do_GET(self):
-        self.asked.append(self.path.lstrip("/"))
-        super().do_GET()
-
-    def log_message(self, *arguments):
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +26,8 @@ def served(tmp_path_factory, trial, squares):
     save_trial(trial[:3], folder / "trials" / "train-more" / "00.npz")
     _store.write_checksums(folder)
 
-    asked: list[str] = []
-    handler = partial(_Silent, asked, directory=str(folder))
-    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield folder, f"http://127.0.0.1:{server.server_port}", asked
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serving(folder) as (address, asked):
+        yield folder, address, asked
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,9 @@ class NotingPolicy(Policy):
         space: Any = None,  # of the robot's commands, where it is known
     ):
         self.policy: Any = policy  # here, its observation is a state
-        self._space = space
+        self._shape = getattr(space, "shape", None) or ("D_u",)
+        self._low = getattr(space, "low", -np.inf)
+        self._high = getattr(space, "high", np.inf)
         self.name = policy.name
         self.observe = observe or np.asarray
         self.states: list[np.ndarray] = []
@@ -75,18 +77,15 @@ class NotingPolicy(Policy):
         self.states.append(s.copy())
 
         u = np.array(self.policy(s), ndmin=1)
-        shape = getattr(self._space, "shape", None) or ("D_u",)
-        check_array(f"the command of {self.name}", u, shape)
+        check_array(f"the command of {self.name}", u, self._shape)
         self._look_at_limits(u)
         self.commands.append(u.copy())
         return u
 
     def _look_at_limits(self, u: np.ndarray) -> None:
         """Warn of a first command that the robot may not execute as it was sent."""
-        low = getattr(self._space, "low", -np.inf)
-        high = getattr(self._space, "high", np.inf)
         slack = 1e-5 * np.maximum(np.abs(u), 1)
-        outside = (u < low - slack) | (u > high + slack)
+        outside = (u < self._low - slack) | (u > self._high + slack)
         if outside.any() and not self._told:
             self._told = True
             k = int(np.flatnonzero(outside)[0])

@@ -105,15 +105,15 @@ class FastDPMPB:
         net = self._net
         batch, steps, _ = u.shape
 
-        # What the first layer makes of all commands, at once.
+        # What the first layer makes of all commands at once, step beside step.
         bias, weight = net.command
         from_commands = torch.addmm(bias, u.flatten(0, 1), weight)
-        from_commands = from_commands.unflatten(0, (batch, steps))
+        from_commands = from_commands.reshape(batch, -1).chunk(steps, dim=1)
 
         s = ((s - self._s_mean) / self._s_std).expand(batch, -1)
         h, c = ([*part.expand(-1, batch, -1)] for part in memory)
         states = []
-        for x in from_commands.unbind(1):
+        for x in from_commands:
             x = torch.addmm(x, s, net.state).sigmoid_()
             for layer in net.rest_in:
                 x = layer(x)
@@ -130,7 +130,8 @@ class FastDPMPB:
             s = torch.addmm(net.last.bias, x, net.last.weight)
             states.append(s)
 
-        predicted = torch.stack(states, dim=1) * self._s_std + self._s_mean
+        predicted = torch.cat(states, dim=1).unflatten(1, (steps, -1))
+        predicted = predicted * self._s_std + self._s_mean
         return predicted, Memory(torch.stack(h), torch.stack(c))
 
 

@@ -25,7 +25,7 @@ from clothlab._validation import (
 from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
-from clothlab.method.estimation import BiasEstimator, Estimator
+from clothlab.method.estimation import BiasEstimator, EstimationSettings, Estimator
 from clothlab.method.model import PredictiveModel
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
@@ -277,11 +277,14 @@ def estimate_bias(
         for p to move at all, there is a warning.
     """
     check_same_step(model, check_run(run))
-    if method == "sgd" and isinstance(settings, NewtonSettings):
-        raise ValueError('NewtonSettings are those of method="newton": pass both')
     newton = partial(NewtonEstimator, from_rest=from_rest)
-    estimators: dict[str, Any] = {"sgd": BiasEstimator, "newton": newton}
-    estimator = choose("method", method, estimators)(model, p, settings)
+    methods: dict[str, Any] = {
+        "sgd": (BiasEstimator, EstimationSettings),
+        "newton": (newton, NewtonSettings),
+    }
+    make, kind = choose("method", method, methods)
+    what = f'settings with method="{method}"'
+    estimator = make(model, p, settings_or_default(settings, kind, what))
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
 
     # A p that nothing has moved looks like any other.

@@ -24,6 +24,7 @@ from clothlab._validation import check_kind, check_number
 from clothlab.method._inputs import check_model
 from clothlab.method._memories import like
 from clothlab.method._rollouts import rollout_of
+from clothlab.method._traced import traced
 from clothlab.method.control import Controller, GradientSearch, descend
 from clothlab.method.gauss_newton import around_bias
 from clothlab.method.model import PredictiveModel
@@ -63,9 +64,9 @@ def export_onnx(
     # twice, such as a first memory of zeros, it would take one for the other.
     examples = tuple(each.detach().clone() for each in inputs.values())
     with _quietly():
-        traced = _with_gradients(function, examples) if gradients else function
+        exported = traced(function, examples) if gradients else function
         program = torch.onnx.export(
-            _Graph(traced),
+            _Graph(exported),
             examples,
             dynamo=True,
             dynamic_shapes=(_shapes(inputs, free),) if free else None,
@@ -222,31 +223,6 @@ class _Graph(nn.Module):
 
     def forward(self, *inputs: Tensor) -> Any:
         return self.function(*inputs)
-
-
-def _with_gradients(
-    function: Callable[..., Any], examples: tuple[Tensor, ...]
-) -> Callable[..., Any]:
-    """The function as single operations, those of its gradients among them."""
-    from torch._decomp import get_decompositions
-    from torch.fx.experimental.proxy_tensor import make_fx  # takes a second
-
-    # Gradients of these have no counterpart in ONNX, either.
-    aten = torch.ops.aten
-    composed = [aten.silu_backward, aten.mish_backward, aten.hardswish_backward]
-    composed += [aten.softplus_backward, aten.leaky_relu_backward]
-    apart: Any = get_decompositions(composed)
-
-    # A fused LSTM has no counterpart in ONNX; without it, it is made of single ones.
-    with torch.backends.mkldnn.flags(enabled=False):
-        try:
-            return make_fx(function, decomposition_table=apart)(*examples)
-        except (RuntimeError, TypeError, ValueError) as error:
-            raise ValueError(
-                "this loss can't be exported: it takes a number out of a tensor, such "
-                "as the control step t. Compute with tensors alone, or make what "
-                f"depends on t an input: loss=..., inputs=.... PyTorch says: {error}"
-            ) from error
 
 
 def _shapes(
