@@ -79,7 +79,7 @@ tested: $(DEV) $(GRADING)
 	$(call CHECKED,-rs -m 'not browser and not book and not nightly and not container')
 
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
-	$(PYTEST) -m slow -rs
+	$(PYTEST) -m 'slow and not nightly' -rs
 
 mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; ten minutes or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)

@@ -3,10 +3,10 @@
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook, the
 weekly problems with other numbers, a training from logs, every notebook at full size,
-full-size graphs, a wheel of every pin, the student edition's site, every control of the
-lessons, speed, and 200 mutants of the method and the simulation. A summary goes to
-`build/nightly.md`; `python scripts/nightly.py --only soak` does one part and writes
-nothing.
+full-size graphs, graphs where the wheel alone is, a wheel of every pin, the student
+edition's site, every control of the lessons, speed, and 200 mutants of the method and
+the simulation. A summary goes to `build/nightly.md`; `python scripts/nightly.py --only
+soak` does one part and writes nothing.
 """
 
 import argparse
@@ -38,6 +38,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
     "problems": ((*PYTEST, "tests/course/test_problems.py", "-m", "nightly"), {}),
     "logs": ((*PYTEST, "tests/test_logs.py", "-m", "nightly"), {}),
+    "wheel": ((*PYTEST, "tests/test_packaging.py", "-m", "nightly"), {}),
     "onnx": ((*PYTEST, "tests/test_onnx_export.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),

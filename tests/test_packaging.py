@@ -158,6 +158,7 @@ def test_the_method_is_trained_saved_loaded_and_steers_in_a_fresh_environment(ba
     assert in_bare(bare, str(ALONE)).stdout == "\n", "something else was imported"
 
 
+@pytest.mark.nightly
 def test_logs_become_a_graph_on_a_robot_in_a_fresh_environment(deploying):
     assert in_bare(deploying, str(DEPLOYED)).stdout == "\n", "something was imported"
 
