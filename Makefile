@@ -23,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -106,13 +106,18 @@ pages-shown:
 pages-other:
 	$(BIN)/pytest -m browser -rs $(filter-out $(LIVE) $(SHOWN),$(IN_BROWSER))
 
-pages-alone:
+pages-alone: graphs
 	$(BIN)/pytest -m book -rs $(ALONE)
 
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) site-tested pages-alone
 
-site-built:
+# Of the robot in a page; whoever needs them would make them, but two at once must not.
+graphs:
+	$(BIN)/python -c 'from clothlab import load; from course.lab_export import graphs; \
+		[graphs(load(name)) for name in ("torque-0", "muscle-0")]'
+
+site-built: graphs
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 
