@@ -84,18 +84,22 @@ slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of t
 mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; ten minutes or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
-# Two of these six run at a time, in this order, which leaves no core without work: with three, a click or a message came
-# too late for its test in two of three runs. What is in no list of tests/browser is among the others.
+# Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
+# leave of two cores, waiting for pages, is enough to make the site meanwhile. What is in no list is among the others.
 IN_BROWSER := $(wildcard tests/browser/test_*.py)
 LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
-SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
+SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py dead_kernel.py)
 # Tests of what becomes of the site. The other tests of pages make their own.
 OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py drawn.py)
 ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 
 pages: chromium $(BOOK)
 	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
-	$(MAKE) --jobs=2 --keep-going site-built pages-live pages-alone pages-shown site-tested pages-other
+	$(MAKE) graphs
+	nice $(MAKE) site-built & built=$$!; \
+	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
+	$(MAKE) --keep-going pages-alone pages-other; others=$$?; \
+	wait $$built && $(MAKE) site-tested; site=$$?; wait $$shown && exit $$((others + site))
 
 pages-live:
 	$(BIN)/pytest -m browser -rs $(LIVE)
@@ -106,22 +110,23 @@ pages-shown:
 pages-other:
 	$(BIN)/pytest -m browser -rs $(filter-out $(LIVE) $(SHOWN),$(IN_BROWSER))
 
-pages-alone: graphs
+pages-alone:
 	$(BIN)/pytest -m book -rs $(ALONE)
 
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
-	$(MAKE) site-tested pages-alone
+	$(MAKE) site-built
+	$(MAKE) --keep-going site-tested pages-alone
 
-# Of the robot in a page; whoever needs them would make them, but two at once must not.
+# Of the robot in a page, if they are old: two who need them at once must not both make them.
 graphs:
 	$(BIN)/python -c 'from clothlab import load; from course.lab_export import graphs; \
 		[graphs(load(name)) for name in ("torque-0", "muscle-0")]'
 
-site-built: graphs
+site-built:
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 
-site-tested: site-built
+site-tested:
 	$(BIN)/pytest -m book -rs $(OF_SITE)
 
 # Where 9 figures are enough (two sliders of three stops), a widget draws them for its page on the site. `make editions`

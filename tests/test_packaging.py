@@ -220,11 +220,11 @@ def test_it_holds_neither_studies_nor_course_nor_notebooks(wheel):
 
 
 def test_its_modules_come_when_they_are_asked_for(installed, tmp_path):
-    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.lab import _clock; print(_clock.__file__)"
+    code = "import clothlab, sys; print('mujoco' in sys.modules); from clothlab.simulation import muscle; print(muscle.__file__)"
     done = run(installed, tmp_path, code)
     assert done.stdout.split() == [
         "False",
-        str(installed / "clothlab" / "lab" / "_clock.py"),
+        str(installed / "clothlab" / "simulation" / "muscle.py"),
     ], done.stderr
 
 

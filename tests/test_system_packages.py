@@ -43,6 +43,7 @@ TOOLS = [
     "uname",
     "date",
     "sleep",
+    "nice",
 ]
 VENV = [
     "python",
