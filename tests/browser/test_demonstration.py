@@ -22,7 +22,6 @@ TABLE = [
     if re.match(r"\| \d+ \|", line)
 ]
 PERIOD = 8  # control steps
-STEP = 0.125  # [s] in place of 0.2
 
 
 class Demonstration:
@@ -199,8 +198,6 @@ def demonstration(lab, open_notebook, page):
     for name in ("pause", "reset", "projector"):
         at_the_panel.press(name)
     notebook.until("not panel.running and panel.session.step_number == 0")
-    # Rows count steps, which here come sooner than in class
-    notebook.evaluate("None", f"panel._clock._period = {STEP}")
     yield at_the_panel
     notebook.evaluate("panel.check()")
     notebook.evaluate("panel.close()")
