@@ -11,6 +11,8 @@ NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
 SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studies/*.py studies/*/*.py) data/SHA256SUMS
 SITE := build/book$(if $(STUDENT),-student)
+# In as many processes as there are cores; what is left at the end is shared among them.
+PYTEST := $(BIN)/pytest --numprocesses=auto --dist=worksteal
 # The matrices are small: a second thread would only wait.
 export OMP_NUM_THREADS ?= 1
 # A training step frees some 40 MB and asks for them again. Left alone, glibc gives them back to the system, which clears
@@ -21,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts slow mutate pages pages-live pages-shown pages-other notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -53,34 +55,51 @@ lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
 check: $(DEV)  ## linter, types and unit tests, in parallel
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy & types=$$!; $(BIN)/pytest --numprocesses=auto --dist=worksteal; tests=$$?; wait $$types && exit $$tests
+	$(call CHECKED)
+
+# The linter, then types beside tests, whose options stand behind it.
+define CHECKED
+$(BIN)/ruff check .
+$(BIN)/ruff format --check .
+$(BIN)/mypy & types=$$!; $(PYTEST) $(1); tests=$$?; wait $$types && exit $$tests
+endef
 
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test:  ## check, slow tests, every notebook, the live lab and the site in a browser; ten to fifteen minutes
+test:  ## check, slow tests, every notebook, the live lab and the site in a browser; ten to twelve minutes
 	@$(SYSTEM) $(NEEDED) || true
 	@if CHECK=1 $(SYSTEM) $(NEEDED) >/dev/null; then $(MAKE) parts; \
 	else $(MAKE) --keep-going CHECK=1 parts; status=$$?; CHECK=1 $(SYSTEM) $(NEEDED) && exit $$status; fi
 
-parts: doctor check slow notebooks pages
+parts: doctor tested notebooks pages
+
+# What `make check` and `make slow` do, in one run: each process imports everything once.
+tested: $(DEV) $(GRADING)
+	$(call CHECKED,-rs -m 'not browser and not book and not nightly and not container')
 
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
-	$(BIN)/pytest -m slow -rs --numprocesses=auto --dist=worksteal
+	$(PYTEST) -m 'slow and not nightly' -rs
 
 mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; ten minutes or more (OPTIONS="--count 20")
 	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
-# Two of these five run at a time, in this order: with three, a click or a message came too late for its test in two of
-# three runs. Both groups of a live robot come first: they take longest. What is in neither is among the others.
+# Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
+# leave of two cores, waiting for pages, is enough to make the site meanwhile. What is in no list is among the others.
 IN_BROWSER := $(wildcard tests/browser/test_*.py)
 LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
-SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
+SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py dead_kernel.py)
+# Tests of what becomes of the site. The other tests of pages make their own.
+OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py drawn.py)
+ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 
-pages: chromium
-	$(MAKE) --jobs=2 --keep-going pages-live pages-shown site-built pages-other site-tested
+pages: chromium $(BOOK)
+	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
+	$(MAKE) graphs
+	nice $(MAKE) site-built & built=$$!; \
+	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
+	$(MAKE) --keep-going pages-alone pages-other; others=$$?; \
+	wait $$built && $(MAKE) site-tested; site=$$?; wait $$shown && exit $$((others + site))
 
 pages-live:
 	$(BIN)/pytest -m browser -rs $(LIVE)
@@ -91,20 +110,30 @@ pages-shown:
 pages-other:
 	$(BIN)/pytest -m browser -rs $(filter-out $(LIVE) $(SHOWN),$(IN_BROWSER))
 
+pages-alone:
+	$(BIN)/pytest -m book -rs $(ALONE)
+
 site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
-	$(MAKE) site-tested
+	$(MAKE) site-built
+	$(MAKE) --keep-going site-tested pages-alone
+
+# Of the robot in a page, if they are old: two who need them at once must not both make them.
+graphs:
+	$(BIN)/python -c 'from clothlab import load; from course.lab_export import graphs; \
+		[graphs(load(name)) for name in ("torque-0", "muscle-0")]'
 
 site-built:
 	$(MAKE) book SMALL=1
 	$(MAKE) slides SMALL=1
 
-site-tested: site-built
-	$(BIN)/pytest -m book -rs tests/book
+site-tested:
+	$(BIN)/pytest -m book -rs $(OF_SITE)
 
-# Where 30 figures are enough, a widget draws so many for its page on the site; `make editions` lets it draw more.
+# Where 9 figures are enough (two sliders of three stops), a widget draws them for its page on the site. `make editions`
+# lets it draw more, and so does `make nightly`.
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	CLOTHLAB_FIGURES=30 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	CLOTHLAB_FIGURES=9 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 	$(BIN)/python scripts/same_verdicts.py
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)

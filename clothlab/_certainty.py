@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 SHARE = 0.9  # of the regions that are shown
 
@@ -34,7 +34,7 @@ def outline(
 
 def radius(share: float, size: int) -> float:
     """How many standard deviations such a region reaches, in so many dimensions."""
-    return float(np.sqrt(chi2.ppf(share, size)))
+    return float(np.sqrt(chdtri(size, 1 - share)))  # squared, it is chi-square
 
 
 class EstimateReport(NamedTuple):

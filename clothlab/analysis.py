@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy.special import stdtrit
 
 from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
@@ -146,7 +146,7 @@ def crossed_interval(values: ArrayLike) -> tuple[float, float, float]:
     if variance == 0:
         return mean, mean, mean
     degrees = variance**2 / (parts**2 / np.maximum(freedom, 1)).sum()
-    half = float(stats.t.ppf(0.975, degrees) * np.sqrt(variance))
+    half = float(stdtrit(degrees, 0.975) * np.sqrt(variance))  # Student's t
     return mean, mean - half, mean + half
 
 
@@ -169,6 +169,8 @@ def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
         raise ValueError(
             f"held says of each episode whether it did, True or False, got {held!s:.80}"
         )
-    found = stats.binomtest(int(values.sum()), len(values))
+    from scipy.stats import binomtest  # slow to import
+
+    found = binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(method="wilson")
     return float(found.statistic), float(low), float(high)

@@ -2,10 +2,10 @@
 
 Generated inputs, faults, eight simulated hours of the live lab, an interrupted
 reproduction, the checks of exercises on many inputs, the grading of every notebook,
-every notebook at full size, full-size graphs, a wheel of every pin, the student
-edition's site, every control of the lessons, speed, and 200 mutants of the method and
-the simulation. A summary goes to `build/nightly.md`; `python scripts/nightly.py --only
-soak` does one part and writes nothing.
+what is rarely broken, every notebook at full size, full-size graphs, a wheel of every
+pin, the student edition's site, every control of the lessons, speed, and 200 mutants of
+the method and the simulation. A summary goes to `build/nightly.md`; `python
+scripts/nightly.py --only soak` does one part and writes nothing.
 """
 
 import argparse
@@ -21,6 +21,13 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 REPORT = ROOT / "build" / "nightly.md"
 PYTEST = (sys.executable, "-m", "pytest", "-s", "-m", "slow or not slow", "--tb=short")
+# Files whose other tests are enough by day
+RARE = (
+    "tests/test_logs.py",
+    "tests/test_notebooks.py",
+    "tests/test_packaging.py",
+    "tests/course/test_problems.py",
+)
 PARTS = {  # what it is: command, and settings in the environment
     "inputs": ((*PYTEST, "tests/test_properties.py"), {"CLOTHLAB_INPUTS": "10000"}),
     "faults": ((*PYTEST, "tests/test_faults.py"), {"CLOTHLAB_FAULTS": "100"}),
@@ -35,6 +42,7 @@ PARTS = {  # what it is: command, and settings in the environment
         {"CLOTHLAB_INPUTS": "200"},
     ),
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
+    "rare": ((*PYTEST, *RARE, "-m", "nightly"), {}),
     "onnx": ((*PYTEST, "tests/test_onnx_export.py", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),

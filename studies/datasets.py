@@ -10,7 +10,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from sklearn.cluster import KMeans
 
 from clothlab._store import Folder, data_folder
 from clothlab._validation import check_kind, check_seed, choose
@@ -348,6 +347,8 @@ def choose_varied(masks: np.ndarray, number: int) -> np.ndarray:
     standardised, k-means makes groups of what is alike, and of each group the mask
     nearest to its mean is taken.
     """
+    from sklearn.cluster import KMeans  # slow to import
+
     features = _area_and_centre(masks)
     standardised = (features - features.mean(axis=0)) / features.std(axis=0)
     groups = KMeans(number, n_init=10, random_state=0)

@@ -6,18 +6,11 @@ p.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
-from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
-from sklearn.model_selection import LeaveOneOut, cross_val_predict
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from clothlab._validation import check_array, choose
 from clothlab.analysis import nearest_material
@@ -26,6 +19,9 @@ from clothlab.simulation.env import CONTROL_PERIOD
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
 from studies._runs import bias_error, estimate_at_random, trained
+
+if TYPE_CHECKING:
+    from sklearn.pipeline import Pipeline
 
 # Never trained on: geometric means of neighbouring trained values, and one nearer to a
 # corner of them
@@ -63,7 +59,7 @@ class MaterialReadout:
     Its constants are fixed: nine materials are too few to fit them.
     """
 
-    model: Pipeline
+    model: "Pipeline"
     r2: np.ndarray  # leave-one-cloth-out R² of log C_damp and log C_mass [2]
     # The same of log (C_damp / C_mass), on which alone the motion of a free point in
     # air depends
@@ -75,6 +71,16 @@ class MaterialReadout:
         cls, biases: dict[str, np.ndarray], cloths: dict[str, Cloth]
     ) -> "MaterialReadout":
         """Fit to the trained p of cloths whose C_damp and C_mass are known."""
+        # Slow to import
+        from sklearn.gaussian_process import GaussianProcessRegressor
+        from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
+        from sklearn.linear_model import LinearRegression
+        from sklearn.metrics import r2_score
+        from sklearn.model_selection import LeaveOneOut, cross_val_predict
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+
+        # A straight map, and a curved one
         p = np.stack([biases[name] for name in cloths]).astype(np.float64)
         logs = np.log([(cloth.damping, cloth.mass) for cloth in cloths.values()])
         kernel = DotProduct() + RBF(2.0) + WhiteKernel(0.01)

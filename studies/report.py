@@ -55,10 +55,14 @@ def stored(ending: str = "", *, data: Folder = None) -> Tables:
 
     The ending is that of the tables' names: `PAPER` for the paper's amount.
     """
+    return {name: load(name + ending, data=data) for name in names(ending, data=data)}
+
+
+def names(ending: str = "", *, data: Folder = None) -> list[str]:
+    """Experiments whose table of one amount of recordings is stored."""
     folder = data_folder(data) / "results"
     there = {path.stem for path in folder.glob("*.csv")}
-    names = [name for name in EXPERIMENTS if name + ending in there]
-    return {name: load(name + ending, data=data) for name in names}
+    return [name for name in EXPERIMENTS if name + ending in there]
 
 
 def questions(tables: Tables) -> Questions:

@@ -13,9 +13,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
-from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
 from clothlab import data
 from clothlab._validation import choose
@@ -214,6 +211,11 @@ def _read_off(p: np.ndarray) -> np.ndarray:
     """R² of what a straight map of the other cloths reads off each p, `[3]`."""
     if p.shape[1] == 0:
         return np.zeros(3)  # without p, nothing is read off it
+    # Slow to import
+    from sklearn.linear_model import LinearRegression
+    from sklearn.metrics import r2_score
+    from sklearn.model_selection import LeaveOneOut, cross_val_predict
+
     logs = np.log([(cloth.damping, cloth.mass) for cloth in CLOTHS.values()])
     wanted = np.column_stack([logs[:, 1] - logs[:, 0], logs])
     found = cross_val_predict(LinearRegression(), p, wanted, cv=LeaveOneOut())

@@ -189,6 +189,7 @@ def test_a_controller_says_what_does_not_fit(change, message):
         Controller(DPMPB(2, 1), **arguments).act([0, 0])
 
 
+@pytest.mark.slow
 def test_the_four_calls_import_nothing_of_cloth():
     code = "import sys; from clothlab.method import control, estimation, training; print(*sys.modules)"
     loaded = subprocess.run(

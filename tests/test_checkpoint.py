@@ -200,6 +200,7 @@ print(learned.arm.link_length, *u.tolist())
 """
 
 
+@pytest.mark.slow
 def test_a_fresh_process_without_the_data_folder_goes_on(cloth, square, tmp_path):
     path = tmp_path / "cloth.safetensors"
     cloth.save(path)

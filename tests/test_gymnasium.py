@@ -51,6 +51,7 @@ def test_it_can_be_made_by_its_name_alone():
     assert told == "muscle (3,)\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "imports", ["gymnasium, clothlab", "clothlab.simulation, gymnasium"]
 )

@@ -11,11 +11,6 @@ import pytest
 
 import clothlab
 
-ALONE = Path(__file__).with_name("method_alone.py")
-# What the method must do without
-FOREIGN = {"mujoco", "gymnasium", "matplotlib", "cv2", "pandas", "scipy", "sklearn"}
-FOREIGN |= {"pooch", "PIL", "IPython", "anywidget", "ipywidgets", "joblib"}
-
 
 def run(code: str, **environment: str) -> str:
     """What Python prints, started afresh without a choice of OpenGL."""
@@ -30,12 +25,19 @@ def run(code: str, **environment: str) -> str:
     ).stdout
 
 
+@pytest.mark.slow
 def test_importing_the_package_imports_little():
-    heavy = "{'torch', 'sklearn', 'matplotlib'} & set(sys.modules)"
-    code = "import clothlab, sys; print({'mujoco', 'numpy'} & set(sys.modules)); import clothlab.simulation.env"
-    assert run(f"{code}; print({heavy})") == "set()\nset()\n"
-    code = "import sys, clothlab.analysis, clothlab.checks"
-    assert run(f"{code}; print('sklearn' in sys.modules)") == "False\n"
+    without = {  # what each import, after those before it, does without
+        "clothlab": {"mujoco", "numpy"},
+        "clothlab.simulation.env": {"torch", "sklearn", "matplotlib"},
+        "clothlab.analysis, clothlab.checks": {"sklearn", "scipy.stats"},
+        "clothlab.lab, studies": {"sklearn", "scipy.stats"},
+    }
+    lines = [
+        f"import {each}; print({names} & {{*sys.modules}})"
+        for each, names in without.items()
+    ]
+    assert run("\n".join(["import sys", *lines])) == len(without) * "set()\n"
 
 
 @pytest.mark.slow
@@ -108,15 +110,11 @@ def test_a_name_that_is_not_there_is_an_attribute_error():
 @pytest.mark.parametrize(
     ("blocked", "code", "message"),
     [
-        (
-            "mujoco",
-            "from clothlab import ClothEnv",
-            "clothlab.ClothEnv needs mujoco: pip install 'clothlab[cloth]'",
-        ),
-        (
+        pytest.param(
             "cv2",
             "import clothlab; clothlab.load_target",
             "clothlab.load_target needs cv2: pip install 'clothlab[cloth]'",
+            marks=pytest.mark.slow,  # OpenCV comes late
         ),
         (
             "matplotlib",
@@ -135,13 +133,6 @@ def test_a_missing_extra_is_one_sentence(blocked, code, message):
     with pytest.raises(subprocess.CalledProcessError) as caught:
         run(block + code)
     assert caught.value.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"
-
-
-def test_the_method_runs_on_what_pip_install_clothlab_brings():
-    """No more than the four packages are imported; `slow` tests do so without others."""
-    code = f"import runpy; runpy.run_path({str(ALONE)!r}, run_name='__main__')"
-    block = BLOCK.replace("{blocked}", repr(FOREIGN))
-    assert run(block + code, PYTHONPATH=os.pathsep.join(sys.path)) == "\n"
 
 
 def test_gymnasium_without_a_simulation_is_no_fault():

@@ -304,6 +304,7 @@ class Interrupt:
         sys.setprofile(None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("biases", [None, BIASES])
 def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
     """At the steps that begin a period, which do most, and at one within.

@@ -102,6 +102,7 @@ def test_a_start_on_a_dot_is_one_place():
     assert len(places(pb_map.about, pb_map.chosen, 4)) == 3
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_draw_for_each_place_in_the_order_of_the_controls():
     calls = []
 

@@ -74,7 +74,7 @@ for k in range(100_000):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [10, 26, 120, 305])
+@pytest.mark.parametrize("steps", [26, 305])
 def test_a_killed_process_loses_less_than_five_seconds(tmp_path, steps):
     command = [sys.executable, "-c", DYING, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

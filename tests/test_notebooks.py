@@ -293,7 +293,7 @@ def test_nothing_stalls_the_runner_or_swallows_errors(path):
         )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_live_lab_is_judged_alike_if_its_own_recordings_are_looked_at_last(
     monkeypatch, tmp_path, trial
 ):

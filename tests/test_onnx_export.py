@@ -143,7 +143,7 @@ def test_a_solve_has_its_gradients(model, run, tmp_path):
         assert trace[-1] < trace[0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_network_of_ones_own_is_solved_with_as_itself(run, tmp_path):
     torch.manual_seed(3)
     model = Residual(2, 1, bias_size=1).eval().requires_grad_(False)

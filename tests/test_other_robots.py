@@ -40,6 +40,7 @@ def test_both_properties_move_a_robot_and_no_sensor_says_so(name):
     assert not np.allclose(first, first_changed, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_learned_of_four_pendula_tells_new_runs_apart():
     runs = gym_robots.record_all(FOUR, 300, seed=0)
     settings = replace(Size(epochs=200).training, sequence_length=20)

@@ -43,6 +43,7 @@ TOOLS = [
     "uname",
     "date",
     "sleep",
+    "nice",
 ]
 VENV = [
     "python",
@@ -131,7 +132,6 @@ PARTS = (
     "ruff check",
     "mypy",
     "pytest --numprocesses=auto",
-    "pytest -m slow",
     "pytest --nbmake",
     "pytest -m browser",
 )
@@ -155,7 +155,7 @@ def test_a_failure_among_the_rest_does_not_stop_it_there_and_the_end_is_red(mach
     machine.fake("pytest", "exit 1", where=machine.folder / ".venv" / "bin")
     status, printed = machine.run("make", "test")
     assert status
-    assert machine.called("pytest -m slow")
+    assert machine.called("pytest --nbmake")
     assert printed[-1].startswith("This machine lacks chromium")
 
 
@@ -163,7 +163,7 @@ def test_where_nothing_is_missing_a_failure_stops_it(machine):
     machine.fake("chromium")
     machine.fake("pytest", "exit 1", where=machine.folder / ".venv" / "bin")
     assert machine.run("make", "test")[0]
-    assert not machine.called("pytest -m slow")
+    assert not machine.called("pytest --nbmake")
 
 
 def test_all_is_well_where_nothing_is_missing(machine):

@@ -13,8 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
-from sklearn.cluster import DBSCAN
-from sklearn.linear_model import RANSACRegressor
 
 from clothlab._validation import check_number
 from clothlab.simulation._dimensions import BAR_RADIUS
@@ -159,6 +157,8 @@ def find_cloth_edge(cloud: PointCloud) -> np.ndarray:
         )
 
     # A line through them: x and z as functions of y
+    from sklearn.linear_model import RANSACRegressor  # slow to import
+
     line = RANSACRegressor(residual_threshold=_BIN, random_state=0)
     line.fit(y[top, None], np.column_stack([x[top], z[top]]))
     on_edge = top[line.inlier_mask_]
@@ -330,6 +330,8 @@ def _largest_cluster(name: str, cloud: PointCloud, coloured: np.ndarray) -> Poin
             f"no {name} in view: {len(subset)} points have its colour, "
             f"{_FEWEST} are needed"
         )
+
+    from sklearn.cluster import DBSCAN  # slow to import
 
     # Cells of a grid in place of points, of which there are far more
     places = np.floor(subset.points / _CELL).astype(int)

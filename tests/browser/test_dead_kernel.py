@@ -40,26 +40,49 @@ PARTS = "button, input, select, canvas, [role=slider], [role=application]"
 WITHIN = 2.0  # [s] from the end of the kernel to the words, as the page is asked
 
 
+@pytest.fixture(scope="module")
+def left():
+    """Notebooks that a test has left with a living kernel and all widgets."""
+    return []
+
+
 @pytest.fixture
-def notebook(lab, browser, request):
-    """A fresh notebook with one of each widget, all of them shown, and its kernel."""
-    name = f"{request.node.name.replace('[', '-').strip(']')}.ipynb"
-    lab.add(name, [IMPORTS, *WIDGETS.values()])
-    context = browser.new_context(viewport={"width": 1400, "height": 2600})
-    page = context.new_page()
-    notebook = Notebook(lab, page, name)
-    notebook.run_all()
-    page.wait_for_function(
-        "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)",
-        timeout=90_000,
-    )
+def notebook(lab, browser, request, left):
+    """A notebook with one of each widget, all of them shown, and its kernel.
+
+    It is the one that the test before has left alive, or else a fresh one.
+    """
+    notebook = left.pop() if left else fresh(lab, browser, request.node.name)
     notebook.connect()
+    page = notebook.page
     expect(page.locator(".clothlab-alive")).to_have_count(len(WIDGETS))
     expect(page.get_by_text(GONE).locator("visible=true")).to_have_count(0)
     yield notebook
-    context.close()
-    if lab.kernel(name):
-        lab.stop_kernel(name)
+    if page.get_by_text(GONE).locator("visible=true").count() == 0:
+        left.append(notebook)
+        return
+    page.context.close()
+    if lab.kernel(notebook.name):
+        lab.stop_kernel(notebook.name)
+
+
+def fresh(lab, browser, test):
+    """A notebook of a test that was run in a window of its own."""
+    name = f"{test.replace('[', '-').strip(']')}.ipynb"
+    lab.add(name, [IMPORTS, *WIDGETS.values()])
+    page = browser.new_context(viewport={"width": 1400, "height": 2600}).new_page()
+    notebook = Notebook(lab, page, name)
+    run(notebook)
+    return notebook
+
+
+def run(notebook):
+    """Run all, and wait until the robot moves."""
+    notebook.run_all()
+    notebook.page.wait_for_function(
+        "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)",
+        timeout=90_000,
+    )
 
 
 def outputs(page):
@@ -118,19 +141,8 @@ def test_a_restart_from_the_menu_is_seen(notebook):
     expect(page.locator(".clothlab .status")).to_have_text("✗ no kernel")
 
 
-def test_a_death_is_seen(notebook):
-    process = kernel_process(notebook)
-    os.kill(process, signal.SIGKILL)
-    expect_all_gone(notebook.page, time.monotonic())
-
-
-def test_a_shutdown_is_seen(notebook):
-    notebook.lab.stop_kernel(notebook.name)
-    expect_all_gone(notebook.page, time.monotonic())
-
-
-def test_a_notebook_that_is_opened_again_says_it_below_each_widget(
-    notebook, browser, screenshot_of
+def test_a_shutdown_is_seen_and_below_each_widget_of_the_notebook_opened_again(
+    notebook, screenshot_of
 ):
     page, lab = notebook.page, notebook.lab
     page.keyboard.press("Control+s")
@@ -140,6 +152,7 @@ def test_a_notebook_that_is_opened_again_says_it_below_each_widget(
         assert time.monotonic() < end, "it is not saved"
         page.wait_for_timeout(200)
     lab.stop_kernel(notebook.name)
+    expect_all_gone(page, time.monotonic())
     page.goto("about:blank")
     again = Notebook(lab, page, notebook.name)
     for name, output in zip(WIDGETS, outputs(page), strict=True):
@@ -156,9 +169,11 @@ def test_a_notebook_that_is_opened_again_says_it_below_each_widget(
         )
         == 3
     )
-    again.run_all()
-    page.wait_for_function(
-        "document.querySelector('[data-frame]')?.textContent.match(/step [1-9]/)",
-        timeout=90_000,
-    )
+    run(again)
     expect(page.get_by_text(GONE).locator("visible=true")).to_have_count(0)
+
+
+def test_a_death_is_seen(notebook):
+    process = kernel_process(notebook)
+    os.kill(process, signal.SIGKILL)
+    expect_all_gone(notebook.page, time.monotonic())

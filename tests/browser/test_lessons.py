@@ -43,6 +43,7 @@ def draw(size=1.0):
     return Figure()
 
 deaf = Control(draw, size=(0.0, 2.0, 1.0))
+deaf
 """
 
 
@@ -122,11 +123,13 @@ def draws(
 
 
 @pytest.mark.parametrize("lesson", TRIED)
-def test_every_control_draws_another_figure(lab, page, screenshot, lesson):
+def test_every_control_draws_another_figure_and_a_deaf_one_is_told(
+    lab, page, screenshot, lesson
+):
     controls = LESSONS[lesson]
     whole = nbformat.read(lab.notebooks / f"{lesson}.ipynb", as_version=4)
     file = f"controls_{lesson}.ipynb"
-    lab.add(file, [code_before(solved(whole), controls), *controls])
+    lab.add(file, [code_before(solved(whole), controls), *controls, DEAF])
     notebook = Notebook(lab, page, file)
     run(notebook, page)
     try:
@@ -136,16 +139,8 @@ def test_every_control_draws_another_figure(lab, page, screenshot, lesson):
             assert drawn
             notebook.evaluate(f"{name}.check()")
         screenshot(f"controls-{lesson}")
+        deaf = moved(notebook, page, len(controls) + 1, "deaf", patience=2)
+        assert deaf == {"size": False}
     finally:
         lab.stop_kernel(notebook.name)
     assert notebook.errors == []
-
-
-def test_a_control_that_hears_nothing_is_told(lab, page):
-    lab.add("deaf.ipynb", [DEAF, "deaf"])
-    notebook = Notebook(lab, page, "deaf.ipynb")
-    run(notebook, page)
-    try:
-        assert moved(notebook, page, 1, "deaf", patience=2) == {"size": False}
-    finally:
-        lab.stop_kernel(notebook.name)

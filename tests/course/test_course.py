@@ -50,6 +50,7 @@ def code_of(question):
     return *map("".join, code), " ".join(answer.split())
 
 
+@pytest.mark.slow
 def test_the_questions_before_the_series_are_numbered_and_their_answers_are_right(
     capsys,
 ):

@@ -39,7 +39,7 @@ TINY = {
     }
     | {"speed_steps": 2},
 }
-STORED = [(name, ending) for ending in ("", PAPER) for name in report.stored(ending)]
+STORED = [(name, ending) for ending in ("", PAPER) for name in report.names(ending)]
 
 
 @pytest.fixture(autouse=True)

@@ -89,6 +89,7 @@ def test_a_kind_of_model_knows_what_it_says_of_each_material(name, runs, monkeyp
             assert kind.bias_size == 0 or np.abs(p).min() > 0
 
 
+@pytest.mark.slow
 def test_a_training_lowers_the_error_and_is_repeated_by_its_seed(runs, monkeypatch):
     monkeypatch.setattr(_rival_models, "_STEPS", 100)
     kind = Kind(length=10)
