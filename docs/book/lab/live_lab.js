@@ -30,26 +30,21 @@ function makeTiers(period) {
   return { took, now: () => TIERS[tier] };
 }
 
-// Pictures as files, which the panel shows.
-async function fileOf(canvas, type) {
-  const blob = await new Promise((resolve) => canvas.toBlob(resolve, type, 0.85));
-  if (!blob) throw new Error("this browser made no picture of a canvas");
-  return new Uint8Array(await blob.arrayBuffer());
-}
+// A picture in grey, which the panel shows.
 function makeGrey([width, height]) {
   const canvas = make("canvas", { width, height });
   const ctx = canvas.getContext("2d");
+  const pixels = ctx.createImageData(width, height);
   // Of an image of 0 to 1.
   return function grey(image) {
-    const pixels = ctx.createImageData(width, height);
     image.forEach((bright, k) => pixels.data.fill(255 * bright, 4 * k, 4 * k + 3).fill(255, 4 * k + 3, 4 * k + 4));
     ctx.putImageData(pixels, 0, 0);
-    return fileOf(canvas, "image/png");
+    return canvas;
   };
 }
 
 // `ask` asks the session in the worker; `first` is how that stands; `lab` is what there is about it.
-async function liveLab(ask, first, lab) {
+function liveLab(ask, first, lab) {
   const { about } = lab;
   const { get, on, off, tell, set } = makeTraits();
   const plane = makePlane(lab.plane);
@@ -115,36 +110,27 @@ async function liveLab(ask, first, lab) {
       warning: report?.warning ?? "",
     };
   }
-  async function drawFrame() {
+  function drawFrame() {
     const { stage, mask, reconstruction } = session;
-    const others = plots(); // of the same step as the pictures, which take a while
     drawScene(stage);
-    const pictures = [fileOf(canvas, "image/jpeg"), seenImage(mask), decodedImage(reconstruction)];
-    const [scene, seen, decoded] = await Promise.all(pictures);
     frames += 1;
-    set({ frame: { number: frames, scene, seen, decoded, ...others } });
+    const pictures = { scene: canvas, seen: seenImage(mask), decoded: decodedImage(reconstruction) };
+    set({ frame: { number: frames, ...pictures, ...plots() } });
   }
-  // Frames come one after the other. Of those that are wanted meanwhile, one comes; without force, none.
+  // All that is new before the browser shows the page again is one frame.
   let drawing = null;
-  let wanted = false;
   async function draw() {
-    do {
-      wanted = false;
-      if (!(await guarded(drawFrame))) stop();
-    } while (wanted);
     drawing = null;
+    if (!(await guarded(drawFrame))) stop();
   }
-  function show({ force = true } = {}) {
+  function show() {
     refresh();
-    if (drawing && force) wanted = true;
-    drawing ??= draw();
-    return drawing;
+    drawing ??= requestAnimationFrame(draw);
   }
-  async function showTarget(aim, { onCanvas = true } = {}) {
+  function showTarget(aim, { onCanvas = true } = {}) {
     const view = targetView(aim, lab);
     if (onCanvas) targets += 1;
-    const version = targets; // others may be chosen until its picture is there
-    set({ target: { ...view, version, reconstruction: await reconstructedImage(view.reconstruction) } });
+    set({ target: { ...view, version: targets, reconstruction: reconstructedImage(view.reconstruction) } });
   }
 
   // -- what is asked of the session
@@ -156,7 +142,7 @@ async function liveLab(ask, first, lab) {
     return answer;
   }
   async function aim(what, more, options) {
-    await showTarget(await told(what, more), options);
+    showTarget(await told(what, more), options);
   }
   async function advance({ solve = true } = {}) {
     const { solveEvery, estimateEvery } = tiers.now();
@@ -173,7 +159,7 @@ async function liveLab(ask, first, lab) {
       lateness = [...lateness, began - due > about.period / 2].slice(-RECENT);
       if (!(await guarded(() => advance({ solve: began - due < about.period })))) stop();
       const took = now() - began; // the page draws meanwhile
-      show({ force: !running });
+      show();
       if (running && tiers.took(took)) sayTier();
       due = Math.max(due + about.period, now() - 2 * about.period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
@@ -246,7 +232,8 @@ async function liveLab(ask, first, lab) {
     about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
     ellipse: null,
   });
-  await showTarget(lab.aim);
-  await show();
+  showTarget(lab.aim);
+  refresh();
+  drawFrame();
   return { get, on, off, send, pause };
 }
