@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from clothlab.simulation.arm import ARMS
+from course.lab_gates import GATES
 from course.lab_page import scene
 
 pytestmark = pytest.mark.book
 
 PERIODS = 20  # of 100 time steps
-BOUND = 1e-9  # [rad], [m]
+BOUND = GATES["places torque"].bound  # [rad], [m]
 WORLDS = [("torque", "damp0.05-mass0.10"), ("muscle", "soft-1")]
 
 
@@ -42,15 +43,14 @@ def here(world, commands):
 
 
 @pytest.mark.parametrize(("arm", "cloth"), WORLDS)
-def test_2000_time_steps_are_the_same(node, arm, cloth):
+def test_2000_time_steps_are_the_same(node, gate, arm, cloth):
     world = scene(arm, cloth)
     model = mujoco.MjModel.from_xml_string(world["mjcf"])
     commands = some_commands(ARMS[arm], model)
     expected = here(world, commands)
     found = node("physics.mjs", {"scene": world, "commands": commands})
     difference = np.abs(np.array(found["positions"]) - expected).max()
-    print(f"{arm}: {difference:.1e}")
-    assert difference < BOUND
+    gate(f"places {arm}", difference)
     assert found["again"] == world["start"]["qpos"]
 
     # Another scene would be noticed
