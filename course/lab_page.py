@@ -8,9 +8,11 @@ import base64
 import gzip
 import json
 import lzma
+import re
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from clothlab import _store
@@ -22,7 +24,7 @@ from clothlab.lab._views import REACHABLE, Views
 from course.lab_constants import method_files
 from course.lab_scene import any_cloth_scene, cloths
 from course.npm import packages
-from course.repository import ROOT
+from course.repository import ROOT, throw_page
 
 SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
@@ -35,6 +37,10 @@ _PAGE += ["views", "live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "arm", "stage", "camera", "drivers"]
 _WORKER += ["session", "networks", "controller", "estimator", "aim"]
 _WORKER += ["iterative", "worker"]
+# How a script begins that holds packed files
+_PACKED = "globalThis.clothlabFiles ??= {};\n"
+# The page as one file to take along
+ONE_FILE = "throw_a_cloth.html"
 _RUNTIME = "ort-wasm-simd-threaded"
 # Whose work is on the page, and where its licence lies in its Python package; those on
 # npm have none.
@@ -107,6 +113,36 @@ def arm_files(arm: str) -> dict[str, bytes]:
     return method_files(session.equipment) | {"lab.json": about}
 
 
+def write_one_file(path: Path, scripts: Path) -> None:
+    """Write the page as one file to take along, from the folder of its scripts.
+
+    A part waits there in an element with its name, whose kind no browser runs.
+    """
+    texts = {each.name: each.read_text("utf-8") for each in scripts.glob("*.js")}
+    parts = [
+        f'<script type="text/plain" id="{name}">{text}</script>'
+        for name, text in texts.items()
+        if text.startswith(_PACKED)
+    ]
+    licences = base64.b64encode((scripts / "licences.txt").read_bytes()).decode()
+    template = Template((SOURCES / "one_file.html").read_text("utf-8"))
+    text = template.substitute(
+        policy=policy(),
+        page=throw_page(),
+        licences=licences,
+        parts="\n".join(parts),
+        lab=texts["lab.js"],
+    )
+    write_bytes(path, text.encode())
+
+
+def policy() -> str:
+    """What the page may ask for, as its header says."""
+    header = (SOURCES.parent / "throw.md").read_text("utf-8")
+    (found,) = re.findall(r'Policy": "(.*)"', header)
+    return str(found)
+
+
 def sources(*names: str) -> str:
     """The page's own JavaScript, of these files."""
     return "\n".join((SOURCES / f"{name}.js").read_text("utf-8") for name in names)
@@ -114,7 +150,7 @@ def sources(*names: str) -> str:
 
 def write_packed(path: Path, files: Mapping[str, bytes]) -> None:
     """Write a script that holds files by their names, which `files.js` unpacks."""
-    lines = ["globalThis.clothlabFiles ??= {};\n"]
+    lines = [_PACKED]
     for name, content in files.items():
         packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
         lines.append(f'clothlabFiles["{name}"] = "{packed}";\n')

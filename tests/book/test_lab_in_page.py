@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import mujoco
 import numpy as np
 import pytest
+from live_page import Lab
 from playwright.sync_api import expect
 from test_same_physics import BOUND
 
@@ -14,9 +15,7 @@ from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.arm import ARMS
 from clothlab.simulation.cloth import CLOTHS, FOAMS, Cloth
 from clothlab.simulation.env import SimulationError
-from course.lab_page import SOURCES, write_lab, write_robot
 from course.lab_scene import any_cloth_scene
-from course.npm import packages
 
 pytestmark = pytest.mark.book
 
@@ -25,87 +24,6 @@ STEPS = 8 * PERIODS
 CLOTH = CLOTHS["damp0.05-mass0.10"]
 SOFTEST = 10.0  # [N], of the muscle arm's stiffness command
 LIGHT = Cloth("own", damping=0.035, mass=0.06)
-# Of a page that was opened, how a trait of its model stands
-TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
-PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Throw a cloth</title>
-<meta name="viewport" content="width=device-width">
-<meta http-equiv="Content-Security-Policy" content="{policy}"><main><h1>Throw a cloth</h1>
-{body}</main></html>"""
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """The page by itself, with what `throw.md` has of it."""
-    if not packages()["onnxruntime-web"].folder.exists():
-        pytest.skip("NO FILES OF NPM: run `make npm`")
-    folder = tmp_path_factory.mktemp("page")
-    write_lab(folder / "_static" / "lab")
-    write_robot(folder / "_static" / "lab")
-    text = (SOURCES.parent / "throw.md").read_text("utf-8")
-    (policy,) = re.findall(r'Policy": "(.*)"', text)
-    (body,) = re.findall(r"```\{raw\} html\n(.*?)```", text, re.DOTALL)
-    page = PAGE.format(policy=policy, body=body)
-    (folder / "throw.html").write_text(page, "utf-8")
-    return folder
-
-
-class Lab:
-    """What a visitor does at the panel, and sees of it."""
-
-    def __init__(self, page):
-        self.page = page
-        self.panel = page.locator(".clothlab")
-        self.status = self.panel.locator(".status")
-        self.message = self.panel.get_by_role("alert")
-        self.note = page.locator("#clothlab-lab > p").get_by_role("status")
-
-    def press(self, name):
-        self.panel.get_by_role("button", name=name, exact=True).click()
-
-    def choose(self, menu, option):
-        self.panel.get_by_label(menu, exact=True).select_option(option)
-
-    def move(self, name, value, event="change"):
-        """Move a slider, also beyond its end."""
-        self.panel.get_by_role("slider", name=name).evaluate(
-            """(slider, [value, event]) => {
-                slider.min = Math.min(slider.min, value);
-                slider.value = value;
-                slider.dispatchEvent(new Event(event));
-            }""",
-            [value, event],
-        )
-
-    def tell(self, what, **more):
-        """Send what the panel would send."""
-        self.page.evaluate(
-            "(message) => document.getElementById('clothlab-lab').model.send(message)",
-            {"do": what, "id": "", **more},
-        )
-
-    def get(self, trait):
-        return self.page.evaluate(TRAIT, trait)
-
-    @property
-    def distances(self):
-        """That to the target at each step, and of the cloth that hangs still."""
-        plot = self.get("frame")["traces"][0]
-        return plot["lines"][0]["values"], plot["limit"][1]
-
-    def run_until(self, step):
-        self.press("start")
-        self.wait(f"+get('frame').clock.match(/step (\\d+)/)[1] >= {step}")
-        self.press("pause")
-        expect(self.status).to_have_text("❚❚ paused")
-
-    def wait(self, condition):
-        self.page.wait_for_function(
-            f"() => {{ const get = {TRAIT}; return {condition}; }}", timeout=120_000
-        )
-
-    def inside(self, expression, argument=None):
-        """Ask in the worker, where `session` is."""
-        return self.page.workers[0].evaluate(expression, argument)
 
 
 @pytest.fixture
@@ -118,29 +36,6 @@ def open_lab(folder, visit):
         return Lab(page)
 
     return open_lab
-
-
-@pytest.fixture(scope="module")
-def one_page(folder, browser):
-    """A page that most tests share, and what it complained of."""
-    page = browser.new_page(offline=True, viewport={"width": 1280, "height": 900})
-    complaints = []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on(
-        "console",
-        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
-    )
-    page.on(
-        "request",
-        lambda asked: (
-            asked.url.startswith(("file:", "data:", "blob:"))
-            or complaints.append(asked.url)
-        ),
-    )
-    page.goto(f"{(folder / 'throw.html').as_uri()}?seed=7")
-    page.wait_for_selector("[data-frame]", timeout=60_000)
-    yield page, complaints
-    page.close()
 
 
 @pytest.fixture
@@ -486,8 +381,8 @@ def test_a_robot_that_fails_without_a_word_leaves_nothing_behind(open_lab, page)
     assert page.evaluate("revoked") > 0
 
 
-def test_two_quick_choices_of_a_target_are_two(slow_lab):
-    versions = slow_lab.page.evaluate(
+def test_two_quick_choices_of_a_target_are_two(lab):
+    versions = lab.page.evaluate(
         """async () => {
             const { model } = document.getElementById("clothlab-lab");
             const versions = [];
@@ -502,49 +397,38 @@ def test_two_quick_choices_of_a_target_are_two(slow_lab):
     assert len({*versions}) == 2
 
 
-# From now on, each picture takes a while, or there is none
-SLOW = """() => {
-    window.toBlob = HTMLCanvasElement.prototype.toBlob;
-    HTMLCanvasElement.prototype.toBlob = function (take, ...more) {
-        setTimeout(() => toBlob.call(this, take, ...more), 100);
+# Of many moves of a hand, in a browser that shows its page ten times a second: how many
+# frames there are, and how long it took [s]
+MOVES = """async (count) => {
+    const { model } = document.getElementById("clothlab-lab");
+    const { requestAnimationFrame } = window;
+    window.requestAnimationFrame = (draw) => setTimeout(draw, 100);
+    let frames = 0;
+    const hear = () => (frames += 1);
+    model.on("change:frame", hear);
+    const start = performance.now();
+    for (let k = 0; k < count; k++) await model.send({ do: "set hand", id: "", u: [0, -1] });
+    await new Promise((resolve) => setTimeout(resolve, 300));
+    const seconds = (performance.now() - start) / 1000;
+    model.off("change:frame", hear);
+    window.requestAnimationFrame = requestAnimationFrame;
+    return { frames, seconds };
+}"""
+# From now on, there is no picture
+NONE = """() => {
+    window.putImageData = CanvasRenderingContext2D.prototype.putImageData;
+    CanvasRenderingContext2D.prototype.putImageData = () => {
+        throw new Error("this browser made no picture of a canvas");
     };
 }"""
-NONE = """() => {
-    window.toBlob = HTMLCanvasElement.prototype.toBlob;
-    HTMLCanvasElement.prototype.toBlob = (take) => take(null);
-}"""
-AS_BEFORE = "() => { HTMLCanvasElement.prototype.toBlob = toBlob; }"
-# Of two steps or many moves of a hand, one after the other, the frames
-CLOCKS = """async ([what, count]) => {
-    const { model } = document.getElementById("clothlab-lab");
-    const clocks = [];
-    const hear = () => clocks.push(model.get("frame").clock);
-    model.on("change:frame", hear);
-    for (let k = 0; k < count; k++) await model.send({ do: what, id: "", u: [0, -1] });
-    await new Promise((resolve) => setTimeout(resolve, 1500));
-    model.off("change:frame", hear);
-    return clocks;
-}"""
+AS_BEFORE = "() => { CanvasRenderingContext2D.prototype.putImageData = putImageData; }"
 
 
-@pytest.fixture
-def slow_lab(lab):
+def test_what_is_new_at_once_is_one_frame(lab):
     lab.page.wait_for_timeout(500)  # what is still being drawn
-    lab.page.evaluate(SLOW)
-    yield lab
-    lab.page.evaluate(AS_BEFORE)
-
-
-def test_a_frame_is_of_one_step(slow_lab):
-    slow_lab.tell("set driver", driver="manual")
-    slow_lab.page.wait_for_timeout(1000)
-    clocks = slow_lab.page.evaluate(CLOCKS, ["step", 2])
-    assert [clock.split(", ")[1] for clock in clocks] == ["step 1", "step 2"]
-
-
-def test_at_most_one_frame_waits(slow_lab):
-    clocks = slow_lab.page.evaluate(CLOCKS, ["set hand", 20])
-    assert 1 < len(clocks) < 10
+    found = lab.page.evaluate(MOVES, 50)
+    assert 1 <= found["frames"] <= 10 * found["seconds"]
+    lab.wait("get('state').driver === 'manual'")
 
 
 def test_a_frame_that_can_not_be_drawn_stops_time_and_says_so(lab):

@@ -17,6 +17,7 @@ from clothlab.method.data import Run
 from clothlab.method.model import Memory
 from clothlab.simulation.stiffness import static_posture
 from course.lab_constants import method_files
+from course.lab_gates import GATES
 from course.npm import packages
 
 pytestmark = pytest.mark.book
@@ -24,8 +25,8 @@ pytestmark = pytest.mark.book
 SOLVES = 40
 ESTIMATED = 200  # steps
 # Arm, and how far a plan may be off [rad], [N]
-ARMS = [("torque", 1e-4), ("muscle", 1e-2)]
-BIAS = 1e-3
+ARMS = [(arm, GATES[f"solves {arm}"].bound) for arm in ("torque", "muscle")]
+BIAS = GATES["bias torque"].bound
 ELLIPSE = 3e-4  # [m], of a centimetre or more
 AIM = 1e-4  # [s.d. of z], [pixel]
 SETTINGS = ControlSettings()
@@ -35,6 +36,7 @@ class Page:
     """An arm, and what the page answers about it."""
 
     def __init__(self, arm, plan, node, folder):
+        self.arm = arm
         self.plan = plan
         self.equipment = Equipment.of(arm)
         self.trained = self.equipment.trained
@@ -127,7 +129,7 @@ def solved(page, moment):
     return plan.numpy()
 
 
-def test_recorded_solves(page):
+def test_recorded_solves(page, gate):
     cases = list(moments(page))
     expected = np.array([solved(page, moment) for moment in cases])
 
@@ -136,8 +138,7 @@ def test_recorded_solves(page):
         found = [answer["plan"] for answer in page.ask("solve", questions)]
         return np.abs(np.reshape(found, expected.shape) - expected).max()
 
-    print(f"plans: {apart():.1e}")
-    assert apart() < page.plan
+    gate(f"solves {page.arm}", apart())
     # Another p would be noticed, and a solve that goes nowhere
     assert apart(p=[0.0, 0.0]) > page.plan
     assert apart(iterations=0) > page.plan
@@ -212,7 +213,7 @@ def estimated(page, run, p):
     return np.array(path), tracker.report
 
 
-def test_estimates_of_recorded_steps(page):
+def test_estimates_of_recorded_steps(page, gate):
     start = np.zeros(2, np.float32)
     run = page.runs[0]
     # Longer than the window, so that it moves
@@ -224,8 +225,7 @@ def test_estimates_of_recorded_steps(page):
         "estimate", [question | {"p": p} for p in (start.tolist(), [1.0, 0.0])]
     )
     difference = np.abs(np.array(found["path"]) - expected).max()
-    print(f"p: {difference:.1e}")
-    assert difference < BIAS
+    gate(f"bias {page.arm}", difference)
 
     # And how sure it is
     told = found["report"]

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from clothlab.simulation.arm import ARMS
+from course.lab_gates import GATES
 from course.lab_scene import scene
 
 pytestmark = pytest.mark.book
 
 PERIODS = 20  # of 100 time steps
-BOUND = 1e-9  # [rad], [m]
+BOUND = GATES["places torque"].bound  # [rad], [m]
 WORLDS = [("torque", "damp0.05-mass0.10"), ("muscle", "soft-1")]
 
 
@@ -33,7 +34,7 @@ def here(arm, world, commands):
 
 
 @pytest.mark.parametrize(("arm", "cloth"), WORLDS)
-def test_2000_time_steps_are_the_same(node, arm, cloth):
+def test_2000_time_steps_are_the_same(node, gate, arm, cloth):
     world = scene(arm, cloth)
     arm = ARMS[arm]
     rng = np.random.default_rng(0)
@@ -43,8 +44,7 @@ def test_2000_time_steps_are_the_same(node, arm, cloth):
     answer = node("physics.mjs", {"scene": world, "commands": commands.tolist()})
     found = [each["positions"] for each in answer["found"]]
     difference = np.abs(np.array(found) - expected).max()
-    print(f"{arm.name}: {difference:.1e}")
-    assert difference < BOUND
+    gate(f"places {arm.name}", difference)
     assert answer["again"] == world["start"]["qpos"]
     found = [each["sensed"] for each in answer["found"]]
     assert np.array(found) == pytest.approx(sensed, rel=1e-5, abs=1e-7)

@@ -63,5 +63,6 @@ function ellipsePicture({ link_length: link, lower, upper, ...grid }, canvas) {
     drawAxes();
     path(ctx, [[0, 0], middle, hand].map(place), "#999", 6);
     path(ctx, around.map(place), COLOURS[0], 2);
+    return canvas;
   };
 }

@@ -1,10 +1,20 @@
 // What belongs to the page lies beside it in scripts, as base64 of gzip files: from a folder a browser fetches nothing.
+// In a page that is one file, each is an element that bears its name.
 function loadScript(address) {
+  const name = address.split("/").pop();
+  const within = document.getElementById(name);
   return new Promise((resolve, reject) => {
     const script = document.createElement("script");
+    if (within) {
+      script.textContent = within.textContent;
+      document.head.append(script);
+      within.remove();
+      resolve();
+      return;
+    }
     script.src = address;
     script.onload = resolve;
-    script.onerror = () => reject(new Error(`${address.split("/").pop()} can't be loaded`));
+    script.onerror = () => reject(new Error(`${name} can't be loaded`));
     document.head.append(script);
   });
 }

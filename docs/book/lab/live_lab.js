@@ -30,26 +30,21 @@ function makeTiers(period) {
   return { took, now: () => TIERS[tier] };
 }
 
-// Pictures as files, which the panel shows.
-async function fileOf(canvas, type) {
-  const blob = await new Promise((resolve) => canvas.toBlob(resolve, type, 0.85));
-  if (!blob) throw new Error("this browser made no picture of a canvas");
-  return new Uint8Array(await blob.arrayBuffer());
-}
+// A picture in grey, which the panel shows.
 function makeGrey([width, height]) {
   const canvas = make("canvas", { width, height });
   const ctx = canvas.getContext("2d");
+  const pixels = ctx.createImageData(width, height);
   // Of an image of 0 to 1.
   return function grey(image) {
-    const pixels = ctx.createImageData(width, height);
     image.forEach((bright, k) => pixels.data.fill(255 * bright, 4 * k, 4 * k + 3).fill(255, 4 * k + 3, 4 * k + 4));
     ctx.putImageData(pixels, 0, 0);
-    return fileOf(canvas, "image/png");
+    return canvas;
   };
 }
 
 // `ask` asks the session in the worker; `first` is what it said of its first arm; `filesOf` loads another one's.
-async function liveLab(ask, first, filesOf) {
+function liveLab(ask, first, filesOf) {
   const { period, size, history: longest } = first.answer.lab.about;
   const { get, on, off, tell, set } = makeTraits();
   const tiers = makeTiers(period);
@@ -119,44 +114,32 @@ async function liveLab(ask, first, filesOf) {
       warning: report?.warning ?? "",
     };
   }
-  async function drawFrame() {
+  function drawFrame() {
     const { stage, mask, reconstruction } = session;
-    const others = plots(); // of the same step as the pictures, which take a while
     arm.drawScene(stage);
-    const pictures = [fileOf(canvas, "image/jpeg"), seenImage(mask), decodedImage(reconstruction)];
-    const [scene, seen, decoded] = await Promise.all(pictures);
     frames += 1;
-    set({ frame: { number: frames, scene, seen, decoded, ...others } });
-    await showEllipse();
+    const pictures = { scene: canvas, seen: seenImage(mask), decoded: decodedImage(reconstruction) };
+    set({ frame: { number: frames, ...pictures, ...plots() }, ellipse: drawnEllipse() });
   }
   // Of the command that was sent, and the tension that is fixed, or sent with it.
-  async function showEllipse() {
-    if (!arm.drawEllipse) return set({ ellipse: null });
+  function drawnEllipse() {
     const command = history.at(-1)?.command ?? session.hand;
-    arm.drawEllipse(command.slice(0, -1), session.tension ?? command.at(-1));
-    set({ ellipse: await fileOf(ellipseCanvas, "image/png") });
+    return arm.drawEllipse && arm.drawEllipse(command.slice(0, -1), session.tension ?? command.at(-1));
   }
-  // Frames come one after the other. Of those that are wanted meanwhile, one comes; without force, none.
+  // All that is new before the browser shows the page again is one frame.
   let drawing = null;
-  let wanted = false;
   async function draw() {
-    do {
-      wanted = false;
-      if (!(await guarded(drawFrame))) stop();
-    } while (wanted);
     drawing = null;
+    if (!(await guarded(drawFrame))) stop();
   }
-  function show({ force = true } = {}) {
+  function show() {
     refresh();
-    if (drawing && force) wanted = true;
-    drawing ??= draw();
-    return drawing;
+    drawing ??= requestAnimationFrame(draw);
   }
-  async function showTarget(aim, { onCanvas = true } = {}) {
+  function showTarget(aim, { onCanvas = true } = {}) {
     const view = targetView(aim, arm);
     if (onCanvas) targets += 1;
-    const version = targets; // others may be chosen until its picture is there
-    set({ target: { ...view, version, reconstruction: await reconstructedImage(view.reconstruction) } });
+    set({ target: { ...view, version: targets, reconstruction: reconstructedImage(view.reconstruction) } });
   }
 
   // -- what is asked of the session
@@ -168,7 +151,7 @@ async function liveLab(ask, first, filesOf) {
     return answer;
   }
   async function aim(what, more, options) {
-    await showTarget(await told(what, more), options);
+    showTarget(await told(what, more), options);
   }
   // Another arm is there, with its own cloth, target and p: all of it is new at once.
   function meet({ lab }) {
@@ -191,7 +174,7 @@ async function liveLab(ask, first, filesOf) {
     const files = met.has(name) ? {} : await filesOf(name);
     const { aim } = await told("set arm", { name, files, seed: null }, meet);
     say("");
-    await showTarget(aim);
+    showTarget(aim);
   }
   async function advance({ solve = true } = {}) {
     const { solveEvery, estimateEvery } = tiers.now();
@@ -208,7 +191,7 @@ async function liveLab(ask, first, filesOf) {
       lateness = [...lateness, began - due > period / 2].slice(-RECENT);
       if (!(await guarded(() => advance({ solve: began - due < period })))) stop();
       const took = now() - began; // the page draws meanwhile
-      show({ force: !running });
+      show();
       if (running && tiers.took(took)) sayTier();
       due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
@@ -280,7 +263,7 @@ async function liveLab(ask, first, filesOf) {
   document.addEventListener("visibilitychange", hide);
 
   meet(first.answer);
-  await showTarget(first.answer.aim);
-  await show();
+  showTarget(first.answer.aim);
+  drawFrame();
   return { get, on, off, send, pause };
 }
