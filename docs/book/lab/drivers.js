@@ -46,9 +46,6 @@ function* operatorCommands(arm, random) {
   for (const theta of swings(arm, random)) yield [...theta.slice(0, angles), ...others.next().value.slice(angles)];
 }
 
-// The driver "control", and where it starts its search; the others are to compare it with.
-const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
-
 // All of them, for an arm with these limits and this home, which may not be those of the networks.
 function makeDrivers(networks, arm) {
   const learning = iterativeSearch(networks, arm);
@@ -87,7 +84,7 @@ function makeDrivers(networks, arm) {
       const command = driver === "manual" ? within(hand) : others[driver].next().value;
       return { command, predicted: null, periodEnded: false, basis: "" };
     }
-    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+    if (driver in CONTROLS) controller.setStart(driver);
     learning.explore(exploring);
     // A period that begins without a solve would go on with the plan of the last one.
     const begins = count % arm.control.period === 0;
