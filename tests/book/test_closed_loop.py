@@ -42,13 +42,15 @@ RUN = """async ({ cloth, p, target, steps }) => {
 }"""
 # A camera that sees left and right exchanged, for the worker that is started next
 MIRROR = """const whole = makeCamera;
-makeCamera = (about) => {
-    const see = whole(about);
-    const [height, width] = about.size;
+makeCamera = (about, shapes) => {
+    const look = whole(about, shapes);
     return (stage) => {
-        const mask = see(stage);
-        for (let y = 0; y < height; y++) mask.subarray(y * width, (y + 1) * width).reverse();
-        return mask;
+        const seen = look(stage);
+        for (const samples of Object.values(seen)) {
+            const row = samples.length / about.size[0];
+            for (let k = 0; k < samples.length; k += row) samples.subarray(k, k + row).reverse();
+        }
+        return seen;
     };
 };"""
 MIRRORED = """const { Blob: Whole } = window;
@@ -76,7 +78,7 @@ def lab(one_page):
 @pytest.fixture
 def mirrored_lab(folder, visit, page):
     page.add_init_script(MIRRORED % json.dumps(MIRROR))
-    visit(folder / "throw.html", "?seed=7")
+    visit(folder / "throw.html")
     page.wait_for_selector("[data-frame]", timeout=120_000)
     return Lab(page)
 
