@@ -13,15 +13,16 @@ from test_same_physics import BOUND
 from clothlab.lab import LiveSession
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.arm import ARMS
-from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.cloth import CLOTHS, FOAMS, Cloth
 from clothlab.simulation.env import SimulationError
-from course.lab_page import any_cloth_scene
+from course.lab_scene import any_cloth_scene
 
 pytestmark = pytest.mark.book
 
 PERIODS = 8
 STEPS = 8 * PERIODS
 CLOTH = CLOTHS["damp0.05-mass0.10"]
+SOFTEST = 10.0  # [N], of the muscle arm's stiffness command
 LIGHT = Cloth("own", damping=0.035, mass=0.06)
 
 
@@ -42,6 +43,9 @@ def lab(one_page):
     """The robot as it is at first."""
     page, complaints = one_page
     lab = Lab(page)
+    if lab.get("state")["arm"] != "torque":
+        lab.choose("arm", "torque")
+        lab.wait("get('state').arm === 'torque'")
     (dot,) = [
         dot for dot in lab.get("about")["map"]["dots"] if dot["name"] == CLOTH.name
     ]
@@ -59,18 +63,34 @@ def lab(one_page):
 
 def filled(template, cloth):
     """The MJCF of a scene with a cloth."""
-    text = template["mjcf"].replace("{damping}", str(cloth.damping))
-    return text.replace("{mass}", str(cloth.point_mass))
+    numbers = {
+        "damping": cloth.damping,
+        "mass": cloth.point_mass,
+        "stiffness": cloth.stiffness,
+        "bending": cloth.bending,
+        "spring_damping": cloth.spring_damping,
+    }
+    text = template["mjcf"]
+    for name, value in numbers.items():
+        text = text.replace(f"{{{name}}}", str(value))
+    return text
 
 
-@pytest.mark.parametrize("cloth", [*list(CLOTHS.values())[::4], LIGHT])
-def test_the_scene_of_any_cloth_is_that_of_each(cloth):
-    template = any_cloth_scene("torque", CLOTH)
+OF_CLOTHS = [("torque", cloth) for cloth in [*list(CLOTHS.values())[::4], LIGHT]]
+OF_CLOTHS += [("muscle", cloth) for cloth in FOAMS.values()]
+
+
+@pytest.mark.parametrize(("arm", "cloth"), OF_CLOTHS)
+def test_the_scene_of_any_cloth_is_that_of_each(arm, cloth):
+    template = any_cloth_scene(arm, {"torque": CLOTH, "muscle": "soft-1"}[arm])
     found = mujoco.MjModel.from_xml_string(filled(template, cloth))
     expected = mujoco.MjModel.from_xml_string(
-        portable_mjcf(build_spec(ARMS["torque"], cloth))
+        portable_mjcf(build_spec(ARMS[arm], cloth))
     )
-    for name in ("body_mass", "body_inertia", "dof_damping", "tendon_stiffness"):
+    for name in (
+        *("body_mass", "body_inertia", "dof_damping"),
+        *("tendon_stiffness", "tendon_damping", "tendon_lengthspring"),
+    ):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-5)
     assert "{" not in "".join(
         ElementTree.fromstring(filled(template, cloth)).itertext()
@@ -528,3 +548,163 @@ def test_resets_and_changes_of_cloth_leave_no_memory_behind(lab):
     assert lab.inside(size) < 100
     lab.inside(change, 40)
     assert lab.inside(size) < 100
+
+
+# The muscle arm
+
+
+@pytest.fixture
+def muscles(lab):
+    """The muscle arm as it is at first, with its controller."""
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle' && get('state').message.text === ''")
+    lab.tell("set tension", f_const=None)
+    lab.tell("set driver", driver="control")
+    lab.tell("reset")
+    lab.wait(
+        "get('state').driver === 'control' && get('frame').clock.endsWith('step 0')"
+    )
+    return lab
+
+
+def steps(lab, count):
+    """As fast as it can: nothing is left out then."""
+    for _ in range(count):
+        lab.tell("step")
+    lab.wait(f"get('frame').clock.includes('step {count}')")
+
+
+def sent(lab):
+    """Stiffness commands of the history [N]."""
+    (plot,) = (
+        plot
+        for plot in lab.get("frame")["traces"]
+        if plot["title"] == "stiffness command"
+    )
+    return np.array(plot["lines"][0]["values"])
+
+
+def test_an_arm_is_fetched_when_it_is_chosen(open_lab, page):
+    asked = []
+    page.on("request", lambda request: asked.append(request.url.split("/")[-1]))
+    lab = open_lab()
+    assert "torque.js" in asked
+    assert "muscle.js" not in asked
+    expect(lab.panel.get_by_text("fix the stiffness")).to_be_hidden()
+    lab.choose("driven by", "random")
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    assert asked.count("muscle.js") == 1
+
+    # It has its own cloth, target and p, and the driver stays
+    session = LiveSession("muscle")
+    state = lab.get("state")
+    assert state["cloth"]["name"] == session.env.cloth.name
+    assert state["driver"] == "random"
+    assert lab.get("target")["image"] == list(session.target.astype(int).ravel())
+    at = lab.get("about")["map"]["dots"]
+    assert lab.get("frame")["at"] == pytest.approx(
+        next(dot["at"] for dot in at if dot["name"] == state["cloth"]["name"]), abs=1e-4
+    )
+    expect(lab.panel.get_by_text("fix the stiffness")).to_be_visible()
+    session.close()
+
+    # And back, without fetching anything
+    before = len(asked)
+    lab.choose("arm", "torque")
+    lab.wait("get('state').arm === 'torque'")
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    assert [name for name in asked[before:] if name.endswith(".js")] == []
+
+
+def test_an_arm_that_does_not_arrive_leaves_the_other_at_work(folder, browser):
+    page = browser.new_page(offline=True)
+    page.goto((folder / "throw.html").as_uri())
+    lab = Lab(page)
+    lab.wait("get('frame')?.clock.includes('step 0')")
+    part = folder / "_static" / "lab" / "muscle.js"
+    elsewhere = part.with_suffix(".lost")
+    part.rename(elsewhere)
+    try:
+        lab.choose("arm", "muscle")
+        expect(lab.message.first).to_contain_text("muscle.js can't be loaded")
+    finally:
+        elsewhere.rename(part)
+    expect(lab.panel.get_by_label("arm", exact=True)).to_have_value("torque")
+    steps(lab, 1)
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    page.close()
+
+
+def test_a_fixed_stiffness_is_sent_by_every_driver_and_its_ellipse_shows(muscles):
+    lab = muscles
+    drawn = lab.panel.get_by_alt_text("where a push of 1 N moves the hand, ×10")
+    pixels = """image => {
+        const canvas = document.createElement("canvas");
+        [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+        const ctx = canvas.getContext("2d");
+        ctx.drawImage(image, 0, 0);
+        const { data } = ctx.getImageData(0, 0, canvas.width, canvas.height);
+        const blue = (k) => data[4 * k + 2] - data[4 * k] > 100;
+        const columns = [...Array(data.length / 4).keys()].filter(blue).map((k) => k % canvas.width);
+        return Math.max(...columns) - Math.min(...columns);
+    }"""
+    fixed = lab.panel.get_by_label("fix the stiffness")
+    slider = lab.panel.get_by_role("slider", name="f_const [N]").first
+    assert slider.is_disabled()
+    fixed.check()
+    lab.wait("get('state').fixed")
+    widths = {}
+    for tension in (SOFTEST, 7 * SOFTEST):
+        slider.fill(str(tension))
+        lab.wait(f"get('state').tension[0] === {tension}")
+        lab.page.wait_for_timeout(300)
+        widths[tension] = drawn.evaluate(pixels)
+    print(widths)
+    assert widths[SOFTEST] > 1.5 * widths[7 * SOFTEST] > 0
+
+    # Of those who drive
+    for driver in ("control", "iterative", "random", "operator"):
+        lab.tell("set driver", driver=driver)
+        lab.tell("reset")
+        steps(lab, 2)
+        assert (sent(lab) == 7 * SOFTEST).all(), driver
+    fixed.uncheck()
+    lab.wait("!get('state').fixed")
+    lab.tell("set driver", driver="random")
+    steps(lab, 8)
+    assert np.ptp(sent(lab)[-4:]) > 1
+
+
+def test_its_hand_has_a_third_slider(muscles):
+    lab = muscles
+    lab.panel.get_by_role("slider", name="f_const [N]").last.fill("40")
+    lab.wait("get('state').driver === 'manual' && get('state').hand[2] === 40")
+    steps(lab, 1)
+    assert sent(lab)[-1] == 40
+
+
+@pytest.mark.parametrize("driver", ["control", "iterative"])
+def test_the_muscle_arm_throws_nearer_than_a_cloth_that_hangs(muscles, driver):
+    lab = muscles
+    lab.tell("set driver", driver=driver)
+    steps(lab, STEPS)
+    distances, still = lab.distances
+    best = np.reshape(distances, (PERIODS, -1)).min(axis=1)
+    print(driver, best / still)
+    assert np.median(best[2:]) < 0.6 * still
+    if driver == "iterative":
+        assert lab.get("frame")["clock"].endswith("plan from 7 attempts")
+
+    # With a p that no material has, it does not
+    lab.inside("() => session.actions['set p']({ p: [40, -40] })")
+    lab.tell("reset")
+    steps(lab, STEPS)
+    distances, still = lab.distances
+    lost = np.reshape(distances, (PERIODS, -1)).min(axis=1)
+    print("lost", lost / still)
+    assert np.median(lost[2:]) > 1.2 * np.median(best[2:])

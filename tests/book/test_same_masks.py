@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from clothlab.data import load
+from clothlab.lab._equipment import Equipment
 from clothlab.masks import iou
 from clothlab.method.autoencoder import encode
 from clothlab.simulation.env import ClothEnv
+from course.lab_constants import method_files
 from course.lab_gates import GATES
-from course.lab_page import scene
+from course.lab_scene import scene
+from course.npm import packages
 
 pytestmark = pytest.mark.book
 
@@ -33,9 +36,14 @@ def swung(arm, cloth):
 
 
 @pytest.mark.parametrize(("arm", "cloth"), WORLDS)
-def test_masks_are_those_of_the_renderer(node, gate, arm, cloth):
+def test_masks_are_those_of_the_renderer(node, gate, tmp_path, arm, cloth):
     states, expected = swung(arm, cloth)
-    masks = node("masks.mjs", {"scene": scene(arm, cloth), "states": states})
+    for name, content in method_files(Equipment.of(arm)).items():
+        (tmp_path / name).write_bytes(content)
+    runtime = packages()["onnxruntime-web"].folder / "dist"
+    graphs = {"folder": str(tmp_path), "runtime": str(runtime)}
+    world = {"scene": scene(arm, cloth), "states": states}
+    masks = node("masks.mjs", graphs | world)
     found = np.array([list(mask) for mask in masks]).reshape(expected.shape) == "1"
     autoencoder = load(f"{arm}-0").autoencoder
     apart = encode(autoencoder, found) - encode(autoencoder, expected)

@@ -7,7 +7,6 @@ const STARTS = {
   earlier: { repeats: true, recorded: false },
   recorded: { repeats: false, recorded: true },
 };
-const distanceBetween = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
 const joined = (...parts) => Float32Array.from(parts.flatMap((part) => [...part]));
 
 // The paper's search: down the gradient, by the best of many step sizes.
@@ -50,7 +49,6 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   }
   const within = (plan) => plan.map((x, k) => Math.min(Math.max(x, lower[k % size]), upper[k % size]));
   const mask = (t) => Array.from({ length: horizon }, (_, k) => Number((t + 1 + k) % period === 0));
-  const stepsLeft = () => (period - (now.t % period)) % period;
 
   // The progress when the next state is seen: a step has passed.
   async function movedOn(p) {
@@ -73,25 +71,20 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };
     return u;
   }
-  // The z to which the plan leads at the end of its period, where that is within the horizon; null before a step.
-  async function foreseen() {
-    const { last, plan, h, c, t } = now;
-    const left = stepsLeft();
-    if (!last || left >= horizon) return null;
-    const { states } = await networks.predict({ s: last.s, u: plan, p, h, c, z_ref: target, mask: mask(t) });
-    return states.subarray(left * last.s.length).slice(...constants.z);
-  }
-  // Distance to the target that is expected of the plan; a search that learns says it itself.
+  // Distance to the target at the end of the period that is expected of the plan; null before a step. A search that
+  // learns says it itself.
   async function predictedDistance() {
-    if (now.learned) return search.expectedFor(now.learned, target);
-    const z = await foreseen();
-    return z && distanceBetween(target, z);
+    const { last, learned, plan, h, c, t } = now;
+    if (learned) return search.expectedFor(learned, target);
+    if (!last) return null;
+    const around = { p, h, c, z_ref: target, mask: mask(t - 1) };
+    const { distances } = await networks.predict({ s: last.s, u: plan, ...around });
+    return distances[0];
   }
 
   now = beginning();
   return {
     act,
-    foreseen,
     predictedDistance,
     reset: () => (now = beginning()),
     resume: () => (now = beginning(now.learned)), // as after somebody moved the robot; what was learned stays

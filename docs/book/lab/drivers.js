@@ -24,8 +24,8 @@ function* randomCommands({ lower, upper }, { uniform, integer }) {
   }
 }
 
-// Lifts the cloth slowly and throws it down fast; each swing draws its own height, depth, speeds and pauses.
-function* operatorCommands({ lower, upper, home }, { uniform, integer }) {
+// Angles that lift the cloth slowly and throw it down fast; each swing draws its own height, depth, speeds and pauses.
+function* swings({ lower, upper, home }, { uniform, integer }) {
   const within = (low, high) => lower.map((least, k) => least + uniform(low, high) * (upper[k] - least));
   const way = (from, to, count) => Array.from({ length: count }, (_, k) => between(from, to, (k + 1) / count));
   let u = home;
@@ -39,15 +39,24 @@ function* operatorCommands({ lower, upper, home }, { uniform, integer }) {
     u = low;
   }
 }
+// Angles of the operator's swings; a stiffness command is random.
+function* operatorCommands(arm, random) {
+  const angles = JOINTS.length;
+  const others = randomCommands(arm, random);
+  for (const theta of swings(arm, random)) yield [...theta.slice(0, angles), ...others.next().value.slice(angles)];
+}
 
 // The driver "control", and where it starts its search; the others are to compare it with.
 const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
 
-// All of them, for an arm with its limits and home. `learning`: the search of the controller that learns iteratively.
-function makeDrivers({ controller, learner, learning }, arm) {
-  let others = {}; // their commands, one after the other
+// All of them, for an arm with these limits and this home, which may not be those of the networks.
+function makeDrivers(networks, arm) {
+  const learning = iterativeSearch(networks, arm);
+  const controller = makeController(networks, arm);
+  const learner = makeController(networks, arm, learning);
   const controllers = [controller, learner];
   const controllerOf = (driver) => (driver in CONTROLS ? controller : driver === "iterative" ? learner : null);
+  let others = {}; // their commands, one after the other
   let count = 0; // steps since the controller began
   let period = []; // predicted and seen distance of each step since its period began
 
@@ -58,8 +67,7 @@ function makeDrivers({ controller, learner, learning }, arm) {
     period = [];
   }
   // Another driver's turn begins; what was learned stays.
-  function resume(driver) {
-    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+  function resume() {
     for (const each of controllers) each.resume();
     count = 0;
     period = [];
@@ -71,13 +79,16 @@ function makeDrivers({ controller, learner, learning }, arm) {
   function setBias(p) {
     for (const each of controllers) each.setBias(p);
   }
+  const within = (u) => u.map((x, k) => Math.min(arm.upper[k], Math.max(arm.lower[k], x)));
   // A command, and what its driver says of it.
-  async function choose(driver, s, { hand, solve, solveEvery }) {
+  async function choose(driver, s, { hand, exploring, solve, solveEvery }) {
     const chosen = controllerOf(driver);
     if (!chosen) {
-      const command = driver === "manual" ? hand : others[driver].next().value;
+      const command = driver === "manual" ? within(hand) : others[driver].next().value;
       return { command, predicted: null, periodEnded: false, basis: "" };
     }
+    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+    learning.explore(exploring);
     // A period that begins without a solve would go on with the plan of the last one.
     const begins = count % arm.control.period === 0;
     const command = [...(await chosen.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
@@ -96,5 +107,5 @@ function makeDrivers({ controller, learner, learning }, arm) {
     period = [];
     return ended;
   }
-  return { reset, resume, setTarget, setBias, choose, closePeriod };
+  return { reset, resume, setTarget, setBias, within, choose, closePeriod };
 }

@@ -29,10 +29,11 @@ async function unpackedFile(name) {
 
 const bytesOfBase64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-// Of what JSON holds, bytes as a panel takes them.
+// Of what JSON holds, bytes as a panel takes them, and numbers.
 function unpacked(value) {
   if (value === null || typeof value !== "object") return value;
   if (Array.isArray(value)) return value.map(unpacked);
   if ("bytes" in value) return bytesOfBase64(value.bytes);
+  if ("floats" in value) return new Float32Array(bytesOfBase64(value.floats).buffer);
   return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
 }

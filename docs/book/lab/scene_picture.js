@@ -22,9 +22,12 @@ function fineTriangles(count) {
 const FACETS = fineTriangles(FINE);
 const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
 
-function scenePicture(canvas) {
+// `view`: from where it is seen. `shapes`: what there is to see.
+function scenePicture(canvas, { lights, ...view }, { sides, rods }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
+  const { focus, project } = makeProjection(view, [height, width]);
+  const { eye } = view;
 
   function polygon(places) {
     ctx.beginPath();
@@ -32,8 +35,8 @@ function scenePicture(canvas) {
     ctx.closePath();
   }
   // The floor reaches to the horizon, where the camera looks if it looks level.
-  function drawFloor({ axes }, focus) {
-    const [, up, backward] = axes;
+  function drawFloor() {
+    const [, up, backward] = view.axes;
     const level = [-backward[0], -backward[1], 0];
     const horizon = height / 2 + (focus * dot3(level, up)) / dot3(level, backward);
     ctx.fillStyle = rgb(SKY, 1);
@@ -46,7 +49,7 @@ function scenePicture(canvas) {
     ctx.fillRect(0, top, width, height - top);
   }
   // All shadows are one shape, or they would be darker where two of them meet.
-  function drawShadows({ skins, rods, lights }, { project }) {
+  function drawShadows({ points, ends }) {
     const [sun] = lights.beams.at(-1);
     const onFloor = (point) => project([0, 1, 2].map((i) => point[i] - (point[2] / sun[2]) * sun[i]));
     const shape = new Path2D();
@@ -58,8 +61,9 @@ function scenePicture(canvas) {
       for (const [x, y] of others) shape.lineTo(x, y);
       shape.closePath();
     }
-    for (const corners of skins[0].triangles) add(corners.map((k) => onFloor(skins[0].points[k])));
-    for (const { from, to, radius } of rods) {
+    for (const corners of sides[0].triangles) add(corners.map((k) => onFloor(points[k])));
+    for (const [k, { radius }] of rods.entries()) {
+      const [from, to] = ends[k];
       const across = cross3(minus3(to, from), sun);
       const wide = across.map((x) => (radius * x) / (Math.hypot(...across) || 1));
       const edge = (point, side) => onFloor(point.map((x, i) => x + side * wide[i]));
@@ -69,7 +73,7 @@ function scenePicture(canvas) {
     ctx.fill(shape);
   }
   // Of a cloth's side, the facets that are seen of it: how far each is, and what draws it.
-  function facets({ triangles, points, colour }, lights, { project }, eye) {
+  function facets({ triangles, colour }, points) {
     const normals = pointNormals(points, triangles);
     return triangles.flatMap((corners) => {
       const [a, b, c] = corners.map((k) => points[k]);
@@ -91,7 +95,7 @@ function scenePicture(canvas) {
       });
     });
   }
-  function parts({ round, from, to, radius, colour }, lights, { project, focus }, eye) {
+  function parts({ round, radius, colour }, [from, to]) {
     const along = minus3(to, from);
     const across = cross3(along, minus3(eye, from));
     const length = Math.hypot(...across) || 1;
@@ -120,12 +124,10 @@ function scenePicture(canvas) {
     });
   }
   return function draw(stage) {
-    const { camera, lights, skins, rods } = stage;
-    const projection = makeProjection(camera, [width, height]);
-    drawFloor(camera, projection.focus);
-    drawShadows(stage, projection);
-    const things = skins.flatMap((skin) => facets(skin, lights, projection, camera.eye));
-    things.push(...rods.flatMap((rod) => parts(rod, lights, projection, camera.eye)));
+    drawFloor();
+    drawShadows(stage);
+    const things = sides.flatMap((side) => facets(side, stage.points));
+    things.push(...rods.flatMap((rod, k) => parts(rod, stage.ends[k])));
     things.sort((a, b) => a.near - b.near);
     for (const thing of things) thing.draw();
   };
