@@ -41,14 +41,15 @@ RUN = """async ({ cloth, p, target, steps }) => {
     return distances;
 }"""
 # A camera that sees left and right exchanged, for the worker that is started next
-MIRROR = """const whole = makeCamera;
-makeCamera = (about) => {
-    const see = whole(about);
-    const [height, width] = about.size;
+MIRROR = """const upright = makeCamera;
+makeCamera = (view, shapes) => {
+    const look = upright(view, shapes);
+    const row = view.size[1] * view.places.length;
     return (stage) => {
-        const mask = see(stage);
-        for (let y = 0; y < height; y++) mask.subarray(y * width, (y + 1) * width).reverse();
-        return mask;
+        const seen = look(stage);
+        for (const each of Object.values(seen))
+            for (let k = 0; k < each.length; k += row) each.subarray(k, k + row).reverse();
+        return seen;
     };
 };"""
 MIRRORED = """const { Blob: Whole } = window;
