@@ -6,6 +6,7 @@ from playwright.sync_api import expect
 
 from course.lab_page import SOURCES, policy, write_lab, write_robot
 
+LOADING = 120_000  # [ms] that a robot may take, also on a machine that has much to do
 # Of a page that was opened, how a trait of its model stands
 TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
 PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Throw a cloth</title>
