@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -19,6 +20,9 @@ from course.lab_images import SAMPLES
 
 # Of a cloth, what the page puts into the MJCF
 _NUMBERS = ("damping", "mass", "stiffness", "bending", "spring_damping")
+
+# Parts of an edge of the cloth's triangles, which are shaded each
+_FINE = 3
 
 
 def cloths(arm: Arm) -> list[dict[str, Any]]:
@@ -125,11 +129,24 @@ def _shapes(model: mujoco.MjModel) -> dict[str, Any]:
             radius, half, _ = rod.size.tolist()
             about = {"radius": radius, "half": half, "colour": _colour(rod)}
             rods.append(about | {"geom": k, "round": bool(round_)})
-    return {
-        "points": model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist(),
-        "sides": sides,
-        "rods": rods,
-    }
+    points = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
+    return {"points": points, "sides": sides, "rods": rods, "facets": _facets(_FINE)}
+
+
+def _facets(count: int) -> list[list[tuple[float, ...]]]:
+    """What a triangle is cut into: corners as shares of its own corners."""
+
+    def corner(i: int, j: int) -> tuple[float, ...]:
+        return (count - i - j) / count, i / count, j / count
+
+    facets = []
+    for i, j in product(range(count), range(count)):
+        if i + j < count:
+            facets.append([corner(i, j), corner(i + 1, j), corner(i, j + 1)])
+        if i + j < count - 1:
+            beyond = corner(i + 1, j + 1)
+            facets.append([corner(i + 1, j), beyond, corner(i, j + 1)])
+    return facets
 
 
 def _colour(thing: Any) -> list[float]:

@@ -15,7 +15,6 @@ from playwright.sync_api import Page, sync_playwright
 from course.lab_page import ONE_FILE, write_lab, write_one_file, write_robot
 
 FILM = Path(__file__).resolve().parents[1] / "docs" / "throw.gif"
-SEED = 7
 BRUSH = 5  # radius of the pointer on the target [pixel]
 # A line over the target, in shares of its width and height: a cloth that is swung up
 DRAWN = [
@@ -86,7 +85,7 @@ def main() -> None:
         write_one_file(folder / ONE_FILE, folder / "scripts")
         browser = playwright.chromium.launch(**launch_options())
         page = browser.new_page(offline=True, viewport=VIEW)
-        page.goto(f"{(folder / ONE_FILE).as_uri()}?seed={SEED}")
+        page.goto((folder / ONE_FILE).as_uri())
         page.wait_for_selector("[data-frame]", timeout=120_000)
         frames = film(page)
         browser.close()

@@ -7,6 +7,16 @@ from playwright.sync_api import expect
 from course.lab_page import SOURCES, policy, write_lab, write_robot
 
 LOADING = 120_000  # [ms] that a robot may take, also on a machine that has much to do
+# In a worker, random numbers that are the same each time (mulberry32)
+WITHOUT_CHANCE = """() => {
+    let state = 7;
+    Math.random = () => {
+        state = (state + 0x6d2b79f5) >>> 0;
+        let mixed = Math.imul(state ^ (state >>> 15), state | 1);
+        mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
+        return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
+    };
+}"""
 # Of a page that was opened, how a trait of its model stands
 TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
 PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Throw a cloth</title>

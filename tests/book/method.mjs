@@ -27,9 +27,9 @@ const answers = {
     return { plan: [...u], losses };
   },
   // Commands in states that were seen, whatever was sent there, and what is expected after each.
-  async control({ start, p, target, states, skip }) {
+  async control({ driver, p, target, states, skip }) {
     const controller = makeController(networks, constants);
-    controller.setStart(start);
+    controller.setStart(driver);
     controller.setBias(p);
     controller.setTarget(target);
     const steps = [];

@@ -41,14 +41,15 @@ RUN = """async ({ cloth, p, target, steps }) => {
     return distances;
 }"""
 # A camera that sees left and right exchanged, for the worker that is started next
-MIRROR = """const upright = makeCamera;
-makeCamera = (view, shapes) => {
-    const look = upright(view, shapes);
-    const row = view.size[1] * view.places.length;
+MIRROR = """const whole = makeCamera;
+makeCamera = (about, shapes) => {
+    const look = whole(about, shapes);
     return (stage) => {
         const seen = look(stage);
-        for (const each of Object.values(seen))
-            for (let k = 0; k < each.length; k += row) each.subarray(k, k + row).reverse();
+        for (const samples of Object.values(seen)) {
+            const row = samples.length / about.size[0];
+            for (let k = 0; k < samples.length; k += row) samples.subarray(k, k + row).reverse();
+        }
         return seen;
     };
 };"""
@@ -77,7 +78,7 @@ def lab(one_page):
 @pytest.fixture
 def mirrored_lab(folder, visit, page):
     page.add_init_script(MIRRORED % json.dumps(MIRROR))
-    visit(folder / "throw.html", "?seed=7")
+    visit(folder / "throw.html")
     page.wait_for_selector("[data-frame]", timeout=LOADING)
     return Lab(page)
 

@@ -52,12 +52,11 @@ class Page:
         asked = [{"what": what} | question for question in questions]
         return self._node("method.mjs", self._given | {"questions": asked})
 
-    def controller(self, p, start):
-        """Python's, as the page's starts."""
-        plans = self.equipment.plans if start == "recorded" else None
-        settings = ControlSettings(
-            warm_start="earlier" if start == "earlier" else "last"
-        )
+    def controller(self, p, driver):
+        """Python's, as the page's driver of this name."""
+        plans = self.equipment.plans if driver == "control" else None
+        earlier = driver == "control: earlier"
+        settings = ControlSettings(warm_start="earlier" if earlier else "last")
         mask = self.equipment.gallery["target-1"]
         return self.trained.controller(mask, p, settings, plans)
 
@@ -116,7 +115,7 @@ def moments(page):
 
 def solved(page, moment):
     """The plan that Python finds."""
-    policy = page.controller(moment.p, "last")
+    policy = page.controller(moment.p, "control: last")
     policy.loss.z_ref = moment.z_ref
     rollout = rollout_of(page.trained.model)(page.trained.model, moment.p)
     t = SETTINGS.period - 1 - int(moment.mask.argmax())
@@ -144,20 +143,20 @@ def test_recorded_solves(page, gate):
     assert apart(iterations=0) > page.plan
 
 
-@pytest.mark.parametrize("start", ["last", "earlier", "recorded"])
-def test_a_controller_goes_through_a_run(page, start):
+@pytest.mark.parametrize("driver", ["control", "control: last", "control: earlier"])
+def test_a_controller_goes_through_a_run(page, driver):
     """It is shown a recorded run, whatever it commands.
 
     It solves once for each start: a solve makes more of what rounding made of the last.
     """
     p = next(iter(page.trained.biases.values()))
     states = page.runs[0].s[:20]
-    solved = (0, SETTINGS.period) if start == "recorded" else (0,)
+    solved = (0, SETTINGS.period) if driver == "control" else (0,)
     skip = [t for t in range(len(states)) if t not in solved]
-    policy = page.controller(p, start)
+    policy = page.controller(p, driver)
     controller = policy.controller
     target = policy.loss.z_ref.tolist()
-    question = {"start": start, "p": p.tolist(), "target": target}
+    question = {"driver": driver, "p": p.tolist(), "target": target}
     question |= {"states": states.tolist(), "skip": skip}
     (steps,) = page.ask("control", [question])
     for t, (s, step) in enumerate(zip(states, steps, strict=True)):

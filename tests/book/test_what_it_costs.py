@@ -33,10 +33,11 @@ CHANGE = """async (count) => {
 @pytest.mark.book
 def test_what_a_visitor_loads(folder, gate):
     scripts = sorted((folder / "_static" / "lab").glob("*.js"))
-    later = ("run.js", "muscle.js")
-    loaded = [each for each in scripts if each.name not in later]
-    sizes = [len(gzip.compress(each.read_bytes())) for each in loaded]
-    gate("transfer", sum(sizes) / 1e6)
+    sizes = {each.stem: len(gzip.compress(each.read_bytes())) for each in scripts}
+    # When a visitor asks for them
+    for name in ("run", "muscle"):
+        print(f"{name}: {sizes.pop(name) / 1e6:.1f} MB more")
+    gate("transfer", sum(sizes.values()) / 1e6)
 
 
 @pytest.fixture

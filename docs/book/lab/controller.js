@@ -1,11 +1,12 @@
 // Model predictive control, step after step of a run: Python's `Controller` with its `GradientSearch`.
 // A plan holds the T commands of D_u numbers one after the other.
 
-// How a plan goes on when a step has passed, and whether a period may start from a recorded plan.
-const STARTS = {
-  last: { repeats: false, recorded: false },
-  earlier: { repeats: true, recorded: false },
-  recorded: { repeats: false, recorded: true },
+// Of the drivers that control, how a plan goes on when a step has passed, and whether a period may start from a recorded
+// plan. The others are to compare "control" with.
+const CONTROLS = {
+  control: { repeats: false, recorded: true },
+  "control: last": { repeats: false, recorded: false },
+  "control: earlier": { repeats: true, recorded: false },
 };
 const joined = (...parts) => Float32Array.from(parts.flatMap((part) => [...part]));
 
@@ -40,7 +41,7 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   const first = joined(...Array(horizon).fill(home));
   let p = null;
   let target = null; // z of what is aimed at
-  let start = STARTS.recorded;
+  let start = CONTROLS.control;
   let now = null; // replaced as a whole, so that a step happens wholly or not at all
 
   function beginning(learned) {
@@ -90,7 +91,7 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     resume: () => (now = beginning(now.learned)), // as after somebody moved the robot; what was learned stays
     setBias: (next) => (p = next),
     setTarget: (z) => (target = z),
-    setStart: (name) => (start = STARTS[name]),
+    setStart: (driver) => (start = CONTROLS[driver]),
     solves: () => now.solves,
     learned: () => now.learned,
     periodEnded: () => now.last !== null && now.t % period === 0,

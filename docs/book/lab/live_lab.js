@@ -172,7 +172,7 @@ function liveLab(ask, first, filesOf) {
     say(`the ${name} arm is being loaded`);
     refresh();
     const files = met.has(name) ? {} : await filesOf(name);
-    const { aim } = await told("set arm", { name, files, seed: null }, meet);
+    const { aim } = await told("set arm", { name, files }, meet);
     say("");
     showTarget(aim);
   }

@@ -26,9 +26,6 @@ function once(start) {
   }
   return () => (started ??= tried());
 }
-function pageSeed() {
-  return Number(new URLSearchParams(location.search).get("seed") ?? crypto.getRandomValues(new Uint32Array(1))[0]);
-}
 
 const recorded = once(async () => {
   await load("run");
@@ -48,8 +45,8 @@ function report(progress) {
 async function filesOf(part) {
   await load(part);
   const files = {};
-  for (const name of Object.keys(globalThis.clothlabFiles))
-    files[name] = await (await unpackedFile(name)).arrayBuffer();
+  const names = Object.keys(globalThis.clothlabFiles).filter((name) => name.startsWith(part));
+  for (const name of names) files[name] = await (await unpackedFile(name)).arrayBuffer();
   return files;
 }
 const live = once(async () => {
@@ -61,7 +58,7 @@ const live = once(async () => {
   }
   report("The robot is being put together …");
   const { "worker.js": worker, ...files } = loaded;
-  const { ask, first } = await startRobot(new TextDecoder().decode(worker), { name: ARM, files, seed: pageSeed() });
+  const { ask, first } = await startRobot(new TextDecoder().decode(worker), { name: ARM, files });
   return liveLab(ask, first, filesOf);
 });
 

@@ -2,28 +2,15 @@
 // robot has its worker for itself.
 const SKY = [0.93, 0.95, 0.97];
 const FLOOR = [0.95, 0.95, 0.93];
-const FINE = 3; // parts of an edge of the cloth's triangles, which are shaded each
 const ROD_PARTS = 8; // of one, which may stand before the cloth or behind it
 const ROUND = [-1, -0.8, -0.4, 0, 0.4, 0.8, 1]; // across a rod, where its shading is computed
 
 const rgb = (colour, bright) => `rgb(${colour.map((x) => Math.min(255, 255 * x * bright)).join(" ")})`;
 
-// What triangle [a, b, c] is cut into: corners as shares of a, b and c.
-function fineTriangles(count) {
-  const corner = (i, j) => [1 - (i + j) / count, i / count, j / count];
-  const fine = [];
-  for (let i = 0; i < count; i++)
-    for (let j = 0; i + j < count; j++) {
-      fine.push([corner(i, j), corner(i + 1, j), corner(i, j + 1)]);
-      if (i + j < count - 1) fine.push([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
-    }
-  return fine;
-}
-const FACETS = fineTriangles(FINE);
 const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
 
-// `view`: from where it is seen. `shapes`: what there is to see.
-function scenePicture(canvas, { lights, ...view }, { sides, rods }) {
+// `view`: from where it is seen. `shapes`: what there is to see; each triangle of the cloth is cut into facets.
+function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFacets }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
   const { focus, project } = makeProjection(view, [height, width]);
@@ -80,7 +67,7 @@ function scenePicture(canvas, { lights, ...view }, { sides, rods }) {
       const around = corners.map((k) => normals[k]);
       const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
       if (!front) return [];
-      return FACETS.map((fine) => {
+      return fineFacets.map((fine) => {
         const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
         const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
         const normal = mixed(middle, around);

@@ -19,10 +19,9 @@ function stiffened(arm, tension) {
   return { ...arm, lower: fixed(arm.lower), upper: fixed(arm.upper), home: fixed(arm.home) };
 }
 
-// `method`: networks, and constants beside them. `lab`: the scene, the cloths and the images to aim at. `seed`: of all
-// random numbers. What another session was asked to do before may go on: who drives, and whether it learns.
-async function makeSession(mujoco, { networks, constants }, { scene, cloths, about }, seed, before = {}) {
-  const seeds = makeRandom(seed);
+// `method`: networks, and constants beside them. `lab`: the scene, the cloths and the images to aim at. What
+// another session was asked to do before may go on: who drives, and whether it learns.
+async function makeSession(mujoco, { networks, constants }, { scene, cloths, about }, before = {}) {
   const arm = makeArm(scene.arm);
   const look = makeStage(scene.shapes);
   const picture = makeCamera(scene.camera, scene.shapes);
@@ -54,7 +53,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     still = seen.z;
     command = constants.home;
     step = 0;
-    drivers.reset(seeds.integer(0, 2 ** 32));
+    drivers.reset();
     tracker = makeTracker(networks, constants, p);
   }
   async function hold(next) {
@@ -149,7 +148,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     // For every driver; learning restarts.
     "set tension"({ f_const: next }) {
       drivers = makeDrivers(networks, stiffened(constants, next));
-      drivers.reset(seeds.integer(0, 2 ** 32));
+      drivers.reset();
       drivers.setTarget(aim.z);
       drivers.setBias(p);
       tension = next;

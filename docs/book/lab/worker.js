@@ -21,12 +21,12 @@ async function makeMet(files, name) {
 
 const answers = {
   // `files`: of an arm that was not met before; at first, also of MuJoCo and onnxruntime.
-  async "set arm"({ name, files, seed }) {
+  async "set arm"({ name, files }) {
     if (!mujoco) loadRuntime(files);
     const loaded = mujoco ?? loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (path) => path });
     [mujoco, arms[name]] = await Promise.all([loaded, arms[name] ?? makeMet(files, name)]);
     const { lab, method } = arms[name];
-    const next = await makeSession(mujoco, method, lab, seed, session?.now());
+    const next = await makeSession(mujoco, method, lab, session?.now());
     session?.world().free();
     session = next;
     return { lab: { ...lab, pushes: method.constants.ellipse }, aim: session.aim() };
