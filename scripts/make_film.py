@@ -15,13 +15,20 @@ from playwright.sync_api import Page, sync_playwright
 from course.lab_page import ONE_FILE, write_lab, write_one_file, write_robot
 
 FILM = Path(__file__).resolve().parents[1] / "docs" / "throw.gif"
-BRUSH = 6  # radius of the pointer on the target [pixel]
-# A line over the target, in shares of its width and height
-DRAWN = [(0.46, 0.46), (0.52, 0.52), (0.57, 0.6), (0.62, 0.66), (0.68, 0.7)]
+BRUSH = 5  # radius of the pointer on the target [pixel]
+# A line over the target, in shares of its width and height: a cloth that is swung up
+DRAWN = [
+    (0.49, 0.8),
+    (0.55, 0.75),
+    (0.63, 0.71),
+    (0.69, 0.75),
+    (0.67, 0.83),
+    (0.63, 0.86),
+]
 PERIODS = 4
 STEPS = 8 * PERIODS
-VIEW = {"width": 960, "height": 640}  # [pixel]
-WIDTH = 640  # of the film [pixel]
+VIEW = {"width": 1240, "height": 660}  # [pixel]
+WIDTH = 720  # of the film [pixel]
 COLOURS = 64
 MILLISECONDS = 200  # that a step takes, too
 LAST = 2000  # [ms] for the last frame
@@ -54,7 +61,7 @@ def draw(page: Page) -> list[Image.Image]:
             page.mouse.down()
         frames.append(picture(page))
     page.mouse.up()
-    page.mouse.move(0, 0)
+    page.evaluate("document.activeElement.blur()")
     return frames
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import format_javascript
 import pytest
 from browser_lab import ROOT, lacks_chromium, launch_options
-from live_page import WITHOUT_CHANCE, write_page
+from live_page import LOADING, WITHOUT_CHANCE, write_page
 
 from course.lab_gates import GATES, keep
 from course.lab_page import SOURCES
@@ -189,7 +189,7 @@ def one_page(folder, browser):
         ),
     )
     page.goto((folder / "throw.html").as_uri())
-    page.wait_for_selector("[data-frame]", timeout=60_000)
+    page.wait_for_selector("[data-frame]", timeout=LOADING)
     page.workers[0].evaluate(WITHOUT_CHANCE)
     yield page, complaints
     page.close()

@@ -6,6 +6,7 @@ from playwright.sync_api import expect
 
 from course.lab_page import SOURCES, policy, write_lab, write_robot
 
+LOADING = 120_000  # [ms] that a robot may take, also on a machine that has much to do
 # In a worker, random numbers that are the same each time (mulberry32)
 WITHOUT_CHANCE = """() => {
     let state = 7;

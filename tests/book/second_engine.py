@@ -7,7 +7,7 @@ import time
 from contextlib import closing, contextmanager
 from itertools import count
 
-from websocket import create_connection
+from websocket import create_connection  # of websocket-client, with JupyterLab
 
 NAMES = ("firefox-esr", "firefox")
 WAITS = 120  # [s] for a start or an answer, at most

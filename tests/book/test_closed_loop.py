@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from live_page import Lab
+from live_page import LOADING, Lab
 
 from clothlab.lab import LiveSession
 from clothlab.simulation.cloth import CLOTHS
@@ -79,7 +79,7 @@ def lab(one_page):
 def mirrored_lab(folder, visit, page):
     page.add_init_script(MIRRORED % json.dumps(MIRROR))
     visit(folder / "throw.html")
-    page.wait_for_selector("[data-frame]", timeout=120_000)
+    page.wait_for_selector("[data-frame]", timeout=LOADING)
     return Lab(page)
 
 

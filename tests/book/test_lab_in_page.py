@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import mujoco
 import numpy as np
 import pytest
-from live_page import Lab
+from live_page import LOADING, Lab
 from playwright.sync_api import expect
 from test_same_physics import BOUND
 
@@ -32,7 +32,7 @@ def open_lab(folder, visit):
 
     def open_lab(address=""):
         page = visit(folder / "throw.html", address)
-        page.wait_for_selector("[data-frame]", timeout=60_000)
+        page.wait_for_selector("[data-frame]", timeout=LOADING)
         return Lab(page)
 
     return open_lab
@@ -331,7 +331,7 @@ def test_a_robot_that_is_loaded_meanwhile_says_nothing_of_it(folder, visit):
         }"""
     )
     if not page.workers:
-        page.wait_for_event("worker", timeout=60_000)
+        page.wait_for_event("worker", timeout=LOADING)
     page.wait_for_timeout(300)
     assert {*page.evaluate("said")} == {""}
     expect(note).to_have_text("")
@@ -348,7 +348,7 @@ def test_a_part_that_was_lost_on_the_way_is_asked_for_again(folder, browser):
         expect(lab.note).to_have_text(
             "A live robot can't run here: torque.js can't be loaded. "
             "This is a recorded run.",
-            timeout=60_000,
+            timeout=LOADING,
         )
     finally:
         elsewhere.rename(part)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from live_page import Lab
+from live_page import LOADING, Lab
 from playwright.sync_api import expect
 
 from course.lab_page import ONE_FILE, write_one_file
@@ -22,7 +22,7 @@ def file(folder, tmp_path):
 def test_a_robot_throws_in_it(file, visit, gate):
     gate("one file", file.stat().st_size / 1e6)
     page = visit(file)
-    page.wait_for_selector("[data-frame]", timeout=60_000)
+    page.wait_for_selector("[data-frame]", timeout=LOADING)
     lab = Lab(page)
     for _ in range(8 * PERIODS):
         lab.tell("step")

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from live_page import Lab
+from live_page import LOADING, Lab
 from processes import page_memory, slower
 
 LOADS = 3
@@ -50,7 +50,7 @@ def open_lab(folder, browser):
         pages.append(page)
         start = time.monotonic()
         page.goto((folder / "throw.html").as_uri())
-        page.wait_for_selector("[data-frame]", timeout=120_000)
+        page.wait_for_selector("[data-frame]", timeout=LOADING)
         return Lab(page), time.monotonic() - start
 
     yield open_lab
