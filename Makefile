@@ -23,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -171,6 +171,12 @@ reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on whe
 
 picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
+
+film: chromium npm  ## film a throw at a drawn target in the page "Throw a cloth"
+	$(BIN)/python scripts/make_film.py
+
+gates:  ## write what the tests of the page "Throw a cloth" measured into it; they are run before
+	$(BIN)/python scripts/make_gates.py
 
 demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes
 	$(BIN)/python scripts/make_demonstration.py

@@ -21,7 +21,7 @@ from clothlab.lab._drawn import MIME
 from clothlab.lab._widget import REOPENED
 from course.drawn import drawn_here, write_controls, write_figures
 from course.editions import ROOT, student_edition
-from course.lab_page import SOURCES, write_lab, write_robot
+from course.lab_page import ONE_FILE, SOURCES, write_lab, write_one_file, write_robot
 from course.solutions import solved, tags, without
 
 BUILD = ROOT / "build"
@@ -198,10 +198,12 @@ def main() -> None:
     lay_out(notebooks, site / "source", student=arguments.student)
 
     # A robot in one of them, where there is what it is made of
+    scripts = site / "source" / "static" / "lab"
     try:
-        write_robot(site / "source" / "static" / "lab")
+        write_robot(scripts)
     except FileNotFoundError as error:
         print(f"NO ROBOT in the page of the live lab, only the recorded run: {error}")
+    write_one_file(scripts / ONE_FILE, scripts)
 
 
 if __name__ == "__main__":

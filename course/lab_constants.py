@@ -3,23 +3,24 @@
 import base64
 import json
 from dataclasses import asdict
-from inspect import signature
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike
 
 from clothlab._certainty import SHARE, radius
-from clothlab._validation import HEIGHT, WIDTH
+from clothlab.analysis import spread
 from clothlab.lab._equipment import Equipment
-from clothlab.lab._pictures import pushed_hand
+from clothlab.lab._pictures import pixels, pushed_hand
+from clothlab.lab._playback import _packed
 from clothlab.lab._tracker import _REPORT_EVERY, _calibration
-from clothlab.method import _drawable
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import Linearisation, NewtonSettings
+from clothlab.method.gauss_newton import NewtonSettings
 from clothlab.method.iterative import _SAME_MATERIAL, IterativeLearningSettings
 from clothlab.simulation.arm import MuscleArm
+from course.lab_estimation import Calibrated
 from course.lab_export import graphs
 
 # Of the grid on which the stiffness of a hand is known
@@ -32,16 +33,18 @@ def method_files(equipment: Equipment) -> dict[str, bytes]:
 
     Graphs, their weights, and `constants`.
     """
-    about = json.dumps(constants(equipment)).encode()
-    return graphs(equipment.trained) | {"constants": about}
+    about = json.dumps(constants(equipment), default=_packed).encode()
+    return graphs(equipment.trained, calibrated(equipment)) | {"constants": about}
 
 
 def constants(equipment: Equipment) -> dict[str, Any]:
     """What the page's method needs beside its graphs, as JSON takes it."""
     setup = equipment.setup
     first = {"cloth": setup.cloth, "target": setup.target}
-    known = _robot(equipment) | _settings() | _images(equipment)
-    return first | known | {"calibration": _calibrated(equipment)}
+    known = calibrated(equipment)._asdict()
+    calibration = {name: each.flatten().tolist() for name, each in known.items()}
+    robot = _robot(equipment) | _settings()
+    return first | robot | {"calibration": calibration}
 
 
 def _robot(equipment: Equipment) -> dict[str, Any]:
@@ -57,16 +60,17 @@ def _robot(equipment: Equipment) -> dict[str, Any]:
         "upper": arm.command_upper.tolist(),
         "home": arm.home_command.tolist(),
         "biases": {name: p.tolist() for name, p in trained.biases.items()},
-        "plans": _floats(equipment.plans),
+        "spread": spread(trained.biases),
+        "plans": floats(equipment.plans),
         "runs": [_run(run, z) for run in equipment.runs],
+        "images": pixels(equipment.images),
         "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
     }
 
 
 def _settings() -> dict[str, dict[str, Any]]:
     """The constants of control, estimation and iterative learning."""
-    lag = signature(Linearisation.covariance).parameters["lag"].default
-    estimation = {"lag": lag, "report_every": _REPORT_EVERY}
+    estimation = {"report_every": _REPORT_EVERY}
     learning = {"same_material": _SAME_MATERIAL}
     return {
         "control": asdict(ControlSettings()),
@@ -75,20 +79,9 @@ def _settings() -> dict[str, dict[str, Any]]:
     }
 
 
-def _images(equipment: Equipment) -> dict[str, Any]:
-    """Images to aim at, and to judge a target by."""
-    return {
-        "size": (HEIGHT, WIDTH),
-        "images": _bits(equipment.images),
-        "gallery": {name: _bits(mask) for name, mask in equipment.gallery.items()},
-        "usual_distance": equipment.usual_distance,
-        "cannot_draw": _drawable._CANNOT_DRAW,
-    }
-
-
-def _run(run: Run, z: slice) -> dict[str, str]:
+def _run(run: Run, z: slice) -> dict[str, Any]:
     """A recording, with what was seen of it."""
-    return {"material": run.material, "z": _floats(run.s[:, z]), "u": _floats(run.u)}
+    return {"material": run.material, "z": floats(run.s[:, z]), "u": floats(run.u)}
 
 
 def _ellipse(arm: MuscleArm) -> dict[str, Any]:
@@ -103,30 +96,27 @@ def _ellipse(arm: MuscleArm) -> dict[str, Any]:
         [pushed_hand(arm, np.array([0, elbow]), 1 / soft) for soft in softness]
         for elbow in elbows
     ]
-    grid = {"elbows": elbows.tolist(), "softness": softness.tolist()}
-    return grid | {"pushes": _floats(pushes)}
+    return {
+        "link_length": arm.link_length,
+        "lower": arm.lower,
+        "upper": arm.upper,
+        "elbows": elbows.tolist(),
+        "softness": softness.tolist(),
+        "pushes": floats(pushes),
+    }
 
 
-def _calibrated(equipment: Equipment) -> dict[str, Any]:
+def calibrated(equipment: Equipment) -> Calibrated:
     """What a report on an estimate rests on."""
     setup = equipment.setup
     found = _calibration(setup.weights, setup.known).result()
-    numbers = {
-        name: np.asarray(value).tolist() for name, value in asdict(found).items()
-    }
-    about = {"sides": found.sides.tolist(), "reach": found.reach}
-    return numbers | about | {"radius": radius(SHARE, found.biases.shape[1])}
+    numbers = {name: getattr(found, name) for name in Calibrated._fields[:-1]}
+    numbers["radius"] = radius(SHARE, found.biases.shape[1])
+    tensors = (torch.as_tensor(each, dtype=torch.float64) for each in numbers.values())
+    return Calibrated(*tensors)
 
 
-def _floats(values: ArrayLike) -> str:
-    """Numbers in single precision, as base64."""
-    return _base64(np.asarray(values, "<f4"))
-
-
-def _bits(masks: np.ndarray) -> str:
-    """A mask `[H, W]` or several, a bit for each pixel, as base64."""
-    return _base64(np.packbits(masks))
-
-
-def _base64(values: np.ndarray) -> str:
-    return base64.b64encode(values.tobytes()).decode()
+def floats(values: ArrayLike) -> dict[str, str]:
+    """Numbers in single precision, as the page unpacks them."""
+    content = np.asarray(values, "<f4").tobytes()
+    return {"floats": base64.b64encode(content).decode()}

@@ -34,28 +34,39 @@ from clothlab.method.iterative import (
     _Learned,
 )
 from clothlab.method.model import Memory
-from clothlab.method.onnx_export import _named, export_estimation, export_onnx
+from clothlab.method.onnx_export import _named, export_onnx
+from course import lab_estimation
+from course.lab_estimation import Calibrated
+from course.lab_images import SAMPLES, Images
 from course.repository import ROOT
 
 LAB = ROOT / "build" / "lab"
 # What graphs are made of, beside the weights
-_MADE_OF = ("clothlab/method/*.py", "course/lab_export.py")
+_MADE_OF = (
+    "clothlab/method/*.py",
+    "clothlab/simulation/vision.py",
+    "course/lab_export.py",
+    "course/lab_images.py",
+    "course/lab_estimation.py",
+)
 _SUMS = ROOT / "data" / "SHA256SUMS"
 _WEIGHTS = "weights"  # what the graphs of an arm have in common
 _LARGE = 1024  # [byte] from which on a tensor lies there
+_WINDOW = 30  # steps of an example
 
 
-def graphs(trained: ClothCheckpoint) -> dict[str, bytes]:
+def graphs(trained: ClothCheckpoint, calibrated: Calibrated) -> dict[str, bytes]:
     """The graphs of an arm and their weights by name.
 
-    Out of `build/lab`, where they are made anew only if they are old.
+    Out of `build/lab`, where they are made anew only if they are old. Of what is
+    calibrated, the shapes count.
     """
     folder = LAB / trained.arm.name
     stamp = folder / "made_of"
     digest = _digest()
     if not stamp.is_file() or stamp.read_text() != digest:
         shutil.rmtree(folder, ignore_errors=True)
-        for name, content in export(trained).items():
+        for name, content in export(trained, calibrated).items():
             write_bytes(folder / name, content)
         write_bytes(stamp, digest.encode())
     made = (path for path in folder.iterdir() if path != stamp)
@@ -84,7 +95,6 @@ class _Method:
     """
 
     def __init__(self, trained: ClothCheckpoint):
-        self._autoencoder = trained.autoencoder
         self._model = trained.model
         self._rollout = rollout_of(trained.model)
         self._tensions = trained.layout.tensions
@@ -94,14 +104,6 @@ class _Method:
         nothing = np.ones((HEIGHT, WIDTH))
         policy = trained.controller(nothing, np.zeros(trained.model.bias_size))
         self._problem = policy.controller.problem(trained.model.s_mean)
-
-    def encode(self, image: Tensor) -> Tensor:
-        """Of a mask `[H, W]`, z `[D_z]`."""
-        return self._autoencoder.encoder(image[None, None])[0]
-
-    def decode(self, z: Tensor) -> Tensor:
-        """Of z `[D_z]`, the probability of cloth at each pixel `[H, W]`."""
-        return self._autoencoder.decoder(z[None]).sigmoid()[0, 0]
 
     def follow(self, s: Tensor, u: Tensor, p: Tensor, *memory: Tensor) -> AnyMemory:
         """The memory after a step that was seen."""
@@ -117,7 +119,7 @@ class _Method:
         z_ref: Tensor,
         mask: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """States `[B, T, D_s]` to which plans lead, and the losses of these, `[B]`.
+        """Losses of plans `[B]`, and the distances to which they lead, `[B]`.
 
         Args:
             s: the state now, `[D_s]`.
@@ -130,7 +132,9 @@ class _Method:
         """
         states = self._rollout(self._model, p)(s, u, Memory(h, c))
         weight = self._settings.tension_weight
-        return states, control_loss(states, z_ref, mask, self._tensions, weight)
+        losses = control_loss(states, z_ref, mask, self._tensions, weight)
+        distances = control_loss(states, z_ref, mask, slice(0), 0.0)
+        return losses, distances
 
     def descend(self, s: Tensor, u: Tensor, *given: Tensor) -> tuple[Tensor, Tensor]:
         """A plan u `[T, D_u]` after one iteration, and its loss before and after.
@@ -142,22 +146,38 @@ class _Method:
         limits = Limits(lower, upper, self._model.u_std * (upper > lower))
 
         def loss(plans: Tensor) -> Tensor:
-            _, losses = self.predict(s, plans, *around)
+            losses, _ = self.predict(s, plans, *around)
             return losses
 
         return descend(loss, u, limits, replace(self._settings, iterations=1))
 
-    def look_back(
-        self, s: Tensor, u: Tensor, p: Tensor, *memories: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """What N attempts were like, what was predicted of them, and their kernel.
+    def teach(
+        self, s: Tensor, u: Tensor, z: Tensor, tried: Tensor, p: Tensor, *memories: Any
+    ) -> tuple[Tensor, ...]:
+        """What attempts teach: the parts of `_Learned`.
 
-        States are `[N, D_s]`, plans `[N, T, D_u]`, memories `[N, 2, 1, 30]`.
+        Args:
+            s: states in which they began, `[N, D_s]`.
+            u: their plans, `[N, T, D_u]`.
+            z: what was seen after each command, `[N, T, D_z]`.
+            tried: 1 for each attempt, 0 where there is none yet, `[N]`.
+            p: parametric bias, `[D_p]`.
+            *memories: parts of those before them, `[N, 2, 1, 30]`.
         """
         memory = tuple(each[:, :, 0].movedim(1, 0) for each in memories)
         forecast = self._forecast(s[0], p, memory, s[0, self._z], 0.0)
         x, predicted = forecast.looked_back(s, u, memory)
-        return x, predicted, _kernel(x, x)
+        settings = IterativeLearningSettings()
+
+        # As a `ResidualModel` has it, of those that were tried
+        both = tried[:, None] * tried
+        noise = settings.noise * torch.eye(len(x))
+        inverse = both * _inverse(both * _kernel(x, x) + noise)
+        residuals = tried[:, None] * (z - predicted).flatten(1)
+        squares = residuals.square().mean(1).sum()
+        assumed = settings.prior_count * settings.prior_error**2
+        variance = (assumed + squares) / (settings.prior_count + tried.sum())
+        return x, inverse, inverse @ residuals, variance
 
     def distance(self, s: Tensor, u: Tensor, *given: Tensor) -> Tensor:
         """Distance that iterative learning expects of plans `[B, T, D_u]`, `[B]`.
@@ -211,12 +231,28 @@ class _Method:
         return _Forecast(problem, z_ref, IterativeLearningSettings(), caution)
 
 
-def export(trained: ClothCheckpoint) -> dict[str, bytes]:
+def _inverse(matrix: Tensor) -> Tensor:
+    """Of a symmetric and positive definite matrix `[N, N]`, by elimination.
+
+    ONNX has no inverse.
+    """
+    count = len(matrix)
+    unit = torch.eye(count, dtype=torch.float64)
+    rows = torch.cat([matrix.double(), unit], dim=1)
+    for k in range(count):
+        row = rows[k] / rows[k, k]
+        rows = rows - torch.outer(rows[:, k] - unit[k], row)
+    return rows[:, count:].to(matrix.dtype)
+
+
+def export(trained: ClothCheckpoint, calibrated: Calibrated) -> dict[str, bytes]:
     """The graphs of an arm by name, and their weights."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
         writer = _Writer(trained, made)
-        writer.write_what_was_seen()
+        writer.write_images()
+        writer.write_memory()
+        writer.write_estimation(calibrated)
         writer.write_control()
         writer.write_iterative_learning()
         written = {path.name: path.read_bytes() for path in sorted(made.iterdir())}
@@ -246,20 +282,46 @@ class _Writer:
         self._plan = model.u_mean.repeat(ControlSettings.horizon, 1)
         self._limits = {"lower": model.u_mean - 1, "upper": model.u_mean + 1}
 
-    def write_what_was_seen(self) -> None:
-        """Images, the memory of steps, and how p predicts them."""
-        image = {"image": torch.zeros(HEIGHT, WIDTH)}
-        self._write(self._method.encode, image, "z")
-        self._write(self._method.decode, {"z": self._z}, "image")
+    def write_images(self) -> None:
+        """What the camera sees, and what is aimed at."""
+        images = Images(self._trained.autoencoder)
+        samples = torch.zeros(HEIGHT, WIDTH, len(SAMPLES))
+        picture = {"green": samples, "blue": samples}
+        self._write(images.see, picture, "mask", "z", "reconstruction")
+        image = torch.ones(HEIGHT, WIDTH)
+        given = {"image": image, "images": image.repeat(2, 1, 1)}
+        outputs = ("known", "z", "reconstruction", "distance", "overlap")
+        self._write(images.aim, given, *outputs, free={"images": [0]})
+
+    def write_memory(self) -> None:
+        """The memory of what was sent."""
         self._write(self._method.follow, self._step, "next_h", "next_c")
-        export_estimation(self._folder / "linearise", self._trained.model)
+
+    def write_estimation(self, calibrated: Calibrated) -> None:
+        """How p follows a window, of any length."""
+        model = self._trained.model
+
+        def estimate(
+            s: Tensor, u: Tensor, p: Tensor, judged: Tensor, *known: Any
+        ) -> Any:
+            return lab_estimation.estimate(model, s, u, p, judged, Calibrated(*known))
+
+        window = {
+            "s": model.s_mean.repeat(_WINDOW + 1, 1),
+            "u": model.u_mean.repeat(_WINDOW + 1, 1),
+            "p": self._step["p"],
+            "judged": torch.ones(_WINDOW),
+        }
+        free = {"s": [0], "u": [0], "judged": [0]}
+        given = window | calibrated._asdict()
+        self._write(estimate, given, *lab_estimation.OUTPUTS, free=free)
 
     def write_control(self) -> None:
         """The paper's control."""
         given = self._step | {"z_ref": self._z, "mask": torch.ones(len(self._plan))}
         some = given | self._plans(2)
         free = {"u": [0]}
-        self._write(self._method.predict, some, "states", "losses", free=free)
+        self._write(self._method.predict, some, "losses", "distances", free=free)
         one = given | {"u": self._plan} | self._limits
         self._write(self._method.descend, one, "plan", "losses", gradients=True)
 
@@ -275,12 +337,16 @@ class _Writer:
 
         # What was tried, each with its state and memory
         count = learning.remembered
-        tried = {
+        given = {
             name: each.expand(count, *each.shape).clone()
             for name, each in self._step.items()
         }
-        tried |= self._plans(count) | {"p": self._step["p"]}
-        self._write(self._method.look_back, tried, "x", "predicted", "kernel")
+        given |= self._plans(count) | {"p": self._step["p"]}
+        horizon = ControlSettings.horizon
+        seen = {"z": self._z.repeat(count, horizon, 1), "tried": torch.ones(count)}
+        order = ("s", "u", "z", "tried", "p", "h", "c")
+        given = {name: (given | seen)[name] for name in order}
+        self._write(self._method.teach, given, *_Learned._fields)
 
     def _plans(self, count: int) -> dict[str, Tensor]:
         return {"u": self._plan.repeat(count, 1, 1)}

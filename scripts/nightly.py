@@ -44,6 +44,7 @@ PARTS = {  # what it is: command, and settings in the environment
     "grades": ((*PYTEST, "tests/course/test_grades.py", "-m", "nightly"), {}),
     "rare": ((*PYTEST, *RARE, "-m", "nightly"), {}),
     "onnx": ((*PYTEST, "tests/test_onnx_export.py", "-m", "nightly"), {}),
+    "page": ((*PYTEST, "tests/book", "-m", "nightly"), {}),
     "findings": (("make", "findings"), {}),
     "locks": ((sys.executable, "scripts/make_locks.py", "check"), {}),
     "student site": (("make", "book", "STUDENT=1"), {}),

@@ -8,7 +8,9 @@ from pathlib import Path
 import format_javascript
 import pytest
 from browser_lab import ROOT, lacks_chromium, launch_options
+from live_page import LOADING, WITHOUT_CHANCE, write_page
 
+from course.lab_gates import GATES, keep
 from course.lab_page import SOURCES
 from course.npm import packages
 
@@ -146,3 +148,48 @@ def node(tmp_path_factory):
         return json.loads(done.stdout)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def gate():
+    """Hold a measured figure to its bound, and keep it for the table of gates."""
+
+    def hold(name, measured):
+        keep(name, float(measured))
+        assert GATES[name].holds(measured), f"{name}: {measured}"
+
+    return hold
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """The page "Throw a cloth" by itself."""
+    if not packages()["onnxruntime-web"].folder.exists():
+        pytest.skip("NO FILES OF NPM: run `make npm`")
+    folder = tmp_path_factory.mktemp("page")
+    write_page(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one_page(folder, browser):
+    """A page that most tests share, and what it complained of."""
+    page = browser.new_page(offline=True, viewport={"width": 1280, "height": 900})
+    complaints = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on(
+        "console",
+        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
+    )
+    page.on(
+        "request",
+        lambda asked: (
+            asked.url.startswith(("file:", "data:", "blob:"))
+            or complaints.append(asked.url)
+        ),
+    )
+    page.goto((folder / "throw.html").as_uri())
+    page.wait_for_selector("[data-frame]", timeout=LOADING)
+    page.workers[0].evaluate(WITHOUT_CHANCE)
+    yield page, complaints
+    page.close()

@@ -1,21 +1,10 @@
 // The method in the page, with the graphs in a folder: what each question of a file is answered.
-import { createRequire } from "node:module";
-import { readFileSync, readdirSync } from "node:fs";
-import { pathToFileURL } from "node:url";
-import { given, made } from "./given.mjs";
+import { given, made, method } from "./given.mjs";
 
-const { runtime, folder, questions } = given;
-const ort = createRequire(import.meta.url)(`${runtime}/ort.wasm.min.js`);
-ort.env.wasm.wasmPaths = pathToFileURL(`${runtime}/`).href;
-ort.env.wasm.numThreads = 1;
-const { makeNetworks, readConstants, makeController, iterativeSearch, makeTracker, makeAim, makeEllipse } = made(
-  ...["files", "networks", "session", "controller", "iterative", "estimator", "aim", "ellipse"],
+const { makeController, iterativeSearch, makeTracker, makeAim, makeEllipse } = made(
+  ...["geometry", "session", "controller", "iterative", "estimator", "aim", "ellipse"],
 );
-const { constants: about, ...graphs } = Object.fromEntries(
-  readdirSync(folder).map((name) => [name, readFileSync(`${folder}/${name}`)]),
-);
-const constants = readConstants(about);
-const networks = await makeNetworks(ort, graphs);
+const { constants, networks } = await method(given);
 
 // What a person is told; of a fault, it is not there.
 async function refused(act) {
@@ -37,17 +26,17 @@ const answers = {
     }
     return { plan: [...u], losses };
   },
-  // Commands in states that were seen, whatever was sent there, and what is foreseen after each.
-  async control({ start, p, target, states, skip }) {
+  // Commands in states that were seen, whatever was sent there, and what is expected after each.
+  async control({ driver, p, target, states, skip }) {
     const controller = makeController(networks, constants);
-    controller.setStart(start);
+    controller.setStart(driver);
     controller.setBias(p);
     controller.setTarget(target);
     const steps = [];
     for (const [t, s] of states.entries()) {
       const u = [...(await controller.act(s, { solve: !skip.includes(t) }))];
-      const [z, predicted] = [await controller.foreseen(), await controller.predictedDistance()];
-      steps.push({ u, z: [...z], predicted, ended: controller.periodEnded(), solves: controller.solves() });
+      const predicted = await controller.predictedDistance();
+      steps.push({ u, predicted, ended: controller.periodEnded(), solves: controller.solves() });
     }
     return steps;
   },
@@ -71,7 +60,11 @@ const answers = {
     const tracker = makeTracker(networks, constants, p);
     const path = [];
     for (const [t, s] of states.entries()) path.push([...(await tracker.update(s, commands[t], { atRest: true }))]);
-    return { path, report: tracker.report };
+    const { covariance, region, ...report } = tracker.report();
+    const [ratio, unlike, outside] = ["log_error_ratio", "out_of_distribution", "outside_hull"].map(
+      (name) => report[name][0],
+    );
+    return { path, report: { covariance: [...covariance], region, ratio, unlike, outside } };
   },
   ellipse: ({ theta, tension }) => makeEllipse(constants.ellipse)(theta, tension),
   async aim({ mask }) {
@@ -81,5 +74,5 @@ const answers = {
   },
 };
 const found = [];
-for (const { what, ...more } of questions) found.push(await answers[what](more));
+for (const { what, ...more } of given.questions) found.push(await answers[what](more));
 console.log(JSON.stringify(found));

@@ -6,104 +6,24 @@ import xml.etree.ElementTree as ElementTree
 import mujoco
 import numpy as np
 import pytest
+from live_page import LOADING, Lab
 from playwright.sync_api import expect
 from test_same_physics import BOUND
 
 from clothlab.lab import LiveSession
 from clothlab.simulation._mjcf import build_spec, portable_mjcf
 from clothlab.simulation.arm import ARMS
-from clothlab.simulation.cloth import CLOTHS, Cloth
+from clothlab.simulation.cloth import CLOTHS, FOAMS, Cloth
 from clothlab.simulation.env import SimulationError
-from course.lab_page import SOURCES, any_cloth_scene, write_lab, write_robot
-from course.npm import packages
+from course.lab_scene import any_cloth_scene
 
 pytestmark = pytest.mark.book
 
 PERIODS = 8
 STEPS = 8 * PERIODS
 CLOTH = CLOTHS["damp0.05-mass0.10"]
+SOFTEST = 10.0  # [N], of the muscle arm's stiffness command
 LIGHT = Cloth("own", damping=0.035, mass=0.06)
-# Of a page that was opened, how a trait of its model stands
-TRAIT = "name => document.getElementById('clothlab-lab').model.get(name)"
-PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Throw a cloth</title>
-<meta name="viewport" content="width=device-width">
-<meta http-equiv="Content-Security-Policy" content="{policy}"><main><h1>Throw a cloth</h1>
-{body}</main></html>"""
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """The page by itself, with what `throw.md` has of it."""
-    if not packages()["onnxruntime-web"].folder.exists():
-        pytest.skip("NO FILES OF NPM: run `make npm`")
-    folder = tmp_path_factory.mktemp("page")
-    write_lab(folder / "_static" / "lab")
-    write_robot(folder / "_static" / "lab")
-    text = (SOURCES.parent / "throw.md").read_text("utf-8")
-    (policy,) = re.findall(r'Policy": "(.*)"', text)
-    (body,) = re.findall(r"```\{raw\} html\n(.*?)```", text, re.DOTALL)
-    page = PAGE.format(policy=policy, body=body)
-    (folder / "throw.html").write_text(page, "utf-8")
-    return folder
-
-
-class Lab:
-    """What a visitor does at the panel, and sees of it."""
-
-    def __init__(self, page):
-        self.page = page
-        self.panel = page.locator(".clothlab")
-        self.status = self.panel.locator(".status")
-        self.message = self.panel.get_by_role("alert")
-        self.note = page.locator("#clothlab-lab > p").get_by_role("status")
-
-    def press(self, name):
-        self.panel.get_by_role("button", name=name, exact=True).click()
-
-    def choose(self, menu, option):
-        self.panel.get_by_label(menu, exact=True).select_option(option)
-
-    def move(self, name, value, event="change"):
-        """Move a slider, also beyond its end."""
-        self.panel.get_by_role("slider", name=name).evaluate(
-            """(slider, [value, event]) => {
-                slider.min = Math.min(slider.min, value);
-                slider.value = value;
-                slider.dispatchEvent(new Event(event));
-            }""",
-            [value, event],
-        )
-
-    def tell(self, what, **more):
-        """Send what the panel would send."""
-        self.page.evaluate(
-            "(message) => document.getElementById('clothlab-lab').model.send(message)",
-            {"do": what, "id": "", **more},
-        )
-
-    def get(self, trait):
-        return self.page.evaluate(TRAIT, trait)
-
-    @property
-    def distances(self):
-        """That to the target at each step, and of the cloth that hangs still."""
-        plot = self.get("frame")["traces"][0]
-        return plot["lines"][0]["values"], plot["limit"][1]
-
-    def run_until(self, step):
-        self.press("start")
-        self.wait(f"+get('frame').clock.match(/step (\\d+)/)[1] >= {step}")
-        self.press("pause")
-        expect(self.status).to_have_text("❚❚ paused")
-
-    def wait(self, condition):
-        self.page.wait_for_function(
-            f"() => {{ const get = {TRAIT}; return {condition}; }}", timeout=120_000
-        )
-
-    def inside(self, expression, argument=None):
-        """Ask in the worker, where `session` is."""
-        return self.page.workers[0].evaluate(expression, argument)
 
 
 @pytest.fixture
@@ -112,33 +32,10 @@ def open_lab(folder, visit):
 
     def open_lab(address=""):
         page = visit(folder / "throw.html", address)
-        page.wait_for_selector("[data-frame]", timeout=60_000)
+        page.wait_for_selector("[data-frame]", timeout=LOADING)
         return Lab(page)
 
     return open_lab
-
-
-@pytest.fixture(scope="module")
-def one_page(folder, browser):
-    """A page that most tests share, and what it complained of."""
-    page = browser.new_page(offline=True, viewport={"width": 1280, "height": 900})
-    complaints = []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on(
-        "console",
-        lambda said: said.type in ("error", "warning") and complaints.append(said.text),
-    )
-    page.on(
-        "request",
-        lambda asked: (
-            asked.url.startswith(("file:", "data:", "blob:"))
-            or complaints.append(asked.url)
-        ),
-    )
-    page.goto(f"{(folder / 'throw.html').as_uri()}?seed=7")
-    page.wait_for_selector("[data-frame]", timeout=60_000)
-    yield page, complaints
-    page.close()
 
 
 @pytest.fixture
@@ -146,6 +43,9 @@ def lab(one_page):
     """The robot as it is at first."""
     page, complaints = one_page
     lab = Lab(page)
+    if lab.get("state")["arm"] != "torque":
+        lab.choose("arm", "torque")
+        lab.wait("get('state').arm === 'torque'")
     (dot,) = [
         dot for dot in lab.get("about")["map"]["dots"] if dot["name"] == CLOTH.name
     ]
@@ -163,18 +63,34 @@ def lab(one_page):
 
 def filled(template, cloth):
     """The MJCF of a scene with a cloth."""
-    text = template["mjcf"].replace("{damping}", str(cloth.damping))
-    return text.replace("{mass}", str(cloth.point_mass))
+    numbers = {
+        "damping": cloth.damping,
+        "mass": cloth.point_mass,
+        "stiffness": cloth.stiffness,
+        "bending": cloth.bending,
+        "spring_damping": cloth.spring_damping,
+    }
+    text = template["mjcf"]
+    for name, value in numbers.items():
+        text = text.replace(f"{{{name}}}", str(value))
+    return text
 
 
-@pytest.mark.parametrize("cloth", [*list(CLOTHS.values())[::4], LIGHT])
-def test_the_scene_of_any_cloth_is_that_of_each(cloth):
-    template = any_cloth_scene("torque", CLOTH)
+OF_CLOTHS = [("torque", cloth) for cloth in [*list(CLOTHS.values())[::4], LIGHT]]
+OF_CLOTHS += [("muscle", cloth) for cloth in FOAMS.values()]
+
+
+@pytest.mark.parametrize(("arm", "cloth"), OF_CLOTHS)
+def test_the_scene_of_any_cloth_is_that_of_each(arm, cloth):
+    template = any_cloth_scene(arm, {"torque": CLOTH, "muscle": "soft-1"}[arm])
     found = mujoco.MjModel.from_xml_string(filled(template, cloth))
     expected = mujoco.MjModel.from_xml_string(
-        portable_mjcf(build_spec(ARMS["torque"], cloth))
+        portable_mjcf(build_spec(ARMS[arm], cloth))
     )
-    for name in ("body_mass", "body_inertia", "dof_damping", "tendon_stiffness"):
+    for name in (
+        *("body_mass", "body_inertia", "dof_damping"),
+        *("tendon_stiffness", "tendon_damping", "tendon_lengthspring"),
+    ):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-5)
     assert "{" not in "".join(
         ElementTree.fromstring(filled(template, cloth)).itertext()
@@ -415,7 +331,7 @@ def test_a_robot_that_is_loaded_meanwhile_says_nothing_of_it(folder, visit):
         }"""
     )
     if not page.workers:
-        page.wait_for_event("worker", timeout=60_000)
+        page.wait_for_event("worker", timeout=LOADING)
     page.wait_for_timeout(300)
     assert {*page.evaluate("said")} == {""}
     expect(note).to_have_text("")
@@ -432,7 +348,7 @@ def test_a_part_that_was_lost_on_the_way_is_asked_for_again(folder, browser):
         expect(lab.note).to_have_text(
             "A live robot can't run here: torque.js can't be loaded. "
             "This is a recorded run.",
-            timeout=60_000,
+            timeout=LOADING,
         )
     finally:
         elsewhere.rename(part)
@@ -465,8 +381,8 @@ def test_a_robot_that_fails_without_a_word_leaves_nothing_behind(open_lab, page)
     assert page.evaluate("revoked") > 0
 
 
-def test_two_quick_choices_of_a_target_are_two(slow_lab):
-    versions = slow_lab.page.evaluate(
+def test_two_quick_choices_of_a_target_are_two(lab):
+    versions = lab.page.evaluate(
         """async () => {
             const { model } = document.getElementById("clothlab-lab");
             const versions = [];
@@ -481,49 +397,38 @@ def test_two_quick_choices_of_a_target_are_two(slow_lab):
     assert len({*versions}) == 2
 
 
-# From now on, each picture takes a while, or there is none
-SLOW = """() => {
-    window.toBlob = HTMLCanvasElement.prototype.toBlob;
-    HTMLCanvasElement.prototype.toBlob = function (take, ...more) {
-        setTimeout(() => toBlob.call(this, take, ...more), 100);
+# Of many moves of a hand, in a browser that shows its page ten times a second: how many
+# frames there are, and how long it took [s]
+MOVES = """async (count) => {
+    const { model } = document.getElementById("clothlab-lab");
+    const { requestAnimationFrame } = window;
+    window.requestAnimationFrame = (draw) => setTimeout(draw, 100);
+    let frames = 0;
+    const hear = () => (frames += 1);
+    model.on("change:frame", hear);
+    const start = performance.now();
+    for (let k = 0; k < count; k++) await model.send({ do: "set hand", id: "", u: [0, -1] });
+    await new Promise((resolve) => setTimeout(resolve, 300));
+    const seconds = (performance.now() - start) / 1000;
+    model.off("change:frame", hear);
+    window.requestAnimationFrame = requestAnimationFrame;
+    return { frames, seconds };
+}"""
+# From now on, there is no picture
+NONE = """() => {
+    window.putImageData = CanvasRenderingContext2D.prototype.putImageData;
+    CanvasRenderingContext2D.prototype.putImageData = () => {
+        throw new Error("this browser made no picture of a canvas");
     };
 }"""
-NONE = """() => {
-    window.toBlob = HTMLCanvasElement.prototype.toBlob;
-    HTMLCanvasElement.prototype.toBlob = (take) => take(null);
-}"""
-AS_BEFORE = "() => { HTMLCanvasElement.prototype.toBlob = toBlob; }"
-# Of two steps or many moves of a hand, one after the other, the frames
-CLOCKS = """async ([what, count]) => {
-    const { model } = document.getElementById("clothlab-lab");
-    const clocks = [];
-    const hear = () => clocks.push(model.get("frame").clock);
-    model.on("change:frame", hear);
-    for (let k = 0; k < count; k++) await model.send({ do: what, id: "", u: [0, -1] });
-    await new Promise((resolve) => setTimeout(resolve, 1500));
-    model.off("change:frame", hear);
-    return clocks;
-}"""
+AS_BEFORE = "() => { CanvasRenderingContext2D.prototype.putImageData = putImageData; }"
 
 
-@pytest.fixture
-def slow_lab(lab):
+def test_what_is_new_at_once_is_one_frame(lab):
     lab.page.wait_for_timeout(500)  # what is still being drawn
-    lab.page.evaluate(SLOW)
-    yield lab
-    lab.page.evaluate(AS_BEFORE)
-
-
-def test_a_frame_is_of_one_step(slow_lab):
-    slow_lab.tell("set driver", driver="manual")
-    slow_lab.page.wait_for_timeout(1000)
-    clocks = slow_lab.page.evaluate(CLOCKS, ["step", 2])
-    assert [clock.split(", ")[1] for clock in clocks] == ["step 1", "step 2"]
-
-
-def test_at_most_one_frame_waits(slow_lab):
-    clocks = slow_lab.page.evaluate(CLOCKS, ["set hand", 20])
-    assert 1 < len(clocks) < 10
+    found = lab.page.evaluate(MOVES, 50)
+    assert 1 <= found["frames"] <= 10 * found["seconds"]
+    lab.wait("get('state').driver === 'manual'")
 
 
 def test_a_frame_that_can_not_be_drawn_stops_time_and_says_so(lab):
@@ -574,21 +479,6 @@ def test_a_gamepad_without_sticks_is_a_mistake(lab):
     lab.tell("greet gamepad", enough=False)
     lab.wait("get('state').message.text.includes('two sticks')")
     assert lab.get("state")["message"]["kind"] == "mistake"
-
-
-def test_the_same_seed_drives_the_same(open_lab):
-    def three_steps(lab):
-        lab.tell("set driver", driver="random")
-        for _ in range(3):
-            lab.tell("step")
-        lab.wait("get('frame').clock.endsWith('step 3')")
-        return lab.get("frame")["traces"][1]["lines"][2]["values"]
-
-    first = three_steps(open_lab("?seed=7"))
-    lab = open_lab("?seed=7")
-    assert three_steps(lab) == first
-    lab.tell("reset")
-    assert three_steps(lab) != first
 
 
 def test_a_hand_takes_over_by_slider_and_by_key(lab):
@@ -643,3 +533,163 @@ def test_resets_and_changes_of_cloth_leave_no_memory_behind(lab):
     assert lab.inside(size) < 100
     lab.inside(change, 40)
     assert lab.inside(size) < 100
+
+
+# The muscle arm
+
+
+@pytest.fixture
+def muscles(lab):
+    """The muscle arm as it is at first, with its controller."""
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle' && get('state').message.text === ''")
+    lab.tell("set tension", f_const=None)
+    lab.tell("set driver", driver="control")
+    lab.tell("reset")
+    lab.wait(
+        "get('state').driver === 'control' && get('frame').clock.endsWith('step 0')"
+    )
+    return lab
+
+
+def steps(lab, count):
+    """As fast as it can: nothing is left out then."""
+    for _ in range(count):
+        lab.tell("step")
+    lab.wait(f"get('frame').clock.includes('step {count}')")
+
+
+def sent(lab):
+    """Stiffness commands of the history [N]."""
+    (plot,) = (
+        plot
+        for plot in lab.get("frame")["traces"]
+        if plot["title"] == "stiffness command"
+    )
+    return np.array(plot["lines"][0]["values"])
+
+
+def test_an_arm_is_fetched_when_it_is_chosen(open_lab, page):
+    asked = []
+    page.on("request", lambda request: asked.append(request.url.split("/")[-1]))
+    lab = open_lab()
+    assert "torque.js" in asked
+    assert "muscle.js" not in asked
+    expect(lab.panel.get_by_text("fix the stiffness")).to_be_hidden()
+    page.evaluate("() => { clothlabFiles['run.json'] = 'of another part'; }")
+    lab.choose("driven by", "random")
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    assert asked.count("muscle.js") == 1
+    assert page.evaluate("Object.keys(clothlabFiles)") == ["run.json"]
+
+    # It has its own cloth, target and p, and the driver stays
+    session = LiveSession("muscle")
+    state = lab.get("state")
+    assert state["cloth"]["name"] == session.env.cloth.name
+    assert state["driver"] == "random"
+    image = np.array(lab.get("target")["image"], bool)
+    assert (image == session.target.ravel()).all()
+    at = lab.get("about")["map"]["dots"]
+    assert lab.get("frame")["at"] == pytest.approx(
+        next(dot["at"] for dot in at if dot["name"] == state["cloth"]["name"]), abs=1e-4
+    )
+    expect(lab.panel.get_by_text("fix the stiffness")).to_be_visible()
+    session.close()
+
+    # And back, without fetching anything
+    before = len(asked)
+    lab.choose("arm", "torque")
+    lab.wait("get('state').arm === 'torque'")
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    lab.press("step")
+    lab.wait("get('frame').clock.includes('step 1')")
+    assert [name for name in asked[before:] if name.endswith(".js")] == []
+
+
+def test_an_arm_that_does_not_arrive_leaves_the_other_at_work(folder, browser):
+    page = browser.new_page(offline=True)
+    page.goto((folder / "throw.html").as_uri())
+    lab = Lab(page)
+    lab.wait("get('frame')?.clock.includes('step 0')")
+    part = folder / "_static" / "lab" / "muscle.js"
+    elsewhere = part.with_suffix(".lost")
+    part.rename(elsewhere)
+    try:
+        lab.choose("arm", "muscle")
+        expect(lab.message.first).to_contain_text("muscle.js can't be loaded")
+    finally:
+        elsewhere.rename(part)
+    expect(lab.panel.get_by_label("arm", exact=True)).to_have_value("torque")
+    steps(lab, 1)
+    lab.choose("arm", "muscle")
+    lab.wait("get('state').arm === 'muscle'")
+    page.close()
+
+
+def test_a_fixed_stiffness_is_sent_by_every_driver_and_its_ellipse_shows(muscles):
+    lab = muscles
+    name = "where a push of 1 N moves the hand, ×10"
+    drawn = lab.panel.get_by_role("img", name=name)
+    wide = """canvas => {
+        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        const blue = (k) => data[4 * k + 2] - data[4 * k] > 100;
+        const columns = [...Array(data.length / 4).keys()].filter(blue).map((k) => k % canvas.width);
+        return columns.reduce((most, x) => Math.max(most, x), 0) - columns.reduce((least, x) => Math.min(least, x));
+    }"""
+    fixed = lab.panel.get_by_label("fix the stiffness")
+    slider = lab.panel.get_by_role("slider", name="f_const [N]").first
+    assert slider.is_disabled()
+    fixed.check()
+    lab.wait("get('state').fixed")
+    widths = {}
+    for tension in (SOFTEST, 7 * SOFTEST):
+        slider.fill(str(tension))
+        lab.wait(f"get('state').tension[0] === {tension}")
+        lab.page.wait_for_timeout(300)
+        widths[tension] = drawn.evaluate(wide)
+    print(widths)
+    assert widths[SOFTEST] > 1.5 * widths[7 * SOFTEST] > 0
+
+    # Of those who drive
+    for driver in ("control", "iterative", "random", "operator"):
+        lab.tell("set driver", driver=driver)
+        lab.tell("reset")
+        steps(lab, 2)
+        assert (sent(lab) == 7 * SOFTEST).all(), driver
+    fixed.uncheck()
+    lab.wait("!get('state').fixed")
+    lab.tell("set driver", driver="random")
+    steps(lab, 8)
+    assert np.ptp(sent(lab)[-4:]) > 1
+
+
+def test_its_hand_has_a_third_slider(muscles):
+    lab = muscles
+    lab.panel.get_by_role("slider", name="f_const [N]").last.fill("40")
+    lab.wait("get('state').driver === 'manual' && get('state').hand[2] === 40")
+    steps(lab, 1)
+    assert sent(lab)[-1] == 40
+
+
+@pytest.mark.parametrize("driver", ["control", "iterative"])
+def test_the_muscle_arm_throws_nearer_than_a_cloth_that_hangs(muscles, driver):
+    lab = muscles
+    lab.tell("set driver", driver=driver)
+    steps(lab, STEPS)
+    distances, still = lab.distances
+    best = np.reshape(distances, (PERIODS, -1)).min(axis=1)
+    print(driver, best / still)
+    assert np.median(best[2:]) < 0.6 * still
+    if driver == "iterative":
+        assert lab.get("frame")["clock"].endswith("plan from 7 attempts")
+
+    # With a p that no material has, it does not
+    lab.inside("() => session.actions['set p']({ p: [40, -40] })")
+    lab.tell("reset")
+    steps(lab, STEPS)
+    distances, still = lab.distances
+    lost = np.reshape(distances, (PERIODS, -1)).min(axis=1)
+    print("lost", lost / still)
+    assert np.median(lost[2:]) > 1.2 * np.median(best[2:])

@@ -5,55 +5,52 @@ import numpy as np
 import pytest
 
 from clothlab.simulation.arm import ARMS
-from course.lab_page import scene
+from course.lab_gates import GATES
+from course.lab_scene import scene
 
 pytestmark = pytest.mark.book
 
 PERIODS = 20  # of 100 time steps
-BOUND = 1e-9  # [rad], [m]
+BOUND = GATES["places torque"].bound  # [rad], [m]
 WORLDS = [("torque", "damp0.05-mass0.10"), ("muscle", "soft-1")]
 
 
-def some_commands(arm, model):
-    """What actuators are sent in each period `[PERIODS, nu]`."""
-    rng = np.random.default_rng(0)
-    data = mujoco.MjData(model)
-    sent = []
-    for _ in range(PERIODS):
-        arm.command(data, rng.uniform(arm.command_lower, arm.command_upper))
-        sent.append(data.ctrl.tolist())
-    return sent
-
-
-def here(world, commands):
-    """Positions at the end of each period, by Python's MuJoCo."""
+def here(arm, world, commands):
+    """Positions and what the arm senses at the end of each period, in Python."""
     model = mujoco.MjModel.from_xml_string(world["mjcf"])
     data = mujoco.MjData(model)
     for name, values in world["start"].items():
         getattr(data, name)[:] = values
     mujoco.mj_forward(model, data)
     positions = []
-    for ctrl in commands:
-        data.ctrl[:] = ctrl
+    sensed = []
+    for u in commands:
+        arm.command(data, u)
         mujoco.mj_step(model, data, world["substeps"])
         mujoco.mj_forward(model, data)
         positions.append(data.qpos.copy())
-    return np.array(positions)
+        sensed.append(arm.state(data))
+    return np.array(positions), np.array(sensed)
 
 
 @pytest.mark.parametrize(("arm", "cloth"), WORLDS)
-def test_2000_time_steps_are_the_same(node, arm, cloth):
+def test_2000_time_steps_are_the_same(node, gate, arm, cloth):
     world = scene(arm, cloth)
-    model = mujoco.MjModel.from_xml_string(world["mjcf"])
-    commands = some_commands(ARMS[arm], model)
-    expected = here(world, commands)
-    found = node("physics.mjs", {"scene": world, "commands": commands})
-    difference = np.abs(np.array(found["positions"]) - expected).max()
-    print(f"{arm}: {difference:.1e}")
-    assert difference < BOUND
-    assert found["again"] == world["start"]["qpos"]
+    arm = ARMS[arm]
+    rng = np.random.default_rng(0)
+    size = (PERIODS, len(arm.command_names))
+    commands = rng.uniform(arm.command_lower, arm.command_upper, size)
+    expected, sensed = here(arm, world, commands)
+    answer = node("physics.mjs", {"scene": world, "commands": commands.tolist()})
+    found = [each["positions"] for each in answer["found"]]
+    difference = np.abs(np.array(found) - expected).max()
+    gate(f"places {arm.name}", difference)
+    assert answer["again"] == world["start"]["qpos"]
+    found = [each["sensed"] for each in answer["found"]]
+    assert np.array(found) == pytest.approx(sensed, rel=1e-5, abs=1e-7)
 
     # Another scene would be noticed
     assert np.ptp(expected, axis=0).max() > 0.1
-    other = dict(world, start=world["start"] | {"qvel": [1e-6] * model.nv})
-    assert np.abs(here(other, commands) - expected).max() > BOUND
+    still = np.zeros_like(expected[0])
+    other = dict(world, start=world["start"] | {"qvel": (still + 1e-6).tolist()})
+    assert np.abs(here(arm, other, commands)[0] - expected).max() > BOUND

@@ -64,15 +64,29 @@ function makeMenu(name, change) {
   return { row: make("label", {}, `${name} `, select), select, fill };
 }
 
+// A picture is the bytes of a file. Or, where the page itself draws it, its canvas: a browser keeps what it decoded of files.
 function makePicture(alt, width) {
   const image = make("img", { alt, width }), caption = make("figcaption", { textContent: alt });
-  let url = "";
-  const show = (bytes, type) => {
+  let url = "", seen = image;
+  const put = (next) => {
+    if (next !== seen) seen.replaceWith(next);
+    seen = next;
+  };
+  const showFile = (bytes, type) => {
     if (url) URL.revokeObjectURL(url);
     url = bytes?.byteLength ? URL.createObjectURL(new Blob([bytes], { type })) : "";
     image.src = url;
     image.hidden = !url;
+    put(image);
   };
+  const showCanvas = (canvas) => {
+    canvas.className = "drawn";
+    canvas.style.setProperty("--wide", `${width}px`);
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", alt);
+    put(canvas);
+  };
+  const show = (picture, type) => (picture instanceof HTMLCanvasElement ? showCanvas(picture) : showFile(picture, type));
   return { figure: make("figure", {}, image, caption), image, caption, show };
 }
 

@@ -7,7 +7,8 @@ const STYLE = `
 .clothlab .columns { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-start; margin-top: 8px; }
 .clothlab section { flex: 1 1 var(--least); min-width: min(100%, var(--least)); max-width: 600px; border-top: 2px solid #0072B2; padding-top: 4px; }
 .clothlab .traces { flex: 1 1 390px; }
-.clothlab img { max-width: 100%; }
+.clothlab img, .clothlab canvas.drawn { max-width: 100%; }
+.clothlab canvas.drawn { width: var(--wide); }
 .clothlab .pair:not(.pairs) { flex-wrap: nowrap; align-items: flex-start; }
 .clothlab .pair:not(.pairs) > figure { flex: 0 1 196px; min-width: 0; }
 .clothlab .pairs { width: 404px; font-size: 0.9em; align-items: flex-start; }
@@ -63,7 +64,7 @@ const STYLE = `
 .clothlab.projector .stage > figure:nth-child(1) { grid-area: 1 / 1; }
 .clothlab.projector .stage > figure:nth-child(2) { grid-area: 1 / 2; }
 .clothlab.projector .stage > figure:nth-child(3) { grid-area: 1 / 3; --target: min(100%, 57vh); }
-.clothlab.projector .stage > figure > img { display: block; width: min(100%, 57vh); aspect-ratio: 4 / 3; }
+.clothlab.projector .stage > figure > :is(img, canvas.drawn) { display: block; width: min(100%, 57vh); aspect-ratio: 4 / 3; }
 .clothlab.projector .stage > figure > figcaption { display: flex; flex-wrap: wrap; gap: 0 1.5vh; }
 .clothlab.projector .stage > .traces { grid-area: 2 / 1 / 3 / -1; min-height: 0; display: flex; flex-direction: column; }
 .clothlab.projector .stage > .traces > figure { flex: 1; min-height: 0; display: flex; flex-direction: column; }
@@ -78,7 +79,7 @@ const STYLE = `
 .clothlab.projector .drawer section.halves:has(> [hidden]) { grid-template-columns: 1fr; }
 .clothlab.projector .drawer .beside > div:first-child { flex: none; }
 .clothlab.projector .drawer img.ellipse { width: 32vh; }
-.clothlab.projector .drawer .beside img { width: 25vh; height: auto; }
+.clothlab.projector .drawer .beside :is(img, canvas.drawn) { width: 25vh; height: auto; }
 .clothlab.projector .drawer canvas.plot { height: 18.5vh; }
 .clothlab.projector .drawer label.slider { grid-template-columns: 10.5em minmax(3em, 1fr) 3.2em; }
 .clothlab.projector .drawer h3 { margin: 0.4vh 0; }

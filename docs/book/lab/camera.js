@@ -1,19 +1,12 @@
 // What the robot's camera sees of the cloth. MuJoCo's WebAssembly has no renderer, so its skins and capsules are drawn
-// here, with its lights, and how red they are; then colour extraction, closing and opening as in `vision.py`.
-// Of a pixel, where OpenGL has its four: sixteen in a grid close gaps behind the arm that a real picture leaves open.
-const SAMPLES = [
-  [0.375, 0.875],
-  [0.875, 0.625],
-  [0.125, 0.375],
-  [0.625, 0.125],
-];
+// here, with its lights, and how red they are; of that, the graph `see` makes a mask.
 
 // Red beyond green, and beyond blue, of 255.
 const excess = ([red, green, blue]) => [255 * (red - green), 255 * (red - blue)];
 
-// Samples of a picture: how near they are, and how red beyond green and beyond blue.
-function makeSamples(rows, columns) {
-  const [nearness, green, blue] = [0, 1, 2].map(() => new Float32Array(rows * columns * SAMPLES.length));
+// Samples of a picture, at `places` of each pixel: how near they are, and how red beyond green and beyond blue.
+function makeSamples([rows, columns], places) {
+  const [nearness, green, blue] = [0, 1, 2].map(() => new Float32Array(rows * columns * places.length));
   function clear() {
     for (const each of [nearness, green, blue]) each.fill(0);
   }
@@ -22,9 +15,9 @@ function makeSamples(rows, columns) {
   function fill([left, right, top, bottom], colour, inside) {
     for (let y = Math.max(0, Math.floor(top)); y <= Math.min(rows - 1, bottom); y++)
       for (let x = Math.max(0, Math.floor(left)); x <= Math.min(columns - 1, right); x++)
-        SAMPLES.forEach(([dx, dy], sample) => {
+        places.forEach(([dx, dy], sample) => {
           const near = inside(x + dx, y + dy);
-          const k = (y * columns + x) * SAMPLES.length + sample;
+          const k = (y * columns + x) * places.length + sample;
           if (near <= nearness[k]) return;
           nearness[k] = near;
           green[k] = colour[0] * bright;
@@ -56,55 +49,28 @@ function makeSamples(rows, columns) {
       return off < 1 ? 1 / (1 / near - radius * Math.sqrt(1 - off)) : 0;
     });
   }
-  // Of a pixel, red beyond green and blue, of 255.
-  function mean(values, pixel) {
-    let sum = 0;
-    for (let sample = 0; sample < SAMPLES.length; sample++) sum += values[pixel * SAMPLES.length + sample];
-    return sum / SAMPLES.length;
-  }
-  const redness = (pixel) => Math.min(mean(green, pixel), mean(blue, pixel));
-  return { clear, triangle, ball, redness };
+  return { clear, triangle, ball, seen: { green, blue } };
 }
 
-// Of a camera: the size of a mask, the redness of cloth, and the kernel of closing and opening.
-function makeCamera({ size, redness, kernel }) {
-  const [height, width] = size;
-  const samples = makeSamples(height, width);
-  const away = (j, i) => [j - (kernel.length >> 1), i - (kernel[0].length >> 1)]; // from its middle
-  const around = kernel.flatMap((row, j) => row.flatMap((on, i) => (on ? [away(j, i)] : [])));
+// Of a camera that sees shapes: the samples of a stage.
+function makeCamera({ size, places, lights, ...view }, { sides, rods }) {
+  const samples = makeSamples(size, places);
+  const { focus, project } = makeProjection(view, size);
 
-  function drawSkin({ triangles, points, colour }, { project }, lights) {
+  function drawSide({ triangles, colour }, points) {
     const normals = pointNormals(points, triangles);
-    const places = points.map((point, k) => [...project(point), brightness(normals[k], lights)]);
-    for (const [a, b, c] of triangles) samples.triangle([places[a], places[b], places[c]], excess(colour));
+    const corners = points.map((point, k) => [...project(point), brightness(normals[k], lights)]);
+    for (const [a, b, c] of triangles) samples.triangle([corners[a], corners[b], corners[c]], excess(colour));
   }
-  function drawCapsule({ from, to, radius, colour }, { project, focus }) {
+  function drawCapsule({ radius, colour }, [from, to]) {
     const count = Math.ceil((2 * Math.hypot(...minus3(to, from))) / radius);
     for (let ball = 0; ball <= count; ball++)
       samples.ball(project(between(from, to, ball / count)), radius, focus, excess(colour));
   }
-  const extract = () => new Uint8Array(height * width).map((_, pixel) => (samples.redness(pixel) > redness ? 1 : 0));
-  // Dilation, or erosion, by the kernel, which is symmetric; outside of the picture is neither cloth nor none.
-  function spread(mask, grows) {
-    const next = mask.slice();
-    for (let k = 0; k < mask.length; k++) {
-      if (!mask[k]) continue;
-      for (const [j, i] of around) {
-        const y = Math.floor(k / width) + j;
-        const x = (k % width) + i;
-        if (y < 0 || y >= height || x < 0 || x >= width) continue;
-        if (grows) next[y * width + x] = 1;
-        else if (!mask[y * width + x]) next[k] = 0;
-      }
-    }
-    return next;
-  }
-  // The mask of the cloth on a stage, row by row, of 0 and 1.
-  return function see({ camera, lights, skins, rods }) {
-    const projection = makeProjection(camera, [width, height]);
+  return function look({ points, ends }) {
     samples.clear();
-    for (const skin of skins) drawSkin(skin, projection, lights);
-    for (const rod of rods) if (rod.round) drawCapsule(rod, projection);
-    return [true, false, false, true].reduce(spread, extract()); // closing, then opening
+    for (const side of sides) drawSide(side, points);
+    rods.forEach((rod, k) => rod.round && drawCapsule(rod, ends[k]));
+    return samples.seen;
   };
 }

@@ -1,13 +1,13 @@
 // Model predictive control, step after step of a run: Python's `Controller` with its `GradientSearch`.
 // A plan holds the T commands of D_u numbers one after the other.
 
-// How a plan goes on when a step has passed, and whether a period may start from a recorded plan.
-const STARTS = {
-  last: { repeats: false, recorded: false },
-  earlier: { repeats: true, recorded: false },
-  recorded: { repeats: false, recorded: true },
+// Of the drivers that control, how a plan goes on when a step has passed, and whether a period may start from a recorded
+// plan. The others are to compare "control" with.
+const CONTROLS = {
+  control: { repeats: false, recorded: true },
+  "control: last": { repeats: false, recorded: false },
+  "control: earlier": { repeats: true, recorded: false },
 };
-const distanceBetween = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
 const joined = (...parts) => Float32Array.from(parts.flatMap((part) => [...part]));
 
 // The paper's search: down the gradient, by the best of many step sizes.
@@ -41,7 +41,7 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   const first = joined(...Array(horizon).fill(home));
   let p = null;
   let target = null; // z of what is aimed at
-  let start = STARTS.recorded;
+  let start = CONTROLS.control;
   let now = null; // replaced as a whole, so that a step happens wholly or not at all
 
   function beginning(learned) {
@@ -50,7 +50,6 @@ function makeController(networks, constants, search = gradientSearch(networks, c
   }
   const within = (plan) => plan.map((x, k) => Math.min(Math.max(x, lower[k % size]), upper[k % size]));
   const mask = (t) => Array.from({ length: horizon }, (_, k) => Number((t + 1 + k) % period === 0));
-  const stepsLeft = () => (period - (now.t % period)) % period;
 
   // The progress when the next state is seen: a step has passed.
   async function movedOn(p) {
@@ -73,31 +72,26 @@ function makeController(networks, constants, search = gradientSearch(networks, c
     now = { ...before, plan: found.plan, learned: found.learned, last: { s, u }, t: t + 1, solves };
     return u;
   }
-  // The z to which the plan leads at the end of its period, where that is within the horizon; null before a step.
-  async function foreseen() {
-    const { last, plan, h, c, t } = now;
-    const left = stepsLeft();
-    if (!last || left >= horizon) return null;
-    const { states } = await networks.predict({ s: last.s, u: plan, p, h, c, z_ref: target, mask: mask(t) });
-    return states.subarray(left * last.s.length).slice(...constants.z);
-  }
-  // Distance to the target that is expected of the plan; a search that learns says it itself.
+  // Distance to the target at the end of the period that is expected of the plan; null before a step. A search that
+  // learns says it itself.
   async function predictedDistance() {
-    if (now.learned) return search.expectedFor(now.learned, target);
-    const z = await foreseen();
-    return z && distanceBetween(target, z);
+    const { last, learned, plan, h, c, t } = now;
+    if (learned) return search.expectedFor(learned, target);
+    if (!last) return null;
+    const around = { p, h, c, z_ref: target, mask: mask(t - 1) };
+    const { distances } = await networks.predict({ s: last.s, u: plan, ...around });
+    return distances[0];
   }
 
   now = beginning();
   return {
     act,
-    foreseen,
     predictedDistance,
     reset: () => (now = beginning()),
     resume: () => (now = beginning(now.learned)), // as after somebody moved the robot; what was learned stays
     setBias: (next) => (p = next),
     setTarget: (z) => (target = z),
-    setStart: (name) => (start = STARTS[name]),
+    setStart: (driver) => (start = CONTROLS[driver]),
     solves: () => now.solves,
     learned: () => now.learned,
     periodEnded: () => now.last !== null && now.t % period === 0,

@@ -1,31 +1,20 @@
 // Who chooses the commands: random commands and the scripted operator, as in `policies.py`, a person, and controllers.
-// Random numbers come from a seed alone, from 0 to 1; this is mulberry32.
-function makeRandom(seed) {
-  let state = seed >>> 0;
-  function next() {
-    state = (state + 0x6d2b79f5) >>> 0;
-    let mixed = Math.imul(state ^ (state >>> 15), state | 1);
-    mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
-    return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
-  }
-  const uniform = (low, high) => low + (high - low) * next();
-  const integer = (low, end) => low + Math.floor((end - low) * next());
-  return { uniform, integer };
-}
+const uniform = (low, high) => low + (high - low) * Math.random();
+const integer = (low, end) => Math.floor(uniform(low, end));
 
 const LONGEST_HOLD = 4; // steps
 const held = (u, count) => Array(count).fill(u);
 
 // Uniform commands, each held for 1 to 4 steps, so that there are slow and fast motions.
-function* randomCommands({ lower, upper }, { uniform, integer }) {
+function* randomCommands({ lower, upper }) {
   for (;;) {
     const u = lower.map((low, k) => uniform(low, upper[k]));
     yield* held(u, integer(1, LONGEST_HOLD + 1));
   }
 }
 
-// Lifts the cloth slowly and throws it down fast; each swing draws its own height, depth, speeds and pauses.
-function* operatorCommands({ lower, upper, home }, { uniform, integer }) {
+// Angles that lift the cloth slowly and throw it down fast; each swing draws its own height, depth, speeds and pauses.
+function* swings({ lower, upper, home }) {
   const within = (low, high) => lower.map((least, k) => least + uniform(low, high) * (upper[k] - least));
   const way = (from, to, count) => Array.from({ length: count }, (_, k) => between(from, to, (k + 1) / count));
   let u = home;
@@ -39,27 +28,32 @@ function* operatorCommands({ lower, upper, home }, { uniform, integer }) {
     u = low;
   }
 }
+// Angles of the operator's swings; a stiffness command is random.
+function* operatorCommands(arm) {
+  const angles = JOINTS.length;
+  const others = randomCommands(arm);
+  for (const theta of swings(arm)) yield [...theta.slice(0, angles), ...others.next().value.slice(angles)];
+}
 
-// The driver "control", and where it starts its search; the others are to compare it with.
-const CONTROLS = { control: "recorded", "control: last": "last", "control: earlier": "earlier" };
-
-// All of them, for an arm with its limits and home. `learning`: the search of the controller that learns iteratively.
-function makeDrivers({ controller, learner, learning }, arm) {
-  let others = {}; // their commands, one after the other
+// All of them, for an arm with these limits and this home, which may not be those of the networks.
+function makeDrivers(networks, arm) {
+  const learning = iterativeSearch(networks, arm);
+  const controller = makeController(networks, arm);
+  const learner = makeController(networks, arm, learning);
   const controllers = [controller, learner];
   const controllerOf = (driver) => (driver in CONTROLS ? controller : driver === "iterative" ? learner : null);
+  let others = null; // their commands, one after the other
   let count = 0; // steps since the controller began
   let period = []; // predicted and seen distance of each step since its period began
 
-  function reset(seed) {
-    others = { random: randomCommands(arm, makeRandom(seed)), operator: operatorCommands(arm, makeRandom(seed)) };
+  function reset() {
+    others = { random: randomCommands(arm), operator: operatorCommands(arm) };
     for (const each of controllers) each.reset();
     count = 0;
     period = [];
   }
   // Another driver's turn begins; what was learned stays.
-  function resume(driver) {
-    if (driver in CONTROLS) controller.setStart(CONTROLS[driver]);
+  function resume() {
     for (const each of controllers) each.resume();
     count = 0;
     period = [];
@@ -71,13 +65,16 @@ function makeDrivers({ controller, learner, learning }, arm) {
   function setBias(p) {
     for (const each of controllers) each.setBias(p);
   }
+  const within = (u) => u.map((x, k) => Math.min(arm.upper[k], Math.max(arm.lower[k], x)));
   // A command, and what its driver says of it.
-  async function choose(driver, s, { hand, solve, solveEvery }) {
+  async function choose(driver, s, { hand, exploring, solve, solveEvery }) {
     const chosen = controllerOf(driver);
     if (!chosen) {
-      const command = driver === "manual" ? hand : others[driver].next().value;
+      const command = driver === "manual" ? within(hand) : others[driver].next().value;
       return { command, predicted: null, periodEnded: false, basis: "" };
     }
+    if (driver in CONTROLS) controller.setStart(driver);
+    learning.explore(exploring);
     // A period that begins without a solve would go on with the plan of the last one.
     const begins = count % arm.control.period === 0;
     const command = [...(await chosen.act(s, { solve: begins || (solve && count % solveEvery === 0) }))];
@@ -96,5 +93,5 @@ function makeDrivers({ controller, learner, learning }, arm) {
     period = [];
     return ended;
   }
-  return { reset, resume, setTarget, setBias, choose, closePeriod };
+  return { reset, resume, setTarget, setBias, within, choose, closePeriod };
 }

@@ -27,3 +27,43 @@ function makeEllipse({ elbows, softness, pushes }) {
     });
   };
 }
+
+const ENLARGED = 10; // times, or nobody would see the ellipse
+const SIGHT = { x: [-0.35, 1], y: [-0.75, 0.75] }; // [m], the same for every posture
+
+// The arm, and ten times how far a push of 1 N moves its hand, as Python's `ellipse_at_hand` draws it.
+function ellipsePicture({ link_length: link, lower, upper, ...grid }, canvas) {
+  const ctx = canvas.getContext("2d");
+  ctx.scale(SHARP, SHARP);
+  const [width, height] = [canvas.width / SHARP, canvas.height / SHARP];
+  const pushedHand = makeEllipse(grid);
+  const edge = { left: 50, right: width - 5, top: 5, bottom: height - 45 }; // a metre is as long up as forward
+  const along = (x, [low, high], from, to) => from + ((x - low) / (high - low)) * (to - from);
+  const place = ([x, y]) => [along(x, SIGHT.x, edge.left, edge.right), along(y, SIGHT.y, edge.bottom, edge.top)];
+
+  function drawAxes() {
+    const { size, write, upwards } = writer(canvas, ctx);
+    ctx.fillStyle = "#fff";
+    ctx.fillRect(0, 0, width, height);
+    ctx.strokeStyle = "#222";
+    ctx.lineWidth = 1;
+    ctx.strokeRect(edge.left, edge.top, edge.right - edge.left, edge.bottom - edge.top);
+    for (const x of [0, 0.5, 1]) write(x, place([x, 0])[0], edge.bottom + 1.2 * size, { align: 0.5 });
+    for (const y of [-0.5, 0, 0.5])
+      write(`${y}`.replace("-", "−"), edge.left - 5, place([0, y])[1] + 0.35 * size, { align: 1 });
+    write("forward [m]", (edge.left + edge.right) / 2, height - 0.5 * size, { align: 0.5 });
+    upwards("up [m]", 1.1 * size, (edge.top + edge.bottom) / 2);
+  }
+  // Of the angles that are sent, and the tension.
+  return function draw(angles, tension) {
+    const [shoulder, elbow] = angles.map((x, k) => Math.min(upper[k], Math.max(lower[k], x)));
+    const beyond = ([x, y], turned) => [x + link * Math.cos(turned), y - link * Math.sin(turned)];
+    const middle = beyond([0, 0], shoulder);
+    const hand = beyond(middle, shoulder + elbow);
+    const around = pushedHand([shoulder, elbow], tension).map((pushed) => hand.map((x, i) => x + ENLARGED * pushed[i]));
+    drawAxes();
+    path(ctx, [[0, 0], middle, hand].map(place), "#999", 6);
+    path(ctx, around.map(place), COLOURS[0], 2);
+    return canvas;
+  };
+}

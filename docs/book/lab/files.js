@@ -1,10 +1,20 @@
 // What belongs to the page lies beside it in scripts, as base64 of gzip files: from a folder a browser fetches nothing.
+// In a page that is one file, each is an element that bears its name.
 function loadScript(address) {
+  const name = address.split("/").pop();
+  const within = document.getElementById(name);
   return new Promise((resolve, reject) => {
     const script = document.createElement("script");
+    if (within) {
+      script.textContent = within.textContent;
+      document.head.append(script);
+      within.remove();
+      resolve();
+      return;
+    }
     script.src = address;
     script.onload = resolve;
-    script.onerror = () => reject(new Error(`${address.split("/").pop()} can't be loaded`));
+    script.onerror = () => reject(new Error(`${name} can't be loaded`));
     document.head.append(script);
   });
 }
@@ -19,10 +29,11 @@ async function unpackedFile(name) {
 
 const bytesOfBase64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-// Of what JSON holds, bytes as a panel takes them.
+// Of what JSON holds, bytes as a panel takes them, and numbers.
 function unpacked(value) {
   if (value === null || typeof value !== "object") return value;
   if (Array.isArray(value)) return value.map(unpacked);
   if ("bytes" in value) return bytesOfBase64(value.bytes);
+  if ("floats" in value) return new Float32Array(bytesOfBase64(value.floats).buffer);
   return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, unpacked(each)]));
 }

@@ -1,4 +1,7 @@
-// What a camera in space needs: vectors, a pinhole, and how bright a surface is. A mask and a picture are made with it.
+// What both the page and its worker need: names of joints, distances, and a camera in space with which a mask and a
+// picture are made: vectors, a pinhole, and how bright a surface is.
+const JOINTS = ["shoulder", "elbow"];
+const distanceBetween = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
 const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const minus3 = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -7,7 +10,7 @@ const three = (values, k) => [values[3 * k], values[3 * k + 1], values[3 * k + 2
 const between = (a, b, share) => a.map((x, i) => x + (b[i] - x) * share);
 
 // Where a point of the world is in a picture of this size: x, y [pixel], and how near that is [1 / m].
-function makeProjection({ eye, axes, fovy }, [width, height]) {
+function makeProjection({ eye, axes, fovy }, [height, width]) {
   const focus = (0.5 * height) / Math.tan((fovy * Math.PI) / 360);
   const [right, up, backward] = axes;
   function project(point) {

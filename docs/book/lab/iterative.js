@@ -19,24 +19,8 @@ function nearestPlans(runs, target, period, count, size) {
   return found.sort((a, b) => a.distance - b.distance).slice(0, count);
 }
 
-// The inverse of a matrix that is symmetric and positive definite.
-function inverseOf(matrix) {
-  const count = matrix.length;
-  const rows = matrix.map((row, i) => [...row, ...row.map((_, j) => Number(i === j))]);
-  for (let k = 0; k < count; k++) {
-    rows[k] = rows[k].map((x) => x / rows[k][k]);
-    for (let i = 0; i < count; i++) if (i !== k) rows[i] = rows[i].map((x, j) => x - rows[i][k] * rows[k][j]);
-  }
-  return rows.map((row) => row.slice(count));
-}
-
-function iterativeSearch(networks, { learning, control, biases, runs, home, z: latent }) {
-  const { remembered, noise, prior_count: priorCount, prior_error: priorError } = learning;
-  const known = Object.values(biases);
-  const square = (a, b) => distanceBetween(a, b) ** 2;
-  const middle = known[0].map((_, i) => known.reduce((sum, p) => sum + p[i], 0) / known.length);
-  const spread = known.reduce((sum, p) => sum + square(p, middle), 0) / known.length;
-  const gap = (p, other) => square(p, other) / spread;
+function iterativeSearch(networks, { learning, control, biases, spread, runs, home, z: latent }) {
+  const gap = (p, other) => (distanceBetween(p, other) / spread) ** 2;
   let exploring = true;
   let nearest = { target: null, plans: [] };
 
@@ -54,29 +38,10 @@ function iterativeSearch(networks, { learning, control, biases, runs, home, z: l
     return Math.max(learning.least_caution, learning.caution * good);
   }
   // What attempts taught of predictions: a Gaussian process. It has room for as many as are remembered.
-  async function taught({ p, z_ref: target }, attempts) {
-    const count = attempts.length;
-    if (!count) return { x: [], inverse: [], weights: [], variance: [priorError ** 2] };
+  function taught({ p }, attempts) {
     const [s, u, h, c] = ["s", "u", "h", "c"].map((name) => joined(...attempts.map((each) => each[name])));
-    const { x, predicted, kernel } = await networks.look_back({ s, u, h, c, p });
-    const seen = attempts.flatMap(({ z }) => z.flatMap((each) => [...each]));
-    const residuals = seen.map((each, k) => each - predicted[k]);
-
-    const outcomes = control.period * target.length;
-    const inverse = new Float32Array(remembered ** 2);
-    const weights = new Float32Array(count * outcomes);
-    const covariance = Array.from({ length: count }, (_, i) => {
-      const row = [...kernel.subarray(i * remembered, i * remembered + count)];
-      return row.map((each, j) => each + (i === j ? noise : 0));
-    });
-    inverseOf(covariance).forEach((row, i) => {
-      inverse.set(row, i * remembered);
-      for (let k = 0; k < outcomes; k++)
-        weights[i * outcomes + k] = row.reduce((sum, each, j) => sum + each * residuals[j * outcomes + k], 0);
-    });
-    const squares = residuals.reduce((sum, each) => sum + each * each, 0) / outcomes;
-    const variance = (priorCount * priorError ** 2 + squares) / (priorCount + count);
-    return { x: x.subarray(0, (x.length / remembered) * count), inverse, weights, variance: [variance] };
+    const z = joined(...attempts.flatMap((each) => each.z));
+    return networks.teach({ s, u, h, c, z, p, tried: attempts.map(() => 1) });
   }
   // What the distances of plans are asked with.
   async function forecast(problem, attempts) {
@@ -139,7 +104,7 @@ function iterativeSearch(networks, { learning, control, biases, runs, home, z: l
     if (t % control.period) return { plan: problem.plan, trace: null, learned: { ...before, underWay } };
 
     // A period is over, and the next one begins. Another material in the hand: attempts are forgotten.
-    const all = [...before.attempts, ...(underWay ? [underWay] : [])].slice(-remembered);
+    const all = [...before.attempts, ...(underWay ? [underWay] : [])].slice(-learning.remembered);
     const attempts = all.filter((each) => gap(each.p, p) < learning.same_material);
     const { plan, expected, trace } = await choose(problem, { attempts, underWay });
     const begun = { s, h, c, u: plan, p, z: [] };

@@ -3,7 +3,7 @@
 const PATIENT = 15; // steps, over whose mean time a tier is chosen
 const RECENT = 5; // steps, one of which was late where time is said to be
 // What the session does just as the panel asks for it.
-const FORWARDED = ["set cloth", "set material", "set driver", "set hand", "estimate", "explore"];
+const FORWARDED = ["set cloth", "set material", "set driver", "set tension", "set hand", "estimate", "explore"];
 // What is left out on a machine that is too slow: a solve or an estimate comes every so many steps.
 const TIERS = [
   { solveEvery: 1, estimateEvery: 1, about: "" },
@@ -30,34 +30,30 @@ function makeTiers(period) {
   return { took, now: () => TIERS[tier] };
 }
 
-// Pictures as files, which the panel shows.
-async function fileOf(canvas, type) {
-  const blob = await new Promise((resolve) => canvas.toBlob(resolve, type, 0.85));
-  if (!blob) throw new Error("this browser made no picture of a canvas");
-  return new Uint8Array(await blob.arrayBuffer());
-}
+// A picture in grey, which the panel shows.
 function makeGrey([width, height]) {
   const canvas = make("canvas", { width, height });
   const ctx = canvas.getContext("2d");
+  const pixels = ctx.createImageData(width, height);
   // Of an image of 0 to 1.
   return function grey(image) {
-    const pixels = ctx.createImageData(width, height);
     image.forEach((bright, k) => pixels.data.fill(255 * bright, 4 * k, 4 * k + 3).fill(255, 4 * k + 3, 4 * k + 4));
     ctx.putImageData(pixels, 0, 0);
-    return fileOf(canvas, "image/png");
+    return canvas;
   };
 }
 
-// `ask` asks the session in the worker; `first` is how that stands; `lab` is what there is about it.
-async function liveLab(ask, first, lab) {
-  const { about } = lab;
+// `ask` asks the session in the worker; `first` is what it said of its first arm; `filesOf` loads another one's.
+function liveLab(ask, first, filesOf) {
+  const { period, size, history: longest } = first.answer.lab.about;
   const { get, on, off, tell, set } = makeTraits();
-  const plane = makePlane(lab.plane);
-  const tiers = makeTiers(about.period);
+  const tiers = makeTiers(period);
   const canvas = make("canvas", { width: 560, height: 420 });
-  const drawScene = scenePicture(canvas);
-  const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(about.size));
+  const ellipseCanvas = make("canvas", { width: 540, height: 578 });
+  const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(size));
+  const met = new Set(); // names of the arms that the worker has
   let session = first.now;
+  let arm = null; // what there is about it, and what draws it
   let history = [];
   let running = false;
   let turn = 0; // number of times that it was started
@@ -87,64 +83,63 @@ async function liveLab(ask, first, lab) {
     if (!running) return "paused";
     return lateness.includes(true) ? "late" : "running";
   }
-  function refresh() {
-    const { driver, exploring, estimating, hand } = session;
+  function state() {
+    const { driver, exploring, estimating, hand, tension } = session;
     const { name, label, damping, mass } = session.cloth;
     const cloth = { name, label, material: [damping, mass] };
-    const steered = { arm: about.arms[0], driver, exploring, estimating, hand, cloth };
-    const never = { fixed: false, tension: [], recording: false, waiting: false };
-    set({ state: { ...steered, ...never, running, status: status(), message, answered } });
+    const stiffness = { fixed: tension !== null, tension: hand.slice(arm.about.stiffness_at) };
+    const steered = { arm: arm.name, driver, exploring, estimating, hand, cloth, ...stiffness };
+    return { ...steered, recording: false, waiting: false, running, status: status(), message, answered };
   }
+  const refresh = () => set({ state: state() });
   function clock() {
     const basis = history.at(-1)?.basis;
     const { about: left } = tiers.now();
     const more = [basis && `plan from ${basis}`, left].filter(Boolean);
-    return [`${(session.step * about.period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
+    return [`${(session.step * period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
   }
   // What a frame shows beside its pictures.
   function plots() {
-    const { p, report } = session;
+    const { report } = session;
+    const { plane, about } = arm;
+    const at = plane.at(session.p);
     return {
       clock: clock(),
-      traces: traces(session, history, about.period),
+      traces: traces(session, history, about),
       marks: history.flatMap((moment, k) => (moment.periodEnded ? [k] : [])),
-      at: plane.at(p),
+      at,
       trail: history.map((moment) => plane.at(moment.p)),
-      nearest: lab.cloths.find(({ name }) => name === nearestMaterial(p, lab.biases)).label,
+      nearest: nearestDot(at, about.map.dots).label,
       region: report ? report.region.map(plane.at) : [],
       warning: report?.warning ?? "",
     };
   }
-  async function drawFrame() {
+  function drawFrame() {
     const { stage, mask, reconstruction } = session;
-    const others = plots(); // of the same step as the pictures, which take a while
-    drawScene(stage);
-    const pictures = [fileOf(canvas, "image/jpeg"), seenImage(mask), decodedImage(reconstruction)];
-    const [scene, seen, decoded] = await Promise.all(pictures);
+    arm.drawScene(stage);
     frames += 1;
-    set({ frame: { number: frames, scene, seen, decoded, ...others } });
+    const pictures = { scene: canvas, seen: seenImage(mask), decoded: decodedImage(reconstruction) };
+    set({ frame: { number: frames, ...pictures, ...plots() }, ellipse: drawnEllipse() });
   }
-  // Frames come one after the other. Of those that are wanted meanwhile, one comes; without force, none.
+  // Of the command that was sent, and the tension that is fixed, or sent with it.
+  function drawnEllipse() {
+    const command = history.at(-1)?.command ?? session.hand;
+    return arm.drawEllipse && arm.drawEllipse(command.slice(0, -1), session.tension ?? command.at(-1));
+  }
+  // All that is new before the browser shows the page again is one frame.
   let drawing = null;
-  let wanted = false;
   async function draw() {
-    do {
-      wanted = false;
-      if (!(await guarded(drawFrame))) stop();
-    } while (wanted);
     drawing = null;
+    if (!(await guarded(drawFrame))) stop();
   }
-  function show({ force = true } = {}) {
+  function show() {
     refresh();
-    if (drawing && force) wanted = true;
-    drawing ??= draw();
-    return drawing;
+    drawing ??= requestAnimationFrame(draw);
   }
-  async function showTarget(aim, { onCanvas = true } = {}) {
-    const view = targetView(aim, lab);
+  function showTarget(aim, { onCanvas = true } = {}) {
+    const view = targetView(aim, arm);
     if (onCanvas) targets += 1;
-    const version = targets; // others may be chosen until its picture is there
-    set({ target: { ...view, version, reconstruction: await reconstructedImage(view.reconstruction) } });
+    set({ target: { ...view, version: targets, reconstruction: reconstructedImage(view.reconstruction) } });
   }
 
   // -- what is asked of the session
@@ -156,11 +151,34 @@ async function liveLab(ask, first, lab) {
     return answer;
   }
   async function aim(what, more, options) {
-    await showTarget(await told(what, more), options);
+    showTarget(await told(what, more), options);
+  }
+  // Another arm is there, with its own cloth, target and p: all of it is new at once.
+  function meet({ lab }) {
+    const { about, plane, scene, pushes, ...more } = lab;
+    arm = {
+      ...more,
+      about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
+      name: about.arm,
+      plane: makePlane(plane),
+      drawScene: scenePicture(canvas, scene.onlooker, scene.shapes),
+      drawEllipse: pushes && ellipsePicture(pushes, ellipseCanvas),
+    };
+    met.add(arm.name);
+    set({ about: arm.about, state: state() });
+    return []; // its history
+  }
+  async function changeArm(name) {
+    say(`the ${name} arm is being loaded`);
+    refresh();
+    const files = met.has(name) ? {} : await filesOf(name);
+    const { aim } = await told("set arm", { name, files }, meet);
+    say("");
+    showTarget(aim);
   }
   async function advance({ solve = true } = {}) {
     const { solveEvery, estimateEvery } = tiers.now();
-    const remember = (moment) => [...history, moment].slice(-about.history);
+    const remember = (moment) => [...history, moment].slice(-longest);
     await told("step", { solve, solveEvery, estimateEvery }, remember);
   }
 
@@ -170,12 +188,12 @@ async function liveLab(ask, first, lab) {
     const mine = (turn += 1);
     for (let due = now(); running && turn === mine;) {
       const began = now();
-      lateness = [...lateness, began - due > about.period / 2].slice(-RECENT);
-      if (!(await guarded(() => advance({ solve: began - due < about.period })))) stop();
+      lateness = [...lateness, began - due > period / 2].slice(-RECENT);
+      if (!(await guarded(() => advance({ solve: began - due < period })))) stop();
       const took = now() - began; // the page draws meanwhile
-      show({ force: !running });
+      show();
       if (running && tiers.took(took)) sayTier();
-      due = Math.max(due + about.period, now() - 2 * about.period); // lost time is not made up for
+      due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
     }
   }
@@ -213,11 +231,13 @@ async function liveLab(ask, first, lab) {
       await told("reset", {}, () => []);
       broken = false;
     },
-    "set p": ({ at }) => told("set p", { p: plane.p(at) }),
+    "set arm": ({ name }) => changeArm(name),
+    "set p": ({ at }) => told("set p", { p: arm.plane.p(at) }),
     "move sticks": ({ places }) =>
-      told("set hand", { u: about.hands.map(([, [low, high]], k) => low + places[k] * (high - low)) }),
+      told("set hand", { u: arm.about.hands.map(([, [low, high]], k) => low + places[k] * (high - low)) }),
     "greet gamepad"({ enough }) {
-      if (enough) say("gamepad: left stick: shoulder, right stick: elbow");
+      const trigger = arm.about.tension ? ", right trigger: stiffness" : "";
+      if (enough) say(`gamepad: left stick: shoulder, right stick: elbow${trigger}`);
       else say("⚠ a gamepad needs two sticks and a trigger", "mistake");
     },
     draw: (_, [pixels]) => aim("draw", { mask: new Uint8Array(pixels) }, { onCanvas: false }),
@@ -242,11 +262,8 @@ async function liveLab(ask, first, lab) {
   }
   document.addEventListener("visibilitychange", hide);
 
-  set({
-    about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
-    ellipse: null,
-  });
-  await showTarget(lab.aim);
-  await show();
+  meet(first.answer);
+  showTarget(first.answer.aim);
+  drawFrame();
   return { get, on, off, send, pause };
 }

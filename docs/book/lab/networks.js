@@ -2,7 +2,7 @@
 // function that takes numbers by name and promises those that come out, by name.
 
 // Large graphs that not every session needs are prepared when they are first asked.
-const LATER = ["look_back", "distance", "improve"];
+const LATER = ["teach", "distance", "improve"];
 
 async function makeNetworks(ort, { weights, ...graphs }) {
   const externalData = [{ path: "weights", data: weights }];
@@ -33,25 +33,4 @@ async function makeNetworks(ort, { weights, ...graphs }) {
   }
   const made = Object.keys(graphs).map(async (name) => [name, await network(name)]);
   return Object.fromEntries(await Promise.all(made));
-}
-
-// What Python exported beside the graphs, with plans and masks unpacked: of a mask, a number for each pixel.
-function readConstants(bytes) {
-  const known = JSON.parse(new TextDecoder().decode(bytes));
-  const floatsOf = (text) => new Float32Array(bytesOfBase64(text).buffer);
-  const masksOf = (text) => {
-    const bits = bytesOfBase64(text);
-    const pixels = Uint8Array.from({ length: 8 * bits.length }, (_, k) => (bits[k >> 3] >> (7 - (k & 7))) & 1);
-    const [area, count] = [known.size[0] * known.size[1], pixels.length / known.size[0] / known.size[1]];
-    return Array.from({ length: count }, (_, k) => pixels.subarray(k * area, (k + 1) * area));
-  };
-  const gallery = Object.entries(known.gallery).map(([name, text]) => [name, masksOf(text)[0]]);
-  return {
-    ...known,
-    plans: floatsOf(known.plans),
-    runs: known.runs.map(({ material, z, u }) => ({ material, z: floatsOf(z), u: floatsOf(u) })),
-    ellipse: known.ellipse && { ...known.ellipse, pushes: floatsOf(known.ellipse.pushes) },
-    images: masksOf(known.images),
-    gallery: Object.fromEntries(gallery),
-  };
 }

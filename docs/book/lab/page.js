@@ -1,7 +1,8 @@
 // The page "Throw a cloth": the panel with a live robot, or with the recorded run where the address asks for that, and
 // where a robot can't run.
 const RECORDED = "#recorded-run";
-const PARTS = ["lab-data", "torque", "worker", "mujoco", "onnxruntime"]; // scripts, with the files of a robot
+const ARM = "torque"; // the first
+const PARTS = [ARM, "worker", "mujoco", "onnxruntime"]; // scripts, with the files of a robot
 const place = document.getElementById("clothlab-lab");
 const folder = document.currentScript.src.replace(/[^/]*$/, "");
 const note = make("span", { role: "status" });
@@ -25,10 +26,6 @@ function once(start) {
   }
   return () => (started ??= tried());
 }
-const text = (bytes) => new TextDecoder().decode(bytes);
-function pageSeed() {
-  return Number(new URLSearchParams(location.search).get("seed") ?? crypto.getRandomValues(new Uint32Array(1))[0]);
-}
 
 const recorded = once(async () => {
   await load("run");
@@ -44,20 +41,25 @@ function lacking() {
 function report(progress) {
   if (!wantsRun()) note.textContent = progress;
 }
+// The files of a part of the page, by name.
+async function filesOf(part) {
+  await load(part);
+  const files = {};
+  const names = Object.keys(globalThis.clothlabFiles).filter((name) => name.startsWith(part));
+  for (const name of names) files[name] = await (await unpackedFile(name)).arrayBuffer();
+  return files;
+}
 const live = once(async () => {
   if (lacking()) throw new Error(lacking());
-  const files = {};
+  const loaded = {};
   for (const [k, part] of PARTS.entries()) {
     report(`The robot is being loaded, part ${k + 1} of ${PARTS.length} …`);
-    await load(part);
-    for (const name of Object.keys(globalThis.clothlabFiles))
-      files[name] = await (await unpackedFile(name)).arrayBuffer();
+    Object.assign(loaded, await filesOf(part));
   }
   report("The robot is being put together …");
-  const { "worker.js": worker, ...others } = files;
-  const about = unpacked(JSON.parse(text(files["lab.json"])));
-  const { ask, first } = await startRobot(text(worker), others, pageSeed());
-  return liveLab(ask, first, { ...about, ...first.answer });
+  const { "worker.js": worker, ...files } = loaded;
+  const { ask, first } = await startRobot(new TextDecoder().decode(worker), { name: ARM, files });
+  return liveLab(ask, first, filesOf);
 });
 
 // The way to the other of the two, also while one is being loaded.

@@ -1,6 +1,6 @@
 // The robot in its worker: a function that asks it something, and promises what it answers.
-// `files`: the worker's source, and what it is made of, which it is handed.
-async function startRobot(source, files, seed) {
+// `source`: what its worker does. `more`: with which it is asked to meet its first arm.
+async function startRobot(source, more) {
   const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
   const worker = new Worker(address);
   const waiting = new Map(); // what to do with an answer, by the question's id
@@ -26,7 +26,7 @@ async function startRobot(source, files, seed) {
     });
 
   try {
-    return { ask, first: await ask("load", { files, seed }, Object.values(files)) };
+    return { ask, first: await ask("set arm", more, Object.values(more.files)) };
   } catch (error) {
     worker.terminate();
     throw error;

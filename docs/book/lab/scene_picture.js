@@ -2,29 +2,19 @@
 // robot has its worker for itself.
 const SKY = [0.93, 0.95, 0.97];
 const FLOOR = [0.95, 0.95, 0.93];
-const FINE = 3; // parts of an edge of the cloth's triangles, which are shaded each
 const ROD_PARTS = 8; // of one, which may stand before the cloth or behind it
 const ROUND = [-1, -0.8, -0.4, 0, 0.4, 0.8, 1]; // across a rod, where its shading is computed
 
 const rgb = (colour, bright) => `rgb(${colour.map((x) => Math.min(255, 255 * x * bright)).join(" ")})`;
 
-// What triangle [a, b, c] is cut into: corners as shares of a, b and c.
-function fineTriangles(count) {
-  const corner = (i, j) => [1 - (i + j) / count, i / count, j / count];
-  const fine = [];
-  for (let i = 0; i < count; i++)
-    for (let j = 0; i + j < count; j++) {
-      fine.push([corner(i, j), corner(i + 1, j), corner(i, j + 1)]);
-      if (i + j < count - 1) fine.push([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
-    }
-  return fine;
-}
-const FACETS = fineTriangles(FINE);
 const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
 
-function scenePicture(canvas) {
+// `view`: from where it is seen. `shapes`: what there is to see; each triangle of the cloth is cut into facets.
+function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFacets }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
+  const { focus, project } = makeProjection(view, [height, width]);
+  const { eye } = view;
 
   function polygon(places) {
     ctx.beginPath();
@@ -32,8 +22,8 @@ function scenePicture(canvas) {
     ctx.closePath();
   }
   // The floor reaches to the horizon, where the camera looks if it looks level.
-  function drawFloor({ axes }, focus) {
-    const [, up, backward] = axes;
+  function drawFloor() {
+    const [, up, backward] = view.axes;
     const level = [-backward[0], -backward[1], 0];
     const horizon = height / 2 + (focus * dot3(level, up)) / dot3(level, backward);
     ctx.fillStyle = rgb(SKY, 1);
@@ -46,7 +36,7 @@ function scenePicture(canvas) {
     ctx.fillRect(0, top, width, height - top);
   }
   // All shadows are one shape, or they would be darker where two of them meet.
-  function drawShadows({ skins, rods, lights }, { project }) {
+  function drawShadows({ points, ends }) {
     const [sun] = lights.beams.at(-1);
     const onFloor = (point) => project([0, 1, 2].map((i) => point[i] - (point[2] / sun[2]) * sun[i]));
     const shape = new Path2D();
@@ -58,8 +48,9 @@ function scenePicture(canvas) {
       for (const [x, y] of others) shape.lineTo(x, y);
       shape.closePath();
     }
-    for (const corners of skins[0].triangles) add(corners.map((k) => onFloor(skins[0].points[k])));
-    for (const { from, to, radius } of rods) {
+    for (const corners of sides[0].triangles) add(corners.map((k) => onFloor(points[k])));
+    for (const [k, { radius }] of rods.entries()) {
+      const [from, to] = ends[k];
       const across = cross3(minus3(to, from), sun);
       const wide = across.map((x) => (radius * x) / (Math.hypot(...across) || 1));
       const edge = (point, side) => onFloor(point.map((x, i) => x + side * wide[i]));
@@ -69,14 +60,14 @@ function scenePicture(canvas) {
     ctx.fill(shape);
   }
   // Of a cloth's side, the facets that are seen of it: how far each is, and what draws it.
-  function facets({ triangles, points, colour }, lights, { project }, eye) {
+  function facets({ triangles, colour }, points) {
     const normals = pointNormals(points, triangles);
     return triangles.flatMap((corners) => {
       const [a, b, c] = corners.map((k) => points[k]);
       const around = corners.map((k) => normals[k]);
       const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
       if (!front) return [];
-      return FACETS.map((fine) => {
+      return fineFacets.map((fine) => {
         const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
         const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
         const normal = mixed(middle, around);
@@ -91,7 +82,7 @@ function scenePicture(canvas) {
       });
     });
   }
-  function parts({ round, from, to, radius, colour }, lights, { project, focus }, eye) {
+  function parts({ round, radius, colour }, [from, to]) {
     const along = minus3(to, from);
     const across = cross3(along, minus3(eye, from));
     const length = Math.hypot(...across) || 1;
@@ -120,12 +111,10 @@ function scenePicture(canvas) {
     });
   }
   return function draw(stage) {
-    const { camera, lights, skins, rods } = stage;
-    const projection = makeProjection(camera, [width, height]);
-    drawFloor(camera, projection.focus);
-    drawShadows(stage, projection);
-    const things = skins.flatMap((skin) => facets(skin, lights, projection, camera.eye));
-    things.push(...rods.flatMap((rod) => parts(rod, lights, projection, camera.eye)));
+    drawFloor();
+    drawShadows(stage);
+    const things = sides.flatMap((side) => facets(side, stage.points));
+    things.push(...rods.flatMap((rod, k) => parts(rod, stage.ends[k])));
     things.sort((a, b) => a.near - b.near);
     for (const thing of things) thing.draw();
   };

@@ -8,40 +8,44 @@ const shortNumber = (x) => x.toFixed(Math.abs(x - Math.round(100 * x) / 100) < 1
 // One of the known cloths where these are its values, else a cloth of one's own.
 function clothOf(damping, mass, known) {
   const name = `damp${damping.toFixed(3)}-mass${mass.toFixed(3)}`;
-  const own = { name, label: `(${shortNumber(damping)}, ${shortNumber(mass)})`, damping, mass };
+  const own = { ...known[0], name, label: `(${shortNumber(damping)}, ${shortNumber(mass)})`, damping, mass };
   return known.find((each) => each.damping === damping && each.mass === mass) ?? own;
 }
 
-// `method`: networks and what is made of them, and constants. `lab`: the scene and the cloths. `seed`: of all random
-// numbers.
-async function makeSession(mujoco, method, { scene, cloths }, seed) {
-  const { networks, learning, makeTracker, aimAt, constants } = method;
-  const seeds = makeRandom(seed);
-  const see = makeCamera(scene.camera);
-  const drivers = makeDrivers(method, constants);
+// An arm whose stiffness command, the last one, is fixed at so much [N]; null leaves it free.
+function stiffened(arm, tension) {
+  if (tension === null) return arm;
+  const fixed = (u) => [...u.slice(0, -1), tension];
+  return { ...arm, lower: fixed(arm.lower), upper: fixed(arm.upper), home: fixed(arm.home) };
+}
+
+// `method`: networks, and constants beside them. `lab`: the scene, the cloths and the images to aim at. What
+// another session was asked to do before may go on: who drives, and whether it learns.
+async function makeSession(mujoco, { networks, constants }, { scene, cloths, about }, before = {}) {
+  const arm = makeArm(scene.arm);
+  const look = makeStage(scene.shapes);
+  const picture = makeCamera(scene.camera, scene.shapes);
+  const aimAt = makeAim(networks, constants);
+  let drivers = makeDrivers(networks, constants);
   let physics = null;
-  let look = null;
   let cloth = null;
   let observation = null;
   let still = null; // z of the cloth that hangs still
   let command = constants.home; // the last one that was sent
   let hand = constants.home; // that of the driver "manual"
+  let tension = null; // [N], at which the stiffness is fixed
   let step = 0; // number since the last reset
-  let driver = "control";
-  let estimating = false;
-  let exploring = true; // whether who learns iteratively tries new plans; else it repeats the best known one
+  let { driver = "control", estimating = false } = before;
+  let { exploring = true } = before; // whether who learns tries new plans; else it repeats the best known one
   let p = constants.biases[constants.cloth];
   let tracker = null;
   let aim = null;
 
-  async function observe(world, lookAt) {
-    const stage = lookAt(world.data);
-    const mask = see(stage);
-    const { z } = await networks.encode({ image: mask });
-    const { image } = await networks.decode({ z });
-    const joints = [...world.data.qpos.subarray(0, 2), ...world.data.qvel.subarray(0, 2)];
-    const s = Float32Array.from([...z, ...joints]);
-    return { stage, mask, z, joints, s, reconstruction: image };
+  async function observe({ data }) {
+    const stage = look(data);
+    const { mask, z, reconstruction } = await networks.see(picture(stage));
+    const s = Float32Array.from([...z, ...arm.sense(data)]);
+    return { stage, mask, z, s, reconstruction, theta: arm.theta(data) };
   }
   // Go on from a cloth that was just made to hang still.
   function begin(seen) {
@@ -49,18 +53,18 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     still = seen.z;
     command = constants.home;
     step = 0;
-    drivers.reset(seeds.integer(0, 2 ** 32));
-    tracker = makeTracker(p);
+    drivers.reset();
+    tracker = makeTracker(networks, constants, p);
   }
   async function hold(next) {
-    const mjcf = scene.mjcf.replaceAll("{damping}", next.damping).replaceAll("{mass}", next.mass / scene.points);
+    const numbers = Object.entries({ ...next, mass: next.mass / scene.points });
+    const mjcf = numbers.reduce((text, [name, value]) => text.replaceAll(`{${name}}`, value), scene.mjcf);
     let world = null;
     try {
       world = makePhysics(mujoco, { ...scene, mjcf });
-      const lookAt = makeStage(mujoco, world.model);
-      begin(await observe(world, lookAt));
+      begin(await observe(world));
       physics?.free();
-      [physics, look, cloth] = [world, lookAt, next];
+      [physics, cloth] = [world, next];
     } catch (error) {
       if (world) world.free();
       if (!(error instanceof SimulationError)) throw error;
@@ -71,13 +75,13 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   }
   async function reset() {
     physics.reset();
-    begin(await observe(physics, look));
+    begin(await observe(physics));
   }
   async function advance(u) {
     const before = physics.kept();
     try {
-      physics.advance(u);
-      observation = await observe(physics, look);
+      physics.advance(arm.sent(u));
+      observation = await observe(physics);
     } catch (error) {
       physics.put(before);
       if (!(error instanceof SimulationError)) throw error;
@@ -97,7 +101,7 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
   async function makeStep({ solve, solveEvery, estimateEvery }) {
     const start = performance.now();
     const before = observation;
-    const choice = await drivers.choose(driver, before.s, { hand, solve, solveEvery });
+    const choice = await drivers.choose(driver, before.s, { hand, exploring, solve, solveEvery });
     await advance(choice.command);
     if (estimating) {
       const estimate = step % estimateEvery === 0;
@@ -106,14 +110,14 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(driver, choice, distance);
     const seconds = (performance.now() - start) / 1000;
-    return { ...choice, distance, period, seconds, theta: observation.joints.slice(0, 2), p: [...p] };
+    return { ...choice, distance, period, seconds, theta: observation.theta, p: [...p] };
   }
   // How things stand now.
   function now() {
     const { stage, mask, reconstruction } = observation;
-    const report = estimating ? tracker.report : null;
-    const shownHand = driver === "manual" ? hand : command;
-    const controls = { driver, exploring, estimating, hand: shownHand, p: [...p], cloth, report };
+    const report = estimating ? tracker.report() : null;
+    const shownHand = drivers.within(driver === "manual" ? hand : command);
+    const controls = { driver, exploring, estimating, tension, hand: shownHand, p: [...p], cloth, report };
     return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
   }
   async function setTarget(mask) {
@@ -122,36 +126,42 @@ async function makeSession(mujoco, method, { scene, cloths }, seed) {
     aim = next;
     return aim;
   }
+  const pick = ({ name }) => setTarget(about.gallery.find((each) => each.name === name).image);
 
   // By the names that the panel has for them.
   const actions = {
     reset,
     step: makeStep,
     draw: ({ mask }) => setTarget(mask),
-    pick: ({ name }) => setTarget(constants.gallery[name]),
+    pick,
     take: () => setTarget(observation.mask),
     "set cloth": ({ cloth: name }) => hold(cloths.find((each) => each.name === name)),
     "set material": ({ damping, mass }) => hold(clothOf(damping, mass, cloths)),
     "set driver"(next) {
-      if (next.driver !== driver) drivers.resume(next.driver);
+      if (next.driver !== driver) drivers.resume();
       driver = next.driver;
     },
     "set hand"({ u }) {
-      hand = u.map((x, k) => Math.min(constants.upper[k], Math.max(constants.lower[k], x)));
+      hand = u;
       actions["set driver"]({ driver: "manual" });
     },
+    // For every driver; learning restarts.
+    "set tension"({ f_const: next }) {
+      drivers = makeDrivers(networks, stiffened(constants, next));
+      drivers.reset();
+      drivers.setTarget(aim.z);
+      drivers.setBias(p);
+      tension = next;
+    },
     "set p"(next) {
-      tracker = makeTracker(next.p);
+      tracker = makeTracker(networks, constants, next.p);
       use(next.p);
     },
     estimate: ({ on }) => (estimating = on),
-    explore({ on }) {
-      learning.explore(on);
-      exploring = on;
-    },
+    explore: ({ on }) => (exploring = on),
   };
   drivers.setBias(p);
-  await setTarget(constants.gallery[constants.target]);
+  await pick({ name: constants.target });
   await hold(cloths.find(({ name }) => name === constants.cloth));
   return { actions, now, aim: () => aim, world: () => physics };
 }

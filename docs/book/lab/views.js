@@ -1,10 +1,8 @@
 // What the panel shows of a session, as plain data: Python's `Views` and `traces`.
-const JOINTS = ["shoulder", "elbow"];
-
 const plot = (title, unit, lines, limit, pairs = []) => ({ title, unit, lines, limit, pairs });
 
 // The plots of a history, one below the other. A line is named, and `of` gives its value at a moment.
-function traces({ stillDistance }, history, period) {
+function traces({ stillDistance }, history, { period, tension }) {
   const line = (name, of, colour = 0, { dash = 0, fine = false } = {}) => {
     return { name, values: history.map(of), colour, dash, fine };
   };
@@ -14,10 +12,12 @@ function traces({ stillDistance }, history, period) {
   const pairs = history.flatMap(({ period: ended }, k) => (ended ? [[k, ended.predicted, ended.achieved]] : []));
   const angles = JOINTS.map((joint, j) => line(joint, (moment) => moment.theta[j], j));
   const sent = JOINTS.map((joint, j) => line(`${joint} ref`, (moment) => moment.command[j], j, { dash: 1 }));
+  const stiffness = line("f_const", (moment) => moment.command.at(-1));
   const times = line("step", (moment) => 1e3 * moment.seconds);
   return [
     plot("distance to the target", "s.d. of z", distances, ["hanging still", stillDistance], pairs),
     plot("joint angles", "rad", [...angles, ...sent], null),
+    ...(tension ? [plot("stiffness command", "N", [stiffness], null)] : []),
     plot("time a step took", "ms", [times], ["control period", 1e3 * period]),
   ];
 }
@@ -47,8 +47,8 @@ function makePlane({ mean, axes }) {
   return { at, p };
 }
 
-// The material whose trained p is nearest.
-function nearestMaterial(p, biases) {
-  const gap = (name) => Math.hypot(...p.map((x, k) => x - biases[name][k]));
-  return Object.keys(biases).reduce((best, name) => (gap(name) < gap(best) ? name : best));
+// What lies nearest to a place of the map.
+function nearestDot(place, dots) {
+  const gap = ({ at }) => distanceBetween(at, place);
+  return dots.reduce((best, dot) => (gap(dot) < gap(best) ? dot : best));
 }

@@ -1,44 +1,35 @@
 // In a worker: MuJoCo, the networks, and a session with both. Each question has an answer with the same id, and waits
 // for the one before it.
+const arms = {}; // that were met, by name
+let mujoco = null;
 let session = null;
-const read = (bytes) => JSON.parse(new TextDecoder().decode(bytes));
+const read = (bytes) => unpacked(JSON.parse(new TextDecoder().decode(bytes)));
 
 // onnxruntime in one thread. It loads a module of its own, which can only come from an address.
 function loadRuntime({ "onnxruntime.mjs": module, "onnxruntime.wasm": wasm }) {
   const address = URL.createObjectURL(new Blob([module], { type: "text/javascript" }));
   Object.assign(ort.env.wasm, { numThreads: 1, wasmBinary: wasm, wasmPaths: { mjs: address } });
-  return ort;
 }
 
-// What Python exported for an arm: constants, and networks with what is made of them.
-async function makeMethod(files, arm) {
-  const its = Object.entries(files).filter(([name]) => name.startsWith(`${arm}/`));
-  const exported = its.map(([name, bytes]) => [name.slice(arm.length + 1), new Uint8Array(bytes)]);
-  const { constants: about, ...graphs } = Object.fromEntries(exported);
-  const constants = readConstants(about);
-  const networks = await makeNetworks(loadRuntime(files), graphs);
-  const learning = iterativeSearch(networks, constants);
-  return {
-    constants,
-    networks,
-    learning,
-    controller: makeController(networks, constants),
-    learner: makeController(networks, constants, learning),
-    makeTracker: (p) => makeTracker(networks, constants, p),
-    aimAt: makeAim(networks, constants),
-  };
+// What Python exported for an arm: what there is about it, and its method.
+async function makeMet(files, name) {
+  const its = Object.entries(files).filter(([path]) => path.startsWith(`${name}/`));
+  const exported = its.map(([path, bytes]) => [path.slice(name.length + 1), new Uint8Array(bytes)]);
+  const { "lab.json": lab, constants, ...graphs } = Object.fromEntries(exported);
+  return { lab: read(lab), method: { constants: read(constants), networks: await makeNetworks(ort, graphs) } };
 }
 
 const answers = {
-  async load({ files, seed }) {
-    const lab = unpacked(read(files["lab.json"]));
-    const [mujoco, method] = await Promise.all([
-      loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (name) => name }),
-      makeMethod(files, lab.about.arms[0]),
-    ]);
-    session = await makeSession(mujoco, method, lab, seed);
-    const { biases, usual_distance } = method.constants;
-    return { biases, usual_distance, aim: session.aim() };
+  // `files`: of an arm that was not met before; at first, also of MuJoCo and onnxruntime.
+  async "set arm"({ name, files }) {
+    if (!mujoco) loadRuntime(files);
+    const loaded = mujoco ?? loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (path) => path });
+    [mujoco, arms[name]] = await Promise.all([loaded, arms[name] ?? makeMet(files, name)]);
+    const { lab, method } = arms[name];
+    const next = await makeSession(mujoco, method, lab, session?.now());
+    session?.world().free();
+    session = next;
+    return { lab: { ...lab, pushes: method.constants.ellipse }, aim: session.aim() };
   },
 };
 

@@ -1,0 +1,184 @@
+"""The scene of the live lab in a page: what its physics, camera and picture need."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from clothlab._validation import HEIGHT, WIDTH
+from clothlab.simulation._lattice import point_names, springs
+from clothlab.simulation._mjcf import build_spec, onlooker, portable_mjcf
+from clothlab.simulation.arm import JOINTS, Arm, MuscleArm
+from clothlab.simulation.cloth import CLOTHS, FOAMS, Cloth
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.muscle import MUSCLES
+from clothlab.simulation.scene import Scene
+from course.lab_images import SAMPLES
+
+# Of a cloth, what the page puts into the MJCF
+_NUMBERS = ("damping", "mass", "stiffness", "bending", "spring_damping")
+
+# Parts of an edge of the cloth's triangles, which are shaded each
+_FINE = 3
+
+
+def cloths(arm: Arm) -> list[dict[str, Any]]:
+    """Those that an arm may hold, with what is said of them and what they are."""
+    keys = ("name", "label", *_NUMBERS)
+    known = FOAMS if arm.has_stiffness else CLOTHS
+    return [{key: getattr(cloth, key) for key in keys} for cloth in known.values()]
+
+
+def scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
+    """An arm with a cloth that hangs still in its hand, as plain data.
+
+    Its MJCF, where it starts and the time steps of a control period; what its arm
+    senses and is sent; what there is to see, and from where.
+    """
+    env = ClothEnv(arm, cloth)
+    spec = build_spec(env.arm, env.cloth, env.scene)
+    return {
+        "mjcf": portable_mjcf(spec),
+        "start": _start(env),
+        "substeps": env.scene.substeps,
+        "arm": _arm(env.arm, env.model),
+        "shapes": _shapes(env.model),
+        "camera": _eye(env, "camera") | {"size": (HEIGHT, WIDTH), "places": SAMPLES},
+        "onlooker": _eye(env, onlooker(env.arm)),
+    }
+
+
+def _start(env: ClothEnv) -> dict[str, list[float]]:
+    names = ("qpos", "qvel", "act", "ctrl")
+    return {name: getattr(env.data, name).tolist() for name in names}
+
+
+def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
+    """The same for any of an arm's cloths, whose numbers are open in the MJCF.
+
+    The cloth is put below the hand, and hangs still after `settle` time steps.
+    """
+    placed = ClothEnv(arm, cloth, scene=Scene(settle_time=0))
+    world = scene(arm, cloth)
+
+    # Names in braces where numbers of the cloth stand
+    root = ElementTree.fromstring(world["mjcf"])
+    names = {name for row in point_names(placed.cloth) for name in row}
+    points = [body for body in root.iter("body") if body.get("name") in names]
+    for body in points:
+        for joint in body.findall("joint"):
+            joint.set("damping", "{damping}")
+        for ball in body.findall("geom"):
+            ball.set("mass", "{mass}")
+    bent = {
+        f"{a}-{b}"
+        for a, b, stiffness in springs(placed.cloth)
+        if stiffness == placed.cloth.bending
+    }
+    for spring in root.iter("spatial"):
+        kind = "{bending}" if spring.get("name") in bent else "{stiffness}"
+        spring.set("stiffness", kind)
+        spring.set("damping", "{spring_damping}")
+
+    # And how it begins
+    return world | {
+        "mjcf": ElementTree.tostring(root, encoding="unicode"),
+        "start": _start(placed),
+        "settle": round(Scene.settle_time / Scene.time_step),
+        "timeStep": Scene.time_step,
+        "points": len(points),
+    }
+
+
+def _arm(arm: Arm, model: mujoco.MjModel) -> dict[str, Any]:
+    """What an arm senses, by its places in MuJoCo's data, and how it is moved."""
+    muscles = None
+    if isinstance(arm, MuscleArm):
+        muscles = {
+            "rotors": _addresses(model, MUSCLES),
+            "tendons": [model.tendon(name).id for name in MUSCLES],
+            "moment_arms": arm.moment_arms.tolist(),
+            "spring_linear": arm.spring_linear,
+            "spring_cubic": arm.spring_cubic,
+            "motor_stiffness": arm.motor_stiffness,
+            "tension_bias": arm.tension_bias,
+        }
+    return {"angles": _addresses(model, JOINTS), "muscles": muscles}
+
+
+def _addresses(model: mujoco.MjModel, joints: Sequence[str]) -> list[int]:
+    """Places of joints among the coordinates."""
+    return [int(model.joint(name).qposadr[0]) for name in joints]
+
+
+def _shapes(model: mujoco.MjModel) -> dict[str, Any]:
+    """What there is to see: the sides of the cloth, between points, and rods."""
+    sides = []
+    for k in range(model.nskin):
+        faces = model.skin(k).faceadr[0] + np.arange(model.skin(k).facenum[0])
+        triangles = model.skin_face[faces].tolist()
+        sides.append({"triangles": triangles, "colour": _colour(model.skin(k))})
+    rods = []
+    for k in range(model.ngeom):
+        rod = model.geom(k)
+        round_ = rod.type[0] == mujoco.mjtGeom.mjGEOM_CAPSULE
+        if round_ or rod.type[0] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            radius, half, _ = rod.size.tolist()
+            about = {"radius": radius, "half": half, "colour": _colour(rod)}
+            rods.append(about | {"geom": k, "round": bool(round_)})
+    points = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
+    return {"points": points, "sides": sides, "rods": rods, "facets": _facets(_FINE)}
+
+
+def _facets(count: int) -> list[list[tuple[float, ...]]]:
+    """What a triangle is cut into: corners as shares of its own corners."""
+
+    def corner(i: int, j: int) -> tuple[float, ...]:
+        return (count - i - j) / count, i / count, j / count
+
+    facets = []
+    for i, j in product(range(count), range(count)):
+        if i + j < count:
+            facets.append([corner(i, j), corner(i + 1, j), corner(i, j + 1)])
+        if i + j < count - 1:
+            beyond = corner(i + 1, j + 1)
+            facets.append([corner(i + 1, j), beyond, corner(i, j + 1)])
+    return facets
+
+
+def _colour(thing: Any) -> list[float]:
+    return thing.rgba[:3].round(4).tolist()
+
+
+def _eye(env: ClothEnv, view: str | mujoco.MjvCamera) -> dict[str, Any]:
+    """Where a view is from, what is right, up and backward there, and its lights."""
+    model = env.model
+    if isinstance(view, str):
+        camera = env.arm.camera
+        eye = np.array(camera.position)
+        axes = camera.axes
+        fovy = camera.fovy
+    else:
+        azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
+        level = np.array([np.cos(azimuth), np.sin(azimuth), 0])
+        upward = np.array([0, 0, 1])
+        forward = np.cos(elevation) * level + np.sin(elevation) * upward
+        up = np.cos(elevation) * upward - np.sin(elevation) * level
+        axes = np.array([np.cross(forward, up), up, -forward])
+        eye = view.lookat - view.distance * forward
+        fovy = model.vis.global_.fovy
+
+    # One light goes with the camera
+    head = model.vis.headlight
+    beams = [(axes[2].tolist(), float(head.diffuse[0]))]
+    for direction, diffuse in zip(model.light_dir, model.light_diffuse, strict=True):
+        beams.append(((-direction).tolist(), float(diffuse[0])))
+    return {
+        "eye": eye.tolist(),
+        "axes": axes.tolist(),
+        "fovy": float(fovy),
+        "lights": {"ambient": float(head.ambient[0]), "beams": beams},
+    }
