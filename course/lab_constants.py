@@ -10,6 +10,7 @@ import torch
 from numpy.typing import ArrayLike
 
 from clothlab._certainty import SHARE, radius
+from clothlab.analysis import spread
 from clothlab.lab._equipment import Equipment
 from clothlab.lab._pictures import pixels, pushed_hand
 from clothlab.lab._playback import _packed
@@ -59,6 +60,7 @@ def _robot(equipment: Equipment) -> dict[str, Any]:
         "upper": arm.command_upper.tolist(),
         "home": arm.home_command.tolist(),
         "biases": {name: p.tolist() for name, p in trained.biases.items()},
+        "spread": spread(trained.biases),
         "plans": floats(equipment.plans),
         "runs": [_run(run, z) for run in equipment.runs],
         "images": pixels(equipment.images),

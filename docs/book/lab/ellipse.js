@@ -37,7 +37,7 @@ function ellipsePicture({ link_length: link, lower, upper, ...grid }, canvas) {
   ctx.scale(SHARP, SHARP);
   const [width, height] = [canvas.width / SHARP, canvas.height / SHARP];
   const pushedHand = makeEllipse(grid);
-  const edge = { left: 50, right: width - 5, top: 5, bottom: height - 45 };
+  const edge = { left: 50, right: width - 5, top: 5, bottom: height - 45 }; // a metre is as long up as forward
   const along = (x, [low, high], from, to) => from + ((x - low) / (high - low)) * (to - from);
   const place = ([x, y]) => [along(x, SIGHT.x, edge.left, edge.right), along(y, SIGHT.y, edge.bottom, edge.top)];
 
@@ -46,6 +46,7 @@ function ellipsePicture({ link_length: link, lower, upper, ...grid }, canvas) {
     ctx.fillStyle = "#fff";
     ctx.fillRect(0, 0, width, height);
     ctx.strokeStyle = "#222";
+    ctx.lineWidth = 1;
     ctx.strokeRect(edge.left, edge.top, edge.right - edge.left, edge.bottom - edge.top);
     for (const x of [0, 0.5, 1]) write(x, place([x, 0])[0], edge.bottom + 1.2 * size, { align: 0.5 });
     for (const y of [-0.5, 0, 0.5])

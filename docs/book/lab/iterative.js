@@ -19,12 +19,8 @@ function nearestPlans(runs, target, period, count, size) {
   return found.sort((a, b) => a.distance - b.distance).slice(0, count);
 }
 
-function iterativeSearch(networks, { learning, control, biases, runs, home, z: latent }) {
-  const known = Object.values(biases);
-  const square = (a, b) => distanceBetween(a, b) ** 2;
-  const middle = known[0].map((_, i) => known.reduce((sum, p) => sum + p[i], 0) / known.length);
-  const spread = known.reduce((sum, p) => sum + square(p, middle), 0) / known.length;
-  const gap = (p, other) => square(p, other) / spread;
+function iterativeSearch(networks, { learning, control, biases, spread, runs, home, z: latent }) {
+  const gap = (p, other) => (distanceBetween(p, other) / spread) ** 2;
   let exploring = true;
   let nearest = { target: null, plans: [] };
 

@@ -49,7 +49,7 @@ function liveLab(ask, first, filesOf) {
   const { get, on, off, tell, set } = makeTraits();
   const tiers = makeTiers(period);
   const canvas = make("canvas", { width: 560, height: 420 });
-  const ellipseCanvas = make("canvas", { width: 540, height: 480 });
+  const ellipseCanvas = make("canvas", { width: 540, height: 578 });
   const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(size));
   const met = new Set(); // names of the arms that the worker has
   let session = first.now;
