@@ -70,9 +70,10 @@ def test_how_soon_and_how_fast(open_lab, gate, times):
             lab.page.wait_for_timeout(1000)
         lab.run_until(STEPS)
         taken = lab.get("frame")["traces"][2]["lines"][0]["values"]
-    gate(f"ready{more}", np.median(ready))
+    # A machine that is busy with other things fails by the last of these
     gate(f"step{more}", np.median(taken))
     gate(f"slow step{more}", np.percentile(taken, 95))
+    gate(f"ready{more}", np.median(ready))
 
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="memory is read as on Linux")
