@@ -107,8 +107,8 @@ class FastDPMPB:
 
         # What the first layer makes of all commands at once, step beside step.
         bias, weight = net.command
-        from_commands = torch.addmm(bias, u.flatten(0, 1), weight)
-        from_commands = from_commands.reshape(batch, -1).chunk(steps, dim=1)
+        flat = torch.addmm(bias, u.flatten(0, 1), weight)
+        from_commands = flat.reshape(batch, -1).chunk(steps, dim=1)
 
         s = ((s - self._s_mean) / self._s_std).expand(batch, -1)
         h, c = ([*part.expand(-1, batch, -1)] for part in memory)
