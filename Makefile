@@ -119,8 +119,7 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 
 # Of the robot in a page, if they are old: two who need them at once must not both make them.
 graphs:
-	$(BIN)/python -c 'from clothlab import load; from course.lab_export import graphs; \
-		[graphs(load(name)) for name in ("torque-0", "muscle-0")]'
+	$(BIN)/python -c 'from course.lab_page import arm_files; [arm_files(arm) for arm in ("torque", "muscle")]'
 
 site-built:
 	$(MAKE) book SMALL=1
