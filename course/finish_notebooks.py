@@ -5,7 +5,8 @@ that sets up Google Colab, its summary leads to the notebook after it, and its l
 text ends with a word on its kernel. The
 README's first line leads to where they run without an installation, and its tables, as
 the map in notebook 00, say how long each one takes, as the notebook's own first cell
-does. The syllabus has the same times, the exercises with their points, and the sums.
+does, and how long Part I takes in all. The syllabus has the same times, the exercises
+with their points, and the sums.
 """
 
 import re
@@ -150,13 +151,13 @@ def side_minutes(notebook: nbformat.NotebookNode) -> int:
     return int(found[1]) if found else 0
 
 
-def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
-    """The README with the number of notebooks of Part I, and their hours."""
+def part_one(text: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
+    """The README, or the map, with the number of notebooks of Part I and hours."""
     part = [each for name, each in notebooks.items() if name < "10"]
     hours = sum(map(minutes, part)) / 60
     besides = _besides(sum(map(side_minutes, part)) / 60, digits=0)
-    text = f"{len(part)} notebooks, about {hours:.0f} hours{besides}"
-    return PART.sub(text, readme)
+    sums = f"{len(part)} notebooks, about {hours:.0f} hours{besides}"
+    return PART.sub(sums, text)
 
 
 def _besides(hours: float, digits: int) -> str:
@@ -218,7 +219,7 @@ def finished() -> dict[Path, str]:
         lead_on(notebooks[path], following, notebooks[following])
     named = {path.name: each for path, each in notebooks.items()}
     for cell in notebooks[paths[0]].cells:  # the map
-        cell.source = with_times(cell.source, named)
+        cell.source = part_one(with_times(cell.source, named), named)
     texts = {path: nbformat.writes(each) + "\n" for path, each in notebooks.items()}
 
     # The README and the syllabus

@@ -83,11 +83,11 @@ class RecordedRun(Widget, ipywidgets.VBox):
     """Plays the recorded run up to a step, without a session.
 
     Args:
-        stop: the step before which it ends; by default it is played to its end.
+        stop: the last step, counted from 1; by default it is played to its end.
         shown: the step that is seen at first.
     """
 
-    def __init__(self, stop: int | None = None, shown: int = 0):
+    def __init__(self, stop: int | None = None, shown: int = 1):
         self.errors: list[str] = []
 
         # How things stood at each step, and its masks [T, H, W], seen and aimed at
@@ -103,7 +103,8 @@ class RecordedRun(Widget, ipywidgets.VBox):
             picture = ipywidgets.Image(layout=layout)
             self._pictures.append(picture)
             figures.append(_figure(title, picture, width))
-        about = {"value": shown, "max": len(self._moments) - 1, "description": "step"}
+        about = {"value": shown, "description": "step"}
+        about |= {"min": 1, "max": len(self._moments)}
         interval = round(1000 * CONTROL_PERIOD)  # [ms]
         play = ipywidgets.Play(interval=interval, repeat=True, **about)
         self.slider = ipywidgets.IntSlider(**about)
@@ -122,11 +123,11 @@ class RecordedRun(Widget, ipywidgets.VBox):
 
     def still(self) -> tuple[bytes, AltText]:
         """The moment that is shown."""
-        moment = self._moments[self.slider.value]
+        moment = self._moments[self.slider.value - 1]
         return still(moment["frame"], moment["target"])
 
     def _show(self) -> None:
-        step = self.slider.value
+        step = self.slider.value - 1
         moment = self._moments[step]
         frame = moment["frame"]
         files = (frame["scene"], frame["seen"], encoded(self.targets[step]))

@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 CODE = {  # what notebooks 00, 04 and 05, and 08 show
-    "00": "from clothlab.lab import RecordedRun\nRecordedRun(170, 87)",
+    "00": "from clothlab.lab import RecordedRun\nRecordedRun(170, 88)",
     "05": """
 from matplotlib.figure import Figure
 from clothlab import data
