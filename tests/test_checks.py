@@ -585,6 +585,26 @@ SLIPS = [
         "under the root",
     ),
     ("farthest", "iterations * ", "", "each iteration makes a step"),
+    ("separates_all", "[:, list(chosen)]", "", "only the chosen experiments"),
+    ("separates_all", "== len(outcomes)", "> 1", "every two have to be"),
+    (
+        "separates_all",
+        "return",
+        "any(len(set(column)) == len(outcomes) for column in outcomes.T)",
+        "to do it alone",
+    ),
+    (
+        "separates_all",
+        "return",
+        "np.diff(outcomes, axis=0).any(axis=1).all()",
+        "not only neighbours",
+    ),
+    (
+        "separates_all",
+        "return",
+        "(outcomes[1:] != outcomes[0]).any(axis=1).all()",
+        "not only the first",
+    ),
     ("optimism", " / length", "", "only its direction"),
     ("optimism", "seen - predicted", "predicted - seen", "seen minus"),
     (
@@ -796,6 +816,11 @@ RIGHTS = [
         "farthest",
         "return",
         "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)",
+    ),
+    (
+        "separates_all",
+        "return",
+        "len({tuple(row) for row in outcomes}) == len(outcomes)",
     ),
     ("optimism", "return", "((error * away).sum(1) / length).mean().item()"),
     ("beyond_time", "return", "list(gains(estimated) - gains(wrong))"),

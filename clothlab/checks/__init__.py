@@ -68,6 +68,6 @@ from clothlab.checks._variable_stiffness import (
     sag,
     two_link_jacobian,
 )
-from clothlab.checks._why_the_plan_fails import beyond_time, optimism
+from clothlab.checks._why_the_plan_fails import beyond_time, optimism, separates_all
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

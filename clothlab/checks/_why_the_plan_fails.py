@@ -1,10 +1,80 @@
 """Checks of notebook 07b."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from clothlab.checks._check import array, check, drawn, expect, number
+
+
+class _Table(NamedTuple):
+    """What explanations foresee of experiments, and what is said of a slip."""
+
+    chosen: list[list[int]]  # of the chosen experiments [explanations, some]
+    others: list[list[int]]  # of the rest [explanations, others]
+    truth: bool  # whether the chosen ones separate all
+    otherwise: str
+
+
+_TABLES = (
+    _Table(
+        chosen=[[0, 0], [0, 1], [1, 0]],
+        others=[[1], [1], [1]],
+        truth=True,
+        otherwise="no experiment has to do it alone: each two explanations need one of "
+        "the chosen experiments, and other two may need another one",
+    ),
+    _Table(
+        chosen=[[1], [1], [1]],
+        others=[[0, 0], [0, 1], [1, 0]],
+        truth=False,
+        otherwise="only the chosen experiments are made: the others separate nothing",
+    ),
+    _Table(
+        chosen=[[0, 1], [0, 1], [1, 0]],
+        others=[[0], [1], [0]],
+        truth=False,
+        otherwise="that some two are separated is not enough: every two have to be",
+    ),
+    _Table(
+        chosen=[[0, 1], [1, 1], [0, 1]],
+        others=[[0], [0], [1]],
+        truth=False,
+        otherwise="compare every two explanations, not only neighbours in the table",
+    ),
+    _Table(
+        chosen=[[0, 1], [1, 1], [1, 1]],
+        others=[[0], [0], [1]],
+        truth=False,
+        otherwise="compare every two explanations, not only the first with the others",
+    ),
+)
+
+
+@check(number("True or False"))
+def separates_all(answer: Callable, rng: np.random.Generator) -> None:
+    """Whether some chosen experiments separate every two explanations.
+
+    Given are what each explanation foresees of each experiment, 0 or 1, and which
+    experiments are chosen: first tables in which a usual slip has another result, then
+    any.
+    """
+    for table in _TABLES:
+        columns = np.hstack([table.chosen, table.others])
+        order = rng.permutation(columns.shape[1])
+        foreseen = (columns ^ rng.integers(2, size=len(order)))[:, order]
+        chosen = np.flatnonzero(order < len(table.chosen[0])).tolist()
+        assert answer(foreseen, chosen) == table.truth, table.otherwise
+
+    for _ in range(20):
+        foreseen = rng.integers(2, size=(4, 5))
+        chosen = rng.choice(5, 3, replace=False).tolist()
+        outcomes = {tuple(row) for row in foreseen[:, chosen].tolist()}
+        assert answer(foreseen, chosen) == (len(outcomes) == len(foreseen)), (
+            "for every two explanations, at least one of the chosen experiments has to "
+            "come out differently"
+        )
 
 
 @check(number("the mean part of the errors away from the target"))
