@@ -450,9 +450,9 @@ def _draw_row(sheet: _Sheet, y: float, title: str, seen: bool) -> None:
             start = (x - 1.45 + 0.2, y + 1.08)
             sheet.arrow(start, (x - 0.36, y + 0.65), bend=-0.3, color=_PURPLE)
 
-        # What is remembered
+        # What is remembered: a closed loop goes on from the steps before
         sheet.arrow((x - 1.09, y + 0.35), (x - 0.36, y + 0.35), lw=2.5)
-        sheet.write(x - 0.75, y + 0.17, "memory" if k else "empty")
+        sheet.write(x - 0.75, y + 0.17, "memory" if k or not seen else "empty")
     _sketch_error(sheet, y, seen)
 
 
