@@ -140,8 +140,9 @@ worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, the
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
-picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
+picture: chromium  ## draw the README's moving picture, its gallery and the live lab's panel anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
+	$(BIN)/python scripts/make_panel_picture.py
 
 demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes
 	$(BIN)/python scripts/make_demonstration.py

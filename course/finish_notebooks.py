@@ -42,6 +42,9 @@ TIMES = re.compile(
     r"\*\*Working time\*\*: about (?P<learning>\d+) minutes\. "
     r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
 )
+ASIDE = "◇"  # of a section or an exercise that a hurried reader skips
+HEADING = re.compile(r"(#{2,3}) [^\n]*")
+EXERCISE = re.compile(rf"\*\*Exercise \w+(?P<aside> {ASIDE})?")
 SIDE_ROADS = re.compile(r"\*\*Side roads\*\*: about (\d+) minutes more")
 ROW = re.compile(
     r"^(?P<start>\| \[[^]]*\]\((?:notebooks/)?(?P<name>[\w.]+)\) \| [^|]* \|)"
@@ -50,7 +53,7 @@ ROW = re.compile(
 )
 LESSON = re.compile(  # of the syllabus
     r"^(?P<start>\| \[[^]]*\]\(\.\./\.\./notebooks/(?P<name>[\w.]+)\) \|)"
-    r" [^|]* \| [^|]* \|$",
+    r" [^|]* \| [^|]* \| [^|]* \|$",
     re.MULTILINE,
 )
 WEEK = re.compile(
@@ -150,6 +153,25 @@ def side_minutes(notebook: nbformat.NotebookNode) -> int:
     return int(found[1]) if found else 0
 
 
+def side_exercises(notebook: nbformat.NotebookNode) -> set[str]:
+    """Exercises with a ◇, or in a section or its part that has one."""
+    found: set[str] = set()
+    section = part = exercise = False
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            # A section ends its parts, and either ends an exercise
+            if heading := HEADING.match(cell.source):
+                aside = heading[0].endswith(ASIDE)
+                section = aside if heading[1] == "##" else section
+                part = aside if heading[1] == "###" else False
+                exercise = False
+            for asked in EXERCISE.finditer(cell.source):
+                exercise = bool(asked["aside"])
+        elif section or part or exercise:
+            found |= set(exercises([cell]))
+    return found
+
+
 def part_one(readme: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     """The README with the number of notebooks of Part I, and their hours."""
     part = [each for name, each in notebooks.items() if name < "10"]
@@ -169,11 +191,12 @@ def with_exercises(
 ) -> str:
     """The syllabus with times, exercises, and their sums for each plan.
 
-    Exercises that are not in `weights` count 1.
+    Exercises that are not in `weights` count 1. Those on side roads have a ◇.
     """
     spent = {}
     aside = {}
     worth = {}
+    skipped = {}
     for name, notebook in notebooks.items():
         number, _, _ = name.partition("_")
         spent[number] = minutes(notebook)
@@ -181,16 +204,21 @@ def with_exercises(
         worth[number] = {
             each: weights.get(each, 1) for each in exercises(notebook.cells)
         }
+        skipped[number] = side_exercises(notebook)
 
     def lesson(line: re.Match[str]) -> str:
         number, _, _ = line["name"].partition("_")
         if number not in spent:  # not written yet
             return line[0]
         asked = [
-            f"`{each}`" + f" ({most})" * (most != 1)
+            f"`{each}`"
+            + f" {ASIDE}" * (each in skipped[number])
+            + f" ({most})" * (most != 1)
             for each, most in worth[number].items()
         ]
-        return f"{line['start']} {spent[number]} | {' · '.join(asked) or '–'} |"
+        listed = " · ".join(asked) or "–"
+        times = f"{spent[number]} | {aside[number] or '–'}"
+        return f"{line['start']} {times} | {listed} |"
 
     def week(line: re.Match[str]) -> str:
         hours = sum(spent.get(each, 0) for each in line["numbers"].split(", ")) / 60
