@@ -210,13 +210,7 @@ def with_exercises(
         number, _, _ = line["name"].partition("_")
         if number not in spent:  # not written yet
             return line[0]
-        asked = [
-            f"`{each}`"
-            + f" {ASIDE}" * (each in skipped[number])
-            + f" ({most})" * (most != 1)
-            for each, most in worth[number].items()
-        ]
-        listed = " · ".join(asked) or "–"
+        listed = _listed(worth[number], skipped[number])
         times = f"{spent[number]} | {aside[number] or '–'}"
         return f"{line['start']} {times} | {listed} |"
 
@@ -235,6 +229,16 @@ def with_exercises(
         sums = f"About {hours:.1f} hours of work{besides}, {points} points."
         plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
     return "\n## ".join(plans)
+
+
+def _listed(worth: dict[str, int], aside: set[str]) -> str:
+    """Exercises with their points where these are not 1, and a ◇ on side roads."""
+    asked = []
+    for name, most in worth.items():
+        mark = f" {ASIDE}" if name in aside else ""
+        points = f" ({most})" if most != 1 else ""
+        asked.append(f"`{name}`{mark}{points}")
+    return " · ".join(asked) or "–"
 
 
 def finished() -> dict[Path, str]:
