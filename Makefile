@@ -168,8 +168,9 @@ worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, the
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
-picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
+picture: chromium  ## draw the README's moving picture, its gallery and the live lab's panel anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
+	$(BIN)/python scripts/make_panel_picture.py
 
 film: chromium npm  ## film a throw at a drawn target in the page "Throw a cloth"
 	$(BIN)/python scripts/make_film.py

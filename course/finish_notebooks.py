@@ -43,6 +43,9 @@ TIMES = re.compile(
     r"\*\*Working time\*\*: about (?P<learning>\d+) minutes\. "
     r"\*\*Running time\*\*: about (?P<running>\d+) (?P<unit>minutes|seconds)"
 )
+ASIDE = "◇"  # of a section or an exercise that a hurried reader skips
+HEADING = re.compile(r"(#{2,3}) [^\n]*")
+EXERCISE = re.compile(rf"\*\*Exercise \w+(?P<aside> {ASIDE})?")
 SIDE_ROADS = re.compile(r"\*\*Side roads\*\*: about (\d+) minutes more")
 ROW = re.compile(
     r"^(?P<start>\| \[[^]]*\]\((?:notebooks/)?(?P<name>[\w.]+)\) \| [^|]* \|)"
@@ -51,7 +54,7 @@ ROW = re.compile(
 )
 LESSON = re.compile(  # of the syllabus
     r"^(?P<start>\| \[[^]]*\]\(\.\./\.\./notebooks/(?P<name>[\w.]+)\) \|)"
-    r" [^|]* \| [^|]* \|$",
+    r" [^|]* \| [^|]* \| [^|]* \|$",
     re.MULTILINE,
 )
 WEEK = re.compile(
@@ -151,6 +154,25 @@ def side_minutes(notebook: nbformat.NotebookNode) -> int:
     return int(found[1]) if found else 0
 
 
+def side_exercises(notebook: nbformat.NotebookNode) -> set[str]:
+    """Exercises with a ◇, or in a section or its part that has one."""
+    found: set[str] = set()
+    section = part = exercise = False
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            # A section ends its parts, and either ends an exercise
+            if heading := HEADING.match(cell.source):
+                aside = heading[0].endswith(ASIDE)
+                section = aside if heading[1] == "##" else section
+                part = aside if heading[1] == "###" else False
+                exercise = False
+            for asked in EXERCISE.finditer(cell.source):
+                exercise = bool(asked["aside"])
+        elif section or part or exercise:
+            found |= set(exercises([cell]))
+    return found
+
+
 def part_one(text: str, notebooks: dict[str, nbformat.NotebookNode]) -> str:
     """The README, or the map, with the number of notebooks of Part I and hours."""
     part = [each for name, each in notebooks.items() if name < "10"]
@@ -170,11 +192,12 @@ def with_exercises(
 ) -> str:
     """The syllabus with times, exercises, and their sums for each plan.
 
-    Exercises that are not in `weights` count 1.
+    Exercises that are not in `weights` count 1. Those on side roads have a ◇.
     """
     spent = {}
     aside = {}
     worth = {}
+    skipped = {}
     for name, notebook in notebooks.items():
         number, _, _ = name.partition("_")
         spent[number] = minutes(notebook)
@@ -182,16 +205,15 @@ def with_exercises(
         worth[number] = {
             each: weights.get(each, 1) for each in exercises(notebook.cells)
         }
+        skipped[number] = side_exercises(notebook)
 
     def lesson(line: re.Match[str]) -> str:
         number, _, _ = line["name"].partition("_")
         if number not in spent:  # not written yet
             return line[0]
-        asked = [
-            f"`{each}`" + f" ({most})" * (most != 1)
-            for each, most in worth[number].items()
-        ]
-        return f"{line['start']} {spent[number]} | {' · '.join(asked) or '–'} |"
+        listed = _listed(worth[number], skipped[number])
+        times = f"{spent[number]} | {aside[number] or '–'}"
+        return f"{line['start']} {times} | {listed} |"
 
     def week(line: re.Match[str]) -> str:
         hours = sum(spent.get(each, 0) for each in line["numbers"].split(", ")) / 60
@@ -208,6 +230,16 @@ def with_exercises(
         sums = f"About {hours:.1f} hours of work{besides}, {points} points."
         plans[k] = WEEK.sub(week, SUMS.sub(sums, plan))
     return "\n## ".join(plans)
+
+
+def _listed(worth: dict[str, int], aside: set[str]) -> str:
+    """Exercises with their points where these are not 1, and a ◇ on side roads."""
+    asked = []
+    for name, most in worth.items():
+        mark = f" {ASIDE}" if name in aside else ""
+        points = f" ({most})" if most != 1 else ""
+        asked.append(f"`{name}`{mark}{points}")
+    return " · ".join(asked) or "–"
 
 
 def finished() -> dict[Path, str]:

@@ -178,9 +178,15 @@ SLIPS = [
     ),
     (
         "steps_behind",
-        "abs(np.corrcoef(before, after)[0, 1])",
-        "np.corrcoef(before, after)[0, 1]",
+        "abs(sent.shift(k).corr(seen))",
+        "sent.shift(k).corr(seen)",
         "fall where the command rises",
+    ),
+    (
+        "steps_behind",
+        "sent.shift(k).corr(seen)",
+        "np.corrcoef(command[: len(command) - k], seen[k:])[0, 1]",
+        "leave its pair out",
     ),
     ("steps_behind", "np.argmax(alike)", "-np.argmax(alike)", "the other way round"),
     (
@@ -189,17 +195,34 @@ SLIPS = [
         "np.argmax(alike) + 1",
         "compare command[:-k]",
     ),
-    ("challenge_points", "1 : throws * period + 1", "1:", "too late"),
-    ("challenge_points", "period + 1]", "period]", "counts, too"),
+    ("challenge_points", "period : throws * period + 1", "period:", "too late"),
     (
         "challenge_points",
-        "1 - counted.min() / distances[0]",
-        "counted.min() / distances[0]",
+        "period : throws * period + 1",
+        "period - 1 : throws * period",
+        "is its end",
+    ),
+    ("challenge_points", "period : throws", ": throws", "no throw's end"),
+    (
+        "challenge_points",
+        "1 - ends.mean() / distances[0]",
+        "ends.mean() / distances[0]",
         "for the rest",
     ),
     ("challenge_points", "100 * ", "", "not 1"),
     ("challenge_points", " / distances[0]", "", "compare with the still cloth"),
-    ("challenge_points", "counted.min()", "counted.mean()", "not the mean"),
+    (
+        "challenge_points",
+        "ends.mean()",
+        "distances[1 : throws * period + 1].min()",
+        "not the best image",
+    ),
+    (
+        "challenge_points",
+        "ends.mean()",
+        "distances[1 : throws * period + 1].mean()",
+        "not each image",
+    ),
     (
         "score_interval",
         "scores[drawn].mean(axis=(1, 2))",
@@ -746,7 +769,7 @@ SLIPS = [
 # another.
 RIGHTS = [
     ("steps_behind", "return", "np.float32(np.argmax(alike))"),
-    ("challenge_points", "counted.min()", "np.sort(counted)[0]"),
+    ("challenge_points", "ends.mean()", "sum(ends) / throws"),
     (
         "score_interval",
         "return",

@@ -9,62 +9,61 @@ from clothlab.checks._check import check, expect, number
 
 @check(number("the points"))
 def challenge_points(answer: Callable, rng: np.random.Generator) -> None:
-    """Points of a recording: how far its best image is from a hanging cloth's distance.
+    """Points of a recording: how near its throws end, for a hanging cloth's distance.
 
     Given are the distance at each observation `[T]`, the first of them of the cloth
     that hangs still, how many throws count, and the steps of a throw. 100 are for the
-    target itself, 0 for a throw that comes no nearer than the still cloth.
+    target itself at each end, 0 for throws that end no nearer than the still cloth.
     """
-    # In turn, the best image is that after the last command that counts, comes too
-    # late, or is well within
-    for place in ("last", "late", "within"):
-        throws = int(rng.integers(2, 5))
-        period = int(rng.integers(6, 10))
-        end = throws * period
-        at = {"last": end, "late": end + 1, "within": end // 2}[place]
-        distances = rng.uniform(1.0, 2.2, end + 9)
-        distances[0] = rng.uniform(2.3, 2.6)
-        distances[at] = rng.uniform(0.2, 0.5)
+    throws = int(rng.integers(2, 5))
+    period = int(rng.integers(6, 10))
+    distances = rng.uniform(0.4, 2.2, (throws + 2) * period)
+    distances[0] = rng.uniform(2.3, 2.6)
 
-        # What is right, and what slips would give
-        truth = _points(distances, distances[1 : end + 1].min())
-        slips = {}
-        for words, value in _other_points(distances, end).items():
-            if not np.isclose(value, truth):
-                slips[words] = value
-        otherwise = f"this recording gets {truth:.1f} points"
-        expect(answer(distances, throws, period), truth, otherwise, slips, 1e-4)
+    # What is right, and what slips would give
+    ends = distances[period : throws * period + 1 : period]
+    truth = _points(distances, ends)
+    slips = {}
+    for words, value in _other_points(distances, throws, period).items():
+        if not np.isclose(value, truth):
+            slips[words] = value
+    otherwise = f"this recording gets {truth:.1f} points"
+    expect(answer(distances, throws, period), truth, otherwise, slips, 1e-4)
 
 
-def _points(distances: np.ndarray, nearest: float) -> float:
-    return float(100 * (1 - nearest / distances[0]))
+def _points(distances: np.ndarray, counted: np.ndarray) -> float:
+    return float(100 * (1 - counted.mean() / distances[0]))
 
 
-def _other_points(distances: np.ndarray, end: int) -> dict[str, float]:
+def _other_points(distances: np.ndarray, throws: int, period: int) -> dict[str, float]:
     """What usual slips give, by what is said of each."""
     still = distances[0]
-    counted = distances[1 : end + 1]
-    best = counted.min()
+    last = throws * period
+    ends = distances[period : last + 1 : period]
 
     # What is said of each
     too_late = "only the first throws count: what comes after them is too late"
     early = (
         "an observation is made before its command: that after the last command of "
-        "the last throw counts, too"
+        "a throw is its end"
     )
+    start = "the first observation is the still cloth, and no throw's end"
     left = "that is the share of the distance that is left; points are for the rest"
     share = "100 is for the target itself, not 1"
     absolute = "compare with the still cloth, which the first observation shows"
-    average = "the best image of all counts, not the mean"
+    best = "the mean of the throws' ends counts, not the best image"
+    every = "only the ends of the throws count, not each image"
 
     # What each gives
     return {
-        too_late: _points(distances, distances[1:].min()),
-        early: _points(distances, distances[1:end].min()),
-        left: float(100 * best / still),
-        share: float(1 - best / still),
-        absolute: float(100 * (1 - best)),
-        average: _points(distances, counted.mean()),
+        too_late: _points(distances, distances[period::period]),
+        early: _points(distances, distances[period - 1 : last : period]),
+        start: _points(distances, distances[: last + 1 : period]),
+        left: float(100 * ends.mean() / still),
+        share: float(1 - ends.mean() / still),
+        absolute: float(100 * (1 - ends.mean())),
+        best: _points(distances, distances[1 : last + 1].min()),
+        every: _points(distances, distances[1 : last + 1]),
     }
 
 
@@ -73,9 +72,11 @@ def steps_behind(answer: Callable, rng: np.random.Generator) -> None:
     """By how many control steps one series follows another.
 
     Given are a command at each step `[T]`, and what is seen then `[T]`: the command of
-    some steps before, on another scale, perhaps upside down, with noise.
+    some steps before, on another scale, perhaps upside down, with noise, and not a
+    number where nothing is seen.
     """
     for sign in (1, -1):
+        # What is seen follows by some steps; now and then it is out of view
         lag = int(rng.integers(1, 7))
         count = int(rng.integers(150, 250))
         smooth = np.convolve(rng.normal(size=count + 20), np.ones(3) / 3, "same")
@@ -83,8 +84,15 @@ def steps_behind(answer: Callable, rng: np.random.Generator) -> None:
         noise = rng.normal(0, 0.2 * command.std(), count)
         before = smooth[10 - lag : 10 - lag + count]
         seen = rng.uniform(5, 9) + sign * rng.uniform(2, 4) * (before + noise)
+        seen[rng.random(count) < 0.1] = np.nan
+
+        # What the reader's function makes of it
         found = answer(command.copy(), seen.copy())
-        slips = {"that is the other way round: what is seen comes later": -lag}
+        slips = {
+            "that is the other way round: what is seen comes later": -lag,
+            "a step without cloth is not a number: leave its pair out of the "
+            "correlation": 0,
+        }
         otherwise = (
             f"what is seen follows by {lag} steps here, not by {found:g}: compare "
             "command[:-k] with seen[k:], without their means"

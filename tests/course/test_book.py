@@ -205,12 +205,17 @@ def rows(section):
 def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
     points = tomllib.loads(grades.POINTS.read_text())
     minutes, names = {}, set()
-    for path, (link, time, exercises) in zip(
+    for path, (link, time, aside, exercises) in zip(
         NOTEBOOKS, rows("The notebooks"), strict=True
     ):
         notebook = nbformat.read(path, as_version=4)
         assert f"({'../../notebooks/' + path.name})" in link
-        assert f"**Working time**: about {time} minutes" in notebook.cells[0].source
+        first = notebook.cells[0].source
+        assert f"**Working time**: about {time} minutes" in first
+        if aside == "–":
+            assert "**Side roads**" not in first
+        else:
+            assert f"**Side roads**: about {aside} minutes more" in first
         weights = {
             name: points.get(name, 1) for name in grades.exercises(notebook.cells)
         }
@@ -218,7 +223,7 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
         asked = [
             f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()
         ]
-        assert exercises.split(" · ") == (asked or ["–"])
+        assert exercises.replace(" ◇", "").split(" · ") == (asked or ["–"])
         minutes[number_of(path)] = int(time)
     part = [number for number in minutes if number < "10"]
     for plan, planned in {

@@ -12,11 +12,11 @@ from course.repository import number_of
 TIMES = "**Working time**: about {} minutes. **Running time**: about 20 seconds"
 SYLLABUS = """# Syllabus
 
-| notebook | minutes | exercises |
-| --- | --- | --- |
-| [07 Control](../../notebooks/07_control.ipynb) | 1 | – |
-| [07b Why](../../notebooks/07b_why.ipynb) | 1 | – |
-| [09 Own](../../notebooks/09_own.ipynb) | 120 | – |
+| notebook | minutes | ◇ minutes | exercises |
+| --- | --- | --- | --- |
+| [07 Control](../../notebooks/07_control.ipynb) | 1 | – | – |
+| [07b Why](../../notebooks/07b_why.ipynb) | 1 | – | – |
+| [09 Own](../../notebooks/09_own.ipynb) | 120 | 30 | – |
 
 ## Part I
 
@@ -49,9 +49,9 @@ LESSONS = {
 
 def test_the_syllabus_has_times_exercises_and_their_sums():
     found = finish_notebooks.with_exercises(SYLLABUS, LESSONS, {"score": 3})
-    assert "[07 Control](../../notebooks/07_control.ipynb) | 90 | `mask` |" in found
-    assert "07b_why.ipynb) | 45 | `start` · `score` (3) |" in found
-    assert "09_own.ipynb) | 120 | – |" in found  # is not there yet
+    assert "[07 Control](../../notebooks/07_control.ipynb) | 90 | – | `mask` |" in found
+    assert "07b_why.ipynb) | 45 | – | `start` · `score` (3) |" in found
+    assert "09_own.ipynb) | 120 | 30 | – |" in found  # is not there yet
     assert "About 2.2 hours of work, 5 points." in found
     assert "| 1. Control | 07, 07b | 2.2 | Why? |" in found
     assert "| 2. Own | 09 | 0.0 | Now? |" in found
@@ -85,6 +85,30 @@ def test_side_roads_are_summed_beside_the_hours():
     for _ in range(2):
         found = finish_notebooks.with_exercises(found, lessons, {})
         assert "About 2.2 hours of work and 1.5 of side roads, 2 points." in found
+        assert "07b_why.ipynb) | 45 | 90 | `start` |" in found
+
+
+def test_exercises_on_side_roads_are_marked():
+    texts = {
+        "## 1. Road": ["road"],
+        "**Exercise 2 ◇: a detour.** Go.": ["detour"],
+        "**Exercise 3.** Come back.": ["back"],
+        "### A path ◇": ["path"],
+        "And on.\n\n**Exercise 4.** Further.": ["further"],
+        "## 2. Lane ◇": ["lane"],
+        "## 3. Road, again": ["again"],
+    }
+    cells = [new_markdown_cell("# 07 Control\n\n" + TIMES.format(90))]
+    for text, names in texts.items():
+        stubs = lesson("", 0, *names).cells[1:-1]
+        cells += [new_markdown_cell(text), *stubs]
+    notebook = new_notebook(cells=cells)
+    found = finish_notebooks.side_exercises(notebook)
+    assert found == {"detour", "path", "further", "lane"}
+    lessons = LESSONS | {"07_control.ipynb": notebook}
+    syllabus = finish_notebooks.with_exercises(SYLLABUS, lessons, {"lane": 2})
+    assert "`road` · `detour` ◇ · `back` · `path` ◇" in syllabus
+    assert "`lane` ◇ (2) · `again` |" in syllabus
 
 
 def test_a_notebook_leads_on_to_the_next_one():
