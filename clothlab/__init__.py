@@ -73,7 +73,7 @@ _METHOD: dict[str, dict[str, list[str]]] = {
         ],
     },
     "The task of the paper": {
-        "method.autoencoder": ["encode", "decode"],
+        "method.autoencoder": ["AutoencoderTraining", "encode", "decode"],
         "method.cloth_task": [
             "ControlPolicy",
             "EstimatingPolicy",

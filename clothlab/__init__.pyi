@@ -17,7 +17,11 @@ from clothlab.data import (
     load_trials as load_trials,
 )
 from clothlab.masks import iou as iou
-from clothlab.method.autoencoder import decode as decode, encode as encode
+from clothlab.method.autoencoder import (
+    AutoencoderTraining as AutoencoderTraining,
+    decode as decode,
+    encode as encode,
+)
 from clothlab.method.checkpoint import Checkpoint as Checkpoint
 from clothlab.method.cloth_task import (
     ControlPolicy as ControlPolicy,

@@ -525,7 +525,7 @@ SLIPS = [
         "l_ref",
     ),
     ("length_for_measured_tension", "f - arm.tension_bias", "f", "subtract it"),
-    ("length_for_measured_tension", "lengths - (f", "lengths + (f", "not a longer one"),
+    ("length_for_measured_tension", "l_ref - (f", "l_ref + (f", "not a longer one"),
     (
         "length_for_measured_tension",
         "arm.body_image(theta_ref, f)",
