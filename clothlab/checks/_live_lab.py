@@ -88,15 +88,14 @@ def steps_behind(answer: Callable, rng: np.random.Generator) -> None:
 
         # What the reader's function makes of it
         found = answer(command.copy(), seen.copy())
+        falls = "; it may fall where the command rises" if sign < 0 else ""
         slips = {
             "that is the other way round: what is seen comes later": -lag,
             "a step without cloth is not a number: leave its pair out of the "
-            "correlation": 0,
+            f"correlation{falls}": 0,
         }
         otherwise = (
             f"what is seen follows by {lag} steps here, not by {found:g}: compare "
-            "command[:-k] with seen[k:], without their means"
+            f"command[:-k] with seen[k:], without their means{falls}"
         )
-        if sign < 0:
-            otherwise += "; it may fall where the command rises"
         expect(found, lag, otherwise, slips)
