@@ -67,7 +67,7 @@ endef
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test:  ## check, slow tests, every notebook, the live lab and the site in a browser; ten to twelve minutes
+test:  ## check, slow tests, every notebook, the live lab and the site in a browser; some twenty minutes
 	@$(SYSTEM) $(NEEDED) || true
 	@if CHECK=1 $(SYSTEM) $(NEEDED) >/dev/null; then $(MAKE) parts; \
 	else $(MAKE) --keep-going CHECK=1 parts; status=$$?; CHECK=1 $(SYSTEM) $(NEEDED) && exit $$status; fi

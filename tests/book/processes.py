@@ -2,11 +2,11 @@
 
 import os
 import signal
-import threading
 import time
 from contextlib import contextmanager, suppress
 
 import psutil
+from sampling import sampling
 
 TURN = 0.01  # [s], in which a braked process runs and stands still once
 LOOKS = 0.5  # [s] between two looks for new processes
@@ -33,28 +33,22 @@ def slower(times):
 
     Its own throttling leaves workers alone.
     """
-    over = threading.Event()
+    found = []
+    looked = -LOOKS
 
-    def tell(processes, what):
-        for each in processes:
+    def tell(what):
+        for each in found:
             with suppress(ProcessLookupError):
                 os.kill(each.pid, what)
 
-    def brake():
-        looked = -LOOKS
-        while not over.is_set():
-            if time.monotonic() - looked >= LOOKS:
-                found = browser()
-                looked = time.monotonic()
-            tell(found, signal.SIGSTOP)
-            time.sleep(TURN * (1 - 1 / times))
-            tell(found, signal.SIGCONT)
-            time.sleep(TURN / times)
+    def turn():
+        nonlocal found, looked
+        if time.monotonic() - looked >= LOOKS:
+            found = browser()
+            looked = time.monotonic()
+        tell(signal.SIGSTOP)
+        time.sleep(TURN * (1 - 1 / times))
+        tell(signal.SIGCONT)
 
-    thread = threading.Thread(target=brake)
-    thread.start()
-    try:
+    with sampling(turn, TURN / times):
         yield
-    finally:
-        over.set()
-        thread.join()
