@@ -43,15 +43,12 @@ _METHOD: dict[str, dict[str, list[str]]] = {
     "Runs": {
         "method.data": ["Run"],
         "method.logs": ["read_runs", "runs_from_dataframe"],
-        "method.datasets": ["runs_from_minari", "runs_from_lerobot"],
         "method.rollout": ["rollout"],
         "method.policy": ["Policy"],
     },
     "Networks and their training": {
         "method.model": ["PredictiveModel", "DPMPB", "predict"],
         "method.training": ["ModelTraining"],
-        "method.training_options": ["TrainingOptions"],
-        "method.several": ["train_several"],
     },
     "Estimation": {
         "method.estimation": ["BiasEstimator"],
@@ -59,19 +56,9 @@ _METHOD: dict[str, dict[str, list[str]]] = {
     },
     "Control": {
         "method.control": ["ControlSettings", "GradientSearch"],
-        "method.iterative": ["IterativeLearningSettings"],
         "method.fast_rollout": ["FastDPMPB"],
     },
-    "On a robot": {
-        "method.checkpoint": ["Checkpoint"],
-        "method.deploy": ["Beat", "Ranges", "RangeWatch"],
-        "method.onnx_export": [
-            "export_prediction",
-            "export_estimation",
-            "export_solve",
-            "export_onnx",
-        ],
-    },
+    "On a robot": {"method.checkpoint": ["Checkpoint"]},
     "The task of the paper": {
         "method.autoencoder": ["AutoencoderTraining", "encode", "decode"],
         "method.cloth_task": [
@@ -88,13 +75,13 @@ _CLOTH: dict[str, dict[str, list[str]]] = {
     "What is stored": {
         "data": [
             "load",
-            "load_model",
             "load_autoencoder",
+            "load_model",
             "load_target",
             "load_targets",
             "load_trials",
         ],
-        "trials": ["load_trial", "save_trial", "recorded_plans"],
+        "trials": ["recorded_plans"],
     },
     "The simulation": {
         "simulation.env": ["ClothEnv", "CONTROL_PERIOD"],

@@ -36,23 +36,11 @@ from clothlab.method.control import (
     GradientSearch as GradientSearch,
 )
 from clothlab.method.data import Run as Run
-from clothlab.method.datasets import (
-    runs_from_lerobot as runs_from_lerobot,
-    runs_from_minari as runs_from_minari,
-)
-from clothlab.method.deploy import (
-    Beat as Beat,
-    Ranges as Ranges,
-    RangeWatch as RangeWatch,
-)
 from clothlab.method.estimation import BiasEstimator as BiasEstimator
 from clothlab.method.fast_rollout import FastDPMPB as FastDPMPB
 from clothlab.method.gauss_newton import (
     NewtonEstimator as NewtonEstimator,
     estimate_bias as estimate_bias,
-)
-from clothlab.method.iterative import (
-    IterativeLearningSettings as IterativeLearningSettings,
 )
 from clothlab.method.logs import (
     read_runs as read_runs,
@@ -63,20 +51,12 @@ from clothlab.method.model import (
     PredictiveModel as PredictiveModel,
     predict as predict,
 )
-from clothlab.method.onnx_export import (
-    export_estimation as export_estimation,
-    export_onnx as export_onnx,
-    export_prediction as export_prediction,
-    export_solve as export_solve,
-)
 from clothlab.method.policy import Policy as Policy
 from clothlab.method.rollout import rollout as rollout
-from clothlab.method.several import train_several as train_several
 from clothlab.method.training import (
     ModelTraining as ModelTraining,
     train_dpmpb as train_dpmpb,
 )
-from clothlab.method.training_options import TrainingOptions as TrainingOptions
 from clothlab.policies import (
     OperatorPolicy as OperatorPolicy,
     RandomPolicy as RandomPolicy,
@@ -95,10 +75,6 @@ from clothlab.simulation.env import (
 )
 from clothlab.simulation.scene import Scene as Scene
 from clothlab.simulation.vision import chamfer_distance as chamfer_distance
-from clothlab.trials import (
-    load_trial as load_trial,
-    recorded_plans as recorded_plans,
-    save_trial as save_trial,
-)
+from clothlab.trials import recorded_plans as recorded_plans
 
 __version__: str

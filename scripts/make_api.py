@@ -27,9 +27,18 @@ Shapes are in brackets: `B` plans or sequences, `T` steps, `D_s` states, `D_u` c
 MORE = {
     "method.estimation": ["EstimationSettings"],
     "method.gauss_newton": ["NewtonSettings", "Linearisation", "linearise"],
-    "method.iterative": ["IterativeSearch"],
+    "method.iterative": ["IterativeLearningSettings", "IterativeSearch"],
     "method.autoencoder": ["train_autoencoder", "AutoencoderTraining", "Autoencoder"],
-    "method.training_options": ["Epoch"],
+    "method.datasets": ["runs_from_minari", "runs_from_lerobot"],
+    "method.training_options": ["TrainingOptions", "Epoch"],
+    "method.several": ["train_several"],
+    "method.deploy": ["Beat", "Ranges", "RangeWatch"],
+    "method.onnx_export": [
+        "export_prediction",
+        "export_estimation",
+        "export_solve",
+        "export_onnx",
+    ],
     "method._watch": ["TrainingTrace"],
 }
 # A docstring's sections, and how the page calls them.

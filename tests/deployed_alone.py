@@ -13,13 +13,8 @@ import onnxruntime
 import torch
 from method_alone import FOREIGN, STIFFNESSES, swing
 
-from clothlab import (
-    Checkpoint,
-    ModelTraining,
-    export_prediction,
-    read_runs,
-    train_dpmpb,
-)
+from clothlab import Checkpoint, ModelTraining, read_runs, train_dpmpb
+from clothlab.method.onnx_export import export_prediction
 
 
 def write_logs(folder: Path) -> None:

@@ -12,12 +12,14 @@ import pytest
 import torch
 from own_network import Gru, Residual, record
 
-from clothlab import ModelTraining, Run, TrainingOptions, train_dpmpb, train_several
+from clothlab import ModelTraining, Run, train_dpmpb
 from clothlab.method import _on_disk
 from clothlab.method._batches import Windows
 from clothlab.method._on_disk import is_on_disk
 from clothlab.method.data import materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB
+from clothlab.method.several import train_several
+from clothlab.method.training_options import TrainingOptions
 
 BRIEF = ModelTraining(epochs=6, batch_size=30, sequence_length=12, bias_size=1)
 RUNS = [record(stiffness, k, 120) for k, stiffness in enumerate((0.05, 0.4))]
