@@ -23,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test parts tested slow mutate pages pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check budget test in-python tested slow mutate pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -31,7 +31,6 @@ help:  ## list the targets
 # What the system itself must have; missing packages are installed where that needs no password (CHECK=1 only looks).
 export PYTHON CHECK
 SYSTEM := sh scripts/system_packages.sh
-NEEDED := python git egl chromium
 
 $(STAMP): environment.txt pyproject.toml
 	@$(SYSTEM) python
@@ -67,12 +66,21 @@ endef
 budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
 	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
-test:  ## check, slow tests, every notebook, the live lab and the site in a browser; some twenty minutes
-	@$(SYSTEM) $(NEEDED) || true
-	@if CHECK=1 $(SYSTEM) $(NEEDED) >/dev/null; then $(MAKE) parts; \
-	else $(MAKE) --keep-going CHECK=1 parts; status=$$?; CHECK=1 $(SYSTEM) $(NEEDED) && exit $$status; fi
+# Makes the first with what the system needs for it, which is installed where it may be. Elsewhere all is run that can be,
+# and the end is the line to type.
+define AS_FAR_AS_MAY_BE
+@$(SYSTEM) $(2) || true
+@if CHECK=1 $(SYSTEM) $(2) >/dev/null; then $(MAKE) $(1); \
+else $(MAKE) --keep-going CHECK=1 $(1); status=$$?; CHECK=1 $(SYSTEM) $(2) && exit $$status; fi
+endef
 
-parts: doctor tested notebooks pages
+test:  ## linter, types, every test without a browser, every notebook; some nine minutes
+	$(call AS_FAR_AS_MAY_BE,in-python,python git egl)
+
+in-python: doctor tested notebooks
+
+pages:  ## the live lab in JupyterLab, the site and its live page, in a browser; some twelve minutes
+	$(call AS_FAR_AS_MAY_BE,in-browser,python git egl chromium)
 
 # What `make check` and `make slow` do, in one run: each process imports everything once.
 tested: $(DEV) $(GRADING)
@@ -93,11 +101,12 @@ SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_b
 OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py drawn.py)
 ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 
-pages: chromium $(BOOK)
+in-browser: chromium $(BOOK)
 	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
-	$(MAKE) graphs
+	test -d build/small || $(MAKE) notebooks
+	$(MAKE) --jobs=2 graphs
 	nice $(MAKE) site-built & built=$$!; \
-	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
+	$(MAKE) --keep-going in-browser pages-live pages-shown & shown=$$!; \
 	$(MAKE) --keep-going pages-alone pages-other; others=$$?; \
 	wait $$built && $(MAKE) site-tested; site=$$?; wait $$shown && exit $$((others + site))
 
@@ -117,9 +126,11 @@ site: chromium  ## the site and the slides from the run of `make notebooks`, and
 	$(MAKE) site-built
 	$(MAKE) --keep-going site-tested pages-alone
 
-# Of the robot in a page, if they are old: two who need them at once must not both make them.
-graphs:
-	$(BIN)/python -c 'from course.lab_page import arm_files; [arm_files(arm) for arm in ("torque", "muscle")]'
+# Of the robots in a page, if they are old: two who need one at once must not both make it.
+graphs: graphs-torque graphs-muscle
+
+graphs-%: $(DEV)
+	$(BIN)/python -c 'from course.lab_page import arm_files; arm_files("$*")'
 
 site-built:
 	$(MAKE) book SMALL=1
