@@ -106,7 +106,7 @@ in-browser: chromium $(BOOK)
 	test -d build/small || $(MAKE) notebooks
 	$(MAKE) --jobs=2 graphs
 	nice $(MAKE) site-built & built=$$!; \
-	$(MAKE) --keep-going in-browser pages-live pages-shown & shown=$$!; \
+	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
 	$(MAKE) --keep-going pages-alone pages-other; others=$$?; \
 	wait $$built && $(MAKE) site-tested; site=$$?; wait $$shown && exit $$((others + site))
 

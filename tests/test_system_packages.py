@@ -128,6 +128,7 @@ def machine(tmp_path):
     return Machine(tmp_path)
 
 
+TESTS = ("make", "--keep-going", "test", "pages")
 PARTS = (
     "ruff check",
     "mypy",
@@ -141,7 +142,7 @@ def test_where_nothing_can_be_installed_the_rest_runs_and_the_end_is_red_with_on
     machine,
 ):
     machine.fake("apt-get", "exit 100")
-    status, printed = machine.run("make", "test")
+    status, printed = machine.run(*TESTS)
     assert status
     assert [
         words for words in (*PARTS, "pytest -m book") if not machine.called(words)
@@ -153,7 +154,7 @@ def test_where_nothing_can_be_installed_the_rest_runs_and_the_end_is_red_with_on
 
 def test_a_failure_among_the_rest_does_not_stop_it_there_and_the_end_is_red(machine):
     machine.fake("pytest", "exit 1", where=machine.folder / ".venv" / "bin")
-    status, printed = machine.run("make", "test")
+    status, printed = machine.run(*TESTS)
     assert status
     assert machine.called("pytest --nbmake")
     assert printed[-1].startswith("This machine lacks chromium")
@@ -168,9 +169,22 @@ def test_where_nothing_is_missing_a_failure_stops_it(machine):
 
 def test_all_is_well_where_nothing_is_missing(machine):
     machine.fake("chromium")
-    status, printed = machine.run("make", "test")
+    status, printed = machine.run(*TESTS)
     assert status == 0, printed
     assert [words for words in PARTS if not machine.called(words)] == []
+
+
+def test_the_tests_in_python_need_no_browser(machine):
+    status, printed = machine.run("make", "test")
+    assert status == 0, printed
+    assert machine.called("pytest --nbmake")
+    assert not machine.called("pytest -m browser")
+
+
+def test_pages_without_a_run_of_the_notebooks_make_one(machine):
+    machine.fake("chromium")
+    assert machine.run("make", "pages")[0] == 0
+    assert machine.called("pytest --nbmake")
 
 
 APT = 'case "$*" in *install*chromium) cp "{there}" "{bin}/chromium";; *install*libegl1) touch "{there}.egl";; esac'
