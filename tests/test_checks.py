@@ -401,6 +401,7 @@ SLIPS = [
     ("rhythm", "return steps", "return len(moments)", "how many best moments"),
     ("rhythm", "return steps", "return moments[2] - moments[0]", "between these two"),
     ("rhythm", "return steps", "return steps + 1", "here the best moments are"),
+    ("rhythm", "overlap.max() / 2", "overlap.max() / 4", "belong to one throw"),
     ("explicit_step", "d / k", "2 * np.sqrt(m / k)", "of semi-implicit Euler"),
     ("explicit_step", "d / k", "2 * m / d", "the velocity alone"),
     ("explicit_step", "d / k", "d / (2 * k)", "still shrinks"),
