@@ -63,9 +63,10 @@ from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
 from clothlab.checks._variable_stiffness import (
     compliance,
-    length_for_measured_tension,
+    length_to_send,
     pair_stiffness,
     sag,
+    time_between,
     two_link_jacobian,
 )
 from clothlab.checks._why_the_plan_fails import beyond_time, optimism, separates_all

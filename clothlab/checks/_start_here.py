@@ -49,14 +49,17 @@ def _wrong_shifts(width: float, share: float) -> dict[str, float]:
 def rhythm(answer: Callable, rng: np.random.Generator) -> None:
     """How many steps there are from one best moment to the next.
 
-    Given are overlaps `[T]`, one a step, of five periods or a little more. Once in each
-    period the overlap is high, always in the same step of it.
+    Given are overlaps `[T]`, one a step, of five periods. Once in each the overlap is
+    high, always in the same step of it, though not equally high; in the step before it
+    is already above that of most moments.
     """
     for _ in range(5):
         period = int(rng.integers(6, 12))
         first = int(rng.integers(1, period - 2))
         overlap = _overlaps(rng, period, first)
         slips = {
+            "these two belong to one throw: the step before its best one is near, "
+            "too": 1,
             f"{_STEP * period:g} are seconds: count in steps": _STEP * period,
             "that is when the first best moment comes, not how many steps lie from "
             "one to the next": first,
@@ -70,10 +73,13 @@ def rhythm(answer: Callable, rng: np.random.Generator) -> None:
 
 
 def _overlaps(rng: np.random.Generator, period: int, first: int) -> np.ndarray:
-    """Overlaps [T] of five periods, high once in each."""
+    """Overlaps [T] of five periods, high once in each, and in part the step before."""
     count = 5 * period
-    overlap = rng.uniform(0.0, 0.3, count)
-    overlap[first::period] = rng.uniform(0.75, 0.9, 5)
+    overlap = rng.uniform(0.0, 0.05, count)
+    overlap[first - 1 :: period] = rng.uniform(0.28, 0.36, 5)
+    best = rng.uniform(0.55, 0.9, 5)  # the poorest throw still beats the step before
+    best[rng.integers(5)] = 0.9
+    overlap[first::period] = best
     return overlap
 
 

@@ -16,50 +16,61 @@ _ARM = MuscleArm()
 
 @check(number("a stiffness in N m/rad"))
 def pair_stiffness(answer: Callable, rng: np.random.Generator) -> None:
-    """The stiffness of a joint between a flexor and an extensor [N m/rad].
+    """The stiffness of a turned joint between a flexor and an extensor [N m/rad].
 
-    Given are both coefficients of a spring, the lever of a muscle r [m] and the stretch
-    of its spring e0 [m]; expected is the slope of the torque of the two while their
-    motors stand still. Once the springs are linear.
+    Given are both coefficients of a spring, the lever of a muscle r [m], the stretch e0
+    [m] of both springs of the straight joint, and its angle [rad]; expected is the
+    slope of the torque of the two while their motors stand still: straight, turned
+    either way, and so far that one muscle is slack; once the springs are linear.
     """
     stiffness = rng.uniform(3000.0, 6000.0)  # [N/m]
     linear = replace(_ARM, spring_linear=stiffness, spring_cubic=0.0)
-    for arm in (_ARM, linear, _ARM):
+    cases = [(_ARM, 0.0), (_ARM, 0.6), (_ARM, -0.6), (_ARM, 1.3), (_ARM, -1.3)]
+    for arm, share in [*cases, (linear, 1.3)]:
         r = rng.uniform(0.025, 0.06)
         e0 = rng.uniform(0.01, 0.02)
-        k = answer(arm.spring_linear, arm.spring_cubic, r, e0)
-        truth = _slope_of_torque(arm, r, e0)
-
-        # Factors that are easily forgotten
-        assert not _near(2 * k, truth), "half of it: there are two muscles"
-        assert not _near(-k, truth), "stiffness is -dτ/dθ: a positive number"
-        assert not _near(k * r, truth), (
-            "r enters twice: in the stretch and as the lever"
+        theta = share * e0 / r * rng.uniform(0.9, 1.1)  # beyond e0 / r one is slack
+        k = answer(arm.spring_linear, arm.spring_cubic, r, e0, theta)
+        truth = _slope_of_torque(arm, r, e0, theta)
+        otherwise = (
+            f"turned by {theta:.2f} rad from a stretch of {1000 * e0:.1f} mm with r = "
+            f"{1000 * r:.0f} mm, the torque's slope is {truth:.2f} N m/rad, yours is "
+            f"{k:.2f}"
         )
-
-        # Tension over stretch in place of its slope, where they differ
-        tangent = arm.spring_stiffness(arm.tension(e0))
-        secant = arm.tension(e0) / e0
-        if not np.isclose(tangent, secant):
-            by_secant = _near(k / secant, truth / tangent)
-            assert not by_secant, "stiffness is df/de, not f/e"
-        assert _near(k, truth), (
-            f"the torque's slope is {truth:.2f} N m/rad, yours is {k:.2f}"
-        )
+        expect(k, truth, otherwise, _pair_slips(arm, r, e0, theta), rtol=1e-4)
 
 
-def _near(found: ArrayLike, truth: ArrayLike) -> bool:
-    return bool(np.isclose(found, truth, rtol=1e-4))
-
-
-def _slope_of_torque(arm: MuscleArm, r: float, e0: float) -> float:
+def _slope_of_torque(arm: MuscleArm, r: float, e0: float, theta: float) -> float:
     """-dτ/dθ of two muscles that pull against each other, by a central difference."""
 
     def torque(theta: float) -> float:
         return r * (arm.tension(e0 - r * theta) - arm.tension(e0 + r * theta))
 
     h = 1e-5  # [rad]
-    return (torque(-h) - torque(h)) / (2 * h)
+    return (torque(theta - h) - torque(theta + h)) / (2 * h)
+
+
+def _pair_slips(
+    arm: MuscleArm, r: float, e0: float, theta: float
+) -> dict[str, ArrayLike]:
+    """What is easily written in place of the stiffness, by what is said of it."""
+    e = np.array([e0 + r * theta, e0 - r * theta])
+    slopes = arm.spring_linear + 3 * arm.spring_cubic * e**2
+    taut = slopes[e > 0]
+    secants = arm.tension(e[e > 0]) / e[e > 0]
+    return {
+        "stiffness is -dτ/dθ: a positive number": -(r**2) * taut.sum(),
+        "half of it: there are two muscles": r**2 * taut.sum() / 2,
+        "that is the flexor alone: the extensor's spring gives way, too": (
+            r**2 * slopes[0]
+        ),
+        "r enters twice: in the stretch and as the lever": r * taut.sum(),
+        "a slack spring has no stiffness": r**2 * slopes.sum(),
+        "that is the stiffness of the straight joint: where does theta enter?": (
+            2 * r**2 * (arm.spring_linear + 3 * arm.spring_cubic * e0**2)
+        ),
+        "stiffness is df/de, not f/e": r**2 * secants.sum(),
+    }
 
 
 class _Posture(NamedTuple):
@@ -154,8 +165,8 @@ def _compliance_slips(theta: np.ndarray, f_const: float) -> dict[str, np.ndarray
 
 
 @check(array("a length for each of the six muscles", 6))
-def length_for_measured_tension(answer: Callable, rng: np.random.Generator) -> None:
-    """Lengths `[6]` [m] to send, so that the motors pull as measured at θ_ref.
+def length_to_send(answer: Callable, rng: np.random.Generator) -> None:
+    """Lengths `[6]` [m] to send, so that the motors pull as wanted at θ_ref.
 
     Given are the arm, θ_ref `[2]` [rad] and the tensions `[6]` [N]. Equal tensions must
     give the known path; others the lengths at which the motors pull just so.
@@ -189,6 +200,46 @@ def length_for_measured_tension(answer: Callable, rng: np.random.Generator) -> N
                 f"not {f} N"
             )
             expect(sent, truth, otherwise, slips, atol=1e-7)
+
+
+@check(number("a time in s"))
+def time_between(answer: Callable, rng: np.random.Generator) -> None:
+    """How long rigid motors need from one command to another [s].
+
+    Given are the arm, with motors of some speed, and two commands `[3]`, posture [rad]
+    and tension [N]; expected is when the last of six wires has its new length.
+    """
+    for change in ([0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, -1.0]):
+        arm = replace(_ARM, motor_speed=rng.uniform(0.05, 0.2))
+        theta = _ARM.home_command[:2] + rng.uniform(-0.2, 0.2, 2)
+        before = np.array([*theta, rng.uniform(30.0, 40.0)])
+        size = rng.uniform([0.1, -0.4, 15.0], [0.3, -0.2, 25.0])
+        after = before + change * size
+        found = answer(arm, before, after)
+
+        # The truth, and what is easily taken for it
+        lengths = [arm.body_image(u[:2], np.full(6, u[2])) for u in (before, after)]
+        ways = lengths[1] - lengths[0]
+        slowest = np.abs(ways).max()
+        truth = slowest / arm.motor_speed
+        slips = {
+            "all six motors reel at once: don't add up their times": np.abs(ways).sum()
+            / arm.motor_speed,
+            "the arm is ready when its last wire is, not an average one": np.abs(
+                ways
+            ).mean()
+            / arm.motor_speed,
+            "some wires get shorter: mind the sign before you look for the "
+            "longest way": ways.max() / arm.motor_speed,
+            "that is the longest way [m]: how long does a motor need for it?": slowest,
+            "a way divided by a speed is a time": slowest * arm.motor_speed,
+        }
+        otherwise = (
+            f"the wires move by {(1000 * ways).round(1)} mm, at most "
+            f"{1000 * arm.motor_speed:.0f} mm/s, which takes {truth:.3f} s, not "
+            f"{found:.3f} s"
+        )
+        expect(found, truth, otherwise, slips, atol=1e-7)
 
 
 @check(array("the Jacobian", 2, 2))
