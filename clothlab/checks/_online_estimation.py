@@ -55,6 +55,30 @@ def _slopes(case: _NudgeCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
+@check(array("two distances, saved first and saved last", 2))
+def first_and_last(answer: Callable, rng: np.random.Generator) -> None:
+    """What a change saves if it comes first, and if it comes last, `[2]`.
+
+    Given are distances with neither of two changes, with this one, with the other, and
+    with both.
+    """
+    for _ in range(3):
+        neither, this, other, both = rng.permutation([0.9, 0.55, 0.3, 0.1])
+        truth = np.array([neither - this, other - both])
+        slips = {
+            "a distance that falls is one that is saved: before minus after": -truth,
+            "first and last are the other way round": truth[::-1],
+            "if this change comes last, the other one has been made already": (
+                np.array([neither - this, neither - both])
+            ),
+            "the last answer is what the other change saves, not this one": (
+                np.array([neither - this, this - both])
+            ),
+        }
+        otherwise = "which two of the four runners differ in this change alone?"
+        expect(answer(neither, this, other, both), truth, otherwise, slips)
+
+
 @check(number("a rate, one number"))
 def largest_rate(answer: Callable, rng: np.random.Generator) -> None:
     """The largest rate with which momentum SGD on a parabola does not diverge.
