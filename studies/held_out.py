@@ -40,6 +40,8 @@ class _Kind:
     bias_rate: float = 6e-3  # of p
     updates: int = 300
     seeds: int = 5  # trainings
+    stored: bool = False  # trained before: the weights `torque-paper`
+    mean_p: bool = False  # predicts with the mean of all p
 
 
 KINDS = {
@@ -50,7 +52,10 @@ KINDS = {
     "slow p": _Kind(bias_rate=2e-3),
     "4 frames, longer": _Kind(frames=4, updates=1200, seeds=2),
     "1 frame, longer": _Kind(frames=1, updates=1200, seeds=2),
-    "stored": _Kind(updates=900),  # trained before: the weights `torque-paper`
+    "stored": _Kind(updates=900, stored=True),
+    "stored, mean p": _Kind(updates=900, stored=True, mean_p=True),
+    "p, longer": _Kind(updates=900, seeds=2),
+    "none, longer": _Kind(updates=900, bias_size=0, seeds=2),
 }
 
 
@@ -102,7 +107,7 @@ class Stack(nn.Module):
 def _train_one(kind: str, seed: int, updates: int = 300) -> dict[str, Any]:
     """Errors of one training, on its own trials and on those held out.
 
-    An update takes 64 windows. That of `stored`, which is only looked at, took 300.
+    An update takes 64 windows. Those stored, which are only looked at, took 300.
     """
     chosen = KINDS[kind]
     known = _runs(RECORDINGS["torque"])
@@ -112,10 +117,12 @@ def _train_one(kind: str, seed: int, updates: int = 300) -> dict[str, Any]:
         model = _network(chosen, known)
         p = torch.zeros(len(materials), chosen.bias_size)
         before = _weights(model)
-        if kind == "stored":
+        if chosen.stored:
             learned = trained(f"{_WEIGHTS}-{seed}")
             model = learned.model
             p = torch.tensor(np.stack([learned.biases[name] for name in materials]))
+            if chosen.mean_p:
+                p = p.mean(dim=0).expand_as(p)
             curves = [(_loss(model, p, known), _loss(model, p, unseen))]
         else:
             curves = list(_train(model, p, chosen, known, unseen, updates))
