@@ -67,8 +67,8 @@ BUDGETS = {  # at most; lines are only reported
     "lines of scripts": None,
     "lines of tests": None,
     "rooms": 20,
-    "floors": 8,
-    "imports between rooms": 94,
+    "floors": 9,  # the studies steer the live lab
+    "imports between rooms": 95,
     # An exercise has one check, which only its page calls.
     "public names without the checks of exercises": 160,
 }

@@ -130,22 +130,23 @@ class LiveSession:
         """
         self.set_cloth(_changed(self.env.cloth, damping, mass))
 
-    def reset(self) -> None:
+    def reset(self, seed: int | None = None) -> None:
         """Let the cloth hang still at the arm's home.
 
-        Controllers and estimator forget what they saw and learned.
+        Controllers and estimator forget what they saw and learned. A `seed` repeats a
+        run; without one, it is another run each time.
         """
         self.recorder.refuse_while_running("the run")
         self.env.start()
-        self._begin()
+        self._begin(seed)
 
-    def _begin(self) -> None:
+    def _begin(self, seed: int | None = None) -> None:
         """Go on from a cloth that was just made to hang still."""
         self.observation = self.env.observe()
         self._still = encode(self.trained.autoencoder, self.observation["image"])
         self.command = self.arm.home_command  # the last one that was sent `[D_u]`
         self.step_number = 0
-        self.seed = secrets.randbits(32)
+        self.seed = secrets.randbits(32) if seed is None else seed
         self._drivers.reset(self.seed)
         self.tracker = self.equipment.tracker(self._p)
 
