@@ -30,6 +30,22 @@ SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
 DRIVERS = ["control", "control: last", "control: earlier"]
 DRIVERS += ["iterative", "manual", "random", "operator"]
+# What a panel may ask of its model beside time, by the names of its messages, and what
+# no page can do of that
+STEERING = [
+    "set arm",
+    "set driver",
+    "explore",
+    "set tension",
+    "set hand",
+    "move sticks",
+]
+STEERING += ["set cloth", "set material", "set p", "estimate"]
+STEERING += ["draw", "clear", "pick", "take"]
+UNABLE = ["upload", "record", "save", "discard"]
+# Why not
+_RECORDED = "a recording can't be steered: a running notebook 08 does this"
+_IN_PAGE = "not in a web page yet: notebook 08 does this"
 _EXPORT = "export default { render };"
 # What the page itself does, and what its worker does
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "ellipse"]
@@ -55,9 +71,25 @@ def write_lab(folder: Path) -> None:
     panel = str(LivePanel._esm).replace(_EXPORT, "")
     script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
-    recording = (_store.data_folder() / RECORDING).read_bytes()
-    write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
+    write_packed(folder / "run.js", {"run.json": run()})
     write_bytes(folder / "licences.txt", licences().encode())
+
+
+def run() -> bytes:
+    """The recorded run as JSON, with what the page would else find out of it.
+
+    At each step, of which step each of its parts is; and what can't be done.
+    """
+    recording = (_store.data_folder() / RECORDING).read_bytes()
+    shots = json.loads(lzma.decompress(recording))["shots"]
+    newest: dict[str, int] = {}
+    for k, shot in enumerate(shots):
+        newest |= dict.fromkeys(shot, k)
+        shot["newest"] = dict(newest)
+    about = shots[0]["about"]
+    about["length"] = (len(shots) - 1) * about["period"]
+    about["refused"] = dict.fromkeys(STEERING + UNABLE, _RECORDED)
+    return json.dumps({"shots": shots}).encode()
 
 
 def licences() -> str:
@@ -164,11 +196,12 @@ def lab_data(session: LiveSession) -> dict[str, Any]:
 
     # What a person chooses from
     chosen = {"arm": arm.name, "drivers": DRIVERS, "only": False}
+    refused = {"refused": dict.fromkeys(UNABLE, _IN_PAGE)}
 
     # The scene, and the map of p
     axes = views.plane._axes
     return {
-        "about": views.fixtures() | chosen,
+        "about": views.fixtures() | chosen | refused,
         "scene": any_cloth_scene(arm.name, session.equipment.setup.cloth),
         "cloths": cloths(arm),
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},

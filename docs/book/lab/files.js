@@ -27,7 +27,13 @@ async function unpackedFile(name) {
   return new Response(body.pipeThrough(new DecompressionStream("gzip")));
 }
 
-const bytesOfBase64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+// A loop, since there are millions.
+function bytesOfBase64(text) {
+  const letters = atob(text);
+  const bytes = new Uint8Array(letters.length);
+  for (let k = 0; k < bytes.length; k++) bytes[k] = letters.charCodeAt(k);
+  return bytes;
+}
 
 // Of what JSON holds, bytes as a panel takes them, and numbers.
 function unpacked(value) {

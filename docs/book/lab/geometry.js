@@ -6,6 +6,9 @@ const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const minus3 = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const three = (values, k) => [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
+// Commands, one or several behind each other, between the limits of an arm.
+const clamped = (u, { lower, upper }) =>
+  u.map((x, k) => Math.min(Math.max(x, lower[k % lower.length]), upper[k % upper.length]));
 // From a to b, at a share of the way.
 const between = (a, b, share) => a.map((x, i) => x + (b[i] - x) * share);
 

@@ -1,33 +1,30 @@
 // The live lab as the model of the panel: what Python's `LivePanel` is in a notebook. The session is in the worker, and
 // here are time, words, and pictures. Each action says in the panel's message what it did, if it can't be seen.
-const PATIENT = 15; // steps, over whose mean time a tier is chosen
+const PATIENT = 15; // steps, over whose mean time the pace is chosen
 const RECENT = 5; // steps, one of which was late where time is said to be
 // What the session does just as the panel asks for it.
 const FORWARDED = ["set cloth", "set material", "set driver", "set tension", "set hand", "estimate", "explore"];
-// What is left out on a machine that is too slow: a solve or an estimate comes every so many steps.
-const TIERS = [
-  { solveEvery: 1, estimateEvery: 1, about: "" },
-  { solveEvery: 2, estimateEvery: 1, about: "a solve every 2nd step" },
-  { solveEvery: 2, estimateEvery: 2, about: "a solve and an estimate every 2nd step" },
-  { solveEvery: 4, estimateEvery: 4, about: "a solve and an estimate every 4th step" },
-];
+// On a machine that is too slow, a solve and an estimate come only every so many steps.
+const EVERY = [1, 2, 4];
 
-// A tier by the time that steps take [s].
-function makeTiers(period) {
+// How many, by the time that steps take [s].
+function makePace(period) {
   let tier = 0;
   let times = [];
   const mean = (count) => times.slice(-count).reduce((sum, x) => sum + x, 0) / count;
-  // Takes in a step; whether the tier is another one now.
+  // Takes in a step; whether the pace is another one now.
   function took(seconds) {
     times = [...times, seconds].slice(-4 * PATIENT);
-    const slower = times.length >= PATIENT && mean(PATIENT) > period && tier < TIERS.length - 1;
+    const slower = times.length >= PATIENT && mean(PATIENT) > period && tier < EVERY.length - 1;
     const faster = times.length === 4 * PATIENT && mean(4 * PATIENT) < 0.4 * period && tier > 0;
     if (!slower && !faster) return false;
     tier += slower ? 1 : -1;
     times = [];
     return true;
   }
-  return { took, now: () => TIERS[tier] };
+  const every = () => EVERY[tier];
+  const leftOut = () => (tier ? `a solve and an estimate only every ${EVERY[tier]} steps` : "");
+  return { took, every, leftOut };
 }
 
 // A picture in grey, which the panel shows.
@@ -47,7 +44,7 @@ function makeGrey([width, height]) {
 function liveLab(ask, first, filesOf) {
   const { period, size, history: longest } = first.answer.lab.about;
   const { get, on, off, tell, set } = makeTraits();
-  const tiers = makeTiers(period);
+  const pace = makePace(period);
   const canvas = make("canvas", { width: 560, height: 420 });
   const ellipseCanvas = make("canvas", { width: 540, height: 578 });
   const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(size));
@@ -94,8 +91,7 @@ function liveLab(ask, first, filesOf) {
   const refresh = () => set({ state: state() });
   function clock() {
     const basis = history.at(-1)?.basis;
-    const { about: left } = tiers.now();
-    const more = [basis && `plan from ${basis}`, left].filter(Boolean);
+    const more = [basis && `plan from ${basis}`, pace.leftOut()].filter(Boolean);
     return [`${(session.step * period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
   }
   // What a frame shows beside its pictures.
@@ -158,14 +154,15 @@ function liveLab(ask, first, filesOf) {
     const { about, plane, scene, pushes, ...more } = lab;
     arm = {
       ...more,
-      about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
+      about,
       name: about.arm,
       plane: makePlane(plane),
       drawScene: scenePicture(canvas, scene.onlooker, scene.shapes),
-      drawEllipse: pushes && ellipsePicture(pushes, ellipseCanvas),
+      drawEllipse: pushes && ellipsePicture(pushes, ellipseCanvas, show),
     };
     met.add(arm.name);
-    set({ about: arm.about, state: state() });
+    set({ about, state: state() });
+    guarded(() => ask("prepare")); // while a visitor looks around
     return []; // its history
   }
   async function changeArm(name) {
@@ -177,9 +174,8 @@ function liveLab(ask, first, filesOf) {
     showTarget(aim);
   }
   async function advance({ solve = true } = {}) {
-    const { solveEvery, estimateEvery } = tiers.now();
     const remember = (moment) => [...history, moment].slice(-longest);
-    await told("step", { solve, solveEvery, estimateEvery }, remember);
+    await told("step", { solve, every: pace.every() }, remember);
   }
 
   // -- time
@@ -192,14 +188,14 @@ function liveLab(ask, first, filesOf) {
       if (!(await guarded(() => advance({ solve: began - due < period })))) stop();
       const took = now() - began; // the page draws meanwhile
       show();
-      if (running && tiers.took(took)) sayTier();
+      if (running && pace.took(took)) sayPace();
       due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
     }
   }
   // A mistake stays in sight; the clock says it, too.
-  function sayTier() {
-    const { about: left } = tiers.now();
+  function sayPace() {
+    const left = pace.leftOut();
     if (message.kind === "info") say(left && `this machine is slow for 5 steps a second: from now on ${left}`);
   }
   function start() {
@@ -246,11 +242,9 @@ function liveLab(ask, first, filesOf) {
     take: () => aim("take"),
   };
   for (const what of FORWARDED) actions[what] = (more) => told(what, more);
-  async function send({ do: what, id, ...more }, _, buffers = []) {
-    if (what === "alive?") tell("msg:custom", { do: "alive" });
-    if (!(what in actions)) return;
+  async function does(action, id) {
     say("");
-    await guarded(() => actions[what](more, buffers));
+    await guarded(action);
     answered = id;
     if (running) refresh();
     else show();
@@ -265,5 +259,5 @@ function liveLab(ask, first, filesOf) {
   meet(first.answer);
   showTarget(first.answer.aim);
   drawFrame();
-  return { get, on, off, send, pause };
+  return { get, on, off, send: makeSend(actions, tell, does), pause };
 }

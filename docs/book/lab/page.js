@@ -51,13 +51,12 @@ async function filesOf(part) {
 }
 const live = once(async () => {
   if (lacking()) throw new Error(lacking());
-  const loaded = {};
-  for (const [k, part] of PARTS.entries()) {
-    report(`The robot is being loaded, part ${k + 1} of ${PARTS.length} …`);
-    Object.assign(loaded, await filesOf(part));
-  }
+  report("The robot is being loaded …");
+  const parts = await Promise.allSettled(PARTS.map(filesOf)); // none is under way when another try begins
+  const failed = parts.find(({ reason }) => reason);
+  if (failed) throw failed.reason;
   report("The robot is being put together …");
-  const { "worker.js": worker, ...files } = loaded;
+  const { "worker.js": worker, ...files } = Object.assign({}, ...parts.map(({ value }) => value));
   const { ask, first } = await startRobot(new TextDecoder().decode(worker), { name: ARM, files });
   return liveLab(ask, first, filesOf);
 });

@@ -1,7 +1,5 @@
 // The onlooker's picture of a stage: floor and shadow, arm and cloth, from far to near. The page draws it, so that the
 // robot has its worker for itself.
-const SKY = [0.93, 0.95, 0.97];
-const FLOOR = [0.95, 0.95, 0.93];
 const ROD_PARTS = 8; // of one, which may stand before the cloth or behind it
 const ROUND = [-1, -0.8, -0.4, 0, 0.4, 0.8, 1]; // across a rod, where its shading is computed
 
@@ -10,7 +8,7 @@ const rgb = (colour, bright) => `rgb(${colour.map((x) => Math.min(255, 255 * x *
 const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
 
 // `view`: from where it is seen. `shapes`: what there is to see; each triangle of the cloth is cut into facets.
-function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFacets }) {
+function scenePicture(canvas, { lights, backdrop, ...view }, { sides, rods, facets: fineFacets }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
   const { focus, project } = makeProjection(view, [height, width]);
@@ -21,19 +19,12 @@ function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFa
     for (const [x, y] of places) ctx.lineTo(x, y);
     ctx.closePath();
   }
-  // The floor reaches to the horizon, where the camera looks if it looks level.
+  // The floor reaches to the horizon, and fades.
+  const background = ctx.createLinearGradient(0, 0, 0, height);
+  for (const [at, colour] of backdrop) background.addColorStop(at, rgb(colour, 1));
   function drawFloor() {
-    const [, up, backward] = view.axes;
-    const level = [-backward[0], -backward[1], 0];
-    const horizon = height / 2 + (focus * dot3(level, up)) / dot3(level, backward);
-    ctx.fillStyle = rgb(SKY, 1);
+    ctx.fillStyle = background;
     ctx.fillRect(0, 0, width, height);
-    const top = Math.max(0, horizon);
-    const fading = ctx.createLinearGradient(0, top, 0, height);
-    fading.addColorStop(0, rgb(FLOOR, 0.98));
-    fading.addColorStop(1, rgb(FLOOR, 0.86));
-    ctx.fillStyle = fading;
-    ctx.fillRect(0, top, width, height - top);
   }
   // All shadows are one shape, or they would be darker where two of them meet.
   function drawShadows({ points, ends }) {

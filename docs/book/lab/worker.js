@@ -12,11 +12,11 @@ function loadRuntime({ "onnxruntime.mjs": module, "onnxruntime.wasm": wasm }) {
 }
 
 // What Python exported for an arm: what there is about it, and its method.
-async function makeMet(files, name) {
+function makeMet(files, name) {
   const its = Object.entries(files).filter(([path]) => path.startsWith(`${name}/`));
   const exported = its.map(([path, bytes]) => [path.slice(name.length + 1), new Uint8Array(bytes)]);
   const { "lab.json": lab, constants, ...graphs } = Object.fromEntries(exported);
-  return { lab: read(lab), method: { constants: read(constants), networks: await makeNetworks(ort, graphs) } };
+  return { lab: read(lab), method: { constants: read(constants), networks: makeNetworks(ort, graphs) } };
 }
 
 const answers = {
