@@ -105,7 +105,7 @@ def _row(control: Mapping[str, Any], k: int) -> str:
     label = html.escape(control["label"])
     if control["kind"] == "menu":
         options = "".join(
-            f"<option{' selected' * (i == start)}>{name}</option>"
+            f'<option value="{i}"{" selected" * (i == start)}>{name}</option>'
             for i, name in enumerate(names)
         )
         return f"<label {at}><span>{label}</span><select>{options}</select></label>"
@@ -123,8 +123,14 @@ def write_figures(page: nbformat.NotebookNode, folder: Path) -> None:
         for output in cell.get("outputs", []):
             if figures := output.get("data", {}).pop(MIME, None):
                 name = _name(figures)
-                content = json.dumps(figures["figures"]).encode()
+                content = json.dumps([*map(_shown, figures["figures"])]).encode()
                 write_packed(folder / f"{name}.js", {name: content})
+
+
+def _shown(figure: Mapping[str, Any]) -> dict[str, Any]:
+    """A figure, and HTML for what is said of it beyond a sentence."""
+    details = "".join(f"<p>{html.escape(text)}</p>" for text in figure["details"])
+    return {**figure, "details": details}
 
 
 def write_controls(folder: Path) -> None:

@@ -51,7 +51,7 @@ _EXPORT = "export default { render };"
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "ellipse"]
 _PAGE += ["views", "live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "arm", "stage", "camera", "drivers"]
-_WORKER += ["session", "networks", "controller", "estimator", "aim"]
+_WORKER += ["session", "networks", "controller", "estimator"]
 _WORKER += ["iterative", "worker"]
 # How a script begins that holds packed files
 _PACKED = "globalThis.clothlabFiles ??= {};\n"

@@ -26,8 +26,8 @@ function makeSamples([rows, columns], places) {
   }
   // Of a triangle, corners are [x, y, 1 / m, brightness], counterclockwise to those who see its front.
   function triangle([a, b, c], colour) {
-    const area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    if (area > -1e-9) return; // y points down
+    const area = areaOf([a, b, c]);
+    if (area > -1e-9) return;
     const xs = [a[0], b[0], c[0]];
     const ys = [a[1], b[1], c[1]];
     fill([Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)], colour, (x, y) => {

@@ -4,20 +4,14 @@
 const FIGURES = document.currentScript.src.replace(/lab\/[^/]*$/, "drawn/");
 
 // Each kind of control calls `moved` after another choice; returned is what gives the number of the choice.
-function heedSlider(root, { names }, moved) {
-  const [input, value] = root.querySelectorAll("input, output");
-  input.addEventListener("input", () => {
-    value.textContent = names[input.value];
-    input.setAttribute("aria-valuetext", names[input.value]);
+function heedInput(root, { names }, moved) {
+  const [input, value] = root.querySelectorAll("input, select, output");
+  root.addEventListener("input", () => {
+    if (value) value.textContent = names[input.value];
+    if (value) input.setAttribute("aria-valuetext", names[input.value]);
     moved();
   });
   return () => Number(input.value);
-}
-
-function heedMenu(root, _, moved) {
-  const select = root.querySelector("select");
-  select.addEventListener("change", moved);
-  return () => select.selectedIndex;
 }
 
 // Of a map's places, `next` are those to which the arrow keys lead.
@@ -51,7 +45,7 @@ function heedMap(root, { map: { line, ...map }, places, names, next, start }, mo
   return () => chosen;
 }
 
-const KINDS = { slider: heedSlider, menu: heedMenu, map: heedMap };
+const KINDS = { slider: heedInput, menu: heedInput, map: heedMap };
 
 // Of what a cell shows, the last such element in front of another.
 function lastBefore(other, selector) {
@@ -76,11 +70,6 @@ function enliven(root) {
     return packed.json();
   }
   const standing = () => choices.reduce((k, choice, n) => k * sizes[n] + choice(), 0);
-  function paragraph(text) {
-    const made = document.createElement("p");
-    made.append(text);
-    return made;
-  }
   async function show() {
     if (!loading) status.textContent = "The figures are being loaded …";
     try {
@@ -88,7 +77,8 @@ function enliven(root) {
       const { picture, alt, details } = figures[standing()]; // not of when it was asked for
       image.src = `data:image/webp;base64,${picture}`;
       image.alt = alt;
-      words.replaceChildren(words.firstElementChild, ...details.map(paragraph));
+      words.replaceChildren(words.firstElementChild);
+      words.insertAdjacentHTML("beforeend", details);
       status.textContent = "";
     } catch (error) {
       loading = null;

@@ -39,7 +39,7 @@ function makeDrivers(networks, arm) {
     period = [];
   }
   // A command, and what its driver says of it.
-  async function choose(driver, s, { hand, solve, every, ...around }) {
+  async function choose(driver, s, { hand, solve, ...around }) {
     if (around.target !== aimed) period = [];
     aimed = around.target;
     if (!(driver in controllers)) {
@@ -48,8 +48,7 @@ function makeDrivers(networks, arm) {
     }
     // A period that begins without a solve would go on with the plan of the last one.
     const begins = count % arm.control.period === 0;
-    const due = begins || (solve && count % every === 0);
-    const choice = await controllers[driver].act(s, { ...around, solve: due });
+    const choice = await controllers[driver].act(s, { ...around, solve: solve || begins });
     count += 1;
     return choice;
   }

@@ -30,6 +30,9 @@ function brightness(normal, { ambient, beams }) {
   return beams.reduce((sum, [beam, diffuse]) => sum + (diffuse * Math.max(0, dot3(normal, beam))) / length, ambient);
 }
 
+// Of three places in a picture, twice the area between them: negative where they go round as the clock does not.
+const areaOf = ([a, b, c]) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+
 // The normals of points that triangles join; a large triangle counts for more.
 function pointNormals(points, triangles) {
   const normals = points.map(() => [0, 0, 0]);

@@ -21,15 +21,7 @@ function nearestPlans(runs, target, period, count, size) {
 
 function iterativeSearch(networks, { learning, control, biases, spread, runs, home, z: latent }) {
   const gap = (p, other) => (distanceBetween(p, other) / spread) ** 2;
-  let nearest = { target: null, plans: [] };
-
-  function recorded({ z_ref: target }) {
-    if (nearest.target !== target) {
-      const plans = nearestPlans(runs, target, control.period, learning.recorded, home.length);
-      nearest = { target, plans };
-    }
-    return nearest.plans;
-  }
+  const recorded = ({ z_ref: target }) => nearestPlans(runs, target, control.period, learning.recorded, home.length);
   // Smaller as long as recent outcomes are poor.
   function caution(attempts, target) {
     const recent = attempts.slice(-learning.recent).flatMap(({ z }) => z.map((each) => distanceBetween(each, target)));

@@ -13,10 +13,8 @@ function makeNetworks(ort, { weights, ...graphs }) {
     return new ort.Tensor(type, numbers, dims);
   }
   // Python has looked for what can be simplified; more of it takes longer than it saves. Only errors are spoken of.
-  const options = {
-    ...{ executionProviders: ["wasm"], graphOptimizationLevel: "basic" },
-    ...{ externalData: [{ path: "weights", data: weights }], logSeverityLevel: 3 },
-  };
+  const externalData = [{ path: "weights", data: weights }];
+  const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic", externalData, logSeverityLevel: 3 };
   function network(graph) {
     let session = null;
     const prepare = () => (session ??= ort.InferenceSession.create(graph, options));

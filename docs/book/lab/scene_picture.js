@@ -22,19 +22,13 @@ function scenePicture(canvas, { lights, backdrop, ...view }, { sides, rods, face
   // The floor reaches to the horizon, and fades.
   const background = ctx.createLinearGradient(0, 0, 0, height);
   for (const [at, colour] of backdrop) background.addColorStop(at, rgb(colour, 1));
-  function drawFloor() {
-    ctx.fillStyle = background;
-    ctx.fillRect(0, 0, width, height);
-  }
   // All shadows are one shape, or they would be darker where two of them meet.
   function drawShadows({ points, ends }) {
     const [sun] = lights.beams.at(-1);
     const onFloor = (point) => project([0, 1, 2].map((i) => point[i] - (point[2] / sun[2]) * sun[i]));
     const shape = new Path2D();
     function add(places) {
-      const [a, b, c] = places;
-      const turned = (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]);
-      const [first, ...others] = turned ? [...places].reverse() : places; // or two would cancel each other
+      const [first, ...others] = areaOf(places) < 0 ? [...places].reverse() : places; // or two would cancel each other
       shape.moveTo(...first.slice(0, 2));
       for (const [x, y] of others) shape.lineTo(x, y);
       shape.closePath();
@@ -53,15 +47,12 @@ function scenePicture(canvas, { lights, backdrop, ...view }, { sides, rods, face
   // Of a cloth's side, the facets that are seen of it: how far each is, and what draws it.
   function facets({ triangles, colour }, points) {
     const normals = pointNormals(points, triangles);
-    return triangles.flatMap((corners) => {
-      const [a, b, c] = corners.map((k) => points[k]);
-      const around = corners.map((k) => normals[k]);
-      const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
-      if (!front) return [];
+    const seen = triangles.filter((corners) => areaOf(corners.map((k) => project(points[k]))) < 0);
+    return seen.flatMap((corners) => {
+      const [places3, around] = [points, normals].map((of) => corners.map((k) => of[k]));
       return fineFacets.map((fine) => {
-        const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
-        const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
-        const normal = mixed(middle, around);
+        const places = fine.map((shares) => project(mixed(shares, places3)));
+        const normal = mixed(mixed([1 / 3, 1 / 3, 1 / 3], fine), around);
         const draw = () => {
           polygon(places);
           ctx.fillStyle = ctx.strokeStyle = rgb(colour, brightness(normal, lights));
@@ -102,7 +93,8 @@ function scenePicture(canvas, { lights, backdrop, ...view }, { sides, rods, face
     });
   }
   return function draw(stage) {
-    drawFloor();
+    ctx.fillStyle = background;
+    ctx.fillRect(0, 0, width, height);
     drawShadows(stage);
     const things = sides.flatMap((side) => facets(side, stage.points));
     things.push(...rods.flatMap((rod, k) => parts(rod, stage.ends[k])));

@@ -15,6 +15,14 @@ function clothOf(damping, mass, known) {
   return known.find((each) => each.damping === damping && each.mass === mass) ?? own;
 }
 
+// Looks at a target, a number for each pixel, 0 or 1: Python's `aim_at`, which the graph `aim` is. What is aimed at is
+// the mask, or a recorded image in its place. Without a cloth in its reconstruction, the distance to that is infinite.
+async function aimAt(networks, { images }, mask) {
+  if (!mask.includes(1)) throw new Refusal("no cloth in the image: the mask is empty");
+  const { distance, overlap, ...aim } = await networks.aim({ image: mask, images });
+  return { mask, ...aim, distance: distance[0], overlap: overlap[0] };
+}
+
 // An arm whose stiffness command, the last one, is fixed at so much [N]; null leaves it free.
 function stiffened(arm, tension) {
   if (tension === null) return arm;
@@ -28,7 +36,6 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
   const arm = makeArm(scene.arm);
   const look = makeStage(scene.shapes);
   const picture = makeCamera(scene.camera, scene.shapes);
-  const aimAt = makeAim(networks, constants);
   let drivers = makeDrivers(networks, constants);
   let physics = null;
   let cloth = null;
@@ -74,6 +81,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     let world = null;
     async function replace() {
       world = makePhysics(mujoco, { ...scene, ...scene.still[next.name], mjcf });
+      world.hang();
       begin(await observe(world));
     }
     const why = `the cloth ${next.label} is too light or too stiff to be simulated: ${cloth?.label} stays in the hand`;
@@ -96,31 +104,43 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     step += 1;
     command = u;
   }
-  // Choose a command, send it, and look. Between solves a controller goes on with its last plan. Solves and estimates
-  // come only `every` so many steps.
+  // Choose a command, send it, and look. A step is whole only `every` so many steps: between solves a controller goes on
+  // with its last plan, and there are no estimates.
   async function makeStep({ solve, every }) {
+    const whole = solve && step % every === 0;
     const start = performance.now();
     const before = observation;
-    const choice = await drivers.choose(driver, before.s, { hand, p, target: aim.z, exploring, solve, every });
+    const choice = await drivers.choose(driver, before.s, { hand, p, target: aim.z, exploring, solve: whole });
     await advance(choice.command);
     if (estimating) {
-      const estimate = step % every === 0;
-      p = await tracker.update(before.s, choice.command, { atRest: step === 1, estimate });
+      p = await tracker.update(before.s, choice.command, { atRest: step === 1, estimate: whole });
     }
     const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(driver, choice, distance);
     const seconds = (performance.now() - start) / 1000;
-    return { ...choice, distance, period, seconds, theta: observation.theta, p: [...p] };
+    return { ...choice, whole, distance, period, seconds, theta: observation.theta, p: [...p] };
   }
   // How things stand now.
   function now() {
     const { stage, mask, reconstruction } = observation;
     const report = estimating ? tracker.report() : null;
     const shownHand = drivers.within(driver === "manual" ? hand : command);
-    const controls = { driver, exploring, estimating, tension, hand: shownHand, p: [...p], cloth, report };
-    return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
+    const { name, label, damping, mass } = cloth;
+    const shownCloth = { name, label, material: [damping, mass] };
+    const controls = { driver, exploring, estimating, hand: shownHand, cloth: shownCloth };
+    return {
+      controls,
+      tension,
+      p: [...p],
+      report,
+      step,
+      stillDistance: distanceBetween(aim.z, still),
+      stage,
+      mask,
+      reconstruction,
+    };
   }
-  const setTarget = async (mask) => (aim = await aimAt(mask));
+  const setTarget = async (mask) => (aim = await aimAt(networks, constants, mask));
 
   // By the names that the panel has for them.
   const actions = {

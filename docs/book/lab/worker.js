@@ -26,7 +26,7 @@ const answers = {
     const loaded = mujoco ?? loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (path) => path });
     [mujoco, arms[name]] = await Promise.all([loaded, arms[name] ?? makeMet(files, name)]);
     const { lab, method } = arms[name];
-    const next = await makeSession(mujoco, method, lab, session?.now());
+    const next = await makeSession(mujoco, method, lab, session?.now().controls);
     session?.world().free();
     session = next;
     return { lab: { ...lab, pushes: method.constants.ellipse }, aim: session.aim() };
