@@ -65,7 +65,7 @@ function liveLab(ask, first, filesOf) {
   const refresh = () => set({ state: state() });
   // A machine that takes longer than a period for whole steps makes one of them only every so many steps.
   function every() {
-    const whole = history.filter((moment) => moment.whole).slice(-PATIENT);
+    const whole = history.filter(({ whole, timed }) => whole && timed).slice(-PATIENT);
     if (whole.length < PATIENT) return 1;
     const mean = whole.reduce((sum, { seconds }) => sum + seconds, 0) / PATIENT;
     return Math.min(Math.ceil(mean / period), LONGEST);
@@ -154,10 +154,12 @@ function liveLab(ask, first, filesOf) {
     say("");
     showTarget(aim);
   }
-  async function advance({ late = false, solve = true } = {}) {
+  // A step; `timed`, if it should have its place in time, is how far it is behind that [s].
+  async function advance({ timed = false, behind = 0 } = {}) {
     const before = leftOut();
-    const remember = (moment) => [...history, { ...moment, late }].slice(-longest);
-    await told("step", { solve, every: every() }, remember);
+    const late = behind > period / 2;
+    const remember = (moment) => [...history, { ...moment, timed, late }].slice(-longest);
+    await told("step", { solve: behind < period, every: timed ? every() : 1 }, remember);
     const left = leftOut(); // a mistake stays in sight; the clock says it, too
     if (left === before || message.kind !== "info") return;
     say(left && `this machine is slow for 5 steps a second: from now on ${left}`);
@@ -169,7 +171,7 @@ function liveLab(ask, first, filesOf) {
     const mine = (turn += 1);
     for (let due = now(); running && turn === mine;) {
       const behind = now() - due;
-      if (!(await guarded(() => advance({ late: behind > period / 2, solve: behind < period })))) stop();
+      if (!(await guarded(() => advance({ timed: true, behind })))) stop();
       show();
       due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
