@@ -30,8 +30,8 @@ from course.lab_export import graphs
 # Along a side of the grid on which the stiffness of a hand is known
 _COUNT = 9
 # Of the picture of it in the page
-_SIZE = (3.375, 3.6125)  # [inch]
-_DPI = 160
+_SIZE = (4.5, 4.8167)  # [inch]
+_DPI = 120
 
 # Steps of commands that are played where no network chooses them
 _PLAYED = 2000

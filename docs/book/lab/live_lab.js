@@ -227,15 +227,14 @@ function liveLab(ask, first, filesOf) {
     if (running) refresh();
     else show();
   }
-  function hide() {
-    if (!document.hidden || !running) return;
-    say("paused while nobody saw the page: press start");
+  // Nobody looks any more.
+  function rest() {
+    if (running) say("paused while nobody saw the page: press start");
     pause();
   }
-  document.addEventListener("visibilitychange", hide);
 
   meet(first.answer);
   showTarget(first.answer.aim);
   drawFrame();
-  return { get, on, off, send: makeSend(actions, tell, does), pause };
+  return { get, on, off, send: makeSend(actions, tell, does), rest };
 }

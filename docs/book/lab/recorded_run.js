@@ -49,13 +49,13 @@ function recordedRun(shots) {
     answered = id;
     show();
   }
-  function leave() {
+  // Nobody looks any more.
+  function rest() {
     pause();
     show();
   }
-  document.addEventListener("visibilitychange", () => document.hidden && leave());
 
   set({ about });
   show();
-  return { get, on, off, send: makeSend({ start, pause, step, reset, seek }, tell, does), pause: leave };
+  return { get, on, off, send: makeSend({ start, pause, step, reset, seek }, tell, does), rest };
 }

@@ -25,9 +25,7 @@ function traces({ stillDistance }, history, { period, tension }) {
 // Whether the arm can show a target and the autoencoder knows its shape, and the numbers that this rests on.
 function targetView({ mask, reconstruction, distance, overlap }, { usual_distance: usual, reachable }) {
   const known = distance <= usual;
-  let reach = "Not reachable";
-  if (known) reach = "Known shape";
-  else if (overlap >= reachable) reach = "Reachable";
+  const reach = known ? "Known shape" : overlap >= reachable ? "Reachable" : "Not reachable";
   const away = Number.isFinite(distance) ? `${distance.toFixed(1)} pixel from the target` : "no cloth at all";
   return {
     image: mask,
