@@ -2,7 +2,7 @@
 import { given, made, method } from "./given.mjs";
 
 const { makeControllers, makeTracker, aimAt, makeEllipse } = made(
-  ...["geometry", "session", "drivers", "controller", "iterative", "estimator", "session", "ellipse"],
+  ...["geometry", "session", "drivers", "controller", "iterative", "estimator", "ellipse"],
 );
 const { constants, networks } = await method(given);
 
