@@ -279,7 +279,7 @@ def test_the_first_aim_and_played_commands_are_pythons(page):
     arm = page.trained.arm
     for kept in constants["commands"].values():
         played = np.frombuffer(base64.b64decode(kept["floats"]), "<f4")
-        played = played.reshape(-1, arm.command_size)
+        played = played.reshape(-1, len(arm.command_lower))
         assert (played >= np.float32(arm.command_lower) - 1e-6).all()
         assert (played <= np.float32(arm.command_upper) + 1e-6).all()
         assert (played.std(0) > 0.1 * np.ptp(played, axis=0)).all()
