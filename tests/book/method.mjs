@@ -26,13 +26,21 @@ const answers = {
     }
     return { plan: [...u], losses };
   },
-  // Commands in states that were seen, whatever was sent there, and what is said of each.
-  async control({ driver, p, target, states, skip = [], exploring = [] }) {
-    const controller = makeControllers(networks, constants)[driver];
+  // Commands in states that were seen, whatever was sent there, and what is said of each; what was prepared for other ps
+  // and targets in turn; and how often `predict` was asked in the step.
+  async control({ driver, p, target, states, skip = [], exploring = [], prepared = [] }) {
+    let asked = 0;
+    function predict(given) {
+      asked += 1;
+      return networks.predict(given);
+    }
+    const controller = makeControllers({ ...networks, predict }, constants)[driver];
     const steps = [];
     for (const [t, s] of states.entries()) {
+      for (const each of prepared) await controller.prepare(s, { p, target, ...each });
+      asked = 0;
       const around = { p, target, exploring: exploring[t], solve: !skip.includes(t) };
-      steps.push(await controller.act(s, around));
+      steps.push({ ...(await controller.act(s, around)), asked });
     }
     return steps;
   },

@@ -169,6 +169,27 @@ def test_a_controller_goes_through_a_run(page, driver):
         assert step["solves"] == controller.solves
 
 
+@pytest.mark.parametrize("driver", ["control", "iterative"])
+def test_what_was_prepared_is_used_only_where_it_belongs(page, driver):
+    p = next(iter(page.trained.biases.values())).tolist()
+    target = page.equipment.first_aim().z.tolist()
+    states = page.runs[0].s[: 2 * SETTINGS.period + 1].tolist()
+    question = {"driver": driver, "p": p, "target": target, "states": states}
+    other_p, other_target = {"p": [0.0, 0.0]}, {"target": [0.0] * len(target)}
+    prepared = [[], [{}], [other_p], [other_target], [other_p, {}]]
+    found = page.ask("control", [question | {"prepared": each} for each in prepared])
+    counts = [[step.pop("asked") for step in steps] for steps in found]
+    for steps in found[1:]:
+        assert steps == found[0]
+
+    # Only the controller with recorded plans ranks them, as each period begins
+    begins = [int(t % SETTINGS.period == 0) for t in range(len(states))]
+    if driver == "control":
+        ranked = np.add(begins, 1).tolist()
+        alone = [1] * len(states)
+        assert counts == [ranked, alone, ranked, ranked, alone]
+
+
 def led_to_by_zeros(page, p, s):
     """The z to which commands of 0 lead, which are no plan that was ever tried."""
     model = page.trained.model

@@ -12,9 +12,9 @@ function makePlayer(commands, size) {
 
 // By the names of drivers. Two of them are only there to compare "control" with.
 function makeControllers(networks, arm) {
-  const gradients = gradientSearch(networks, arm);
+  const gradients = gradientSearch(networks, arm.control);
   return {
-    control: makeController(networks, arm, gradients, { recorded: true }),
+    control: makeController(networks, arm, gradientSearch(networks, arm.control, arm.plans)),
     "control: last": makeController(networks, arm, gradients),
     "control: earlier": makeController(networks, arm, gradients, { repeats: true }),
     iterative: makeController(networks, arm, iterativeSearch(networks, arm)),
@@ -38,6 +38,8 @@ function makeDrivers(networks, arm) {
     count = 0;
     period = [];
   }
+  // What a driver can do before the step begins that it is asked in.
+  const prepare = (driver, s, around) => controllers[driver]?.prepare(s, around);
   // A command, and what its driver says of it.
   async function choose(driver, s, { hand, solve, ...around }) {
     if (around.target !== aimed) period = [];
@@ -63,5 +65,5 @@ function makeDrivers(networks, arm) {
     return ended;
   }
   begin();
-  return { begin, within, choose, closePeriod };
+  return { begin, within, prepare, choose, closePeriod };
 }

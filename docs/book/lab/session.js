@@ -120,6 +120,8 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     const seconds = (performance.now() - start) / 1000;
     return { ...choice, whole, distance, period, seconds, theta: observation.theta, p: [...p] };
   }
+  // In the idle time after a step or a change: the next step takes less time then.
+  const lookAhead = () => drivers.prepare(driver, observation.s, { p, target: aim.z });
   // How things stand now.
   function now() {
     const { stage, mask, reconstruction } = observation;
@@ -175,5 +177,5 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     },
   };
   await hold(cloths.find(({ name }) => name === constants.cloth));
-  return { actions, now, aim: () => aim, world: () => physics };
+  return { actions, lookAhead, now, aim: () => aim, world: () => physics };
 }

@@ -44,5 +44,8 @@ async function answerTo(what, more) {
 }
 let turn = Promise.resolve();
 addEventListener("message", ({ data: { id, what, more } }) => {
-  turn = turn.then(async () => postMessage({ id, ...(await answerTo(what, more)) }));
+  turn = turn.then(async () => {
+    postMessage({ id, ...(await answerTo(what, more)) });
+    await session?.lookAhead()?.catch(() => {}); // the step that needs it says why it fails
+  });
 });
