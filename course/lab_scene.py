@@ -24,6 +24,10 @@ _NUMBERS = ("damping", "mass", "stiffness", "bending", "spring_damping")
 # Parts of an edge of the cloth's triangles, which are shaded each
 _FINE = 3
 
+# Parts of a rod's surface, along it and around it
+_PARTS = 8
+_AROUND = 16
+
 # Behind all that is drawn: the sky, and the floor at the horizon and in front
 _BACKDROP = ((0.93, 0.95, 0.97), (0.931, 0.931, 0.9114), (0.817, 0.817, 0.7998))
 
@@ -128,22 +132,50 @@ def _addresses(model: mujoco.MjModel, joints: Sequence[str]) -> list[int]:
 
 
 def _shapes(model: mujoco.MjModel) -> dict[str, Any]:
-    """What there is to see: the sides of the cloth, between points, and rods."""
-    sides = []
+    """What there is to see: bodies, which are the cloth and rods, and their surfaces.
+
+    A surface is triangles between the points `of` a body, of which the cloth is first.
+    """
+    cloth = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
+    surfaces = []
     for k in range(model.nskin):
         faces = model.skin(k).faceadr[0] + np.arange(model.skin(k).facenum[0])
-        triangles = model.skin_face[faces].tolist()
-        sides.append({"triangles": triangles, "colour": _colour(model.skin(k))})
+        about = {"of": 0, "triangles": model.skin_face[faces].tolist()}
+        surfaces.append(about | {"colour": _colour(model.skin(k)), "facets": _FINE})
     rods = []
     for k in range(model.ngeom):
         rod = model.geom(k)
         round_ = rod.type[0] == mujoco.mjtGeom.mjGEOM_CAPSULE
         if round_ or rod.type[0] == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half, _ = rod.size.tolist()
-            about = {"radius": radius, "half": half, "colour": _colour(rod)}
-            rods.append(about | {"geom": k, "round": bool(round_)})
-    points = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
-    return {"points": points, "sides": sides, "rods": rods, "facets": _facets(_FINE)}
+            points, triangles = _turned(_profile(radius, half, round_))
+            rods.append({"geom": k, "surface": points})
+            about = {"of": len(rods), "triangles": triangles}
+            surfaces.append(about | {"colour": _colour(rod), "facets": 1})
+    for surface in surfaces:
+        surface["facets"] = _facets(surface["facets"])
+    return {"cloth": cloth, "rods": rods, "surfaces": surfaces}
+
+
+def _profile(radius: float, half: float, round_: bool) -> np.ndarray:
+    """Of a rod along z, distance from its axis and height, from below `[N, 2]`."""
+    end = np.linspace(0, np.pi / 2, _PARTS // 2 + 1 if round_ else 2)
+    top = np.column_stack([np.cos(end), round_ * np.sin(end)])
+    side = np.column_stack([np.ones(_PARTS), np.linspace(-half, half, _PARTS)])
+    top, bottom = radius * top + (0, half), radius * top * (1, -1) - (0, half)
+    return np.concatenate([bottom[:0:-1], side * (radius, 1), top[1:]])
+
+
+def _turned(profile: np.ndarray) -> tuple[list[list[float]], list[list[int]]]:
+    """Points, and triangles between them, of what a profile sweeps around z."""
+    around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    points = [(*(r * place), z) for r, z in profile for place in circle]
+    triangles = []
+    for ring, k in product(range(len(profile) - 1), range(_AROUND)):
+        a, b = ring * _AROUND + k, ring * _AROUND + (k + 1) % _AROUND
+        triangles += [[a, b, a + _AROUND], [b, b + _AROUND, a + _AROUND]]
+    return np.round(points, 6).tolist(), triangles
 
 
 def _facets(count: int) -> list[list[tuple[float, ...]]]:
