@@ -20,7 +20,9 @@ from clothlab._files import write_bytes
 from clothlab.lab import LivePanel, LiveSession
 from clothlab.lab._equipment import SETUPS
 from clothlab.lab._playback import RECORDING, _packed
+from clothlab.lab._traces import traces
 from clothlab.lab._views import REACHABLE, Views
+from clothlab.simulation.arm import JOINTS
 from course.lab_constants import method_files
 from course.lab_scene import any_cloth_scene, cloths
 from course.npm import packages
@@ -140,8 +142,8 @@ def write_robot(folder: Path) -> None:
 def arm_files(arm: str) -> dict[str, bytes]:
     """All of an arm that the page loads when a visitor chooses it, by name."""
     session = LiveSession(arm)
-    session.close()
     about = json.dumps(lab_data(session), default=_packed).encode()
+    session.close()
     return method_files(session.equipment) | {"lab.json": about}
 
 
@@ -204,7 +206,29 @@ def lab_data(session: LiveSession) -> dict[str, Any]:
         "about": views.fixtures() | chosen | refused,
         "scene": any_cloth_scene(arm.name, session.equipment.setup.cloth),
         "cloths": cloths(arm),
+        "plots": _plots(session),
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
         "usual_distance": session.equipment.usual_distance,
         "reachable": REACHABLE,
     }
+
+
+def _plots(session: LiveSession) -> list[dict[str, Any]]:
+    """What the plots of a run look like, and where a moment has the values of a line.
+
+    They are those of a step by a controller, without what it was.
+    """
+    places: dict[str, list[str | int]] = {
+        "distance": ["distance"],
+        "predicted at each step": ["predicted"],
+        "f_const": ["command", len(JOINTS)],
+        "step": ["milliseconds"],
+    }
+    for j, joint in enumerate(JOINTS):
+        places |= {joint: ["theta", j], f"{joint} ref": ["command", j]}
+    plots = traces(session, [session.step()])
+    for plot in plots:
+        for line in plot["lines"]:
+            del line["values"]
+            line["place"] = places[line["name"]]
+    return plots

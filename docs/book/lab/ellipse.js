@@ -1,3 +1,6 @@
+// From a to b, at a share of the way.
+const between = (a, b, share) => a.map((x, i) => x + (b[i] - x) * share);
+
 // How far a push of 1 N from all around moves the hand [m], as data of Python's own `pushed_hand` on an even grid.
 // The shoulder turns the whole arm, and what moves its hand with it.
 function makeEllipse({ elbows, softness, count, pushes }) {

@@ -67,8 +67,8 @@ function liveLab(ask, first, filesOf) {
   function every() {
     const whole = history.filter(({ whole, timed }) => whole && timed).slice(-PATIENT);
     if (whole.length < PATIENT) return 1;
-    const mean = whole.reduce((sum, { seconds }) => sum + seconds, 0) / PATIENT;
-    return Math.min(Math.ceil(mean / period), LONGEST);
+    const mean = whole.reduce((sum, { milliseconds }) => sum + milliseconds, 0) / PATIENT;
+    return Math.min(Math.ceil(mean / (1000 * period)), LONGEST);
   }
   const leftOut = () => (every() > 1 ? `a solve and an estimate only every ${every()} steps` : "");
   function clock() {
@@ -83,7 +83,7 @@ function liveLab(ask, first, filesOf) {
     const at = plane.at(session.p);
     return {
       clock: clock(),
-      traces: traces(session, history, about),
+      traces: traces(arm.plots, session, history),
       marks: history.flatMap((moment, k) => (moment.periodEnded ? [k] : [])),
       at,
       trail: history.map((moment) => plane.at(moment.p)),

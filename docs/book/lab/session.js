@@ -117,30 +117,21 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     }
     const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(driver, choice, distance);
-    const seconds = (performance.now() - start) / 1000;
-    return { ...choice, whole, distance, period, seconds, theta: observation.theta, p: [...p] };
+    const milliseconds = performance.now() - start;
+    return { ...choice, whole, distance, period, milliseconds, theta: observation.theta, p: [...p] };
   }
   // In the idle time after a step or a change: the next step takes less time then.
   const lookAhead = () => drivers.prepare(driver, observation.s, { p, target: aim.z });
   // How things stand now.
   function now() {
     const { stage, mask, reconstruction } = observation;
+    const stillDistance = distanceBetween(aim.z, still);
     const report = estimating ? tracker.report() : null;
     const shownHand = drivers.within(driver === "manual" ? hand : command);
     const { name, label, damping, mass } = cloth;
     const shownCloth = { name, label, material: [damping, mass] };
     const controls = { driver, exploring, estimating, hand: shownHand, cloth: shownCloth };
-    return {
-      controls,
-      tension,
-      p: [...p],
-      report,
-      step,
-      stillDistance: distanceBetween(aim.z, still),
-      stage,
-      mask,
-      reconstruction,
-    };
+    return { controls, tension, p: [...p], report, step, stillDistance, stage, mask, reconstruction };
   }
   const setTarget = async (mask) => (aim = await aimAt(networks, constants, mask));
 
