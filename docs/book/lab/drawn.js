@@ -62,18 +62,18 @@ function enliven(root) {
   root.append(root.querySelector("template").content);
   root.querySelector(".beside").append(image);
   const status = root.querySelector("[role=status]");
-  let loading = null; // the promise of all figures; null before the first touch, and after one that failed
 
-  async function load() {
+  // All figures, from the first touch on.
+  const load = once(async () => {
+    status.textContent = "The figures are being loaded …";
     await loadScript(`${FIGURES}${file}.js`);
     const packed = await unpackedFile(file);
     return packed.json();
-  }
+  });
   const standing = () => choices.reduce((k, choice, n) => k * sizes[n] + choice(), 0);
   async function show() {
-    if (!loading) status.textContent = "The figures are being loaded …";
     try {
-      const figures = await (loading ??= load());
+      const figures = await load();
       const { picture, alt, details } = figures[standing()]; // not of when it was asked for
       image.src = `data:image/webp;base64,${picture}`;
       image.alt = alt;
@@ -81,7 +81,6 @@ function enliven(root) {
       words.insertAdjacentHTML("beforeend", details);
       status.textContent = "";
     } catch (error) {
-      loading = null;
       status.textContent = `The figures can't be shown: ${error.message}.`;
     }
   }

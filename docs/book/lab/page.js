@@ -13,20 +13,6 @@ let leave = () => {}; // takes a panel away
 
 const load = (name) => loadScript(`${folder}${name}.js`);
 const wantsRun = () => location.hash === RECORDED || failed !== "";
-// What was started once is not started again, unless it failed: the next time a part may arrive.
-function once(start) {
-  let started = null;
-  async function tried() {
-    try {
-      return await start();
-    } catch (error) {
-      started = null;
-      throw error;
-    }
-  }
-  return () => (started ??= tried());
-}
-
 const recorded = once(async () => {
   await load("run");
   const { shots } = await (await unpackedFile("run.json")).json();
