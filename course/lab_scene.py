@@ -25,8 +25,8 @@ _NUMBERS = ("damping", "mass", "stiffness", "bending", "spring_damping")
 _FINE = 3
 
 # Parts of a rod's surface, along it and around it
-_PARTS = 8
-_AROUND = 16
+_PARTS = 6
+_AROUND = 12
 
 # Behind all that is drawn: the sky, and the floor at the horizon and in front
 _BACKDROP = ((0.93, 0.95, 0.97), (0.931, 0.931, 0.9114), (0.817, 0.817, 0.7998))

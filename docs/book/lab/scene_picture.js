@@ -36,7 +36,8 @@ function scenePicture(canvas, { lights, backdrop, ...view }, { surfaces }) {
   function seenFacets({ of, triangles, colour, facets }, stage) {
     const points = stage[of];
     const normals = pointNormals(points, triangles);
-    const seen = triangles.filter((corners) => areaOf(corners.map((k) => project(points[k]))) < 0);
+    const projected = points.map(project);
+    const seen = triangles.filter((corners) => areaOf(corners.map((k) => projected[k])) < 0);
     return seen.flatMap((corners) => {
       const [places3, around] = [points, normals].map((each) => corners.map((k) => each[k]));
       return facets.map((fine) => {
