@@ -16,8 +16,7 @@ function makeNetworks(ort, { weights, ...graphs }) {
   const externalData = [{ path: "weights", data: weights }];
   const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic", externalData, logSeverityLevel: 3 };
   function network(graph) {
-    let session = null;
-    const prepare = () => (session ??= ort.InferenceSession.create(graph, options));
+    const prepare = once(() => ort.InferenceSession.create(graph, options));
     async function ask(inputs) {
       const prepared = await prepare();
       const feeds = prepared.inputMetadata.map((each) => [each.name, tensorOf(each, inputs[each.name])]);
