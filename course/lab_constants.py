@@ -1,6 +1,7 @@
 """What the method of the live lab in a page knows beside its graphs, as JSON."""
 
 import base64
+import io
 import json
 from dataclasses import asdict
 from typing import Any
@@ -12,20 +13,28 @@ from numpy.typing import ArrayLike
 from clothlab._certainty import SHARE, radius
 from clothlab.analysis import spread
 from clothlab.lab._equipment import Equipment
-from clothlab.lab._pictures import pixels, pushed_hand
+from clothlab.lab._pictures import ellipse_axes, pixels, pushed_hand
 from clothlab.lab._playback import _packed
+from clothlab.lab._targets import Aim
 from clothlab.lab._tracker import _REPORT_EVERY, _calibration
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonSettings
 from clothlab.method.iterative import _SAME_MATERIAL, IterativeLearningSettings
+from clothlab.method.policy import Policy
+from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import MuscleArm
 from course.lab_estimation import Calibrated
 from course.lab_export import graphs
 
-# Of the grid on which the stiffness of a hand is known
-_ELBOWS = 9
-_SOFTNESSES = 9
+# Along a side of the grid on which the stiffness of a hand is known
+_COUNT = 9
+# Of the picture of it in the page
+_SIZE = (4.5, 4.8167)  # [inch]
+_DPI = 120
+
+# Steps of commands that are played where no network chooses them
+_PLAYED = 2000
 
 
 def method_files(equipment: Equipment) -> dict[str, bytes]:
@@ -40,7 +49,7 @@ def method_files(equipment: Equipment) -> dict[str, bytes]:
 def constants(equipment: Equipment) -> dict[str, Any]:
     """What the page's method needs beside its graphs, as JSON takes it."""
     setup = equipment.setup
-    first = {"cloth": setup.cloth, "target": setup.target}
+    first = {"cloth": setup.cloth, "aim": _aim(equipment.first_aim())}
     known = calibrated(equipment)._asdict()
     calibration = {name: each.flatten().tolist() for name, each in known.items()}
     robot = _robot(equipment) | _settings()
@@ -62,9 +71,27 @@ def _robot(equipment: Equipment) -> dict[str, Any]:
         "biases": {name: p.tolist() for name, p in trained.biases.items()},
         "spread": spread(trained.biases),
         "plans": floats(equipment.plans),
+        "commands": {"random": _played(RandomPolicy(arm))}
+        | {"operator": _played(OperatorPolicy(arm))},
         "runs": [_run(run, z) for run in equipment.runs],
         "images": pixels(equipment.images),
         "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
+    }
+
+
+def _played(policy: Policy) -> dict[str, str]:
+    """Commands of a policy that does not heed what it sees."""
+    return floats([policy({}) for _ in range(_PLAYED)])
+
+
+def _aim(aim: Aim) -> dict[str, Any]:
+    """What is aimed at, as the graph `aim` has it."""
+    return {
+        "mask": pixels(aim.mask),
+        "z": floats(aim.z),
+        "reconstruction": floats(aim.reconstruction),
+        "distance": float(aim.distance),
+        "overlap": aim.overlap,
     }
 
 
@@ -90,20 +117,40 @@ def _ellipse(arm: MuscleArm) -> dict[str, Any]:
     The shoulder's angle turns the whole arm, and what moves its hand with it.
     """
     low, high = arm.tension_range
-    elbows = np.linspace(arm.lower[1], arm.upper[1], _ELBOWS)
-    softness = np.linspace(1 / high, 1 / low, _SOFTNESSES)
+    elbows = (arm.lower[1], arm.upper[1])
+    softness = (1 / high, 1 / low)
     pushes = [
-        [pushed_hand(arm, np.array([0, elbow]), 1 / soft) for soft in softness]
-        for elbow in elbows
+        [
+            pushed_hand(arm, np.array([0, elbow]), 1 / soft)
+            for soft in np.linspace(*softness, _COUNT)
+        ]
+        for elbow in np.linspace(*elbows, _COUNT)
     ]
     return {
         "link_length": arm.link_length,
         "lower": arm.lower,
         "upper": arm.upper,
-        "elbows": elbows.tolist(),
-        "softness": softness.tolist(),
+        "axes": _axes(),
+        "elbows": elbows,
+        "softness": softness,
+        "count": _COUNT,
         "pushes": floats(pushes),
     }
+
+
+def _axes() -> dict[str, Any]:
+    """The empty axes of its picture: a file, their limits, and where those are there.
+
+    `edges` are shares of the picture, from the left and from above.
+    """
+    figure = ellipse_axes(_SIZE)
+    (ax,) = figure.axes
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=_DPI)
+    left, bottom, right, top = ax.get_position().extents
+    edges = (left, right, 1 - bottom, 1 - top)
+    limits = {"x": ax.get_xlim(), "y": ax.get_ylim()}
+    return {"picture": file.getvalue(), "edges": edges, **limits}
 
 
 def calibrated(equipment: Equipment) -> Calibrated:

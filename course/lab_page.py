@@ -20,7 +20,9 @@ from clothlab._files import write_bytes
 from clothlab.lab import LivePanel, LiveSession
 from clothlab.lab._equipment import SETUPS
 from clothlab.lab._playback import RECORDING, _packed
+from clothlab.lab._traces import traces
 from clothlab.lab._views import REACHABLE, Views
+from clothlab.simulation.arm import JOINTS
 from course.lab_constants import method_files
 from course.lab_scene import any_cloth_scene, cloths
 from course.npm import packages
@@ -30,12 +32,28 @@ SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
 DRIVERS = ["control", "control: last", "control: earlier"]
 DRIVERS += ["iterative", "manual", "random", "operator"]
+# What a panel may ask of its model beside time, by the names of its messages, and what
+# no page can do of that
+STEERING = [
+    "set arm",
+    "set driver",
+    "explore",
+    "set tension",
+    "set hand",
+    "move sticks",
+]
+STEERING += ["set cloth", "set material", "set p", "estimate"]
+STEERING += ["draw", "clear", "pick", "take"]
+UNABLE = ["upload", "record", "save", "discard"]
+# Why not
+_RECORDED = "a recording can't be steered: a running notebook 08 does this"
+_IN_PAGE = "not in a web page yet: notebook 08 does this"
 _EXPORT = "export default { render };"
 # What the page itself does, and what its worker does
 _PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "ellipse"]
 _PAGE += ["views", "live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "arm", "stage", "camera", "drivers"]
-_WORKER += ["session", "networks", "controller", "estimator", "aim"]
+_WORKER += ["session", "networks", "controller", "estimator"]
 _WORKER += ["iterative", "worker"]
 # How a script begins that holds packed files
 _PACKED = "globalThis.clothlabFiles ??= {};\n"
@@ -55,9 +73,25 @@ def write_lab(folder: Path) -> None:
     panel = str(LivePanel._esm).replace(_EXPORT, "")
     script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
-    recording = (_store.data_folder() / RECORDING).read_bytes()
-    write_packed(folder / "run.js", {"run.json": lzma.decompress(recording)})
+    write_packed(folder / "run.js", {"run.json": run()})
     write_bytes(folder / "licences.txt", licences().encode())
+
+
+def run() -> bytes:
+    """The recorded run as JSON, with what the page would else find out of it.
+
+    At each step, of which step each of its parts is; and what can't be done.
+    """
+    recording = (_store.data_folder() / RECORDING).read_bytes()
+    shots = json.loads(lzma.decompress(recording))["shots"]
+    newest: dict[str, int] = {}
+    for k, shot in enumerate(shots):
+        newest |= dict.fromkeys(shot, k)
+        shot["newest"] = dict(newest)
+    about = shots[0]["about"]
+    about["length"] = (len(shots) - 1) * about["period"]
+    about["refused"] = dict.fromkeys(STEERING + UNABLE, _RECORDED)
+    return json.dumps({"shots": shots}).encode()
 
 
 def licences() -> str:
@@ -108,8 +142,8 @@ def write_robot(folder: Path) -> None:
 def arm_files(arm: str) -> dict[str, bytes]:
     """All of an arm that the page loads when a visitor chooses it, by name."""
     session = LiveSession(arm)
-    session.close()
     about = json.dumps(lab_data(session), default=_packed).encode()
+    session.close()
     return method_files(session.equipment) | {"lab.json": about}
 
 
@@ -164,14 +198,37 @@ def lab_data(session: LiveSession) -> dict[str, Any]:
 
     # What a person chooses from
     chosen = {"arm": arm.name, "drivers": DRIVERS, "only": False}
+    refused = {"refused": dict.fromkeys(UNABLE, _IN_PAGE)}
 
     # The scene, and the map of p
     axes = views.plane._axes
     return {
-        "about": views.fixtures() | chosen,
+        "about": views.fixtures() | chosen | refused,
         "scene": any_cloth_scene(arm.name, session.equipment.setup.cloth),
         "cloths": cloths(arm),
+        "plots": _plots(session),
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
         "usual_distance": session.equipment.usual_distance,
         "reachable": REACHABLE,
     }
+
+
+def _plots(session: LiveSession) -> list[dict[str, Any]]:
+    """What the plots of a run look like, and where a moment has the values of a line.
+
+    They are those of a step by a controller, without what it was.
+    """
+    places: dict[str, list[str | int]] = {
+        "distance": ["distance"],
+        "predicted at each step": ["predicted"],
+        "f_const": ["command", len(JOINTS)],
+        "step": ["milliseconds"],
+    }
+    for j, joint in enumerate(JOINTS):
+        places |= {joint: ["theta", j], f"{joint} ref": ["command", j]}
+    plots = traces(session, [session.step()])
+    for plot in plots:
+        for line in plot["lines"]:
+            del line["values"]
+            line["place"] = places[line["name"]]
+    return plots

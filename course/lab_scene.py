@@ -1,7 +1,7 @@
 """The scene of the live lab in a page: what its physics, camera and picture need."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -24,12 +24,24 @@ _NUMBERS = ("damping", "mass", "stiffness", "bending", "spring_damping")
 # Parts of an edge of the cloth's triangles, which are shaded each
 _FINE = 3
 
+# Parts of a rod's surface, along it and around it
+_PARTS = 6
+_AROUND = 12
+
+# Behind all that is drawn: the sky, and the floor at the horizon and in front
+_BACKDROP = ((0.93, 0.95, 0.97), (0.931, 0.931, 0.9114), (0.817, 0.817, 0.7998))
+
 
 def cloths(arm: Arm) -> list[dict[str, Any]]:
     """Those that an arm may hold, with what is said of them and what they are."""
     keys = ("name", "label", *_NUMBERS)
-    known = FOAMS if arm.has_stiffness else CLOTHS
-    return [{key: getattr(cloth, key) for key in keys} for cloth in known.values()]
+    known = known_cloths(arm).values()
+    return [{key: getattr(cloth, key) for key in keys} for cloth in known]
+
+
+def known_cloths(arm: Arm) -> Mapping[str, Cloth]:
+    """Those that were made for an arm, by name."""
+    return FOAMS if arm.has_stiffness else CLOTHS
 
 
 def scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
@@ -47,19 +59,20 @@ def scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
         "arm": _arm(env.arm, env.model),
         "shapes": _shapes(env.model),
         "camera": _eye(env, "camera") | {"size": (HEIGHT, WIDTH), "places": SAMPLES},
-        "onlooker": _eye(env, onlooker(env.arm)),
+        "onlooker": _onlooker(env),
     }
 
 
 def _start(env: ClothEnv) -> dict[str, list[float]]:
-    names = ("qpos", "qvel", "act", "ctrl")
+    names = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart")
     return {name: getattr(env.data, name).tolist() for name in names}
 
 
 def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
     """The same for any of an arm's cloths, whose numbers are open in the MJCF.
 
-    The cloth is put below the hand, and hangs still after `settle` time steps.
+    The cloth is put below the hand, and hangs still after `settle` time steps. How a
+    known one does then is there as `still`, by its name.
     """
     placed = ClothEnv(arm, cloth, scene=Scene(settle_time=0))
     world = scene(arm, cloth)
@@ -88,6 +101,10 @@ def any_cloth_scene(arm: str, cloth: Cloth | str) -> dict[str, Any]:
         "mjcf": ElementTree.tostring(root, encoding="unicode"),
         "start": _start(placed),
         "settle": round(Scene.settle_time / Scene.time_step),
+        "still": {
+            name: {"start": _start(ClothEnv(arm, name)), "settle": 0}
+            for name in known_cloths(placed.arm)
+        },
         "timeStep": Scene.time_step,
         "points": len(points),
     }
@@ -115,22 +132,50 @@ def _addresses(model: mujoco.MjModel, joints: Sequence[str]) -> list[int]:
 
 
 def _shapes(model: mujoco.MjModel) -> dict[str, Any]:
-    """What there is to see: the sides of the cloth, between points, and rods."""
-    sides = []
+    """What there is to see: bodies, which are the cloth and rods, and their surfaces.
+
+    A surface is triangles between the points `of` a body, of which the cloth is first.
+    """
+    cloth = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
+    surfaces = []
     for k in range(model.nskin):
         faces = model.skin(k).faceadr[0] + np.arange(model.skin(k).facenum[0])
-        triangles = model.skin_face[faces].tolist()
-        sides.append({"triangles": triangles, "colour": _colour(model.skin(k))})
+        about = {"of": 0, "triangles": model.skin_face[faces].tolist()}
+        surfaces.append(about | {"colour": _colour(model.skin(k)), "facets": _FINE})
     rods = []
     for k in range(model.ngeom):
         rod = model.geom(k)
         round_ = rod.type[0] == mujoco.mjtGeom.mjGEOM_CAPSULE
         if round_ or rod.type[0] == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half, _ = rod.size.tolist()
-            about = {"radius": radius, "half": half, "colour": _colour(rod)}
-            rods.append(about | {"geom": k, "round": bool(round_)})
-    points = model.skin_bonebodyid[: model.skin(0).bonenum[0]].tolist()
-    return {"points": points, "sides": sides, "rods": rods, "facets": _facets(_FINE)}
+            points, triangles = _turned(_profile(radius, half, round_))
+            rods.append({"geom": k, "surface": points})
+            about = {"of": len(rods), "triangles": triangles}
+            surfaces.append(about | {"colour": _colour(rod), "facets": 1})
+    for surface in surfaces:
+        surface["facets"] = _facets(surface["facets"])
+    return {"cloth": cloth, "rods": rods, "surfaces": surfaces}
+
+
+def _profile(radius: float, half: float, round_: bool) -> np.ndarray:
+    """Of a rod along z, distance from its axis and height, from below `[N, 2]`."""
+    end = np.linspace(0, np.pi / 2, _PARTS // 2 + 1 if round_ else 2)
+    top = np.column_stack([np.cos(end), round_ * np.sin(end)])
+    side = np.column_stack([np.ones(_PARTS), np.linspace(-half, half, _PARTS)])
+    top, bottom = radius * top + (0, half), radius * top * (1, -1) - (0, half)
+    return np.concatenate([bottom[:0:-1], side * (radius, 1), top[1:]])
+
+
+def _turned(profile: np.ndarray) -> tuple[list[list[float]], list[list[int]]]:
+    """Points, and triangles between them, of what a profile sweeps around z."""
+    around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    points = [(*(r * place), z) for r, z in profile for place in circle]
+    triangles = []
+    for ring, k in product(range(len(profile) - 1), range(_AROUND)):
+        a, b = ring * _AROUND + k, ring * _AROUND + (k + 1) % _AROUND
+        triangles += [[a, b, a + _AROUND], [b, b + _AROUND, a + _AROUND]]
+    return np.round(points, 6).tolist(), triangles
 
 
 def _facets(count: int) -> list[list[tuple[float, ...]]]:
@@ -151,6 +196,21 @@ def _facets(count: int) -> list[list[tuple[float, ...]]]:
 
 def _colour(thing: Any) -> list[float]:
     return thing.rgba[:3].round(4).tolist()
+
+
+def _onlooker(env: ClothEnv) -> dict[str, Any]:
+    """Where the visitor looks from, and what is behind all: colours, at shares of the
+    height, from the sky over the horizon to the floor in front.
+    """
+    eye = _eye(env, onlooker(env.arm))
+    _, up, backward = np.array(eye["axes"])
+    level = -backward * (1, 1, 0)
+    slope = (level @ up) / (level @ backward)
+    horizon = float(0.5 * (1 + slope / np.tan(np.deg2rad(eye["fovy"]) / 2)))
+    horizon = min(max(horizon, 0.0), 1.0)
+    sky, far, near = _BACKDROP
+    backdrop = [(0, sky), (horizon, sky), (horizon, far), (1, near)]
+    return eye | {"backdrop": backdrop}
 
 
 def _eye(env: ClothEnv, view: str | mujoco.MjvCamera) -> dict[str, Any]:

@@ -106,10 +106,17 @@ def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure
     # Its hand, pushed from all around
     ellipse = hand + _ENLARGED * pushed_hand(arm, theta, f_const)
 
-    # The figure, with the same axes for every posture
-    figure, ((ax,),) = plots.new_axes(size=(4.0, 3.6))
+    # The figure
+    figure = ellipse_axes(size=(4.0, 3.6))
+    (ax,) = figure.axes
     ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
     ax.plot(*ellipse.T, lw=2, color=plots.COLOURS[0], label=f"{f_const:.0f} N")
+    return figure
+
+
+def ellipse_axes(size: tuple[float, float]) -> Figure:
+    """Axes for an arm and its ellipse, the same for every posture; `size` in inches."""
+    figure, ((ax,),) = plots.new_axes(size=size)
     ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75))
     ax.set(xticks=(0, 0.5, 1), yticks=(-0.5, 0, 0.5))
     ax.set_xlabel("forward [m]", fontsize=_ELLIPSE_TEXT)

@@ -1,8 +1,8 @@
 // The method in the page, with the graphs in a folder: what each question of a file is answered.
 import { given, made, method } from "./given.mjs";
 
-const { makeController, iterativeSearch, makeTracker, makeAim, makeEllipse } = made(
-  ...["geometry", "session", "controller", "iterative", "estimator", "aim", "ellipse"],
+const { makeControllers, makeTracker, aimAt, makeEllipse } = made(
+  ...["geometry", "session", "drivers", "controller", "iterative", "estimator", "ellipse"],
 );
 const { constants, networks } = await method(given);
 
@@ -26,32 +26,21 @@ const answers = {
     }
     return { plan: [...u], losses };
   },
-  // Commands in states that were seen, whatever was sent there, and what is expected after each.
-  async control({ driver, p, target, states, skip }) {
-    const controller = makeController(networks, constants);
-    controller.setStart(driver);
-    controller.setBias(p);
-    controller.setTarget(target);
-    const steps = [];
-    for (const [t, s] of states.entries()) {
-      const u = [...(await controller.act(s, { solve: !skip.includes(t) }))];
-      const predicted = await controller.predictedDistance();
-      steps.push({ u, predicted, ended: controller.periodEnded(), solves: controller.solves() });
+  // Commands in states that were seen, whatever was sent there, and what is said of each; what was prepared for other ps
+  // and targets in turn; and how often `predict` was asked in the step.
+  async control({ driver, p, target, states, skip = [], exploring = [], prepared = [] }) {
+    let asked = 0;
+    function predict(given) {
+      asked += 1;
+      return networks.predict(given);
     }
-    return steps;
-  },
-  // Commands of iterative learning in states that were seen, and what it expects and rests on.
-  async iterate({ p, target, states, exploring }) {
-    const search = iterativeSearch(networks, constants);
-    const controller = makeController(networks, constants, search);
-    controller.setBias(p);
-    controller.setTarget(target);
+    const controller = makeControllers({ ...networks, predict }, constants)[driver];
     const steps = [];
     for (const [t, s] of states.entries()) {
-      search.explore(exploring[t]);
-      const u = [...(await controller.act(s))];
-      const predicted = await controller.predictedDistance();
-      steps.push({ u, predicted, basis: search.basis(controller.learned()), solves: controller.solves() });
+      for (const each of prepared) await controller.prepare(s, { p, target, ...each });
+      asked = 0;
+      const around = { p, target, exploring: exploring[t], solve: !skip.includes(t) };
+      steps.push({ ...(await controller.act(s, around)), asked });
     }
     return steps;
   },
@@ -68,8 +57,9 @@ const answers = {
   },
   ellipse: ({ theta, tension }) => makeEllipse(constants.ellipse)(theta, tension),
   async aim({ mask }) {
-    if (!mask.includes(1)) return refused(() => makeAim(networks, constants)(Uint8Array.from(mask)));
-    const { known, z, distance, overlap } = await makeAim(networks, constants)(Uint8Array.from(mask));
+    const look = () => aimAt(networks, constants, Uint8Array.from(mask));
+    if (!mask.includes(1)) return refused(look);
+    const { known, z, distance, overlap } = await look();
     return { known: known.join(""), z: [...z], distance, overlap };
   },
 };

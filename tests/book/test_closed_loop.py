@@ -35,7 +35,7 @@ RUN = """async ({ cloth, p, target, steps }) => {
     await actions.reset();
     const distances = [];
     for (let k = 0; k < steps; k++) {
-        const whole = { solve: true, solveEvery: 1, estimateEvery: 1 };
+        const whole = { solve: true, every: 1 };
         distances.push((await actions.step(whole)).distance);
     }
     return distances;

@@ -3,9 +3,12 @@
 import format_javascript
 import pytest
 
+from course.lab_page import SOURCES
 from course.npm import packages
 
 pytestmark = pytest.mark.book
+
+LINES = 1497  # at most, of what the page's own files have together
 
 
 def test_it_is_formatted():
@@ -17,3 +20,12 @@ def test_it_is_formatted():
         path.name for path, text in written.items() if path.read_text("utf-8") != text
     ]
     assert differ == [], "run `make format`"
+
+
+def test_it_is_no_longer_than_it_has_to_be():
+    lines = {
+        path.name: len(path.read_text("utf-8").splitlines())
+        for path in SOURCES.glob("*.js")
+    }
+    assert len(lines) > 5
+    assert sum(lines.values()) <= LINES, lines

@@ -128,7 +128,7 @@ def test_a_cloth_made_by_sliders_moves_as_in_python(lab):
             const places = [];
             for (const u of commands) {
                 session.actions["set hand"]({ u });
-                await session.actions.step({ solve: true, solveEvery: 1, estimateEvery: 1 });
+                await session.actions.step({ solve: true, every: 1 });
                 places.push([...session.world().data.qpos]);
             }
             return places;

@@ -1,5 +1,7 @@
 """The method in the page computes what Python computes."""
 
+import base64
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -161,10 +163,31 @@ def test_a_controller_goes_through_a_run(page, driver):
     (steps,) = page.ask("control", [question])
     for t, (s, step) in enumerate(zip(states, steps, strict=True)):
         u = controller.act(s, solve=t not in skip)
-        assert np.abs(step["u"] - u).max() < 10 * page.plan, t
+        assert np.abs(step["command"] - u).max() < 10 * page.plan, t
         assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-2)
-        assert step["ended"] == controller.period_ended
+        assert step["periodEnded"] == controller.period_ended
         assert step["solves"] == controller.solves
+
+
+@pytest.mark.parametrize("driver", ["control", "iterative"])
+def test_what_was_prepared_is_used_only_where_it_belongs(page, driver):
+    p = next(iter(page.trained.biases.values())).tolist()
+    target = page.equipment.first_aim().z.tolist()
+    states = page.runs[0].s[: 2 * SETTINGS.period + 1].tolist()
+    question = {"driver": driver, "p": p, "target": target, "states": states}
+    other_p, other_target = {"p": [0.0, 0.0]}, {"target": [0.0] * len(target)}
+    prepared = [[], [{}], [other_p], [other_target], [other_p, {}]]
+    found = page.ask("control", [question | {"prepared": each} for each in prepared])
+    counts = [[step.pop("asked") for step in steps] for steps in found]
+    for steps in found[1:]:
+        assert steps == found[0]
+
+    # Only the controller with recorded plans ranks them, as each period begins
+    begins = [int(t % SETTINGS.period == 0) for t in range(len(states))]
+    if driver == "control":
+        ranked = np.add(begins, 1).tolist()
+        alone = [1] * len(states)
+        assert counts == [ranked, alone, ranked, ranked, alone]
 
 
 def led_to_by_zeros(page, p, s):
@@ -190,12 +213,13 @@ def test_iterative_learning_goes_through_a_run(page, aim):
     if aim == "led to by zeros":
         policy.loss.z_ref = led_to_by_zeros(page, p, states[5 * SETTINGS.period])
     target = policy.loss.z_ref.tolist()
-    question = {"p": p.tolist(), "target": target, "states": states.tolist()}
-    (steps,) = page.ask("iterate", [question | {"exploring": exploring}])
+    question = {"driver": "iterative", "p": p.tolist(), "target": target}
+    question |= {"states": states.tolist(), "exploring": exploring}
+    (steps,) = page.ask("control", [question])
     for s, step, explores in zip(states, steps, exploring, strict=True):
         search.exploring = explores
         u = policy.controller.act(s)
-        assert np.abs(step["u"] - u).max() < page.plan
+        assert np.abs(step["command"] - u).max() < page.plan
         assert step["predicted"] == pytest.approx(policy.predicted_distance, abs=1e-3)
         assert step["basis"] == search.basis(policy.controller.learned)
         assert step["solves"] == policy.controller.solves
@@ -258,6 +282,28 @@ def test_aims(page):
         assert answer["distance"] == pytest.approx(aim.distance, abs=AIM)
         assert answer["overlap"] == pytest.approx(aim.overlap)
     assert any((aim.known != aim.mask).any() for aim in aims)
+
+
+def test_the_first_aim_and_played_commands_are_pythons(page):
+    constants = json.loads(method_files(page.equipment)["constants"])
+    first = page.equipment.first_aim()
+    mask = np.frombuffer(base64.b64decode(constants["aim"]["mask"]["bytes"]), bool)
+    assert (mask == first.mask.ravel()).all()
+    (answer,) = page.ask("aim", [{"mask": mask.astype(int).tolist()}])
+    for name in ("z", "distance", "overlap"):
+        kept = constants["aim"][name]
+        if name == "z":
+            kept = np.frombuffer(base64.b64decode(kept["floats"]), "<f4")
+        assert answer[name] == pytest.approx(kept, abs=AIM)
+
+    # Both who look at nothing move within the limits, and not always the same way
+    arm = page.trained.arm
+    for kept in constants["commands"].values():
+        played = np.frombuffer(base64.b64decode(kept["floats"]), "<f4")
+        played = played.reshape(-1, len(arm.command_lower))
+        assert (played >= np.float32(arm.command_lower) - 1e-6).all()
+        assert (played <= np.float32(arm.command_upper) + 1e-6).all()
+        assert (played.std(0) > 0.1 * np.ptp(played, axis=0)).all()
 
 
 def test_ellipses_between_those_of_the_grid(page):

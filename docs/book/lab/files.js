@@ -5,18 +5,23 @@ function loadScript(address) {
   const within = document.getElementById(name);
   return new Promise((resolve, reject) => {
     const script = document.createElement("script");
-    if (within) {
-      script.textContent = within.textContent;
-      document.head.append(script);
-      within.remove();
-      resolve();
-      return;
-    }
-    script.src = address;
-    script.onload = resolve;
-    script.onerror = () => reject(new Error(`${name} can't be loaded`));
-    document.head.append(script);
+    const onerror = () => reject(new Error(`${name} can't be loaded`));
+    const source = within ? { text: within.text } : { src: address };
+    document.head.append(Object.assign(script, { onload: resolve, onerror, ...source }));
+    if (!within) return;
+    within.remove();
+    resolve(); // what is within runs at once, and says nothing
   });
+}
+
+// What was started once is not started again, unless it failed: the next time a part may arrive.
+function once(start) {
+  let started = null;
+  function forget(error) {
+    started = null;
+    throw error;
+  }
+  return () => (started ??= start().catch(forget));
 }
 
 // A file of a script that was loaded, once: what is packed is forgotten then.
@@ -27,7 +32,13 @@ async function unpackedFile(name) {
   return new Response(body.pipeThrough(new DecompressionStream("gzip")));
 }
 
-const bytesOfBase64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+// A loop, since there are millions.
+function bytesOfBase64(text) {
+  const letters = atob(text);
+  const bytes = new Uint8Array(letters.length);
+  for (let k = 0; k < bytes.length; k++) bytes[k] = letters.charCodeAt(k);
+  return bytes;
+}
 
 // Of what JSON holds, bytes as a panel takes them, and numbers.
 function unpacked(value) {

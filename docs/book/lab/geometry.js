@@ -1,13 +1,13 @@
-// What both the page and its worker need: names of joints, distances, and a camera in space with which a mask and a
+// What both the page and its worker need: distances, limits, and a camera in space with which a mask and a
 // picture are made: vectors, a pinhole, and how bright a surface is.
-const JOINTS = ["shoulder", "elbow"];
 const distanceBetween = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
 const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const minus3 = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const three = (values, k) => [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
-// From a to b, at a share of the way.
-const between = (a, b, share) => a.map((x, i) => x + (b[i] - x) * share);
+// Commands, one or several behind each other, between the limits of an arm.
+const clamped = (u, { lower, upper }) =>
+  u.map((x, k) => Math.min(Math.max(x, lower[k % lower.length]), upper[k % upper.length]));
 
 // Where a point of the world is in a picture of this size: x, y [pixel], and how near that is [1 / m].
 function makeProjection({ eye, axes, fovy }, [height, width]) {
@@ -26,6 +26,9 @@ function brightness(normal, { ambient, beams }) {
   const length = Math.hypot(...normal);
   return beams.reduce((sum, [beam, diffuse]) => sum + (diffuse * Math.max(0, dot3(normal, beam))) / length, ambient);
 }
+
+// Of three places in a picture, twice the area between them: negative where they go round as the clock does not.
+const areaOf = ([a, b, c]) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 
 // The normals of points that triangles join; a large triangle counts for more.
 function pointNormals(points, triangles) {

@@ -21,16 +21,7 @@ function nearestPlans(runs, target, period, count, size) {
 
 function iterativeSearch(networks, { learning, control, biases, spread, runs, home, z: latent }) {
   const gap = (p, other) => (distanceBetween(p, other) / spread) ** 2;
-  let exploring = true;
-  let nearest = { target: null, plans: [] };
-
-  function recorded({ z_ref: target }) {
-    if (nearest.target !== target) {
-      const plans = nearestPlans(runs, target, control.period, learning.recorded, home.length);
-      nearest = { target, plans };
-    }
-    return nearest.plans;
-  }
+  const recorded = ({ z_ref: target }) => nearestPlans(runs, target, control.period, learning.recorded, home.length);
   // Smaller as long as recent outcomes are poor.
   function caution(attempts, target) {
     const recent = attempts.slice(-learning.recent).flatMap(({ z }) => z.map((each) => distanceBetween(each, target)));
@@ -74,6 +65,7 @@ function iterativeSearch(networks, { learning, control, biases, spread, runs, ho
   }
   // The plan that is expected to lead nearest, by a descent from some starts.
   async function bestPlan(problem, { attempts }) {
+    const { exploring } = problem;
     const ask = await forecast(problem, attempts);
     let plans = attempts.map(({ u }) => u);
     if (exploring || !plans.length) plans.push(...recorded(problem).map(({ u }) => problem.within(u)), problem.plan);
@@ -115,6 +107,5 @@ function iterativeSearch(networks, { learning, control, biases, spread, runs, ho
     find,
     expectedFor: ({ underWay, target, expected }, other) => (underWay && target === other ? expected : null),
     basis: ({ attempts: { length } }) => (length < 2 ? "recordings" : `${length} attempts`),
-    explore: (on) => (exploring = on),
   };
 }

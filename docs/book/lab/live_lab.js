@@ -1,35 +1,10 @@
 // The live lab as the model of the panel: what Python's `LivePanel` is in a notebook. The session is in the worker, and
 // here are time, words, and pictures. Each action says in the panel's message what it did, if it can't be seen.
-const PATIENT = 15; // steps, over whose mean time a tier is chosen
+const PATIENT = 15; // whole steps, by whose mean time a machine is too slow
+const LONGEST = 4; // steps between two that are whole, at most
 const RECENT = 5; // steps, one of which was late where time is said to be
 // What the session does just as the panel asks for it.
 const FORWARDED = ["set cloth", "set material", "set driver", "set tension", "set hand", "estimate", "explore"];
-// What is left out on a machine that is too slow: a solve or an estimate comes every so many steps.
-const TIERS = [
-  { solveEvery: 1, estimateEvery: 1, about: "" },
-  { solveEvery: 2, estimateEvery: 1, about: "a solve every 2nd step" },
-  { solveEvery: 2, estimateEvery: 2, about: "a solve and an estimate every 2nd step" },
-  { solveEvery: 4, estimateEvery: 4, about: "a solve and an estimate every 4th step" },
-];
-
-// A tier by the time that steps take [s].
-function makeTiers(period) {
-  let tier = 0;
-  let times = [];
-  const mean = (count) => times.slice(-count).reduce((sum, x) => sum + x, 0) / count;
-  // Takes in a step; whether the tier is another one now.
-  function took(seconds) {
-    times = [...times, seconds].slice(-4 * PATIENT);
-    const slower = times.length >= PATIENT && mean(PATIENT) > period && tier < TIERS.length - 1;
-    const faster = times.length === 4 * PATIENT && mean(4 * PATIENT) < 0.4 * period && tier > 0;
-    if (!slower && !faster) return false;
-    tier += slower ? 1 : -1;
-    times = [];
-    return true;
-  }
-  return { took, now: () => TIERS[tier] };
-}
-
 // A picture in grey, which the panel shows.
 function makeGrey([width, height]) {
   const canvas = make("canvas", { width, height });
@@ -47,7 +22,6 @@ function makeGrey([width, height]) {
 function liveLab(ask, first, filesOf) {
   const { period, size, history: longest } = first.answer.lab.about;
   const { get, on, off, tell, set } = makeTraits();
-  const tiers = makeTiers(period);
   const canvas = make("canvas", { width: 560, height: 420 });
   const ellipseCanvas = make("canvas", { width: 540, height: 578 });
   const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(size));
@@ -58,7 +32,6 @@ function liveLab(ask, first, filesOf) {
   let running = false;
   let turn = 0; // number of times that it was started
   let broken = false; // whether time stands still since a step failed
-  let lateness = []; // whether each of the last few steps was late
   let message = { text: "", kind: "info" };
   let answered = "";
   let frames = 0;
@@ -81,21 +54,26 @@ function liveLab(ask, first, filesOf) {
   function status() {
     if (broken || message.kind === "fault") return "fault";
     if (!running) return "paused";
-    return lateness.includes(true) ? "late" : "running";
+    return history.slice(-RECENT).some(({ late }) => late) ? "late" : "running";
   }
   function state() {
-    const { driver, exploring, estimating, hand, tension } = session;
-    const { name, label, damping, mass } = session.cloth;
-    const cloth = { name, label, material: [damping, mass] };
-    const stiffness = { fixed: tension !== null, tension: hand.slice(arm.about.stiffness_at) };
-    const steered = { arm: arm.name, driver, exploring, estimating, hand, cloth, ...stiffness };
+    const { controls, tension } = session;
+    const stiffness = { fixed: tension !== null, tension: controls.hand.slice(arm.about.stiffness_at) };
+    const steered = { arm: arm.about.arm, ...controls, ...stiffness };
     return { ...steered, recording: false, waiting: false, running, status: status(), message, answered };
   }
   const refresh = () => set({ state: state() });
+  // A machine that takes longer than a period for whole steps makes one of them only every so many steps.
+  function every() {
+    const whole = history.filter(({ whole, timed }) => whole && timed).slice(-PATIENT);
+    if (whole.length < PATIENT) return 1;
+    const mean = whole.reduce((sum, { milliseconds }) => sum + milliseconds, 0) / PATIENT;
+    return Math.min(Math.ceil(mean / (1000 * period)), LONGEST);
+  }
+  const leftOut = () => (every() > 1 ? `a solve and an estimate only every ${every()} steps` : "");
   function clock() {
     const basis = history.at(-1)?.basis;
-    const { about: left } = tiers.now();
-    const more = [basis && `plan from ${basis}`, left].filter(Boolean);
+    const more = [basis && `plan from ${basis}`, leftOut()].filter(Boolean);
     return [`${(session.step * period).toFixed(1)} s`, `step ${session.step}`, ...more].join(", ");
   }
   // What a frame shows beside its pictures.
@@ -105,7 +83,7 @@ function liveLab(ask, first, filesOf) {
     const at = plane.at(session.p);
     return {
       clock: clock(),
-      traces: traces(session, history, about),
+      traces: traces(arm.plots, session, history),
       marks: history.flatMap((moment, k) => (moment.periodEnded ? [k] : [])),
       at,
       trail: history.map((moment) => plane.at(moment.p)),
@@ -123,7 +101,7 @@ function liveLab(ask, first, filesOf) {
   }
   // Of the command that was sent, and the tension that is fixed, or sent with it.
   function drawnEllipse() {
-    const command = history.at(-1)?.command ?? session.hand;
+    const command = history.at(-1)?.command ?? session.controls.hand;
     return arm.drawEllipse && arm.drawEllipse(command.slice(0, -1), session.tension ?? command.at(-1));
   }
   // All that is new before the browser shows the page again is one frame.
@@ -158,14 +136,14 @@ function liveLab(ask, first, filesOf) {
     const { about, plane, scene, pushes, ...more } = lab;
     arm = {
       ...more,
-      about: { ...about, refused: refused(actions, "not in a web page yet: notebook 08 does this") },
-      name: about.arm,
+      about,
       plane: makePlane(plane),
       drawScene: scenePicture(canvas, scene.onlooker, scene.shapes),
-      drawEllipse: pushes && ellipsePicture(pushes, ellipseCanvas),
+      drawEllipse: pushes && ellipsePicture(pushes, ellipseCanvas, show),
     };
-    met.add(arm.name);
-    set({ about: arm.about, state: state() });
+    met.add(about.arm);
+    set({ about, state: state() });
+    guarded(() => ask("prepare")); // while a visitor looks around
     return []; // its history
   }
   async function changeArm(name) {
@@ -176,10 +154,15 @@ function liveLab(ask, first, filesOf) {
     say("");
     showTarget(aim);
   }
-  async function advance({ solve = true } = {}) {
-    const { solveEvery, estimateEvery } = tiers.now();
-    const remember = (moment) => [...history, moment].slice(-longest);
-    await told("step", { solve, solveEvery, estimateEvery }, remember);
+  // A step; `timed`, if it should have its place in time, is how far it is behind that [s].
+  async function advance({ timed = false, behind = 0 } = {}) {
+    const before = leftOut();
+    const late = behind > period / 2;
+    const remember = (moment) => [...history, { ...moment, timed, late }].slice(-longest);
+    await told("step", { solve: behind < period, every: timed ? every() : 1 }, remember);
+    const left = leftOut(); // a mistake stays in sight; the clock says it, too
+    if (left === before || message.kind !== "info") return;
+    say(left && `this machine is slow for 5 steps a second: from now on ${left}`);
   }
 
   // -- time
@@ -187,26 +170,17 @@ function liveLab(ask, first, filesOf) {
   async function run() {
     const mine = (turn += 1);
     for (let due = now(); running && turn === mine;) {
-      const began = now();
-      lateness = [...lateness, began - due > period / 2].slice(-RECENT);
-      if (!(await guarded(() => advance({ solve: began - due < period })))) stop();
-      const took = now() - began; // the page draws meanwhile
+      const behind = now() - due;
+      if (!(await guarded(() => advance({ timed: true, behind })))) stop();
       show();
-      if (running && tiers.took(took)) sayTier();
       due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
     }
-  }
-  // A mistake stays in sight; the clock says it, too.
-  function sayTier() {
-    const { about: left } = tiers.now();
-    if (message.kind === "info") say(left && `this machine is slow for 5 steps a second: from now on ${left}`);
   }
   function start() {
     broken = false;
     if (running) return;
     running = true;
-    lateness = [];
     guarded(run);
   }
   function pause() {
@@ -246,24 +220,21 @@ function liveLab(ask, first, filesOf) {
     take: () => aim("take"),
   };
   for (const what of FORWARDED) actions[what] = (more) => told(what, more);
-  async function send({ do: what, id, ...more }, _, buffers = []) {
-    if (what === "alive?") tell("msg:custom", { do: "alive" });
-    if (!(what in actions)) return;
+  async function does(action, id) {
     say("");
-    await guarded(() => actions[what](more, buffers));
+    await guarded(action);
     answered = id;
     if (running) refresh();
     else show();
   }
-  function hide() {
-    if (!document.hidden || !running) return;
-    say("paused while nobody saw the page: press start");
+  // Nobody looks any more.
+  function rest() {
+    if (running) say("paused while nobody saw the page: press start");
     pause();
   }
-  document.addEventListener("visibilitychange", hide);
 
   meet(first.answer);
   showTarget(first.answer.aim);
   drawFrame();
-  return { get, on, off, send, pause };
+  return { get, on, off, send: makeSend(actions, tell, does), rest };
 }

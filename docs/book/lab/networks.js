@@ -1,11 +1,7 @@
 // The graphs that Python exported of its own functions, in onnxruntime, and the weights that they share. Each becomes a
-// function that takes numbers by name and promises those that come out, by name.
-
-// Large graphs that not every session needs are prepared when they are first asked.
-const LATER = ["teach", "distance", "improve"];
-
-async function makeNetworks(ort, { weights, ...graphs }) {
-  const externalData = [{ path: "weights", data: weights }];
+// function that takes numbers by name and promises those that come out, by name. It is prepared when it is first asked,
+// or by its own `prepare`.
+function makeNetworks(ort, { weights, ...graphs }) {
   const kinds = { float32: Float32Array, float64: Float64Array };
 
   // Where a graph takes a fixed count, there may be fewer numbers; those that are not given are zeros.
@@ -17,20 +13,17 @@ async function makeNetworks(ort, { weights, ...graphs }) {
     return new ort.Tensor(type, numbers, dims);
   }
   // Python has looked for what can be simplified; more of it takes longer than it saves. Only errors are spoken of.
-  const options = {
-    ...{ executionProviders: ["wasm"], graphOptimizationLevel: "basic" },
-    ...{ externalData, logSeverityLevel: 3 },
-  };
-  async function network(name) {
-    const prepare = () => ort.InferenceSession.create(graphs[name], options);
-    let session = LATER.includes(name) ? null : await prepare();
-    return async (inputs) => {
-      session ??= await prepare();
-      const feeds = session.inputMetadata.map((each) => [each.name, tensorOf(each, inputs[each.name])]);
-      const found = await session.run(Object.fromEntries(feeds));
+  const externalData = [{ path: "weights", data: weights }];
+  const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic", externalData, logSeverityLevel: 3 };
+  function network(graph) {
+    const prepare = once(() => ort.InferenceSession.create(graph, options));
+    async function ask(inputs) {
+      const prepared = await prepare();
+      const feeds = prepared.inputMetadata.map((each) => [each.name, tensorOf(each, inputs[each.name])]);
+      const found = await prepared.run(Object.fromEntries(feeds));
       return Object.fromEntries(Object.entries(found).map(([output, { data }]) => [output, data]));
-    };
+    }
+    return Object.assign(ask, { prepare });
   }
-  const made = Object.keys(graphs).map(async (name) => [name, await network(name)]);
-  return Object.fromEntries(await Promise.all(made));
+  return Object.fromEntries(Object.entries(graphs).map(([name, graph]) => [name, network(graph)]));
 }

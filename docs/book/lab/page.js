@@ -13,20 +13,6 @@ let leave = () => {}; // takes a panel away
 
 const load = (name) => loadScript(`${folder}${name}.js`);
 const wantsRun = () => location.hash === RECORDED || failed !== "";
-// What was started once is not started again, unless it failed: the next time a part may arrive.
-function once(start) {
-  let started = null;
-  async function tried() {
-    try {
-      return await start();
-    } catch (error) {
-      started = null;
-      throw error;
-    }
-  }
-  return () => (started ??= tried());
-}
-
 const recorded = once(async () => {
   await load("run");
   const { shots } = await (await unpackedFile("run.json")).json();
@@ -38,9 +24,6 @@ function lacking() {
   if (navigator.deviceMemory < 1) return "this machine has less than 1 GB of memory";
   return "";
 }
-function report(progress) {
-  if (!wantsRun()) note.textContent = progress;
-}
 // The files of a part of the page, by name.
 async function filesOf(part) {
   await load(part);
@@ -51,34 +34,29 @@ async function filesOf(part) {
 }
 const live = once(async () => {
   if (lacking()) throw new Error(lacking());
-  const loaded = {};
-  for (const [k, part] of PARTS.entries()) {
-    report(`The robot is being loaded, part ${k + 1} of ${PARTS.length} …`);
-    Object.assign(loaded, await filesOf(part));
-  }
-  report("The robot is being put together …");
-  const { "worker.js": worker, ...files } = loaded;
+  const parts = await Promise.allSettled(PARTS.map(filesOf)); // none is under way when another try begins
+  const failed = parts.find(({ reason }) => reason);
+  if (failed) throw failed.reason;
+  const { "worker.js": worker, ...files } = Object.assign({}, ...parts.map(({ value }) => value));
   const { ask, first } = await startRobot(new TextDecoder().decode(worker), { name: ARM, files });
   return liveLab(ask, first, filesOf);
 });
 
-// The way to the other of the two, also while one is being loaded.
-function offerOther(chosen) {
-  other.textContent = failed ? "Try again." : chosen ? "Steer the robot yourself." : "Watch the recorded run.";
-  other.href = chosen ? "#" : RECORDED;
-  other.hidden = lacking() !== "";
-}
 function show(model) {
   note.textContent = failed && `A live robot can't run here: ${failed}. This is a recorded run. `;
   if (place.model === model) return; // the address has changed, but not what is shown
-  place.model?.pause();
+  place.model?.rest();
   leave();
   place.model = model; // for tests, and for those who look behind the page
   leave = render({ model, el });
 }
+// There is a way to the other of the two, also while one is being loaded.
 async function choose() {
   const chosen = wantsRun();
-  offerOther(chosen);
+  other.textContent = failed ? "Try again." : chosen ? "Steer the robot yourself." : "Watch the recorded run.";
+  other.href = chosen ? "#" : RECORDED;
+  other.hidden = lacking() !== "";
+  if (!chosen) note.textContent = "The robot is being loaded …";
   try {
     const model = await (chosen ? recorded() : live());
     if (chosen === wantsRun()) show(model);
@@ -99,4 +77,5 @@ function tryAgain(event) {
 place.replaceChildren(make("p", {}, note, other), el);
 other.addEventListener("click", tryAgain);
 addEventListener("hashchange", choose);
+document.addEventListener("visibilitychange", () => document.hidden && place.model?.rest());
 choose();

@@ -30,14 +30,13 @@ function makePhysics(mujoco, { mjcf, start, substeps, settle = 0 }) {
     data.delete();
     model.delete();
   }
+  let still = start;
+  // Until a cloth that was just put into the hand hangs still; a reset leads there from then on.
+  function hang() {
+    simulate(settle);
+    still = kept();
+  }
 
   put(start);
-  try {
-    if (settle) simulate(settle);
-  } catch (error) {
-    free();
-    throw error;
-  }
-  const still = kept();
-  return { model, data, reset: () => put(still), kept, put, advance, free };
+  return { model, data, hang, reset: () => put(still), kept, put, advance, free };
 }

@@ -1,78 +1,51 @@
 // The onlooker's picture of a stage: floor and shadow, arm and cloth, from far to near. The page draws it, so that the
 // robot has its worker for itself.
-const SKY = [0.93, 0.95, 0.97];
-const FLOOR = [0.95, 0.95, 0.93];
-const ROD_PARTS = 8; // of one, which may stand before the cloth or behind it
-const ROUND = [-1, -0.8, -0.4, 0, 0.4, 0.8, 1]; // across a rod, where its shading is computed
-
 const rgb = (colour, bright) => `rgb(${colour.map((x) => Math.min(255, 255 * x * bright)).join(" ")})`;
 
 const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at, k) => sum + shares[k] * at[i], 0));
 
-// `view`: from where it is seen. `shapes`: what there is to see; each triangle of the cloth is cut into facets.
-function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFacets }) {
+// `view`: from where it is seen. `surfaces`: what there is to see; each triangle is cut into facets.
+function scenePicture(canvas, { lights, backdrop, ...view }, { surfaces }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
-  const { focus, project } = makeProjection(view, [height, width]);
-  const { eye } = view;
+  const { project } = makeProjection(view, [height, width]);
 
-  function polygon(places) {
-    ctx.beginPath();
-    for (const [x, y] of places) ctx.lineTo(x, y);
-    ctx.closePath();
+  // On the canvas, or in a path.
+  function outline(places, shape = ctx) {
+    shape.moveTo(...places[0].slice(0, 2));
+    for (const [x, y] of places.slice(1)) shape.lineTo(x, y);
+    shape.closePath();
   }
-  // The floor reaches to the horizon, where the camera looks if it looks level.
-  function drawFloor() {
-    const [, up, backward] = view.axes;
-    const level = [-backward[0], -backward[1], 0];
-    const horizon = height / 2 + (focus * dot3(level, up)) / dot3(level, backward);
-    ctx.fillStyle = rgb(SKY, 1);
-    ctx.fillRect(0, 0, width, height);
-    const top = Math.max(0, horizon);
-    const fading = ctx.createLinearGradient(0, top, 0, height);
-    fading.addColorStop(0, rgb(FLOOR, 0.98));
-    fading.addColorStop(1, rgb(FLOOR, 0.86));
-    ctx.fillStyle = fading;
-    ctx.fillRect(0, top, width, height - top);
-  }
-  // All shadows are one shape, or they would be darker where two of them meet.
-  function drawShadows({ points, ends }) {
+  // The floor reaches to the horizon, and fades.
+  const background = ctx.createLinearGradient(0, 0, 0, height);
+  for (const [at, colour] of backdrop) background.addColorStop(at, rgb(colour, 1));
+  // All shadows are one shape, or they would be darker where two of them meet: of triangles that face the sun.
+  function drawShadows(stage) {
     const [sun] = lights.beams.at(-1);
-    const onFloor = (point) => project([0, 1, 2].map((i) => point[i] - (point[2] / sun[2]) * sun[i]));
+    const onFloor = (point) => project(point.map((x, i) => x - (point[2] / sun[2]) * sun[i]));
     const shape = new Path2D();
-    function add(places) {
-      const [a, b, c] = places;
-      const turned = (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]);
-      const [first, ...others] = turned ? [...places].reverse() : places; // or two would cancel each other
-      shape.moveTo(...first.slice(0, 2));
-      for (const [x, y] of others) shape.lineTo(x, y);
-      shape.closePath();
-    }
-    for (const corners of sides[0].triangles) add(corners.map((k) => onFloor(points[k])));
-    for (const [k, { radius }] of rods.entries()) {
-      const [from, to] = ends[k];
-      const across = cross3(minus3(to, from), sun);
-      const wide = across.map((x) => (radius * x) / (Math.hypot(...across) || 1));
-      const edge = (point, side) => onFloor(point.map((x, i) => x + side * wide[i]));
-      add([edge(from, 1), edge(to, 1), edge(to, -1), edge(from, -1)]);
+    for (const { of, triangles } of surfaces) {
+      const shadow = stage[of].map(onFloor);
+      const outlines = triangles.map((corners) => corners.map((k) => shadow[k]));
+      for (const places of outlines) if (areaOf(places) < 0) outline(places, shape);
     }
     ctx.fillStyle = "rgb(40 45 60 / 0.2)";
     ctx.fill(shape);
   }
-  // Of a cloth's side, the facets that are seen of it: how far each is, and what draws it.
-  function facets({ triangles, colour }, points) {
+  // The facets that are seen of a surface: how near each is, and what draws it.
+  function seenFacets({ of, triangles, colour, facets }, stage) {
+    const points = stage[of];
     const normals = pointNormals(points, triangles);
-    return triangles.flatMap((corners) => {
-      const [a, b, c] = corners.map((k) => points[k]);
-      const around = corners.map((k) => normals[k]);
-      const front = dot3(cross3(minus3(b, a), minus3(c, a)), minus3(eye, a)) > 0;
-      if (!front) return [];
-      return fineFacets.map((fine) => {
-        const places = fine.map((shares) => project(mixed(shares, [a, b, c])));
-        const middle = mixed([1 / 3, 1 / 3, 1 / 3], fine);
-        const normal = mixed(middle, around);
+    const projected = points.map(project);
+    const seen = triangles.filter((corners) => areaOf(corners.map((k) => projected[k])) < 0);
+    return seen.flatMap((corners) => {
+      const [places3, around] = [points, normals].map((each) => corners.map((k) => each[k]));
+      return facets.map((fine) => {
+        const places = fine.map((shares) => project(mixed(shares, places3)));
+        const normal = mixed(mixed([1 / 3, 1 / 3, 1 / 3], fine), around);
         const draw = () => {
-          polygon(places);
+          ctx.beginPath();
+          outline(places);
           ctx.fillStyle = ctx.strokeStyle = rgb(colour, brightness(normal, lights));
           ctx.lineWidth = 1; // closes the seams between facets
           ctx.fill();
@@ -82,39 +55,11 @@ function scenePicture(canvas, { lights, ...view }, { sides, rods, facets: fineFa
       });
     });
   }
-  function parts({ round, radius, colour }, [from, to]) {
-    const along = minus3(to, from);
-    const across = cross3(along, minus3(eye, from));
-    const length = Math.hypot(...across) || 1;
-    const side = across.map((x) => x / length);
-    const towards = cross3(side, along).map((x) => x / (Math.hypot(...along) || 1));
-    const normal = (at) => side.map((x, i) => at * x + Math.sqrt(1 - at * at) * towards[i]);
-    const shades = ROUND.map((at) => rgb(colour, brightness(normal(at), lights)));
-    return Array.from({ length: ROD_PARTS }, (_, k) => {
-      const [begin, end] = [k, k + 1].map((each) => project(between(from, to, each / ROD_PARTS)));
-      const near = (begin[2] + end[2]) / 2;
-      const middle = between(from, to, (k + 0.5) / ROD_PARTS);
-      const edge = (sign) => project(middle.map((x, i) => x + sign * radius * side[i]));
-      const draw = () => {
-        const [left, right] = [edge(-1), edge(1)];
-        const shading = ctx.createLinearGradient(left[0], left[1], right[0], right[1]);
-        ROUND.forEach((at, i) => shading.addColorStop((at + 1) / 2, shades[i]));
-        ctx.strokeStyle = shading;
-        ctx.lineWidth = 2 * radius * focus * near;
-        ctx.lineCap = round ? "round" : "butt";
-        ctx.beginPath();
-        ctx.moveTo(begin[0], begin[1]);
-        ctx.lineTo(end[0], end[1]);
-        ctx.stroke();
-      };
-      return { near: 1 / (1 / near - radius), draw };
-    });
-  }
   return function draw(stage) {
-    drawFloor();
+    ctx.fillStyle = background;
+    ctx.fillRect(0, 0, width, height);
     drawShadows(stage);
-    const things = sides.flatMap((side) => facets(side, stage.points));
-    things.push(...rods.flatMap((rod, k) => parts(rod, stage.ends[k])));
+    const things = surfaces.flatMap((surface) => seenFacets(surface, stage));
     things.sort((a, b) => a.near - b.near);
     for (const thing of things) thing.draw();
   };

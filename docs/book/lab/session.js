@@ -2,14 +2,25 @@
 // Between two steps all can be changed; a refusal changes nothing.
 class Refusal extends Error {} // what a person asked for and can't be; all other errors are faults
 
-// C_damp [N s/m] or C_mass [kg] as labels have it.
-const shortNumber = (x) => x.toFixed(Math.abs(x - Math.round(100 * x) / 100) < 1e-9 ? 2 : 3);
+// Networks that most sessions ask soon, but none before it is seen.
+const SOON = ["predict", "descend", "follow", "estimate", "aim"];
+
+// C_damp [N s/m] or C_mass [kg] as labels have it: with three decimals, if two are too few.
+const shortNumber = (x) => x.toFixed(3).replace(/0$/, "");
 
 // One of the known cloths where these are its values, else a cloth of one's own.
 function clothOf(damping, mass, known) {
   const name = `damp${damping.toFixed(3)}-mass${mass.toFixed(3)}`;
   const own = { ...known[0], name, label: `(${shortNumber(damping)}, ${shortNumber(mass)})`, damping, mass };
   return known.find((each) => each.damping === damping && each.mass === mass) ?? own;
+}
+
+// Looks at a target, a number for each pixel, 0 or 1: Python's `aim_at`, which the graph `aim` is. What is aimed at is
+// the mask, or a recorded image in its place. Without a cloth in its reconstruction, the distance to that is infinite.
+async function aimAt(networks, { images }, mask) {
+  if (!mask.includes(1)) throw new Refusal("no cloth in the image: the mask is empty");
+  const { distance, overlap, ...aim } = await networks.aim({ image: mask, images });
+  return { mask, ...aim, distance: distance[0], overlap: overlap[0] };
 }
 
 // An arm whose stiffness command, the last one, is fixed at so much [N]; null leaves it free.
@@ -25,7 +36,6 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
   const arm = makeArm(scene.arm);
   const look = makeStage(scene.shapes);
   const picture = makeCamera(scene.camera, scene.shapes);
-  const aimAt = makeAim(networks, constants);
   let drivers = makeDrivers(networks, constants);
   let physics = null;
   let cloth = null;
@@ -39,7 +49,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
   let { exploring = true } = before; // whether who learns tries new plans; else it repeats the best known one
   let p = constants.biases[constants.cloth];
   let tracker = null;
-  let aim = null;
+  let { aim } = constants; // at first
 
   async function observe({ data }) {
     const stage = look(data);
@@ -47,98 +57,95 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     const s = Float32Array.from([...z, ...arm.sense(data)]);
     return { stage, mask, z, s, reconstruction, theta: arm.theta(data) };
   }
+  // Does something; where a simulation fails, `undo` it, and refuse.
+  async function simulated(act, undo, why) {
+    try {
+      return await act();
+    } catch (error) {
+      undo();
+      throw error instanceof SimulationError ? new Refusal(why) : error;
+    }
+  }
   // Go on from a cloth that was just made to hang still.
   function begin(seen) {
     observation = seen;
     still = seen.z;
     command = constants.home;
     step = 0;
-    drivers.reset();
+    drivers.begin();
     tracker = makeTracker(networks, constants, p);
   }
   async function hold(next) {
     const numbers = Object.entries({ ...next, mass: next.mass / scene.points });
     const mjcf = numbers.reduce((text, [name, value]) => text.replaceAll(`{${name}}`, value), scene.mjcf);
     let world = null;
-    try {
-      world = makePhysics(mujoco, { ...scene, mjcf });
+    async function replace() {
+      world = makePhysics(mujoco, { ...scene, ...scene.still[next.name], mjcf });
+      world.hang();
       begin(await observe(world));
-      physics?.free();
-      [physics, cloth] = [world, next];
-    } catch (error) {
-      if (world) world.free();
-      if (!(error instanceof SimulationError)) throw error;
-      throw new Refusal(
-        `the cloth ${next.label} is too light or too stiff to be simulated: ${cloth.label} stays in the hand`,
-      );
     }
+    const why = `the cloth ${next.label} is too light or too stiff to be simulated: ${cloth?.label} stays in the hand`;
+    await simulated(replace, () => world?.free(), why);
+    physics?.free();
+    [physics, cloth] = [world, next];
   }
   async function reset() {
     physics.reset();
     begin(await observe(physics));
   }
   async function advance(u) {
-    const before = physics.kept();
-    try {
+    const kept = physics.kept();
+    async function move() {
       physics.advance(arm.sent(u));
       observation = await observe(physics);
-    } catch (error) {
-      physics.put(before);
-      if (!(error instanceof SimulationError)) throw error;
-      throw new Refusal(
-        `the simulation of cloth ${cloth.label} diverged; use a smaller time_step than ${scene.timeStep} s, a heavier ` +
-          "cloth or a softer one",
-      );
     }
+    const smaller = `use a smaller time_step than ${scene.timeStep} s, a heavier cloth or a softer one`;
+    await simulated(move, () => physics.put(kept), `the simulation of cloth ${cloth.label} diverged; ${smaller}`);
     step += 1;
     command = u;
   }
-  function use(bias) {
-    drivers.setBias(bias);
-    p = bias;
-  }
-  // Choose a command, send it, and look. Between solves a controller goes on with its last plan.
-  async function makeStep({ solve, solveEvery, estimateEvery }) {
+  // Choose a command, send it, and look. A step is whole only `every` so many steps: between solves a controller goes on
+  // with its last plan, and there are no estimates.
+  async function makeStep({ solve, every }) {
+    const whole = solve && step % every === 0;
     const start = performance.now();
     const before = observation;
-    const choice = await drivers.choose(driver, before.s, { hand, exploring, solve, solveEvery });
+    const choice = await drivers.choose(driver, before.s, { hand, p, target: aim.z, exploring, solve: whole });
     await advance(choice.command);
     if (estimating) {
-      const estimate = step % estimateEvery === 0;
-      use(await tracker.update(before.s, choice.command, { atRest: step === 1, estimate }));
+      p = await tracker.update(before.s, choice.command, { atRest: step === 1, estimate: whole });
     }
     const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(driver, choice, distance);
-    const seconds = (performance.now() - start) / 1000;
-    return { ...choice, distance, period, seconds, theta: observation.theta, p: [...p] };
+    const milliseconds = performance.now() - start;
+    return { ...choice, whole, distance, period, milliseconds, theta: observation.theta, p: [...p] };
   }
+  // In the idle time after a step or a change: the next step takes less time then.
+  const lookAhead = () => drivers.prepare(driver, observation.s, { p, target: aim.z });
   // How things stand now.
   function now() {
     const { stage, mask, reconstruction } = observation;
+    const stillDistance = distanceBetween(aim.z, still);
     const report = estimating ? tracker.report() : null;
     const shownHand = drivers.within(driver === "manual" ? hand : command);
-    const controls = { driver, exploring, estimating, tension, hand: shownHand, p: [...p], cloth, report };
-    return { ...controls, step, stillDistance: distanceBetween(aim.z, still), stage, mask, reconstruction };
+    const { name, label, damping, mass } = cloth;
+    const shownCloth = { name, label, material: [damping, mass] };
+    const controls = { driver, exploring, estimating, hand: shownHand, cloth: shownCloth };
+    return { controls, tension, p: [...p], report, step, stillDistance, stage, mask, reconstruction };
   }
-  async function setTarget(mask) {
-    const next = await aimAt(mask);
-    drivers.setTarget(next.z);
-    aim = next;
-    return aim;
-  }
-  const pick = ({ name }) => setTarget(about.gallery.find((each) => each.name === name).image);
+  const setTarget = async (mask) => (aim = await aimAt(networks, constants, mask));
 
   // By the names that the panel has for them.
   const actions = {
     reset,
     step: makeStep,
     draw: ({ mask }) => setTarget(mask),
-    pick,
+    pick: ({ name }) => setTarget(about.gallery.find((each) => each.name === name).image),
     take: () => setTarget(observation.mask),
     "set cloth": ({ cloth: name }) => hold(cloths.find((each) => each.name === name)),
     "set material": ({ damping, mass }) => hold(clothOf(damping, mass, cloths)),
     "set driver"(next) {
-      if (next.driver !== driver) drivers.resume();
+      if (next.driver !== driver) drivers.begin({ keep: true });
       driver = next.driver;
     },
     "set hand"({ u }) {
@@ -148,20 +155,18 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     // For every driver; learning restarts.
     "set tension"({ f_const: next }) {
       drivers = makeDrivers(networks, stiffened(constants, next));
-      drivers.reset();
-      drivers.setTarget(aim.z);
-      drivers.setBias(p);
       tension = next;
     },
     "set p"(next) {
       tracker = makeTracker(networks, constants, next.p);
-      use(next.p);
+      p = next.p;
     },
     estimate: ({ on }) => (estimating = on),
     explore: ({ on }) => (exploring = on),
+    async prepare() {
+      for (const name of SOON) await networks[name].prepare();
+    },
   };
-  drivers.setBias(p);
-  await pick({ name: constants.target });
   await hold(cloths.find(({ name }) => name === constants.cloth));
-  return { actions, now, aim: () => aim, world: () => physics };
+  return { actions, lookAhead, now, aim: () => aim, world: () => physics };
 }

@@ -1,12 +1,9 @@
-// Where the parts of a scene are now, as plain data: the points of the cloth, and both ends of each rod.
-function makeStage({ points, rods }) {
-  function ends({ geom, half }, { geom_xpos, geom_xmat }) {
+// Where what is seen of a scene is now, as plain data: of each body the points of its surface, the cloth first.
+function makeStage({ cloth, rods }) {
+  function placed({ geom, surface }, { geom_xpos, geom_xmat }) {
     const centre = three(geom_xpos, geom);
-    const along = [2, 5, 8].map((k) => half * geom_xmat[9 * geom + k]); // its z axis
-    return [-1, 1].map((side) => centre.map((x, i) => x + side * along[i]));
+    const rows = [0, 1, 2].map((i) => three(geom_xmat, 3 * geom + i));
+    return surface.map((point) => centre.map((x, i) => x + dot3(rows[i], point)));
   }
-  return (data) => ({
-    points: points.map((body) => three(data.xpos, body)),
-    ends: rods.map((rod) => ends(rod, data)),
-  });
+  return (data) => [cloth.map((body) => three(data.xpos, body)), ...rods.map((rod) => placed(rod, data))];
 }

@@ -16,12 +16,10 @@ function makeTraits() {
   return { get: (name) => traits[name], on, off, tell, set };
 }
 
-// What a panel may ask of its model beside time.
-const STEERING = "set arm, set driver, explore, set tension, set hand, move sticks, set cloth, set material, set p";
-const OTHERS = "estimate, draw, clear, pick, take, upload, record, save, discard";
-
-// Of that, what has no action, and why: the panel switches it off.
-function refused(actions, why) {
-  const names = [STEERING, OTHERS].flatMap((each) => each.split(", "));
-  return Object.fromEntries(names.filter((name) => !(name in actions)).map((name) => [name, why]));
+// How a model takes what a panel sends it: `does(action, id)` for each that it knows.
+function makeSend(actions, tell, does) {
+  return async function send({ do: what, id, ...more }, _, buffers = []) {
+    if (what === "alive?") tell("msg:custom", { do: "alive" });
+    if (what in actions) await does(() => actions[what](more, buffers), id);
+  };
 }

@@ -1,33 +1,21 @@
 // What the panel shows of a session, as plain data: Python's `Views` and `traces`.
-const plot = (title, unit, lines, limit, pairs = []) => ({ title, unit, lines, limit, pairs });
 
-// The plots of a history, one below the other. A line is named, and `of` gives its value at a moment.
-function traces({ stillDistance }, history, { period, tension }) {
-  const line = (name, of, colour = 0, { dash = 0, fine = false } = {}) => {
-    return { name, values: history.map(of), colour, dash, fine };
-  };
-  const distances = [line("distance", (moment) => moment.distance)];
-  const predicted = line("predicted at each step", (moment) => moment.predicted, 1, { dash: 1, fine: true });
-  if (predicted.values.some((each) => each !== null)) distances.push(predicted);
+// The plots of a history, one below the other, as Python laid them out. `place`: where in a moment a line has its value. A
+// fine line, as that of what was predicted, is there if anything is.
+function traces(plots, { stillDistance }, history) {
+  const at = (place) => history.map((moment) => place.reduce((found, name) => found[name], moment));
+  const [first, ...others] = plots.map(({ lines, ...plot }) => {
+    const drawn = lines.map(({ place, ...line }) => ({ ...line, values: at(place) }));
+    return { ...plot, lines: drawn.filter(({ fine, values }) => !fine || values.some((each) => each !== null)) };
+  });
   const pairs = history.flatMap(({ period: ended }, k) => (ended ? [[k, ended.predicted, ended.achieved]] : []));
-  const angles = JOINTS.map((joint, j) => line(joint, (moment) => moment.theta[j], j));
-  const sent = JOINTS.map((joint, j) => line(`${joint} ref`, (moment) => moment.command[j], j, { dash: 1 }));
-  const stiffness = line("f_const", (moment) => moment.command.at(-1));
-  const times = line("step", (moment) => 1e3 * moment.seconds);
-  return [
-    plot("distance to the target", "s.d. of z", distances, ["hanging still", stillDistance], pairs),
-    plot("joint angles", "rad", [...angles, ...sent], null),
-    ...(tension ? [plot("stiffness command", "N", [stiffness], null)] : []),
-    plot("time a step took", "ms", [times], ["control period", 1e3 * period]),
-  ];
+  return [{ ...first, limit: ["hanging still", stillDistance], pairs }, ...others];
 }
 
 // Whether the arm can show a target and the autoencoder knows its shape, and the numbers that this rests on.
 function targetView({ mask, reconstruction, distance, overlap }, { usual_distance: usual, reachable }) {
   const known = distance <= usual;
-  let reach = "Not reachable";
-  if (known) reach = "Known shape";
-  else if (overlap >= reachable) reach = "Reachable";
+  const reach = known ? "Known shape" : overlap >= reachable ? "Reachable" : "Not reachable";
   const away = Number.isFinite(distance) ? `${distance.toFixed(1)} pixel from the target` : "no cloth at all";
   return {
     image: mask,

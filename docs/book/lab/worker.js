@@ -12,11 +12,11 @@ function loadRuntime({ "onnxruntime.mjs": module, "onnxruntime.wasm": wasm }) {
 }
 
 // What Python exported for an arm: what there is about it, and its method.
-async function makeMet(files, name) {
+function makeMet(files, name) {
   const its = Object.entries(files).filter(([path]) => path.startsWith(`${name}/`));
   const exported = its.map(([path, bytes]) => [path.slice(name.length + 1), new Uint8Array(bytes)]);
   const { "lab.json": lab, constants, ...graphs } = Object.fromEntries(exported);
-  return { lab: read(lab), method: { constants: read(constants), networks: await makeNetworks(ort, graphs) } };
+  return { lab: read(lab), method: { constants: read(constants), networks: makeNetworks(ort, graphs) } };
 }
 
 const answers = {
@@ -26,7 +26,7 @@ const answers = {
     const loaded = mujoco ?? loadMujoco({ wasmBinary: files["mujoco.wasm"], locateFile: (path) => path });
     [mujoco, arms[name]] = await Promise.all([loaded, arms[name] ?? makeMet(files, name)]);
     const { lab, method } = arms[name];
-    const next = await makeSession(mujoco, method, lab, session?.now());
+    const next = await makeSession(mujoco, method, lab, session?.now().controls);
     session?.world().free();
     session = next;
     return { lab: { ...lab, pushes: method.constants.ellipse }, aim: session.aim() };
@@ -44,5 +44,8 @@ async function answerTo(what, more) {
 }
 let turn = Promise.resolve();
 addEventListener("message", ({ data: { id, what, more } }) => {
-  turn = turn.then(async () => postMessage({ id, ...(await answerTo(what, more)) }));
+  turn = turn.then(async () => {
+    postMessage({ id, ...(await answerTo(what, more)) });
+    await session?.lookAhead()?.catch(() => {}); // the step that needs it says why it fails
+  });
 });
