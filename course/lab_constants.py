@@ -119,13 +119,15 @@ def _ellipse(arm: MuscleArm) -> dict[str, Any]:
     low, high = arm.tension_range
     elbows = (arm.lower[1], arm.upper[1])
     softness = (1 / high, 1 / low)
-    pushes = [
-        [
-            pushed_hand(arm, np.array([0, elbow]), 1 / soft)
-            for soft in np.linspace(*softness, _COUNT)
-        ]
-        for elbow in np.linspace(*elbows, _COUNT)
-    ]
+
+    # On a grid of both, between whose points the page interpolates
+    pushes = []
+    for elbow in np.linspace(*elbows, _COUNT):
+        posture = np.array([0, elbow])
+        soft_ones = np.linspace(*softness, _COUNT)
+        pushes.append([pushed_hand(arm, posture, 1 / soft) for soft in soft_ones])
+
+    # With the empty axes that they are drawn into
     return {
         "link_length": arm.link_length,
         "lower": arm.lower,

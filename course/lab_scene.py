@@ -159,11 +159,16 @@ def _shapes(model: mujoco.MjModel) -> dict[str, Any]:
 
 def _profile(radius: float, half: float, round_: bool) -> np.ndarray:
     """Of a rod along z, distance from its axis and height, from below `[N, 2]`."""
-    end = np.linspace(0, np.pi / 2, _PARTS // 2 + 1 if round_ else 2)
-    top = np.column_stack([np.cos(end), round_ * np.sin(end)])
-    side = np.column_stack([np.ones(_PARTS), np.linspace(-half, half, _PARTS)])
-    top, bottom = radius * top + (0, half), radius * top * (1, -1) - (0, half)
-    return np.concatenate([bottom[:0:-1], side * (radius, 1), top[1:]])
+    # A quarter of a circle at each end, or a flat one
+    angles = np.linspace(0, np.pi / 2, _PARTS // 2 + 1 if round_ else 2)
+    end = radius * np.column_stack([np.cos(angles), round_ * np.sin(angles)])
+    top = end + np.array([0, half])
+    bottom = end * (1, -1) - np.array([0, half])
+
+    # The side between them has their last points already
+    heights = np.linspace(-half, half, _PARTS)
+    side = np.column_stack([np.full(_PARTS, radius), heights])
+    return np.concatenate([bottom[:0:-1], side, top[1:]])
 
 
 def _turned(profile: np.ndarray) -> tuple[list[list[float]], list[list[int]]]:
@@ -173,7 +178,8 @@ def _turned(profile: np.ndarray) -> tuple[list[list[float]], list[list[int]]]:
     points = [(*(r * place), z) for r, z in profile for place in circle]
     triangles = []
     for ring, k in product(range(len(profile) - 1), range(_AROUND)):
-        a, b = ring * _AROUND + k, ring * _AROUND + (k + 1) % _AROUND
+        a = ring * _AROUND + k
+        b = ring * _AROUND + (k + 1) % _AROUND
         triangles += [[a, b, a + _AROUND], [b, b + _AROUND, a + _AROUND]]
     return np.round(points, 6).tolist(), triangles
 
@@ -199,8 +205,10 @@ def _colour(thing: Any) -> list[float]:
 
 
 def _onlooker(env: ClothEnv) -> dict[str, Any]:
-    """Where the visitor looks from, and what is behind all: colours, at shares of the
-    height, from the sky over the horizon to the floor in front.
+    """Where the visitor looks from, and what is behind all.
+
+    Colours, at shares of the height, from the sky over the horizon to the floor in
+    front.
     """
     eye = _eye(env, onlooker(env.arm))
     _, up, backward = np.array(eye["axes"])
