@@ -19,7 +19,7 @@ from clothlab.simulation.muscle import Muscles
 
 _INK = "#222222"
 _GREY = "#767676"  # what stays as it is
-_RED = COLOURS[1]  # what moves, and the gradient that moves it
+_ORANGE = COLOURS[1]  # what moves, and the gradient that moves it
 _BLUE = COLOURS[0]
 _GREEN = COLOURS[2]
 _PURPLE = "#A8487F"  # of `COLOURS[3]`, dark enough for letters
@@ -49,7 +49,7 @@ _ALL = "One network $h$. Three tasks differ in what moves and in their loss."
 def method(lit: str | None = None) -> Figure:
     """The whole method: camera image → z; s, u, p → h, step after step → loss.
 
-    With `lit`, what one task moves is red, all else is grey, and the gradient's way
+    With `lit`, what one task moves is orange, all else is grey, and the gradient's way
     from the loss to it is dashed: "W" is training (which moves p, too), "p" estimation,
     "u" control.
     """
@@ -64,8 +64,8 @@ def method(lit: str | None = None) -> Figure:
     _draw_bias(sheet, look)
     _draw_loss(sheet, look)
     if lit is not None:
-        _draw_gradient(sheet, moves)
-    sheet.write(5.0, 0.16, caption, color=_RED if lit else _INK)
+        _draw_gradient(sheet, look)
+    sheet.write(5.0, 0.16, caption, color=_ORANGE if lit else _INK)
     return sheet.figure
 
 
@@ -165,9 +165,9 @@ class _Look:
         self.moves = moves
 
     def of(self, name: str) -> dict[str, Any]:
-        """Colours of a quantity: red where it moves, grey where another does."""
+        """Colours of a quantity: orange where it moves, grey where another does."""
         if name in self.moves:
-            return {"color": _RED, "fill": "#FBE6D9", "lw": 3.0, "gid": name}
+            return {"color": _ORANGE, "fill": "#FBE6D9", "lw": 3.0, "gid": name}
         return {"color": self.rest, "gid": name}
 
     @property
@@ -195,7 +195,7 @@ def _about_method(lit: str | None, moves: Sequence[str]) -> str:
     )
     if lit is None:
         return chain
-    return f"{chain}. Red: {' and '.join(moves)}, and the gradient's way to it"
+    return f"{chain}. Orange: {' and '.join(moves)}, and the gradient's way to it"
 
 
 def _draw_eye(sheet: _Sheet, look: _Look) -> None:
@@ -291,35 +291,58 @@ def _draw_loss(sheet: _Sheet, look: _Look) -> None:
     sheet.arrow((first, _COMPARED), (_LOSS - 0.27, _COMPARED), color=colour)
 
     # The loss
-    ink = _RED if look.lit else _INK
+    ink = _ORANGE if look.lit else _INK
     sheet.box(_LOSS, _COMPARED, (0.5, 0.5), "$L$", color=ink, gid="loss")
     sheet.write(_LOSS, _COMPARED + 0.45, "loss", color=ink)
     if look.lit == "u":
         sheet.write(_LOSS, _COMPARED + 0.75, "+ tension", color=colour)
 
 
-def _draw_gradient(sheet: _Sheet, moves: Sequence[str]) -> None:
-    """Dashed, from the loss back to what moves."""
-    dashed = {"color": _RED, "linestyle": (0, (4, 2)), "gid": "gradient", "lw": 2.0}
-    below = _BIAS - 0.42
-    lowest = {"W": _NETWORK, "u": _COMMANDS - 0.4, "p": below}
-    down = min(lowest[name] for name in moves)
-    sheet.line([(_LOSS, _COMPARED - 0.25), (_LOSS, down)], **dashed)
-    sheet.write(_LOSS + 0.05, 3.6, "gradient", color=_RED, backgroundcolor="white")
+def _draw_gradient(sheet: _Sheet, look: _Look) -> None:
+    """Dashed, from the loss through predictions and networks to what moves."""
+    dashed = {"color": _ORANGE, "linestyle": (0, (4, 2)), "gid": "gradient", "lw": 2.0}
+    moves = look.moves
+    above = _COMPARED - 0.15
+    below = _BIAS - 0.14
+    aside = 0.18  # beside the arrows that lead the other way
 
-    # To the weights, through all steps; to p; to each command
-    if "W" in moves:
-        for start, x in zip((_LOSS, *_PLACES[::-1]), _PLACES[::-1], strict=False):
-            begin = start if start == _LOSS else start - 0.52
-            sheet.arrow((begin, _NETWORK), (x + 0.53, _NETWORK), **dashed)
+    # To the predictions that count
+    first = _PLACES[look.counts[0]] + aside
+    sheet.line([(_LOSS - 0.26, above), (first, above)], **dashed)
+    sheet.write(_LOSS - 0.45, above - 0.24, "gradient", color=_ORANGE)
+    for k, x in enumerate(_PLACES):
+        # From a prediction down to its network, and in it to the weights
+        top = above if k in look.counts else _PREDICTED
+        end = (x + aside, _NETWORK + 0.49)
+        if "W" in moves:
+            sheet.arrow((x + aside, top), end, **dashed)
+        else:
+            sheet.line([(x + aside, top), end], **dashed)
+
+        # Through the network to what goes in
+        if "u" in moves:
+            command = (x - 0.05, _COMMANDS + 0.23)
+            sheet.arrow((x - 0.05, _NETWORK - 0.49), command, **dashed)
+        if "p" in moves:
+            sheet.line([(x + aside, _NETWORK - 0.49), (x + aside, below)], **dashed)
+        if k:
+            _draw_back(sheet, look, k, dashed)
     if "p" in moves:
-        sheet.line([(_LOSS, below), (_STATE, below)], **dashed)
-        sheet.arrow((_STATE, below), (_STATE, _BIAS - 0.23), **dashed)
-    if "u" in moves:
-        along = lowest["u"]
-        sheet.line([(_LOSS, along), (_PLACES[0] - 0.2, along)], **dashed)
-        for x in _PLACES:
-            sheet.arrow((x - 0.2, along), (x - 0.2, _COMMANDS - 0.23), **dashed)
+        line = (_PLACES[-1] + aside, below)
+        sheet.arrow(line, (_STATE + 0.26, below), **dashed)
+
+
+def _draw_back(sheet: _Sheet, look: _Look, k: int, dashed: dict[str, Any]) -> None:
+    """The gradient from a step to the one before: by memory, and by a fed prediction."""
+    x = _PLACES[k]
+    before = _PLACES[k - 1]
+    sheet.line([(x - 0.52, 2.69), (before + 0.52, 2.69)], **dashed)
+    if look.closed:
+        way = np.array([[x - 0.52, 3.2], [before + 0.72, 3.5], [before + 0.4, 3.98]])
+        along = np.linspace(0, 1, 30)[:, None]
+        curve = (1 - along) ** 2 * way[0] + along**2 * way[2]
+        curve += 2 * along * (1 - along) * way[1]
+        sheet.line(curve.tolist(), **dashed)
 
 
 # The muscle arm: each pair of muscles by the joints that it passes. Radii of pulleys
