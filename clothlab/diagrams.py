@@ -1,4 +1,4 @@
-"""Drawings that come back in several notebooks: the method, the muscle arm, the memory.
+"""Drawings of notebooks: the method, a muscle pair, the muscle arm, the memory.
 
 Nothing is computed here. A drawing is measured in inches on a white sheet, so that it
 is read on a dark page, too, and its letters from the last row. What it shows in words
@@ -66,6 +66,20 @@ def method(lit: str | None = None) -> Figure:
     if lit is not None:
         _draw_gradient(sheet, look)
     sheet.write(5.0, 0.16, caption, color=_ORANGE if lit else _INK)
+    return sheet.figure
+
+
+def muscle_pair() -> Figure:
+    """One joint and its two muscles, each a motor, a wire and a spring."""
+    about = (
+        "A link that turns about a joint by the angle θ, downwards, and two wires over "
+        "its pulley of radius r: the flexor's above, the extensor's below, each from a "
+        "motor through a spring"
+    )
+    sheet = _Sheet(10.0, 3.4, about)
+    _draw_joint(sheet)
+    _draw_muscle(sheet, "flexor", 2.6, _BLUE)
+    _draw_muscle(sheet, "extensor", 0.8, _ORANGE)
     return sheet.figure
 
 
@@ -345,13 +359,43 @@ def _draw_back(sheet: _Sheet, look: _Look, k: int, dashed: dict[str, Any]) -> No
         sheet.line(curve.tolist(), **dashed)
 
 
+# A muscle pair, at one joint
+
+_JOINT = (5.9, 1.7)
+
+
+def _draw_joint(sheet: _Sheet) -> None:
+    """The pulley, the link on it, and the angle by which it is turned down."""
+    x, y = _JOINT
+    sheet.ax.add_patch(Circle(_JOINT, 0.9, fill=False, edgecolor=_GREY, lw=1.5))
+    link = {"color": "#BFBFBF", "lw": 9, "solid_capstyle": "round", "zorder": 0}
+    sheet.line([_JOINT, (x + 3.4, y - 0.85)], **link)
+    sheet.line([_JOINT, (x + 3.4, y)], color=_GREY, linestyle=":")
+    sheet.write(x + 2.5, y - 0.28, "$\\theta$", fontsize=16)
+    sheet.arrow((x + 3.0, y), (x + 2.95, y - 0.66), bend=-0.15)
+    sheet.arrow(_JOINT, (x, y + 0.9), arrowstyle="<|-|>")
+    sheet.write(x + 0.18, y + 0.42, "$r$", fontsize=16)
+
+
+def _draw_muscle(sheet: _Sheet, name: str, y: float, colour: str) -> None:
+    """From the motor over the wire and the spring to the pulley."""
+    sheet.line([(1.2, y), (2.4, y)], color=colour, lw=2)
+    teeth = y + 0.16 * np.array([0, 1, -1, 1, -1, 1, -1, 1, 0])
+    spring = np.linspace(2.4, 4.2, 9)
+    sheet.line(list(zip(spring, teeth, strict=True)), color=colour, lw=2)
+    sheet.line([(4.2, y), (_JOINT[0], y)], color=colour, lw=2)
+    sheet.box(0.75, y, (0.9, 0.44), "motor", fontsize=13)
+    sheet.write(3.3, y + 0.36, f"{name}: stretch $e$", color=colour, fontsize=14)
+    sheet.write(1.85, y - 0.3, "wire $l$", color=colour, fontsize=14)
+
+
 # The muscle arm: each pair of muscles by the joints that it passes. Radii of pulleys
 # are drawn apart, so that wires can be told; the true ones stand in the table.
 
 _SHOULDER = (3.5, 3.3)
 _ELBOW = (6.1, 3.3)
-_BEND = np.radians(50)  # of the elbow, downwards
-_HAND = (_ELBOW[0] + 2.1 * np.cos(_BEND), _ELBOW[1] - 2.1 * np.sin(_BEND))
+_BEND = np.radians(40)  # of the elbow, upwards: it can't bend down
+_HAND = (_ELBOW[0] + 2.1 * np.cos(_BEND), _ELBOW[1] + 2.1 * np.sin(_BEND))
 
 
 class _Pair(NamedTuple):
@@ -387,12 +431,14 @@ def _draw_links(sheet: _Sheet) -> None:
     right = [(x + 0.35 + dx, y + dy) for dx, dy in waves]
     sheet.ax.fill(*np.transpose(left + right[::-1]), color=COLOURS[4], zorder=1)
     sheet.ax.add_patch(Circle(_HAND, 0.13, color=_INK, zorder=3))
-    sheet.write(x - 0.55, y - 0.05, "hand")
+    sheet.write(x - 0.5, y + 0.1, "hand")
     sheet.write(x + 0.8, y - 0.6, "cloth")
 
     # Angles count downwards; a moment arm is what a wire is away from a joint
     sheet.write(_SHOULDER[0], _SHOULDER[1] - 1.2, "shoulder")
     sheet.write(_ELBOW[0] - 0.45, _ELBOW[1] - 0.95, "elbow")
+    straight = (_ELBOW[0] + 1.7, _ELBOW[1])
+    sheet.line([_ELBOW, straight], color=_GREY, linestyle=":")
     for joint, radius in ((_SHOULDER, 0.45), (_ELBOW, 1.05)):
         turn = np.radians([40, -40])
         x = joint[0] + radius * np.cos(turn)
@@ -400,7 +446,8 @@ def _draw_links(sheet: _Sheet) -> None:
         sheet.arrow((x[0], y[0]), (x[1], y[1]), bend=-0.4)
     theta = {"fontsize": 15}
     sheet.write(_SHOULDER[0] + 0.17, _SHOULDER[1] - 0.38, "$\\theta_1$", **theta)
-    sheet.write(_ELBOW[0] + 1.3, _ELBOW[1], "$\\theta_2$", **theta)
+    sheet.write(_ELBOW[0] + 1.3, _ELBOW[1] - 0.25, "$\\theta_2$", **theta)
+    sheet.write(_ELBOW[0] + 2.3, _ELBOW[1] - 0.7, "bent up, as here: $\\theta_2 < 0$")
     x, y = _SHOULDER
     sheet.arrow((x, y), (x, y + 0.95), arrowstyle="<|-|>")
     sheet.write(x - 0.17, y + 0.38, "$r$", **theta)
@@ -441,12 +488,12 @@ def _write_arms(sheet: _Sheet) -> None:
     sheet.write(2.5, 0.6, "M: a motor, which reels in wire; radii not to scale.")
 
     # A line for each pair, in its colour
-    sheet.write(6.55, 5.15, "$G$ [mm/rad]", fontweight="bold")
-    sheet.write(8.2, 5.15, "shoulder")
-    sheet.write(9.2, 5.15, "elbow")
+    sheet.write(6.55, 1.75, "$G$ [mm/rad]", fontweight="bold")
+    sheet.write(8.2, 1.75, "shoulder")
+    sheet.write(9.2, 1.75, "elbow")
     rows = 1e3 * Muscles().moment_arms[::2]  # of the flexors
     for k, (name, row) in enumerate(zip(_PAIRS, rows, strict=True)):
-        y = 4.85 - 0.28 * k
+        y = 1.45 - 0.28 * k
         sheet.write(6.55, y, f"{name} pair", color=_PAIRS[name].colour)
         for x, arm in zip((8.2, 9.2), row, strict=True):
             sheet.write(x, y, f"±{arm:.0f}" if arm else "0")

@@ -15,6 +15,7 @@ RED = to_rgb(plots.COLOURS[1])
 QUANTITIES = ("W", "p", "u")
 DRAWINGS = {
     **{f"method {lit}": (diagrams.method, (lit,)) for lit in (None, *QUANTITIES)},
+    "muscle pair": (diagrams.muscle_pair, ()),
     "muscle arm": (diagrams.muscle_arm, ()),
     "unrolled": (diagrams.unrolled, ()),
 }
