@@ -347,7 +347,7 @@ def _draw_gradient(sheet: _Sheet, look: _Look) -> None:
 
 
 def _draw_back(sheet: _Sheet, look: _Look, k: int, dashed: dict[str, Any]) -> None:
-    """The gradient from a step to the one before: by memory, and by a fed prediction."""
+    """From a step to the one before: by memory, and by a prediction that was fed."""
     x = _PLACES[k]
     before = _PLACES[k - 1]
     sheet.line([(x - 0.52, 2.69), (before + 0.52, 2.69)], **dashed)
