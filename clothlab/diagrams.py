@@ -1,4 +1,4 @@
-"""Drawings that come back in several notebooks: the method, the muscle arm, the memory.
+"""Drawings of notebooks: the method, a muscle pair, the muscle arm, the memory.
 
 Nothing is computed here. A drawing is measured in inches on a white sheet, so that it
 is read on a dark page, too, and its letters from the last row. What it shows in words
@@ -19,7 +19,7 @@ from clothlab.simulation.muscle import Muscles
 
 _INK = "#222222"
 _GREY = "#767676"  # what stays as it is
-_RED = COLOURS[1]  # what moves, and the gradient that moves it
+_ORANGE = COLOURS[1]  # what moves, and the gradient that moves it
 _BLUE = COLOURS[0]
 _GREEN = COLOURS[2]
 _PURPLE = "#A8487F"  # of `COLOURS[3]`, dark enough for letters
@@ -49,7 +49,7 @@ _ALL = "One network $h$. Three tasks differ in what moves and in their loss."
 def method(lit: str | None = None) -> Figure:
     """The whole method: camera image → z; s, u, p → h, step after step → loss.
 
-    With `lit`, what one task moves is red, all else is grey, and the gradient's way
+    With `lit`, what one task moves is orange, all else is grey, and the gradient's way
     from the loss to it is dashed: "W" is training (which moves p, too), "p" estimation,
     "u" control.
     """
@@ -64,8 +64,22 @@ def method(lit: str | None = None) -> Figure:
     _draw_bias(sheet, look)
     _draw_loss(sheet, look)
     if lit is not None:
-        _draw_gradient(sheet, moves)
-    sheet.write(5.0, 0.16, caption, color=_RED if lit else _INK)
+        _draw_gradient(sheet, look)
+    sheet.write(5.0, 0.16, caption, color=_ORANGE if lit else _INK)
+    return sheet.figure
+
+
+def muscle_pair() -> Figure:
+    """One joint and its two muscles, each a motor, a wire and a spring."""
+    about = (
+        "A link that turns about a joint by the angle θ, downwards, and two wires over "
+        "its pulley of radius r: the flexor's above, the extensor's below, each from a "
+        "motor through a spring"
+    )
+    sheet = _Sheet(10.0, 3.4, about)
+    _draw_joint(sheet)
+    _draw_muscle(sheet, "flexor", 2.6, _BLUE)
+    _draw_muscle(sheet, "extensor", 0.8, _ORANGE)
     return sheet.figure
 
 
@@ -165,9 +179,9 @@ class _Look:
         self.moves = moves
 
     def of(self, name: str) -> dict[str, Any]:
-        """Colours of a quantity: red where it moves, grey where another does."""
+        """Colours of a quantity: orange where it moves, grey where another does."""
         if name in self.moves:
-            return {"color": _RED, "fill": "#FBE6D9", "lw": 3.0, "gid": name}
+            return {"color": _ORANGE, "fill": "#FBE6D9", "lw": 3.0, "gid": name}
         return {"color": self.rest, "gid": name}
 
     @property
@@ -195,7 +209,7 @@ def _about_method(lit: str | None, moves: Sequence[str]) -> str:
     )
     if lit is None:
         return chain
-    return f"{chain}. Red: {' and '.join(moves)}, and the gradient's way to it"
+    return f"{chain}. Orange: {' and '.join(moves)}, and the gradient's way to it"
 
 
 def _draw_eye(sheet: _Sheet, look: _Look) -> None:
@@ -291,35 +305,88 @@ def _draw_loss(sheet: _Sheet, look: _Look) -> None:
     sheet.arrow((first, _COMPARED), (_LOSS - 0.27, _COMPARED), color=colour)
 
     # The loss
-    ink = _RED if look.lit else _INK
+    ink = _ORANGE if look.lit else _INK
     sheet.box(_LOSS, _COMPARED, (0.5, 0.5), "$L$", color=ink, gid="loss")
     sheet.write(_LOSS, _COMPARED + 0.45, "loss", color=ink)
     if look.lit == "u":
         sheet.write(_LOSS, _COMPARED + 0.75, "+ tension", color=colour)
 
 
-def _draw_gradient(sheet: _Sheet, moves: Sequence[str]) -> None:
-    """Dashed, from the loss back to what moves."""
-    dashed = {"color": _RED, "linestyle": (0, (4, 2)), "gid": "gradient", "lw": 2.0}
-    below = _BIAS - 0.42
-    lowest = {"W": _NETWORK, "u": _COMMANDS - 0.4, "p": below}
-    down = min(lowest[name] for name in moves)
-    sheet.line([(_LOSS, _COMPARED - 0.25), (_LOSS, down)], **dashed)
-    sheet.write(_LOSS + 0.05, 3.6, "gradient", color=_RED, backgroundcolor="white")
+def _draw_gradient(sheet: _Sheet, look: _Look) -> None:
+    """Dashed, from the loss through predictions and networks to what moves."""
+    dashed = {"color": _ORANGE, "linestyle": (0, (4, 2)), "gid": "gradient", "lw": 2.0}
+    moves = look.moves
+    above = _COMPARED - 0.15
+    below = _BIAS - 0.14
+    aside = 0.18  # beside the arrows that lead the other way
 
-    # To the weights, through all steps; to p; to each command
-    if "W" in moves:
-        for start, x in zip((_LOSS, *_PLACES[::-1]), _PLACES[::-1], strict=False):
-            begin = start if start == _LOSS else start - 0.52
-            sheet.arrow((begin, _NETWORK), (x + 0.53, _NETWORK), **dashed)
+    # To the predictions that count
+    first = _PLACES[look.counts[0]] + aside
+    sheet.line([(_LOSS - 0.26, above), (first, above)], **dashed)
+    sheet.write(_LOSS - 0.45, above - 0.24, "gradient", color=_ORANGE)
+    for k, x in enumerate(_PLACES):
+        # From a prediction down to its network, and in it to the weights
+        top = above if k in look.counts else _PREDICTED
+        end = (x + aside, _NETWORK + 0.49)
+        if "W" in moves:
+            sheet.arrow((x + aside, top), end, **dashed)
+        else:
+            sheet.line([(x + aside, top), end], **dashed)
+
+        # Through the network to what goes in
+        if "u" in moves:
+            command = (x - 0.05, _COMMANDS + 0.23)
+            sheet.arrow((x - 0.05, _NETWORK - 0.49), command, **dashed)
+        if "p" in moves:
+            sheet.line([(x + aside, _NETWORK - 0.49), (x + aside, below)], **dashed)
+        if k:
+            _draw_back(sheet, look, k, dashed)
     if "p" in moves:
-        sheet.line([(_LOSS, below), (_STATE, below)], **dashed)
-        sheet.arrow((_STATE, below), (_STATE, _BIAS - 0.23), **dashed)
-    if "u" in moves:
-        along = lowest["u"]
-        sheet.line([(_LOSS, along), (_PLACES[0] - 0.2, along)], **dashed)
-        for x in _PLACES:
-            sheet.arrow((x - 0.2, along), (x - 0.2, _COMMANDS - 0.23), **dashed)
+        line = (_PLACES[-1] + aside, below)
+        sheet.arrow(line, (_STATE + 0.26, below), **dashed)
+
+
+def _draw_back(sheet: _Sheet, look: _Look, k: int, dashed: dict[str, Any]) -> None:
+    """From a step to the one before: by memory, and by a prediction that was fed."""
+    x = _PLACES[k]
+    before = _PLACES[k - 1]
+    sheet.line([(x - 0.52, 2.69), (before + 0.52, 2.69)], **dashed)
+    if look.closed:
+        way = np.array([[x - 0.52, 3.2], [before + 0.72, 3.5], [before + 0.4, 3.98]])
+        along = np.linspace(0, 1, 30)[:, None]
+        curve = (1 - along) ** 2 * way[0] + along**2 * way[2]
+        curve += 2 * along * (1 - along) * way[1]
+        sheet.line(curve.tolist(), **dashed)
+
+
+# A muscle pair, at one joint
+
+_JOINT = (5.9, 1.7)
+
+
+def _draw_joint(sheet: _Sheet) -> None:
+    """The pulley, the link on it, and the angle by which it is turned down."""
+    x, y = _JOINT
+    sheet.ax.add_patch(Circle(_JOINT, 0.9, fill=False, edgecolor=_GREY, lw=1.5))
+    link = {"color": "#BFBFBF", "lw": 9, "solid_capstyle": "round", "zorder": 0}
+    sheet.line([_JOINT, (x + 3.4, y - 0.85)], **link)
+    sheet.line([_JOINT, (x + 3.4, y)], color=_GREY, linestyle=":")
+    sheet.write(x + 2.5, y - 0.28, "$\\theta$", fontsize=16)
+    sheet.arrow((x + 3.0, y), (x + 2.95, y - 0.66), bend=-0.15)
+    sheet.arrow(_JOINT, (x, y + 0.9), arrowstyle="<|-|>")
+    sheet.write(x + 0.18, y + 0.42, "$r$", fontsize=16)
+
+
+def _draw_muscle(sheet: _Sheet, name: str, y: float, colour: str) -> None:
+    """From the motor over the wire and the spring to the pulley."""
+    sheet.line([(1.2, y), (2.4, y)], color=colour, lw=2)
+    teeth = y + 0.16 * np.array([0, 1, -1, 1, -1, 1, -1, 1, 0])
+    spring = np.linspace(2.4, 4.2, 9)
+    sheet.line(list(zip(spring, teeth, strict=True)), color=colour, lw=2)
+    sheet.line([(4.2, y), (_JOINT[0], y)], color=colour, lw=2)
+    sheet.box(0.75, y, (0.9, 0.44), "motor", fontsize=13)
+    sheet.write(3.3, y + 0.36, f"{name}: stretch $e$", color=colour, fontsize=14)
+    sheet.write(1.85, y - 0.3, "wire $l$", color=colour, fontsize=14)
 
 
 # The muscle arm: each pair of muscles by the joints that it passes. Radii of pulleys
@@ -327,8 +394,8 @@ def _draw_gradient(sheet: _Sheet, moves: Sequence[str]) -> None:
 
 _SHOULDER = (3.5, 3.3)
 _ELBOW = (6.1, 3.3)
-_BEND = np.radians(50)  # of the elbow, downwards
-_HAND = (_ELBOW[0] + 2.1 * np.cos(_BEND), _ELBOW[1] - 2.1 * np.sin(_BEND))
+_BEND = np.radians(40)  # of the elbow, upwards: it can't bend down
+_HAND = (_ELBOW[0] + 2.1 * np.cos(_BEND), _ELBOW[1] + 2.1 * np.sin(_BEND))
 
 
 class _Pair(NamedTuple):
@@ -364,12 +431,14 @@ def _draw_links(sheet: _Sheet) -> None:
     right = [(x + 0.35 + dx, y + dy) for dx, dy in waves]
     sheet.ax.fill(*np.transpose(left + right[::-1]), color=COLOURS[4], zorder=1)
     sheet.ax.add_patch(Circle(_HAND, 0.13, color=_INK, zorder=3))
-    sheet.write(x - 0.55, y - 0.05, "hand")
+    sheet.write(x - 0.5, y + 0.1, "hand")
     sheet.write(x + 0.8, y - 0.6, "cloth")
 
     # Angles count downwards; a moment arm is what a wire is away from a joint
     sheet.write(_SHOULDER[0], _SHOULDER[1] - 1.2, "shoulder")
     sheet.write(_ELBOW[0] - 0.45, _ELBOW[1] - 0.95, "elbow")
+    straight = (_ELBOW[0] + 1.7, _ELBOW[1])
+    sheet.line([_ELBOW, straight], color=_GREY, linestyle=":")
     for joint, radius in ((_SHOULDER, 0.45), (_ELBOW, 1.05)):
         turn = np.radians([40, -40])
         x = joint[0] + radius * np.cos(turn)
@@ -377,7 +446,8 @@ def _draw_links(sheet: _Sheet) -> None:
         sheet.arrow((x[0], y[0]), (x[1], y[1]), bend=-0.4)
     theta = {"fontsize": 15}
     sheet.write(_SHOULDER[0] + 0.17, _SHOULDER[1] - 0.38, "$\\theta_1$", **theta)
-    sheet.write(_ELBOW[0] + 1.3, _ELBOW[1], "$\\theta_2$", **theta)
+    sheet.write(_ELBOW[0] + 1.3, _ELBOW[1] - 0.25, "$\\theta_2$", **theta)
+    sheet.write(_ELBOW[0] + 2.3, _ELBOW[1] - 0.7, "bent up, as here: $\\theta_2 < 0$")
     x, y = _SHOULDER
     sheet.arrow((x, y), (x, y + 0.95), arrowstyle="<|-|>")
     sheet.write(x - 0.17, y + 0.38, "$r$", **theta)
@@ -418,12 +488,12 @@ def _write_arms(sheet: _Sheet) -> None:
     sheet.write(2.5, 0.6, "M: a motor, which reels in wire; radii not to scale.")
 
     # A line for each pair, in its colour
-    sheet.write(6.55, 5.15, "$G$ [mm/rad]", fontweight="bold")
-    sheet.write(8.2, 5.15, "shoulder")
-    sheet.write(9.2, 5.15, "elbow")
+    sheet.write(6.55, 1.75, "$G$ [mm/rad]", fontweight="bold")
+    sheet.write(8.2, 1.75, "shoulder")
+    sheet.write(9.2, 1.75, "elbow")
     rows = 1e3 * Muscles().moment_arms[::2]  # of the flexors
     for k, (name, row) in enumerate(zip(_PAIRS, rows, strict=True)):
-        y = 4.85 - 0.28 * k
+        y = 1.45 - 0.28 * k
         sheet.write(6.55, y, f"{name} pair", color=_PAIRS[name].colour)
         for x, arm in zip((8.2, 9.2), row, strict=True):
             sheet.write(x, y, f"±{arm:.0f}" if arm else "0")

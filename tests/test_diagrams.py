@@ -1,4 +1,4 @@
-"""The drawings: what moves is red and nothing else, words fit, and can be read."""
+"""The drawings: what moves is orange and nothing else, words fit, and can be read."""
 
 import itertools
 
@@ -15,6 +15,7 @@ RED = to_rgb(plots.COLOURS[1])
 QUANTITIES = ("W", "p", "u")
 DRAWINGS = {
     **{f"method {lit}": (diagrams.method, (lit,)) for lit in (None, *QUANTITIES)},
+    "muscle pair": (diagrams.muscle_pair, ()),
     "muscle arm": (diagrams.muscle_arm, ()),
     "unrolled": (diagrams.unrolled, ()),
 }
@@ -84,8 +85,8 @@ def test_the_caption_says_which_loss_it_is(lit, task, counted):
 
 def test_the_words_name_what_is_lit():
     for lit in QUANTITIES:
-        assert f"Red: {lit}" in describe(diagrams.method(lit)).summary
-    assert "Red" not in describe(diagrams.method()).summary
+        assert f"Orange: {lit}" in describe(diagrams.method(lit)).summary
+    assert "Orange" not in describe(diagrams.method()).summary
     assert "W and p" in describe(diagrams.method("W")).summary
 
 

@@ -1,6 +1,7 @@
 """The map of p as a control of a notebook."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import anywidget
 import numpy as np
@@ -9,6 +10,9 @@ from numpy.typing import ArrayLike
 
 from clothlab.lab._plane import Plane
 from clothlab.lab._widget import answer_page, javascript
+
+if TYPE_CHECKING:
+    from sklearn.decomposition import PCA
 
 
 class PBMap(anywidget.AnyWidget):
@@ -22,6 +26,8 @@ class PBMap(anywidget.AnyWidget):
         p: chosen at first `[D_p]`.
         reference: p from which a line leads to the chosen one `[D_p]`, if any.
         symbol: of what is chosen, if it is not p: "z" for a map of images.
+        axes: a fitted PCA of two components, whose plane is drawn; by default that of
+            `biases`.
     """
 
     _esm = javascript("alive", "text", "map", "map_widget")
@@ -37,8 +43,9 @@ class PBMap(anywidget.AnyWidget):
         p: ArrayLike,
         reference: ArrayLike | None = None,
         symbol: str = "p",
+        axes: "PCA | None" = None,
     ):
-        self._plane = Plane(biases, labels, symbol)
+        self._plane = Plane(biases, labels, symbol, axes)
         line = [] if reference is None else [self._plane.at(reference)]
         about = self._plane.map | {"line": line}
         super().__init__(about=about, chosen=self._plane.at(p))

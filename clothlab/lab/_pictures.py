@@ -73,7 +73,10 @@ def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, A
     scene = _decoded(frame["scene"], cv2.IMREAD_COLOR)[..., ::-1]
     seen, aim = masks(frame, target)
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
-    figure = plots.image_grid([scene, seen, aim], titles)
+    figure = plots.image_grid([scene, seen, aim], titles, width=4.5)
+    figure.set_figheight(figure.get_figheight() + 0.2)
+    for ax in figure.axes:
+        ax.title.set_size(18)
     return encoded(figure), describe(figure)
 
 

@@ -1,12 +1,16 @@
 """The map of p: a plane through the trained ones."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab.analysis import principal_axes
 from clothlab.calibration import outline
+
+if TYPE_CHECKING:
+    from sklearn.decomposition import PCA
 
 _MARGIN = 1.2  # how much wider than the trained p the map is
 
@@ -18,6 +22,7 @@ class Plane:
         biases: trained p of each material, `{name: [D_p]}`.
         labels: names of their dots on the map; by default those of the materials.
         symbol: of what is drawn, if it is not p.
+        axes: a PCA of two components to draw on, if not that of `biases`.
     """
 
     def __init__(
@@ -25,8 +30,9 @@ class Plane:
         biases: Mapping[str, np.ndarray],
         labels: Mapping[str, str],
         symbol: str = "p",
+        axes: "PCA | None" = None,
     ):
-        self._axes = principal_axes(dict(biases))
+        self._axes = axes or principal_axes(dict(biases))
         places = [self.at(p) for p in biases.values()]
         dots = []
         for name, place in zip(biases, places, strict=True):
