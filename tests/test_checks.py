@@ -618,6 +618,11 @@ SLIPS = [
         "z(u)",
     ),
     ("together", "return both", "return -both", "compare"),
+    ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan", "begins with the second"),
+    ("moved_on", "plan[-1:]", "plan[:1]", "doesn't come again"),
+    ("moved_on", "[plan[1:], plan[-1:]]", "[plan[:1], plan[:-1]]", "to the front"),
+    ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan[1:]", "the gap at the end"),
+    ("moved_on", "plan[-1:]", "0 * plan[-1:]", "comes twice"),
     ("farthest", " / np.sqrt(horizon * commands)", "", "over the whole plan"),
     ("farthest", "horizon * commands", "horizon", "horizon times commands"),
     (
@@ -855,6 +860,7 @@ RIGHTS = [
         "[step <= last_end for step in t + np.arange(horizon) + 1]",
     ),
     ("together", "return", "z(u + a + b) - z(u + a) - z(u + b) + z(u)"),
+    ("moved_on", "return", "plan[[*range(1, len(plan)), -1]]"),
     (
         "farthest",
         "return",

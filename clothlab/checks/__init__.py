@@ -33,6 +33,7 @@ from clothlab.checks._live_lab import challenge_points, steps_behind
 from clothlab.checks._model_predictive_control import (
     farthest,
     has_slope,
+    moved_on,
     my_mask,
     together,
     two_targets,

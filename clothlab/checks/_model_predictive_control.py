@@ -209,3 +209,30 @@ def farthest(answer: Callable, rng: np.random.Generator) -> None:
         )
         found = answer(iterations, longest, horizon, commands)
         expect(found, truth, otherwise, slips)
+
+
+@check(array("a plan, one command a row", None, None))
+def moved_on(answer: Callable, rng: np.random.Generator) -> None:
+    """The plan with which the next step begins, `[T, D_u]`.
+
+    Given is a plan, a tensor `[T, D_u]`; its first command was sent, and its last one
+    is to fill the gap.
+    """
+    length = int(rng.integers(5, 10))
+    plan = torch.as_tensor(rng.normal(size=(length, 2)), dtype=torch.float32)
+    found = answer(plan)
+    assert len(found) == length, (
+        f"a plan of {length} commands moves on to one of {length}, not {len(found)}: "
+        "what is sent is gone, and the gap at the end is filled"
+    )
+    truth = torch.cat([plan[1:], plan[-1:]])
+    slips = {
+        "the first command is sent; the plan that comes begins with the second": plan,
+        "the first command was sent and doesn't come again; the gap is filled with "
+        "the last one": torch.roll(plan, -1, 0),
+        "a plan moves on to the front: its first command leaves": (
+            torch.cat([plan[:1], plan[:-1]])
+        ),
+    }
+    otherwise = "all but the first command stay, in order, and the last comes twice"
+    expect(found, truth, otherwise, slips)
