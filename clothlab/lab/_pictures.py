@@ -73,7 +73,7 @@ def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, A
     scene = _decoded(frame["scene"], cv2.IMREAD_COLOR)[..., ::-1]
     seen, aim = masks(frame, target)
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
-    figure = plots.image_grid([scene, seen, aim], titles)
+    figure = plots.image_grid([scene, seen, aim], titles, width=4.2)
     return encoded(figure), describe(figure)
 
 
