@@ -267,8 +267,11 @@ def draw_contest(
         interval: the mean of one number a task, and its two ends.
         title: what stands above, before the legend in words.
     """
+    # From the lowest mean up
     each = {name: score.mean(axis=1) for name, score in scores.items()}
     names = sorted(each, key=lambda name: each[name].mean())
+
+    # A row each; what would lie beyond 100 is cut
     ax.axvline(each["random"].mean(), color="0.6", ls=":")
     for k, name in enumerate(names):
         mean, low, high = interval(each[name])
@@ -279,6 +282,8 @@ def draw_contest(
             ax.plot(100, k, ">", ms=9, color=colour)
         ax.plot(mean, k, "o" if theirs else "D", ms=11, mec="black", color=colour)
         ax.plot(each[name], np.full(len(each[name]), k), "|k", ms=9)
+
+    # Its words
     ax.set_yticks(range(len(names)), names, fontsize=12)
     ax.set(xlim=(0, 104), xlabel="points (0: hanging still, 100: the target)")
     ax.set_title(f"{title}: mean, 95 % interval; stroke: a task", fontsize=12)

@@ -124,7 +124,8 @@ def _try_one(thing: str, cloth: str, seed: int) -> dict[str, Any]:
     Args:
         thing: one of `_THINGS`.
         cloth: whose p is put in (p), or that is put into the hand (cloth, iterative).
-        seed: of the operator and of the learning; or the number of the image (recorded).
+        seed: of the operator and of the learning; or the number of the image
+            (recorded).
 
     Returns: the distance of the `still` cloth and, of each period that ended, those
         `predicted`, `achieved` (its last image under control, its best under iterative)

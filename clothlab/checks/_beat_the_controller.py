@@ -17,11 +17,14 @@ def jerk_price(answer: Callable, rng: np.random.Generator) -> None:
     the squares of all changes from one command to the next.
     """
     for _ in range(2):
+        # Some plans, and what is right
         count = int(rng.integers(3, 7))
         plans = rng.uniform(-1, 1, (count, 8, 2))
         found = answer(torch.tensor(plans, dtype=torch.float32))
         changes = np.diff(plans, axis=1)
         truth = (changes**2).sum(axis=(1, 2))
+
+        # What usual slips give
         size = "a command that is far from 0 is no jerk: price the *changes*"
         signed = "changes up and down cancel: square them before you add them"
         other = "a change goes from one step to the next one: along the axis 1"
@@ -32,6 +35,8 @@ def jerk_price(answer: Callable, rng: np.random.Generator) -> None:
             "their sum, not their mean": (changes**2).mean(axis=(1, 2)),
             other: (np.diff(plans, axis=2) ** 2).sum(axis=(1, 2)),
         }
+
+        # What the reader's function makes of them
         assert len(found) == count, (
             f"there are {count} plans, and not {len(found)}: one price for each"
         )
