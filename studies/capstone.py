@@ -4,13 +4,17 @@ The rivals of notebook 09: each throws at targets that nothing was tuned on. The
 whose constants are drawn in secret, with what an estimate says of them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from scipy import stats
 
-from clothlab import data
+from clothlab import data, plots
 from clothlab.analysis import target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.data import Run
@@ -31,6 +35,8 @@ from studies._runs import (
 )
 from studies.oracle import search_trial
 
+# Mean of one number a task, and the ends of its interval
+Interval = tuple[float, float, float]
 _ARM = "torque"
 _ORACLE_STEPS = 41  # five periods: it is slow, and has found its plan by then
 STEPS = 73  # control steps: nine periods of eight, and the look after the last one
@@ -204,6 +210,103 @@ def _run_hidden(seed: int, model: int = 0, steps: int = 100) -> dict[str, Any]:
         "estimate": newton.p.round(5),
         "bare": seen.covariance().round(8),
     }
+
+
+def tries_file() -> Path:
+    """The table of a reader's tries, beside the own recordings."""
+    return data.own_trials() / "tries.csv"
+
+
+# Of two rows of tries that agree in these, the later one is no new try
+_SAME_TRY = ["set", "name", "seed", "steps", "points"]
+
+
+def kept_tries(steps: int) -> pd.DataFrame:
+    """All tries of runs of so many steps, in the order in which they were kept."""
+    if not tries_file().exists():
+        return pd.DataFrame({"set": []})
+    tries = pd.read_csv(tries_file())
+    return tries[tries.steps == steps].fillna({"note": ""})
+
+
+def keep(
+    name: str, score: Interval, of: str, *, tasks: int, steps: int, note: str = ""
+) -> pd.DataFrame:
+    """Add a try to the table; all tries of runs as long as this one.
+
+    Args:
+        name: of the policy.
+        score: its mean points, and the ends of their interval.
+        of: the set of targets, "development" or "held-out".
+        tasks, steps: how many were played, and the control steps of a run.
+        note: what was changed and expected.
+    """
+    row: dict[str, Any] = {"set": of, "name": name, "seed": 0, "steps": steps}
+    row |= dict(zip(("points", "low", "high"), np.round(score, 1), strict=True))
+    tries = pd.DataFrame([row | {"tasks": tasks, "note": note}])
+    file = tries_file()
+    if file.exists():
+        tries = pd.concat([pd.read_csv(file), tries], ignore_index=True)
+    tries = tries.drop_duplicates(_SAME_TRY, ignore_index=True)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    tries.to_csv(file, index=False)
+    return kept_tries(steps)
+
+
+def draw_contest(
+    ax: Axes,
+    scores: Mapping[str, np.ndarray],
+    interval: Callable[[np.ndarray], Interval],
+    title: str,
+) -> None:
+    """Each task's mean as a stroke; the mean of all, with its interval.
+
+    Args:
+        ax: to draw on.
+        scores: points `[task, throw]` by the names of the policies.
+        interval: the mean of one number a task, and its two ends.
+        title: what stands above, before the legend in words.
+    """
+    # From the lowest mean up
+    each = {name: score.mean(axis=1) for name, score in scores.items()}
+    names = sorted(each, key=lambda name: each[name].mean())
+
+    # A row each; what would lie beyond 100 is cut
+    ax.axvline(each["random"].mean(), color="0.6", ls=":")
+    for k, name in enumerate(names):
+        mean, low, high = interval(each[name])
+        theirs = name in _RIVALS or name == ORACLE
+        colour = plots.COLOURS[0] if theirs else plots.COLOURS[1]
+        ax.plot([low, min(high, 100)], [k, k], lw=5, alpha=0.45, color=colour)
+        if high > 100:
+            ax.plot(100, k, ">", ms=9, color=colour)
+        ax.plot(mean, k, "o" if theirs else "D", ms=11, mec="black", color=colour)
+        ax.plot(each[name], np.full(len(each[name]), k), "|k", ms=9)
+
+    # Its words
+    ax.set_yticks(range(len(names)), names, fontsize=12)
+    ax.set(xlim=(0, 104), xlabel="points (0: hanging still, 100: the target)")
+    ax.set_title(f"{title}: mean, 95 % interval; stroke: a task", fontsize=12)
+
+
+def share_of_way(own: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Interval:
+    """How far from the bottom to the top, with its 95 % interval over the tasks.
+
+    Each is one number a task; more tasks than `own` has are left out.
+    """
+    bottom = bottom[: len(own)]
+    top = top[: len(own)]
+    way = (top - bottom).mean()
+    share = (own - bottom).mean() / way
+    misses = (own - bottom - share * (top - bottom)) / way  # 0 in the mean
+    half = stats.t.ppf(0.975, len(own) - 1) * stats.sem(misses)
+    return share, share - half, share + half
+
+
+def between_sets(one: np.ndarray, other: np.ndarray) -> Interval:
+    """Difference of two means over different tasks, with its 95 % interval (Welch)."""
+    both = stats.ttest_ind(one, other, equal_var=False).confidence_interval()
+    return one.mean() - other.mean(), both.low, both.high
 
 
 _HIDDEN_CASES = over(seed=range(40), model=0)

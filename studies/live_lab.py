@@ -1,4 +1,4 @@
-"""What to expect of four of the five things to try in notebook 08, by script.
+"""What to expect of four things to try in notebook 08, and of Exercise 3, by script.
 
 A person presses buttons of the panel; here the same `LiveSession` is steered by a
 function, several times, so that the answers of the notebook rest on more than one run.
@@ -21,6 +21,8 @@ _SEEN = 100  # [pixel] of cloth at least, in such a target
 _PERIODS = 5  # watched of the control
 _ESTIMATED = 75  # [step] watched of an estimate: 15 s
 _LEARNED = 15  # [period] of iterative learning
+_AIMED = 5  # [period] watched of the control at each recorded image
+_IMAGES = 7  # recorded, in the panel
 
 
 class _Watched:
@@ -30,14 +32,20 @@ class _Watched:
         self.session = session
         session.reset(seed)
         self.pairs: list[tuple[float, float]] = []
+        self.best: list[float] = []  # of all images of each period [P]
+        self._near = np.inf  # the best of the period so far
         self.p: list[np.ndarray] = []  # while it is estimated [T, D_p]
 
     def steps(self, count: int) -> np.ndarray:
         """Go on for so many steps; the last image."""
         for _ in range(count):
             moment = self.session.step()
+            self._near = min(self._near, moment.distance)
             if moment.period is not None:
                 self.pairs.append(moment.period)
+                self.best.append(self._near)
+            if moment.period is not None or moment.predicted is None:
+                self._near = np.inf
             if self.session.estimating:
                 self.p.append(moment.p)
         return moment.image
@@ -93,7 +101,21 @@ def _iterative(session: LiveSession, seed: int, cloth: str) -> _Watched:
     return run
 
 
-_THINGS = {"life": _life, "p": _wrong, "cloth": _other, "iterative": _iterative}
+def _recorded(session: LiveSession, seed: int, cloth: str) -> _Watched:
+    """Exercise 3. One of the recorded images below the target, by its number."""
+    session.set_target(session.gallery[f"recorded {seed}"])
+    run = _Watched(session, seed)
+    run.periods(_AIMED)
+    return run
+
+
+_THINGS = {
+    "life": _life,
+    "p": _wrong,
+    "cloth": _other,
+    "iterative": _iterative,
+    "recorded": _recorded,
+}
 
 
 def _try_one(thing: str, cloth: str, seed: int) -> dict[str, Any]:
@@ -102,10 +124,12 @@ def _try_one(thing: str, cloth: str, seed: int) -> dict[str, Any]:
     Args:
         thing: one of `_THINGS`.
         cloth: whose p is put in (p), or that is put into the hand (cloth, iterative).
-        seed: of the operator and of the learning.
+        seed: of the operator and of the learning; or the number of the image
+            (recorded).
 
     Returns: the distance of the `still` cloth and, of each period that ended, those
-        `predicted` and `achieved` `[P]` [s.d. of z]; `p` while it was estimated
+        `predicted`, `achieved` (its last image under control, its best under iterative)
+        and of its `best` image `[P]` [s.d. of z]; `p` while it was estimated
         `[T, D_p]`.
     """
     play = choose("thing", thing, _THINGS)
@@ -117,6 +141,7 @@ def _try_one(thing: str, cloth: str, seed: int) -> dict[str, Any]:
         "still": round(still, 4),
         "predicted": predicted.round(4),
         "achieved": achieved.round(4),
+        "best": np.round(run.best, 4),
         "p": np.reshape(run.p, (-1, 2)).round(4),
     }
 
@@ -125,7 +150,8 @@ def _cases(seed: int = 0, targets: int = 8) -> list[Case]:
     """Some targets from life; the other things with the cloths at the corners."""
     cases = grid(thing="life", cloth=MIDDLE, seed=range(seed, seed + targets))
     cases += grid(thing=("p", "iterative"), cloth=(MIDDLE, *CORNERS), seed=seed)
-    return cases + grid(thing="cloth", cloth=CORNERS, seed=seed)
+    cases += grid(thing="cloth", cloth=CORNERS, seed=seed)
+    return cases + grid(thing="recorded", cloth=MIDDLE, seed=range(1, _IMAGES + 1))
 
 
 EXPERIMENTS = (Experiment("live_lab", _try_one, _cases, seconds=20),)

@@ -242,6 +242,11 @@ SLIPS = [
         "lower end first",
     ),
     ("score_interval", "means, [", "means - scores.mean(), [", "another middle"),
+    ("jerk_price", "commands.diff(dim=1)", "commands", "far from 0"),
+    ("jerk_price", ".square()", "", "cancel"),
+    ("jerk_price", ".square()", ".abs()", "the squares"),
+    ("jerk_price", ".sum(dim=(1, 2))", ".mean(dim=(1, 2))", "not their mean"),
+    ("jerk_price", "diff(dim=1)", "diff(dim=2)", "along the axis 1"),
     ("best_of_equals", "(0, spread, (", "(0, 1, (", "where does it enter"),
     ("best_of_equals", "luck.max", "np.abs(luck).max", "farthest from the truth"),
     ("best_of_equals", "luck.max(axis=1).mean()", "luck.mean()", "you show the best"),
@@ -798,6 +803,11 @@ RIGHTS = [
         "score_interval",
         "return",
         "tuple(np.percentile(means, [50 - 50 * share, 50 + 50 * share]))",
+    ),
+    (
+        "jerk_price",
+        "price = commands.diff(dim=1).square()",
+        "price = (commands.diff(dim=1) ** 2)",
     ),
     (
         "best_of_equals",

@@ -10,6 +10,7 @@ file of its name, after an underscore.
 from clothlab.checks._beat_the_controller import (
     best_of_equals,
     constant_interval,
+    jerk_price,
     next_plan,
     score_interval,
 )

@@ -3,9 +3,45 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 from scipy.special import ndtr, ndtri  # of a normal number, and its inverse
 
 from clothlab.checks._check import CheckFailed, array, arrays, check, expect, number
+
+
+@check(array("one price for each plan", None))
+def jerk_price(answer: Callable, rng: np.random.Generator) -> None:
+    """How much each of some plans jerks.
+
+    Given are plans, a tensor `[B, T, 2]`; expected is one price each `[B]`: the sum of
+    the squares of all changes from one command to the next.
+    """
+    for _ in range(2):
+        # Some plans, and what is right
+        count = int(rng.integers(3, 7))
+        plans = rng.uniform(-1, 1, (count, 8, 2))
+        found = answer(torch.tensor(plans, dtype=torch.float32))
+        changes = np.diff(plans, axis=1)
+        truth = (changes**2).sum(axis=(1, 2))
+
+        # What usual slips give
+        size = "a command that is far from 0 is no jerk: price the *changes*"
+        signed = "changes up and down cancel: square them before you add them"
+        other = "a change goes from one step to the next one: along the axis 1"
+        slips = {
+            size: (plans**2).sum(axis=(1, 2)),
+            signed: changes.sum(axis=(1, 2)),
+            "not their sizes: the squares": np.abs(changes).sum(axis=(1, 2)),
+            "their sum, not their mean": (changes**2).mean(axis=(1, 2)),
+            other: (np.diff(plans, axis=2) ** 2).sum(axis=(1, 2)),
+        }
+
+        # What the reader's function makes of them
+        assert len(found) == count, (
+            f"there are {count} plans, and not {len(found)}: one price for each"
+        )
+        otherwise = f"the first plan's price is {truth[0]:.3f}, not {found[0]:.3f}"
+        expect(found, truth, otherwise, slips, rtol=1e-4)
 
 
 @check(number("by how much the best exceeds the truth"))
