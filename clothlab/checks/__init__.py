@@ -54,8 +54,8 @@ from clothlab.checks._parametric_bias import (
 from clothlab.checks._predictive_model import (
     arrival,
     closed_loop,
-    gradients_per_cloth,
     half_life,
+    infer,
     two_steps_by_hand,
 )
 from clothlab.checks._results import verdict
