@@ -38,6 +38,7 @@ LESSONS = {  # what solutions take from their lesson
     "springs": pairs_of_springs,
     "start": hanging_points(get_cloth("damp0.05-mass0.10")),
 }
+LESSONS["WARMUP"] = 10
 TOY = ("descend", "h", "mismatch")  # of notebook 04
 
 
@@ -350,21 +351,16 @@ SLIPS = [
         "loss_at(p - step) - loss_at(p + step)",
         "ahead",
     ),
+    ("online", "momentum * b + g", "g", "a share of the old gradients"),
+    ("online", "p - rate * b", "p + rate * b", "down and not up"),
+    ("online", "(p - rate * b).detach()", "p.detach()", "let it move"),
     (
-        "first_and_last",
-        "[neither - this, other - both]",
-        "[this - neither, both - other]",
-        "before minus after",
+        "online",
+        "s[first : t + 1], u[first : t + 1]",
+        "s[: t + 1], u[: t + 1]",
+        "window alone",
     ),
-    (
-        "first_and_last",
-        "[neither - this, other - both]",
-        "[other - both, neither - this]",
-        "other way round",
-    ),
-    ("first_and_last", "other - both", "neither - both", "has been made already"),
-    ("first_and_last", "other - both", "this - both", "what the other change saves"),
-    ("first_and_last", "other - both", "other", "differ in this change alone"),
+    ("online", "momentum * b + g", "b + momentum * g", "differs from that"),
     ("largest_rate", "(1 + momentum)", "1", "the limit without momentum"),
     ("largest_rate", "1 + momentum", "1 - momentum", "momentum allows a larger rate"),
     ("largest_rate", "2 * (1 + momentum)", "1", "goes to the bottom"),
@@ -812,7 +808,7 @@ RIGHTS = [
     ("same_predictions", "np.linalg.inv(A)", "np.linalg.pinv(A)"),
     ("share_by_luck", "np.mean", "sum(1 for _ in [0]) * np.average"),
     ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
-    ("first_and_last", "return", "np.array([neither - this, other - both])"),
+    ("online", "momentum * b + g", "g + b * momentum"),
     ("shift_for_iou", "body", "return width * (2 / (1 + share) - 1)"),
     (
         "rhythm",

@@ -39,10 +39,10 @@ from clothlab.checks._model_predictive_control import (
 )
 from clothlab.checks._online_estimation import (
     curvature,
-    first_and_last,
     fooling_step,
     gradient_by_nudges,
     largest_rate,
+    online,
 )
 from clothlab.checks._parametric_bias import (
     left_out,
