@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 # The last periods of a run, by which what learns from its outcomes is judged
 LATE = slice(-10, None)
+# The cloths between which PC1, then PC2, of a map runs: (ahead, behind)
+_ENDS = (
+    ("damp0.07-mass0.05", "damp0.03-mass0.15"),
+    ("damp0.03-mass0.05", "damp0.07-mass0.15"),
+)
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -25,8 +30,24 @@ def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
     return check_array("trained p", list(biases.values()), ("K", "D_p"))
 
 
+def upright(places: Mapping[str, ArrayLike]) -> np.ndarray:
+    """Signs `[2]` of PC1 and PC2 that turn a map the way all maps of p are shown.
+
+    `places` `[2]` are those of the materials. The light cloth with much drag comes to
+    the right of the heavy one with little, and the light cloth with little drag above
+    the heavy one with much. Where one of these is missing, both signs are 1.
+    """
+    if not {name for ends in _ENDS for name in ends} <= set(places):
+        return np.ones(2)
+    right, up = (
+        float(np.asarray(places[ahead])[k] - np.asarray(places[behind])[k])
+        for k, (ahead, behind) in enumerate(_ENDS)
+    )
+    return np.where([right < 0, up < 0], -1.0, 1.0)
+
+
 def principal_axes(biases: dict[str, np.ndarray]) -> "PCA":
-    """PCA of the trained p.
+    """PCA of the trained p, turned `upright`.
 
     `.transform(p)` gives coordinates on PC1 and PC2, `.explained_variance_ratio_` their
     shares.
@@ -39,7 +60,10 @@ def principal_axes(biases: dict[str, np.ndarray]) -> "PCA":
         )
     from sklearn.decomposition import PCA  # slow to import
 
-    return PCA(n_components=2).fit(p)
+    pca = PCA(n_components=2).fit(p)
+    signs = upright(dict(zip(biases, pca.transform(p), strict=True)))
+    pca.components_ *= signs[:, None]
+    return pca
 
 
 def spread(biases: dict[str, np.ndarray]) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from clothlab import CLOTHS, load
 from clothlab.analysis import (
     best_per_period,
     crossed_interval,
@@ -15,7 +16,9 @@ from clothlab.analysis import (
     rate_interval,
     spread,
     target_distance,
+    upright,
 )
+from clothlab.lab import PBMap
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import period_mask
 from clothlab.method.control import ControlSettings
@@ -81,6 +84,31 @@ def test_the_spread_is_a_distance_and_the_nearest_is_near():
     assert bias_error([TWO["a"][0], TWO["a"][1] + 6.0], "a", TWO) == pytest.approx(2)
     with pytest.raises(ValueError, match="two materials"):
         principal_axes({"a": [0.0, 1.0]})
+
+
+@pytest.mark.parametrize("name", ["torque-0", "torque-2", "torque-paper-0"])
+def test_all_maps_of_p_are_the_same_way_round(name):
+    """The axes of notebooks and figures, and what the widget draws."""
+    biases = load(name).biases
+    pca = principal_axes(biases)
+    at = {name: pca.transform(p[None])[0] for name, p in biases.items()}
+    assert upright(at).tolist() == [1, 1]
+    assert at["damp0.07-mass0.05"][0] > 0 > at["damp0.03-mass0.15"][0]
+    assert at["damp0.03-mass0.05"][1] > at["damp0.07-mass0.15"][1]
+    for dot in PBMap(biases, {}, p=np.zeros(2)).about["dots"]:
+        assert dot["at"] == pytest.approx(at[dot["name"]])
+
+    # Whichever way the numbers of p themselves are turned
+    turned = {name: -p[::-1] for name, p in biases.items()}
+    again = principal_axes(turned).transform([*turned.values()])
+    assert again == pytest.approx(np.array([*at.values()]), abs=1e-5)
+
+
+def test_other_materials_stay_as_they_are():
+    assert upright({"a": [1.0, 2.0], "b": [-1.0, -2.0]}).tolist() == [1, 1]
+    assert list(CLOTHS)[2] == "damp0.03-mass0.15"
+    flipped = {name: -np.ones(2) * k for k, name in enumerate(CLOTHS)}
+    assert upright(flipped).tolist() == [-1, 1]
 
 
 def test_a_period_holds_its_end_and_not_that_of_the_one_before():

@@ -38,6 +38,8 @@ LESSONS = {  # what solutions take from their lesson
     "springs": pairs_of_springs,
     "start": hanging_points(get_cloth("damp0.05-mass0.10")),
 }
+LESSONS["WARMUP"] = 10
+TOY = ("descend", "h", "mismatch")  # of notebook 04
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -109,6 +111,9 @@ def define(name, source):
             if isinstance(node, ast.Import | ast.ImportFrom)
         ]
         exec(ast.unparse(ast.Module(imports, [])), namespace)
+        if name == "infer":
+            toy = [node for node in functions(cell) if node.name in TOY]
+            exec(ast.unparse(ast.Module(toy, [])), namespace)
     code = "\n".join(ast.unparse(node) for node in functions(source))
     file = f"<{name} {hash(code)}>"
     # As a kernel does for its cells
@@ -168,14 +173,9 @@ SLIPS = [
     ("two_steps_by_hand", "x2 + r * slope_1 * x1", "x2", "by way of h1"),
     ("two_steps_by_hand", "x2 + r * slope_1 * x1", "r * slope_1 * x1", "second step"),
     ("two_steps_by_hand", "2 * (h2", "(h2", "factor of 2"),
-    ("gradients_per_cloth", "g[n] / len(g)", "g[n]", "each counts 1/N"),
-    ("gradients_per_cloth", "/ len(g)", "/ (k == k[n]).sum()", "cloth's own"),
-    (
-        "gradients_per_cloth",
-        "body",
-        "total = np.zeros((cloths, 2)); total[k] += g / len(g)\nreturn total",
-        "adds only once",
-    ),
+    ("infer", "[p]", "list(W.parameters())", "the network has moved"),
+    ("infer", "[p]", "[u.clone().requires_grad_()]", "p is still zero"),
+    ("infer", "150", "5", "the recording was made with p ="),
     (
         "steps_behind",
         "abs(sent.shift(k).corr(seen))",
@@ -356,21 +356,16 @@ SLIPS = [
         "loss_at(p - step) - loss_at(p + step)",
         "ahead",
     ),
+    ("online", "momentum * b + g", "g", "a share of the old gradients"),
+    ("online", "p - rate * b", "p + rate * b", "down and not up"),
+    ("online", "(p - rate * b).detach()", "p.detach()", "let it move"),
     (
-        "first_and_last",
-        "[neither - this, other - both]",
-        "[this - neither, both - other]",
-        "before minus after",
+        "online",
+        "s[first : t + 1], u[first : t + 1]",
+        "s[: t + 1], u[: t + 1]",
+        "window alone",
     ),
-    (
-        "first_and_last",
-        "[neither - this, other - both]",
-        "[other - both, neither - this]",
-        "other way round",
-    ),
-    ("first_and_last", "other - both", "neither - both", "has been made already"),
-    ("first_and_last", "other - both", "this - both", "what the other change saves"),
-    ("first_and_last", "other - both", "other", "differ in this change alone"),
+    ("online", "momentum * b + g", "b + momentum * g", "differs from that"),
     ("largest_rate", "(1 + momentum)", "1", "the limit without momentum"),
     ("largest_rate", "1 + momentum", "1 - momentum", "momentum allows a larger rate"),
     ("largest_rate", "2 * (1 + momentum)", "1", "goes to the bottom"),
@@ -828,7 +823,7 @@ RIGHTS = [
     ("same_predictions", "np.linalg.inv(A)", "np.linalg.pinv(A)"),
     ("share_by_luck", "np.mean", "sum(1 for _ in [0]) * np.average"),
     ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
-    ("first_and_last", "return", "np.array([neither - this, other - both])"),
+    ("online", "momentum * b + g", "g + b * momentum"),
     ("shift_for_iou", "body", "return width * (2 / (1 + share) - 1)"),
     (
         "rhythm",
@@ -852,11 +847,7 @@ RIGHTS = [
         "true @ (planned.T @ np.linalg.solve(planned @ planned.T, goal))",
     ),
     ("half_life", "return", "-1 / np.log2(phi)"),
-    (
-        "gradients_per_cloth",
-        "body",
-        "return [g[k == j].sum(axis=0) / len(g) for j in range(cloths)]",
-    ),
+    ("infer", "0.05, 150", "0.1, 200"),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
     (
         "my_mask",

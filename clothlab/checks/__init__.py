@@ -41,10 +41,10 @@ from clothlab.checks._model_predictive_control import (
 )
 from clothlab.checks._online_estimation import (
     curvature,
-    first_and_last,
     fooling_step,
     gradient_by_nudges,
     largest_rate,
+    online,
 )
 from clothlab.checks._parametric_bias import (
     left_out,
@@ -56,8 +56,8 @@ from clothlab.checks._parametric_bias import (
 from clothlab.checks._predictive_model import (
     arrival,
     closed_loop,
-    gradients_per_cloth,
     half_life,
+    infer,
     two_steps_by_hand,
 )
 from clothlab.checks._results import verdict

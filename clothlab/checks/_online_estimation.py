@@ -1,9 +1,11 @@
 """Checks of notebook 06."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import torch
 
 from clothlab.checks._check import apart, array, check, drawn, expect, number
 
@@ -55,28 +57,85 @@ def _slopes(case: _NudgeCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
-@check(array("two distances, saved first and saved last", 2))
-def first_and_last(answer: Callable, rng: np.random.Generator) -> None:
-    """What a change saves if it comes first, and if it comes last, `[2]`.
+class _Recorded(NamedTuple):
+    """States and commands of a run, with the length of a run."""
 
-    Given are distances with neither of two changes, with this one, with the other, and
-    with both.
+    s: np.ndarray  # [T, 2]
+    u: np.ndarray  # [T, 2]
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+
+class _LoopCase(NamedTuple):
+    s: np.ndarray  # states [T, 2], single precision
+    u: np.ndarray  # commands [T, 2], single precision
+    rate: float
+    momentum: float
+    window: int
+    warmup: int
+
+
+def _toy_loss(
+    s: torch.Tensor, u: torch.Tensor, p: torch.Tensor, warmup: int
+) -> torch.Tensor:
+    """Loss of a model in which a state moves by p times the command."""
+    error = s[:-1] + p * u[:-1] - s[1:]
+    return error[warmup:].square().mean()
+
+
+@check(array("p after each step", 30, 2))
+def online(answer: Callable, rng: np.random.Generator) -> None:
+    """The p `[30, 2]` of momentum SGD on the loss over a sliding window, from zero.
+
+    Given are a run of 30 steps, the loss of states, commands and p, the rate, the
+    momentum, the window and the warm-up.
     """
-    for _ in range(3):
-        neither, this, other, both = rng.permutation([0.9, 0.55, 0.3, 0.1])
-        truth = np.array([neither - this, other - both])
+    for _ in range(2):
+        u = rng.uniform(-2, 2, (30, 2)).astype(np.float32)
+        s = rng.normal(size=(30, 2)).astype(np.float32)
+        case = _LoopCase(
+            s,
+            u,
+            rng.uniform(0.02, 0.06),
+            rng.uniform(0.5, 0.8),
+            12,
+            int(rng.integers(3, 6)),
+        )
+
+        loss = partial(_toy_loss, warmup=case.warmup)
+        found = answer(_Recorded(s, u), loss, *case[2:])
         slips = {
-            "a distance that falls is one that is saved: before minus after": -truth,
-            "first and last are the other way round": truth[::-1],
-            "if this change comes last, the other one has been made already": (
-                np.array([neither - this, neither - both])
+            "p stays where it was: let it move": np.zeros((30, 2)),
+            "the buffer keeps a share of the old gradients: the momentum": _loop(
+                case._replace(momentum=0.0)
             ),
-            "the last answer is what the other change saves, not this one": (
-                np.array([neither - this, this - both])
+            "p moves by the rate times the buffer, down and not up": _loop(
+                case._replace(rate=-case.rate)
+            ),
+            "the loss is that of the window alone, from its first step on": _loop(
+                case._replace(window=30)
             ),
         }
-        otherwise = "which two of the four runners differ in this change alone?"
-        expect(answer(neither, this, other, both), truth, otherwise, slips)
+        otherwise = "p differs from that of momentum SGD on the loss over the window"
+        expect(found, _loop(case), otherwise, slips, rtol=1e-3, atol=1e-5)
+
+
+def _loop(case: _LoopCase) -> np.ndarray:
+    """The p after each step `[T, 2]`, by the slope of a parabola."""
+    s, u = case.s.astype(float), case.u.astype(float)
+    p = np.zeros(2)
+    b = np.zeros(2)
+    path = []
+    for t in range(len(s)):
+        # The loss covers what was known at t, and moves only after the real window
+        since = max(0, t - case.window) + case.warmup
+        if t > since:
+            error = s[since:t] + p * u[since:t] - s[since + 1 : t + 1]
+            b = case.momentum * b + (2 * error * u[since:t]).sum(axis=0) / error.size
+            p = p - case.rate * b
+        path.append(p)
+    return np.array(path)
 
 
 @check(number("a rate, one number"))

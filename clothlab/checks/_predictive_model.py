@@ -5,9 +5,58 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import nn
 
 from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.method.model import DPMPB, Memory, predict
+
+
+class _Swing(nn.Module):
+    """How a state changes, with a damping that is a straight function of p."""
+
+    def __init__(self, slope: float):
+        super().__init__()
+        self.slope = nn.Parameter(torch.tensor([1.0, slope]))
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """The change of x and v `[..., 2]`, from x, v, u and p `[..., 4]`."""
+        x, v, u, p = inputs.unbind(dim=-1)
+        damping = self.slope[0] + self.slope[1] * p
+        return 0.2 * torch.stack([v, u - x - damping * v], dim=-1)
+
+
+@check(array("p", 1, 1, 1))
+def infer(answer: Callable, rng: np.random.Generator) -> None:
+    """The p `[1, 1, 1]` with which a trained network predicts a recording best.
+
+    Given are a network, the states of a recording `[1, T + 1, 2]` and its pushes `[1,
+    T]`. The network must stay what it is.
+    """
+    for _ in range(2):
+        slope = float(rng.uniform(0.4, 0.8))
+        p = float(rng.choice([-1, 1]) * rng.uniform(0.5, 1.2))
+        W = _Swing(slope)
+        u = torch.as_tensor(rng.uniform(-2, 2, (1, 40)), dtype=torch.float32)
+        states = [torch.zeros(1, 2)]
+        with torch.no_grad():
+            for push in u.T:
+                s = states[-1]
+                inputs = torch.cat([s, push[:, None], torch.full((1, 1), p)], dim=-1)
+                states.append(s + W(inputs))
+        found = answer(W, torch.stack(states, dim=1), u)
+        assert torch.equal(W.slope, _Swing(slope).slope), (
+            "the network has moved: hand `descend` a list with p alone"
+        )
+        slips = {
+            "p is still zero: `descend` moves only what stands in its list": np.zeros(
+                (1, 1, 1)
+            )
+        }
+        otherwise = (
+            f"the recording was made with p = {p:.2f}, not {found.item():.2f}: the "
+            "loss is `mismatch` of it, with a rate of 0.05 and 150 steps"
+        )
+        expect(found, np.full((1, 1, 1), p), otherwise, slips, atol=0.05)
 
 
 @check(array("position and speed at the end", 2))
@@ -135,35 +184,6 @@ def _two_steps(
             [flat * (x2 + r * x1), flat * h1]
         ),
     }
-
-
-@check(array("a gradient for each p", 4, 2))
-def gradients_per_cloth(answer: Callable, rng: np.random.Generator) -> None:
-    """The gradient of the loss by each p_k, `[4, 2]`.
-
-    Given are the gradients of the stretches' own losses by the p that each was given
-    `[N, 2]`, which cloth each stretch is of `[N]`, and the number of cloths. One cloth
-    has no stretch.
-    """
-    k = rng.permutation([0] * 5 + [1] * 2 + [3] * 4)
-    g = rng.normal(size=(len(k), 2))
-    member = np.eye(4)[k]  # [N, 4]
-    summed = member.T @ g
-    counts = np.maximum(member.sum(axis=0), 1)[:, None]
-
-    # In an assignment to repeated places the last one wins
-    last = np.zeros((4, 2))
-    last[k] = g / len(g)
-    slips = {
-        "L is the mean over all stretches, so that each counts 1/N": summed,
-        "1/N, with the number of all stretches, not of the cloth's own": summed
-        / counts,
-        "`total[k] += g` adds only once where k repeats: use np.add.at, or a "
-        "loop": last,
-        "a stretch moves the p of its own cloth alone": np.tile(g.mean(axis=0), (4, 1)),
-    }
-    otherwise = "wrong: which stretches hear of p_k, and with what weight?"
-    expect(answer(g, k, 4), summed / len(g), otherwise, slips)
 
 
 class _Network(NamedTuple):

@@ -23,7 +23,7 @@ LESSONS = {
     "01_cloth_simulation": ["spring_control", "control"],
     "02_variable_stiffness": ["push_control", "control"],
     "03_data_and_images": ["player", "walk"],
-    "06_online_estimation": ["walker"],
+    "06_online_estimation": ["viewer"],
     "07_model_predictive_control": ["by_hand"],
 }
 # One stands for all where not every page is asked for (`make nightly` does)
