@@ -76,7 +76,7 @@ def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, A
     figure = plots.image_grid([scene, seen, aim], titles, width=4.5)
     figure.set_figheight(figure.get_figheight() + 0.2)
     for ax in figure.axes:
-        ax.title.set_size(18)
+        ax.title.set_fontsize(18)
     return encoded(figure), describe(figure)
 
 
