@@ -92,6 +92,7 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
     momentum, the window and the warm-up.
     """
     for _ in range(2):
+        # A run, and the settings of a loop over it
         u = rng.uniform(-2, 2, (30, 2)).astype(np.float32)
         s = rng.normal(size=(30, 2)).astype(np.float32)
         case = _LoopCase(
@@ -103,6 +104,7 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
             int(rng.integers(3, 6)),
         )
 
+        # The reader's loop, and those with a slip
         loss = partial(_toy_loss, warmup=case.warmup)
         found = answer(_Recorded(s, u), loss, *case[2:])
         slips = {
@@ -123,7 +125,8 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
 
 def _loop(case: _LoopCase) -> np.ndarray:
     """The p after each step `[T, 2]`, by the slope of a parabola."""
-    s, u = case.s.astype(float), case.u.astype(float)
+    s = case.s.astype(float)
+    u = case.u.astype(float)
     p = np.zeros(2)
     b = np.zeros(2)
     path = []

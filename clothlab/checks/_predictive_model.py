@@ -36,6 +36,8 @@ def infer(answer: Callable, rng: np.random.Generator) -> None:
         slope = float(rng.uniform(0.4, 0.8))
         p = float(rng.choice([-1, 1]) * rng.uniform(0.5, 1.2))
         W = _Swing(slope)
+
+        # A recording with that p
         u = torch.as_tensor(rng.uniform(-2, 2, (1, 40)), dtype=torch.float32)
         states = [torch.zeros(1, 2)]
         with torch.no_grad():
@@ -43,6 +45,8 @@ def infer(answer: Callable, rng: np.random.Generator) -> None:
                 s = states[-1]
                 inputs = torch.cat([s, push[:, None], torch.full((1, 1), p)], dim=-1)
                 states.append(s + W(inputs))
+
+        # The reader's p of it
         found = answer(W, torch.stack(states, dim=1), u)
         assert torch.equal(W.slope, _Swing(slope).slope), (
             "the network has moved: hand `descend` a list with p alone"
