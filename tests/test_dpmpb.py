@@ -48,6 +48,12 @@ def test_gradient_on_p_equals_finite_differences(model):
     assert torch.autograd.grad(loss(p), p)[0].abs().min() > 1e-6
 
 
+def test_the_smallest_robot_has_one_number_and_one_command():
+    model = DPMPB(1, 1, bias_size=0).eval()
+    predicted, _ = model(torch.zeros(1, 3, 1), torch.zeros(1, 3, 1), torch.zeros(0))
+    assert predicted.shape == (1, 3, 1)
+
+
 def test_predictions_depend_on_p_and_on_memory_which_begins_with_zeros(model, memory):
     s, u = (
         torch.zeros(7, dtype=torch.float64),

@@ -123,6 +123,13 @@ def test_watching_changes_nothing(env, samples):
     )
 
 
+def test_nothing_is_watched_between_two_steps_of_physics(env):
+    env.start()
+    finer = {"watch": print, "samples": env.scene.substeps + 1}
+    with pytest.raises(ValueError, match="samples"):
+        run(env, 1, **finer)
+
+
 def test_what_is_watched_is_up_to_date(env):
     hands, pictures = [], []
 

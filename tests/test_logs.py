@@ -561,6 +561,15 @@ def test_an_episode_that_is_no_run_is_refused(episode, message):
         runs_from_minari([episode], "a")
 
 
+def test_the_shortest_run_of_others_is_a_step_or_more():
+    (run,) = runs_from_minari([Episode(np.zeros((9, 2)), U[:8])], "a", shortest=1)
+    assert len(run) == 9
+    for to_runs, dataset in ((runs_from_minari, []), (runs_from_lerobot, SWING)):
+        with pytest.raises(ValueError, match="shortest must be at least 1"):
+            to_runs(dataset, "a", shortest=0)
+    assert len(runs_from_lerobot(SWING, "one", shortest=1)) == 3
+
+
 def test_observations_in_parts_are_seen_one_by_one():
     see = lambda seen: [*seen["place"], *seen["goal"][0], seen["goal"][1]]  # noqa: E731
     (run,) = runs_from_minari([Episode(PARTS, U)], "a", observe=see)

@@ -1,5 +1,7 @@
 """What is exported computes what Python computes, in onnxruntime, without PyTorch."""
 
+import inspect
+
 import numpy as np
 import pytest
 import torch
@@ -88,6 +90,11 @@ def test_predictions_are_the_models(kind, run, tmp_path):
     assert found["next_s"] == pytest.approx(expected.numpy(), abs=1e-5)
     assert found["next_h"] == pytest.approx(memory.h.numpy(), abs=1e-5)
     assert found["next_c"] == pytest.approx(memory.c.numpy(), abs=1e-5)
+
+
+def test_no_step_of_a_window_is_left_out_unless_it_is_told():
+    named = inspect.signature(export_estimation).parameters
+    assert named["warmup"].default == 0
 
 
 @pytest.mark.slow
