@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from scipy import stats
 
 from clothlab import data, plots
 from clothlab.analysis import target_distance
@@ -294,6 +293,8 @@ def share_of_way(own: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Interv
 
     Each is one number a task; more tasks than `own` has are left out.
     """
+    from scipy import stats  # slow to import
+
     bottom = bottom[: len(own)]
     top = top[: len(own)]
     way = (top - bottom).mean()
@@ -305,6 +306,8 @@ def share_of_way(own: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Interv
 
 def between_sets(one: np.ndarray, other: np.ndarray) -> Interval:
     """Difference of two means over different tasks, with its 95 % interval (Welch)."""
+    from scipy import stats  # slow to import
+
     both = stats.ttest_ind(one, other, equal_var=False).confidence_interval()
     return one.mean() - other.mean(), both.low, both.high
 
