@@ -156,7 +156,9 @@ def play(arm: str, steps: int, folder: Path, seed: int) -> dict[str, object]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", ["torque", "muscle"])
+@pytest.mark.parametrize(
+    "arm", ["torque", pytest.param("muscle", marks=pytest.mark.nightly)]
+)
 def test_a_session_can_be_played_with_for_hours(arm, tmp_path):
     threads, steps = threading.active_count(), round(MINUTES * 60 / CONTROL_PERIOD / 2)
     print(f"{arm}: {json.dumps(play(arm, steps, tmp_path, seed=arm == 'muscle'))}")
