@@ -151,10 +151,10 @@ class Demonstration:
         self.wait(18 * PERIOD)
         near = "[min(m.distance for m in list(panel.history)[-144:][k:k + 8]) for k in range(0, 144, 8)]"
         distances = self.value(near)
-        assert min(distances[9:]) < self.value("panel.session.still_distance")
-        assert min(distances[9:]) <= sorted(distances[:9])[4], (
-            "the best of later periods, the median of the first"
-        )
+        # Each run is another one, and some begin with a good throw: what it learned is
+        # seen in the results, not in eighteen periods of one run.
+        still = self.value("panel.session.still_distance")
+        assert min(distances[9:]) < 0.75 * still
 
     def hand(self):
         self.press("hand")
