@@ -101,9 +101,12 @@ SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_b
 OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py drawn.py)
 ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 
-in-browser: chromium $(BOOK)
+# What `make notebooks` leaves, for the site; it is not made anew where it is there.
+build/small:
+	$(MAKE) notebooks
+
+in-browser: chromium $(BOOK) build/small
 	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
-	test -d build/small || $(MAKE) notebooks
 	$(MAKE) --jobs=2 graphs
 	nice $(MAKE) site-built & built=$$!; \
 	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
@@ -122,7 +125,7 @@ pages-other:
 pages-alone:
 	$(BIN)/pytest -m book -rs $(ALONE)
 
-site: chromium  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
+site: chromium build/small  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
 	$(MAKE) site-built
 	$(MAKE) --keep-going site-tested pages-alone
 

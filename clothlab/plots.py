@@ -91,6 +91,15 @@ def show_video(
     IPython.display.display(IPython.display.HTML(labelled))
 
 
+def larger(figure: Figure) -> Figure:
+    """The figure with letters that a projector shows."""
+    for ax in figure.axes:
+        for text in (ax.title, ax.xaxis.label, ax.yaxis.label):
+            text.set_fontsize(14)
+        ax.tick_params(labelsize=13)
+    return figure
+
+
 def image_grid(
     images: Sequence[np.ndarray],
     titles: Sequence[str] = (),

@@ -10,6 +10,7 @@ import json
 import lzma
 import re
 from collections.abc import Mapping
+from contextlib import closing
 from importlib import metadata
 from pathlib import Path
 from string import Template
@@ -141,9 +142,8 @@ def write_robot(folder: Path) -> None:
 
 def arm_files(arm: str) -> dict[str, bytes]:
     """All of an arm that the page loads when a visitor chooses it, by name."""
-    session = LiveSession(arm)
-    about = json.dumps(lab_data(session), default=_packed).encode()
-    session.close()
+    with closing(LiveSession(arm)) as session:
+        about = json.dumps(lab_data(session), default=_packed).encode()
     return method_files(session.equipment) | {"lab.json": about}
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from clothlab import data, plots
-from clothlab.analysis import target_distance
+from clothlab.analysis import crossed_interval, target_distance
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
@@ -293,15 +293,13 @@ def share_of_way(own: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Interv
 
     Each is one number a task; more tasks than `own` has are left out.
     """
-    from scipy import stats  # slow to import
-
     bottom = bottom[: len(own)]
     top = top[: len(own)]
     way = (top - bottom).mean()
     share = (own - bottom).mean() / way
     misses = (own - bottom - share * (top - bottom)) / way  # 0 in the mean
-    half = stats.t.ppf(0.975, len(own) - 1) * stats.sem(misses)
-    return share, share - half, share + half
+    _, low, high = crossed_interval(misses[:, None])
+    return share, share + low, share + high
 
 
 def between_sets(one: np.ndarray, other: np.ndarray) -> Interval:

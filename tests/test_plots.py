@@ -128,3 +128,12 @@ def test_a_video_is_played_in_the_page(monkeypatch):
 def test_no_images_are_refused():
     with pytest.raises(ValueError, match="no image to show"):
         plots.image_grid([])
+
+
+def test_a_figure_for_a_projector_has_larger_letters_everywhere():
+    figure, axes = plots.new_axes(1, 2)
+    assert plots.larger(figure) is figure
+    for ax in axes.flat:
+        texts = (ax.title, ax.xaxis.label, ax.yaxis.label)
+        assert [text.get_fontsize() for text in texts] == [14, 14, 14]
+        assert ax.get_xticklabels()[0].get_fontsize() == 13

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from clothlab.checks._check import apart, array, check, drawn, expect, number
+from clothlab.method.data import Run
 
 Loss = Callable[[np.ndarray], float]
 
@@ -57,16 +58,6 @@ def _slopes(case: _NudgeCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
-class _Recorded(NamedTuple):
-    """States and commands of a run, with the length of a run."""
-
-    s: np.ndarray  # [T, 2]
-    u: np.ndarray  # [T, 2]
-
-    def __len__(self) -> int:
-        return len(self.s)
-
-
 class _LoopCase(NamedTuple):
     s: np.ndarray  # states [T, 2], single precision
     u: np.ndarray  # commands [T, 2], single precision
@@ -106,7 +97,7 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
 
         # The reader's loop, and those with a slip
         loss = partial(_toy_loss, warmup=case.warmup)
-        found = answer(_Recorded(s, u), loss, *case[2:])
+        found = answer(Run(s, u, "any"), loss, *case[2:])
         slips = {
             "p stays where it was: let it move": np.zeros((30, 2)),
             "the buffer keeps a share of the old gradients: the momentum": _loop(

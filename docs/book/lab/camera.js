@@ -39,7 +39,7 @@ function makeSamples([rows, columns], places) {
 // Of a camera that sees surfaces: the samples of a stage.
 function makeCamera({ size, places, lights, ...view }, { surfaces }) {
   const samples = makeSamples(size, places);
-  const { project } = makeProjection(view, size);
+  const project = makeProjection(view, size);
 
   function drawSurface({ of, triangles, colour }, stage) {
     const normals = pointNormals(stage[of], triangles);

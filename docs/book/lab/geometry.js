@@ -13,12 +13,11 @@ const clamped = (u, { lower, upper }) =>
 function makeProjection({ eye, axes, fovy }, [height, width]) {
   const focus = (0.5 * height) / Math.tan((fovy * Math.PI) / 360);
   const [right, up, backward] = axes;
-  function project(point) {
+  return function project(point) {
     const from = minus3(point, eye);
     const near = -1 / dot3(from, backward);
     return [width / 2 + focus * near * dot3(from, right), height / 2 - focus * near * dot3(from, up), near];
-  }
-  return { focus, project };
+  };
 }
 
 // Of a surface with this normal, whatever its length.

@@ -8,7 +8,7 @@ const mixed = (shares, corners) => [0, 1, 2].map((i) => corners.reduce((sum, at,
 function scenePicture(canvas, { lights, backdrop, ...view }, { surfaces }) {
   const ctx = canvas.getContext("2d");
   const { width, height } = canvas;
-  const { project } = makeProjection(view, [height, width]);
+  const project = makeProjection(view, [height, width]);
 
   // On the canvas, or in a path.
   function outline(places, shape = ctx) {
