@@ -83,6 +83,7 @@ def test_normalisation_comes_from_all_runs_and_never_divides_by_nothing():
     assert model.u_mean.tolist() == [0.5, 0.5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constant", [9.81, 0.0])
 def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, constant):
     runs = []

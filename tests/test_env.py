@@ -260,6 +260,7 @@ def on_picture(env, view, points):
     return (1 + scaled) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
 def test_an_onlooker_sees_robot_and_cloth_wherever_the_arm_is(arm):
     env = ClothEnv(arm, "soft-1" if arm == "muscle" else "damp0.05-mass0.10")

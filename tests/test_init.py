@@ -143,6 +143,7 @@ def test_gymnasium_without_a_simulation_is_no_fault():
     )
 
 
+@pytest.mark.slow
 def test_intervals_need_no_simulation():
     """Examples of robots that are no cloth end with one."""
     block = BLOCK.replace("{blocked}", repr({"mujoco", "cv2"}))

@@ -77,6 +77,7 @@ def test_after_a_late_cycle_the_plan_goes_on_without_a_solve(learned):
     assert windows[-1] == 30  # nothing is forgotten
 
 
+@pytest.mark.slow
 def test_after_missed_cycles_the_window_is_forgotten_and_p_stays(learned):
     loop, said, windows = looped(learned, 42, sending={20: 0.19})
     assert (loop.report.late, loop.report.missed) == (1, 3)
@@ -148,6 +149,7 @@ def test_out_of_range_and_where_a_sensor_says_nothing_p_stays(learned):
     assert loop.report.rests == 6
 
 
+@pytest.mark.slow
 def test_the_alarm_is_asked_once_a_second_and_told_once(learned):
     asked = []
 

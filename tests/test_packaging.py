@@ -270,7 +270,7 @@ def server():
     """The address of a server that has the repository's data."""
     handler = partial(SimpleHTTPRequestHandler, directory=str(ROOT / "data"))
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
     thread.start()
     yield f"http://127.0.0.1:{server.server_port}"
     server.shutdown()

@@ -402,6 +402,7 @@ CLOTH = {"_certainty", "_store", "simulation", "policies", "trials", "calibratio
 CLOTH |= {"cloth_checkpoint", "data", "__main__"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extra", ["", "cloth", "notebooks"])
 def test_what_is_imported_is_named(extra):
     """An extra brings all that its rooms import, and the ones before it do not."""

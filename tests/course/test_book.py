@@ -240,6 +240,7 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
     assert set(points) <= names
 
 
+@pytest.mark.slow
 def test_the_lab_is_one_plain_script_beside_its_run(tmp_path):
     lab_page.write_lab(tmp_path)
     script = (tmp_path / "lab.js").read_text("utf-8")

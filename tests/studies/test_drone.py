@@ -86,6 +86,7 @@ def world(monkeypatch):
     drone._hover_model.cache_clear()
 
 
+@pytest.mark.slow
 def test_a_wind_that_can_be_known_is_found_and_where_it_lies_is_said(world):
     row = drone._estimate("NF", "70wind", 0)
     assert row["nearest"] == "70wind"
@@ -99,6 +100,7 @@ def test_a_wind_that_can_be_known_is_found_and_where_it_lies_is_said(world):
     assert unseen["biases"].shape == (3, 1)
 
 
+@pytest.mark.slow
 def test_a_changing_wind_is_followed_and_a_constant_one_is_not(world):
     changing = drone._changing("NF", CHANGING, 20, 0)
     constant = drone._changing("NF", "70wind", 20, 0)
@@ -191,6 +193,7 @@ def test_a_velocity_that_stays_is_wrong_by_what_it_changes(world):
     assert row["velocity"][:, 0] == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_harder_cases_have_fewer_flights_or_states_without_tilt(world, monkeypatch):
     seen = []
 

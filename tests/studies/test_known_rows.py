@@ -448,6 +448,7 @@ def brute_force(env, plan, autoencoder, z_ref):
     return float(np.linalg.norm(encode(autoencoder, env.observe()["image"]) - z_ref))
 
 
+@pytest.mark.slow
 def test_an_oracle_sends_the_best_of_all_plans(world, monkeypatch):
     rng = np.random.default_rng(1)
     arm = get_arm("torque")
@@ -577,6 +578,7 @@ def test_a_run_begins_with_the_p_that_its_row_names(in_the_toy, monkeypatch):
     assert row["bias_ratio"] < 0.2
 
 
+@pytest.mark.slow
 def test_a_change_of_material_is_one_of_the_physics_alone(world, monkeypatch):
     """The same as a scene whose model is exchanged by hand."""
     rng = np.random.default_rng(0)

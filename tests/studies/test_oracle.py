@@ -177,6 +177,7 @@ def test_a_plan_for_one_cloth_is_sent_with_another_and_may_be_searched_by_overla
     assert by_distance["elsewhere"] != by_distance["best"] != by_overlap["best"]
 
 
+@pytest.mark.slow
 def test_free_stiffness_is_at_least_as_fast_as_any_that_is_held(monkeypatch):
     few = SearchSettings(starts=3, rounds=1, tries=3, elite=2)
     monkeypatch.setattr(oracle, "_GAIN_SEARCH", few)
