@@ -67,7 +67,7 @@ function enliven(root) {
   const load = once(async () => {
     status.textContent = "The figures are being loaded …";
     await loadScript(`${FIGURES}${file}.js`);
-    const packed = await unpackedFile(file);
+    const packed = unpackedFile(file);
     return packed.json();
   });
   const standing = () => choices.reduce((k, choice, n) => k * sizes[n] + choice(), 0);

@@ -15,7 +15,7 @@ const load = (name) => loadScript(`${folder}${name}.js`);
 const wantsRun = () => location.hash === RECORDED || failed !== "";
 const recorded = once(async () => {
   await load("run");
-  const { shots } = await (await unpackedFile("run.json")).json();
+  const { shots } = await unpackedFile("run.json").json();
   return recordedRun(shots);
 });
 // Why no robot can run in this browser; empty where one can.
@@ -29,7 +29,7 @@ async function filesOf(part) {
   await load(part);
   const files = {};
   const names = Object.keys(globalThis.clothlabFiles).filter((name) => name.startsWith(part));
-  for (const name of names) files[name] = await (await unpackedFile(name)).arrayBuffer();
+  for (const name of names) files[name] = await unpackedFile(name).arrayBuffer();
   return files;
 }
 const live = once(async () => {
