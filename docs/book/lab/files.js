@@ -6,8 +6,9 @@ function loadScript(address) {
   return new Promise((resolve, reject) => {
     const script = document.createElement("script");
     const onerror = () => reject(new Error(`${name} can't be loaded`));
+    const onload = () => resolve(script.remove()); // else its text stays in memory
     const source = within ? { text: within.text } : { src: address };
-    document.head.append(Object.assign(script, { onload: resolve, onerror, ...source }));
+    document.head.append(Object.assign(script, { onload, onerror, ...source }));
     if (!within) return;
     within.remove();
     resolve(); // what is within runs at once, and says nothing
@@ -32,14 +33,9 @@ function unpackedFile(name) {
   return new Response(body.pipeThrough(new DecompressionStream("gzip")));
 }
 
-// Browsers of before 2025 can't do it by themselves. A loop, since there are millions.
-function bytesOfBase64(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const letters = atob(text);
-  const bytes = new Uint8Array(letters.length);
-  for (let k = 0; k < bytes.length; k++) bytes[k] = letters.charCodeAt(k);
-  return bytes;
-}
+// Browsers of before 2025 need the slower way.
+const bytesOfBase64 = (text) =>
+  Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
 // Of what JSON holds, bytes as a panel takes them, and numbers.
 function unpacked(value) {

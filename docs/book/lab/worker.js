@@ -29,6 +29,7 @@ const answers = {
     const next = await makeSession(mujoco, method, lab, session?.now().controls);
     session?.world().free();
     session = next;
+    for (const file of ["mujoco.wasm", "onnxruntime.wasm"]) files[file]?.transfer?.(0); // compiled: the bytes go
     return { lab: { ...lab, pushes: method.constants.ellipse }, aim: session.aim() };
   },
 };
