@@ -15,7 +15,8 @@ function traces(plots, { stillDistance }, history) {
 // Whether the arm can show a target and the autoencoder knows its shape, and the numbers that this rests on.
 function targetView({ mask, reconstruction, distance, overlap }, { usual_distance: usual, reachable }) {
   const known = distance <= usual;
-  const reach = known ? "Known shape" : overlap >= reachable ? "Reachable" : "Not reachable";
+  const shown = overlap >= reachable ? "Reachable" : "Not reachable";
+  const reach = known ? "Known shape" : shown;
   const away = Number.isFinite(distance) ? `${distance.toFixed(1)} pixel from the target` : "no cloth at all";
   return {
     image: mask,
