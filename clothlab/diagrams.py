@@ -439,15 +439,18 @@ def _draw_links(sheet: _Sheet) -> None:
     sheet.write(_ELBOW[0] - 0.45, _ELBOW[1] - 0.95, "elbow")
     straight = (_ELBOW[0] + 1.7, _ELBOW[1])
     sheet.line([_ELBOW, straight], color=_GREY, linestyle=":")
-    for joint, radius in ((_SHOULDER, 0.45), (_ELBOW, 1.05)):
-        turn = np.radians([40, -40])
-        x = joint[0] + radius * np.cos(turn)
-        y = joint[1] + radius * np.sin(turn)
-        sheet.arrow((x[0], y[0]), (x[1], y[1]), bend=-0.4)
+    # The shoulder's turns by θ1; the elbow is bent up by θ2, from the dotted line
+    for joint, radius, turn in ((_SHOULDER, 0.45, (40, -40)), (_ELBOW, 0.95, (0, 35))):
+        way = np.radians(turn)
+        x = joint[0] + radius * np.cos(way)
+        y = joint[1] + radius * np.sin(way)
+        bend = -0.4 if joint is _SHOULDER else 0.15
+        sheet.arrow((x[0], y[0]), (x[1], y[1]), bend=bend)
     theta = {"fontsize": 15}
     sheet.write(_SHOULDER[0] + 0.17, _SHOULDER[1] - 0.38, "$\\theta_1$", **theta)
-    sheet.write(_ELBOW[0] + 1.3, _ELBOW[1] - 0.25, "$\\theta_2$", **theta)
-    sheet.write(_ELBOW[0] + 2.3, _ELBOW[1] - 0.7, "bent up, as here: $\\theta_2 < 0$")
+    sheet.write(_ELBOW[0] + 1.14, _ELBOW[1] + 0.32, "$\\theta_2$", **theta)
+    words = "Angles count downwards:\nbent up, as here, $\\theta_2 < 0$"
+    sheet.write(_ELBOW[0] + 2.1, _ELBOW[1] - 0.55, words)
     x, y = _SHOULDER
     sheet.arrow((x, y), (x, y + 0.95), arrowstyle="<|-|>")
     sheet.write(x - 0.17, y + 0.38, "$r$", **theta)
