@@ -4,7 +4,9 @@ The rivals of notebook 09: each throws at targets that nothing was tuned on. The
 whose constants are drawn in secret, with what an estimate says of them.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from PIL import Image
 
 from clothlab import data, plots
 from clothlab.analysis import crossed_interval, target_distance
@@ -20,9 +23,11 @@ from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.policy import Policy
-from clothlab.policies import RandomPolicy
+from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.cloth import Cloth
-from clothlab.trials import Trial, recorded_plans
+from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.scene import Scene
+from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Case, Experiment, grid, over
 from studies._runs import (
     RECORDINGS,
@@ -217,97 +222,125 @@ def tries_file() -> Path:
 
 
 # Of two rows of tries that agree in these, the later one is no new try
-_SAME_TRY = ["set", "name", "seed", "steps", "points"]
+_SAME_TRY = ["set", "name", "steps", "each"]
 
 
-def kept_tries(steps: int) -> pd.DataFrame:
-    """All tries of runs of so many steps, in the order in which they were kept."""
+def _written() -> pd.DataFrame:
+    """The rows of the file that hold one number a task, as this version writes them."""
+    columns = [*_SAME_TRY, "note"]
     if not tries_file().exists():
-        return pd.DataFrame({"set": []})
-    tries = pd.read_csv(tries_file())
-    return tries[tries.steps == steps].fillna({"note": ""})
+        return pd.DataFrame({name: [] for name in columns})
+    rows = pd.read_csv(tries_file(), dtype={"each": str, "note": str})
+    rows = rows.reindex(columns=columns).dropna(subset=_SAME_TRY)
+    return rows.fillna({"note": ""})
 
 
-def keep(
-    name: str, score: Interval, of: str, *, tasks: int, steps: int, note: str = ""
-) -> pd.DataFrame:
-    """Add a try to the table; all tries of runs as long as this one.
+def keep(name: str, scores: np.ndarray, of: str, *, steps: int, note: str = "") -> None:
+    """Add a try to the table.
 
     Args:
         name: of the policy.
-        score: its mean points, and the ends of their interval.
+        scores: points `[task, throw]`.
         of: the set of targets, "development" or "held-out".
-        tasks, steps: how many were played, and the control steps of a run.
+        steps: control steps of a run.
         note: what was changed and expected.
     """
-    row: dict[str, Any] = {"set": of, "name": name, "seed": 0, "steps": steps}
-    row |= dict(zip(("points", "low", "high"), np.round(score, 1), strict=True))
-    tries = pd.DataFrame([row | {"tasks": tasks, "note": note}])
-    file = tries_file()
-    if file.exists():
-        tries = pd.concat([pd.read_csv(file), tries], ignore_index=True)
-    tries = tries.drop_duplicates(_SAME_TRY, ignore_index=True)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    tries.to_csv(file, index=False)
-    return kept_tries(steps)
+    each = " ".join(f"{score:.2f}" for score in scores.mean(axis=1))
+    row = {"set": of, "name": name, "steps": steps, "each": each, "note": note}
+    tries = pd.DataFrame([*_written().to_dict("records"), row])
+    tries_file().parent.mkdir(parents=True, exist_ok=True)
+    tries.drop_duplicates(_SAME_TRY).to_csv(tries_file(), index=False)
+
+
+def kept_tries(steps: int) -> pd.DataFrame:
+    """All tries of runs of so many steps, numbered in the order of keeping.
+
+    What is said of a try is computed here from its points, one number a task (`each`).
+    """
+    tries = _written()
+    tries = tries[tries.steps == steps].drop(columns="steps")
+    numbers = [np.array(text.split(), float) for text in tries["each"]]
+    ends = [crossed_interval(each[:, None]) for each in numbers]  # Student's
+    for k, column in enumerate(("points", "low", "high")):
+        tries[column] = [round(end[k], 1) for end in ends]
+    tries["each"] = numbers
+    tries.index = pd.RangeIndex(1, len(tries) + 1, name="try")
+    return tries[["set", "name", "points", "low", "high", "note", "each"]]
 
 
 def draw_contest(
     ax: Axes,
     scores: Mapping[str, np.ndarray],
-    interval: Callable[[np.ndarray], Interval],
     title: str,
+    interval: Callable[[np.ndarray], Interval] | None = None,
 ) -> None:
-    """Each task's mean as a stroke; the mean of all, with its interval.
+    """A row each: a stroke for each task, a dot for their mean.
 
     Args:
         ax: to draw on.
-        scores: points `[task, throw]` by the names of the policies.
-        interval: the mean of one number a task, and its two ends.
-        title: what stands above, before the legend in words.
+        scores: points by the names of the policies, one number a task.
+        title: what is to be seen.
+        interval: the mean of one number a task, and its two ends, which make a bar.
     """
     # From the lowest mean up
-    each = {name: score.mean(axis=1) for name, score in scores.items()}
-    names = sorted(each, key=lambda name: each[name].mean())
+    names = sorted(scores, key=lambda name: scores[name].mean())
+    if "random" in scores:
+        ax.axvline(scores["random"].mean(), color="0.6", ls=":")
 
     # A row each; what would lie beyond 100 is cut
-    ax.axvline(each["random"].mean(), color="0.6", ls=":")
     for k, name in enumerate(names):
-        mean, low, high = interval(each[name])
         theirs = name in _RIVALS or name == ORACLE
         colour = plots.COLOURS[0] if theirs else plots.COLOURS[1]
-        ax.plot([low, min(high, 100)], [k, k], lw=5, alpha=0.45, color=colour)
-        if high > 100:
-            ax.plot(100, k, ">", ms=9, color=colour)
-        ax.plot(mean, k, "o" if theirs else "D", ms=11, mec="black", color=colour)
-        ax.plot(each[name], np.full(len(each[name]), k), "|k", ms=9)
+        if interval is not None:
+            _, low, high = interval(scores[name])
+            ax.plot([low, min(high, 100)], [k, k], lw=5, alpha=0.45, color=colour)
+            if high > 100:
+                ax.plot(100, k, ">", ms=9, color=colour)
+        mark = "o" if theirs else "D"
+        ax.plot(scores[name].mean(), k, mark, ms=11, mec="black", color=colour)
+        ax.plot(scores[name], np.full(len(scores[name]), k), "|k", ms=9)
 
     # Its words
-    ax.set_yticks(range(len(names)), names, fontsize=12)
+    ax.set_yticks(range(len(names)), names)
     ax.set(xlim=(0, 104), xlabel="points (0: hanging still, 100: the target)")
-    ax.set_title(f"{title}: mean, 95 % interval; stroke: a task", fontsize=12)
+    ax.set_title(title)
 
 
-def share_of_way(own: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Interval:
-    """How far from the bottom to the top, with its 95 % interval over the tasks.
+def draw_leads(ax: Axes, leads: np.ndarray, title: str, band: Interval | None) -> None:
+    """A bar for each task's lead; with a band, their mean and its interval, too."""
+    ax.bar(np.arange(1, len(leads) + 1), leads, width=0.5, color="0.55")
+    if band is not None:
+        mean, low, high = band
+        colour = plots.COLOURS[0]
+        ax.axhspan(low, high, color=colour, alpha=0.2, label="95 % interval")
+        ax.axhline(mean, color=colour, lw=2, label="mean")
+        ax.legend(fontsize=12)
+    ax.axhline(0, color="black", lw=1)
+    ax.set(xticks=np.arange(1, len(leads) + 1), xlabel="task", ylabel="lead [points]")
+    ax.set_title(title)
 
-    Each is one number a task; more tasks than `own` has are left out.
+
+def film(trial: Trial, until: int) -> list[np.ndarray]:
+    """The last 4 s of a trial's first `until` steps, 25 pictures `[h, w, 3]` a second.
+
+    It is played again from its commands, at the speed of the robot.
     """
-    bottom = bottom[: len(own)]
-    top = top[: len(own)]
-    way = (top - bottom).mean()
-    share = (own - bottom).mean() / way
-    misses = (own - bottom - share * (top - bottom)) / way  # 0 in the mean
-    _, low, high = crossed_interval(misses[:, None])
-    return share, share + low, share + high
+    pictures: deque[np.ndarray] = deque(maxlen=100)
+    scene = Scene(picture_size=(240, 320))
+    with closing(ClothEnv(trial.arm, trial.cloth, scene=scene)) as env:
+        policy = ReplayPolicy(trial.commands[:until])
+        rollout(env, policy, until, watch=lambda: pictures.append(env.picture()))
+    return list(pictures)
 
 
-def between_sets(one: np.ndarray, other: np.ndarray) -> Interval:
-    """Difference of two means over different tasks, with its 95 % interval (Welch)."""
-    from scipy import stats  # slow to import
-
-    both = stats.ttest_ind(one, other, equal_var=False).confidence_interval()
-    return one.mean() - other.mean(), both.low, both.high
+def save_film(pictures: list[np.ndarray]) -> Path:
+    """Write every second picture into `throw.gif`, beside the table of tries."""
+    frames = [Image.fromarray(picture) for picture in pictures[::2]]
+    file = data.own_trials() / "throw.gif"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    rest = frames[1:]
+    frames[0].save(file, save_all=True, append_images=rest, duration=80, loop=0)
+    return file
 
 
 _HIDDEN_CASES = over(seed=range(40), model=0)
