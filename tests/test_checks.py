@@ -173,6 +173,14 @@ SLIPS = [
     ("two_steps_by_hand", "x2 + r * slope_1 * x1", "x2", "by way of h1"),
     ("two_steps_by_hand", "x2 + r * slope_1 * x1", "r * slope_1 * x1", "second step"),
     ("two_steps_by_hand", "2 * (h2", "(h2", "factor of 2"),
+    (
+        "without_memory",
+        "body",
+        "return model(s[None], u[None], p)[0][0]",
+        "the memory is handed on",
+    ),
+    ("without_memory", "return", "s[:, 0]", "not the next ones"),
+    ("without_memory", "predicted[:, 0]", "predicted[:, 0] + 1", "a sequence of their"),
     ("infer", "[p]", "list(W.parameters())", "the network has moved"),
     ("infer", "[p]", "[u.clone().requires_grad_()]", "p is still zero"),
     ("infer", "150", "5", "the recording was made with p ="),
@@ -848,6 +856,11 @@ RIGHTS = [
     ),
     ("half_life", "return", "-1 / np.log2(phi)"),
     ("infer", "0.05, 150", "0.1, 200"),
+    (
+        "without_memory",
+        "body",
+        "return [model(a[None, None], b[None, None], p)[0][0, 0] for a, b in zip(s, u)]",
+    ),
     ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
     (
         "my_mask",

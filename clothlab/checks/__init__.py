@@ -59,6 +59,7 @@ from clothlab.checks._predictive_model import (
     half_life,
     infer,
     two_steps_by_hand,
+    without_memory,
 )
 from clothlab.checks._results import verdict
 from clothlab.checks._start_here import rhythm, shift_for_iou

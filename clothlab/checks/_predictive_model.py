@@ -141,6 +141,39 @@ def _half_life(phi: float) -> tuple[float, dict[str, float]]:
     }
 
 
+@check(array("the predicted states", 4, 7))
+def without_memory(answer: Callable, rng: np.random.Generator) -> None:
+    """Each next state `[4, 7]`, predicted with an empty memory at every step.
+
+    Given are a network of random weights, four states, four commands and a p.
+    """
+
+    def draw() -> tuple[DPMPB, torch.Tensor, torch.Tensor, torch.Tensor]:
+        model, _, u, p, _ = _network(rng)
+        # Large weights make a network without training listen to its memory
+        for name, weight in model.named_parameters():
+            weight.mul_(4 if "lstm" in name or "fc_out" in name else 1)
+        return model, _normal(rng, 4, 7), u, p
+
+    case = drawn(draw, lambda case: apart(*_forgotten(*case), rtol=0.02))
+    truth, slips = _forgotten(*case)
+    otherwise = "state and command of a step make a sequence of their own, of one step"
+    expect(answer(*case), truth, otherwise, slips, rtol=1e-4)
+
+
+def _forgotten(
+    model: DPMPB, s: torch.Tensor, u: torch.Tensor, p: torch.Tensor
+) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    """The next states [T, D_s] without a memory, and what usual slips give."""
+    alone = [predict(model, s[t], u[None, t : t + 1], p)[0, 0] for t in range(len(s))]
+    whole, _ = model(s[None], u[None], p)
+    return torch.stack(alone), {
+        "the memory is handed on: one sequence of all steps has it, many sequences "
+        "of one step have none": whole[0],
+        "these are the states that were given, not the next ones": s,
+    }
+
+
 @check(array("two derivatives, ∂L/∂w and ∂L/∂r", 2))
 def two_steps_by_hand(answer: Callable, rng: np.random.Generator) -> None:
     """The gradient of two steps of a memory by its two weights, `[2]`.
