@@ -47,6 +47,7 @@ from clothlab.checks._online_estimation import (
     online,
 )
 from clothlab.checks._parametric_bias import (
+    heavier_twin,
     left_out,
     same_predictions,
     share_by_luck,

@@ -1,6 +1,7 @@
 """Checks of notebook 05."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from clothlab.analysis import principal_axes
 from clothlab.checks._check import apart, array, arrays, check, drawn, expect, number
+from clothlab.simulation.cloth import Cloth
 
 
 @check(array("a share for each of the two axes", 2))
@@ -90,6 +92,45 @@ def left_out(answer: Callable, rng: np.random.Generator) -> None:
         }
         otherwise = "for random points and values, scikit-learn predicts other values"
         expect(found, truth, otherwise, slips)
+
+
+# What makes a force, or needs one, and what is said where it has not grown
+_GROWS = {
+    "mass": "the twin is heavier: its mass is factor times that of the cloth",
+    "damping": "the drag must keep its share of the weight: c/m stays as it was",
+    "stiffness": "the heavier cloth stretches its springs more, or less: they don't "
+    "pull factor times as hard",
+    "bending": "it doesn't resist bending factor times as hard",
+    "spring_damping": "the dampers of its springs don't brake factor times as hard",
+}
+
+
+def _a_cloth(name: str, found: object) -> Cloth:
+    """Read a cloth."""
+    assert isinstance(found, Cloth), (
+        f"{name} returned a {type(found).__name__}: return a Cloth, made by replace"
+    )
+    return found
+
+
+@check(_a_cloth)
+def heavier_twin(answer: Callable, rng: np.random.Generator) -> None:
+    """The cloth of `factor` times the mass that moves as another one does.
+
+    Given are a random cloth and a factor. Expected is that all forces grow with the
+    mass, and that the grid of points stays.
+    """
+    drawn_values = rng.uniform(0.5, 1.5, len(_GROWS)) * [0.1, 0.05, 100.0, 0.5, 0.2]
+    cloth = Cloth("any", **dict(zip(_GROWS, drawn_values.tolist(), strict=True)))
+    factor = float(rng.uniform(1.5, 3.0))
+    found = answer(cloth, factor)
+    before = {}
+    for field, otherwise in _GROWS.items():
+        before[field] = getattr(cloth, field)
+        expect(getattr(found, field), factor * before[field], otherwise)
+    assert replace(found, name=cloth.name, **before) == cloth, (
+        "the twin is cut alike: its size and its grid of points stay as they were"
+    )
 
 
 class _StringCase(NamedTuple):
