@@ -6,6 +6,7 @@ import linecache
 import os
 import re
 from fractions import Fraction
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -57,11 +58,27 @@ def inputs(monkeypatch):
     monkeypatch.setenv("CLOTHLAB_CHECK_SEED", "7")
 
 
+@cache
 def code_cells(path):
     """Tags and source of the code cells, in order."""
-    for cell in solved(nbformat.read(path, as_version=4)).cells:
-        if cell.cell_type == "code":
-            yield set(cell.metadata.get("tags", [])), cell.source
+    return [
+        (set(cell.metadata.get("tags", [])), cell.source)
+        for cell in solved(nbformat.read(path, as_version=4)).cells
+        if cell.cell_type == "code"
+    ]
+
+
+@cache
+def opening(path, names):
+    """The imports of a notebook, and its functions with these names, to be run."""
+    nodes = [node for _, cell in code_cells(path) for node in ast.parse(cell).body]
+    kept = [
+        node
+        for node in nodes
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        or (isinstance(node, ast.FunctionDef) and node.name in names)
+    ]
+    return compile(ast.Module(kept, []), str(path), "exec")
 
 
 def tagged(path, tag):
@@ -104,16 +121,7 @@ def define(name, source):
     imports.
     """
     namespace = dict(LESSONS)
-    for _, cell in code_cells(EXERCISES[name][0]):
-        imports = [
-            node
-            for node in ast.parse(cell).body
-            if isinstance(node, ast.Import | ast.ImportFrom)
-        ]
-        exec(ast.unparse(ast.Module(imports, [])), namespace)
-        if name == "infer":
-            toy = [node for node in functions(cell) if node.name in TOY]
-            exec(ast.unparse(ast.Module(toy, [])), namespace)
+    exec(opening(EXERCISES[name][0], TOY if name == "infer" else ()), namespace)
     code = "\n".join(ast.unparse(node) for node in functions(source))
     file = f"<{name} {hash(code)}>"
     # As a kernel does for its cells
@@ -124,7 +132,7 @@ def define(name, source):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_an_exercise_has_stub_solution_and_check(path):
-    cells = list(code_cells(path))
+    cells = code_cells(path)
     stubs = [k for k, (tags, _) in enumerate(cells) if "stub" in tags]
     assert len(stubs) == len(tagged(path, "solution"))
     for k in stubs:
