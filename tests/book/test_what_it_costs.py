@@ -29,6 +29,18 @@ CHANGE = """async (count) => {
     }
 }"""
 
+# How long a worker takes to count [ms]
+COUNTS = """() => new Promise((resolve) => {
+    const source = `
+        const start = performance.now();
+        let sum = 0;
+        for (let k = 0; k < 5e7; k++) sum = (sum * 1.0001 + k) % 7;
+        postMessage(performance.now() - start);
+    `;
+    const worker = new Worker(URL.createObjectURL(new Blob([source])));
+    worker.onmessage = ({ data }) => resolve(data);
+})"""
+
 
 @pytest.mark.book
 def test_what_a_visitor_loads(folder, gate):
@@ -61,6 +73,18 @@ def open_lab(folder, browser):
     yield open_lab
     for page in pages:
         page.context.close()
+
+
+@pytest.mark.nightly
+def test_a_browser_that_is_slowed_down_is_so_by_that_factor(browser):
+    """Else bounds of a slower machine would be those of another one."""
+    page = browser.new_page()
+    at_ease = page.evaluate(COUNTS)
+    with slower(4):
+        braked = page.evaluate(COUNTS)
+    page.close()
+    print(f"slower by a factor of {braked / at_ease:.2f}")
+    assert 3.5 < braked / at_ease < 4.5
 
 
 @pytest.mark.nightly
