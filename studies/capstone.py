@@ -62,8 +62,9 @@ def _runs() -> list[Run]:
     return [learned.to_run(trial) for trial in data.load_trials(RECORDINGS[_ARM])]
 
 
-def _plans() -> np.ndarray:
-    return recorded_plans(data.load_trials(RECORDINGS[_ARM]), 8, _RECORDED_PLANS)
+def _plans(seed: int = 0) -> np.ndarray:
+    trials = data.load_trials(RECORDINGS[_ARM])
+    return recorded_plans(trials, 8, _RECORDED_PLANS, seed=seed)
 
 
 def _random(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
@@ -138,6 +139,25 @@ def _run_one(
     return {"distance": distance.round(4)}
 
 
+def _run_drawn(
+    draw: int, target: str, cloth: str, model: int, steps: int = STEPS
+) -> dict[str, Any]:
+    """The rival "recorded" with other starts: its distance at each step `[T]`.
+
+    Args:
+        draw: seed of the starts; the rival itself has that of seed 0.
+        target, cloth: of the task, by name.
+        model: seed of the training.
+        steps: control steps.
+    """
+    learned = trained(f"{_ARM}-{model}")
+    mask = data.load_target(target)
+    policy = learned.controller(mask, cloth, plans=_plans(draw))
+    trial = new_trial(policy, _ARM, cloth, steps, seed=70_000 + model)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    return {"distance": distance.round(4)}
+
+
 def _oracle_trial(
     learned: ClothCheckpoint, mask: np.ndarray, cloth: str, seed: int, steps: int
 ) -> Trial:
@@ -168,6 +188,18 @@ def _cases(model: int | Iterable[int] = range(2), **same: Any) -> list[Case]:
         for target, cloth in tasks("development"):
             task = {"rival": rival, "target": target, "cloth": cloth}
             cases += grid(**task, model=0, **same)
+    return cases
+
+
+def _draws(
+    model: int | Iterable[int] = range(2), draw: int | Iterable[int] = range(1, 4)
+) -> list[Case]:
+    """Other starts on each task: on those for development with the first training."""
+    cases = []
+    for of, models in (("held-out", model), ("development", 0)):
+        for target, cloth in tasks(of):
+            task = {"target": target, "cloth": cloth}
+            cases += grid(draw=draw, **task, model=models)
     return cases
 
 
@@ -346,5 +378,6 @@ def save_film(pictures: list[np.ndarray]) -> Path:
 _HIDDEN_CASES = over(seed=range(40), model=0)
 EXPERIMENTS = (
     Experiment("capstone", _run_one, _cases, seconds=8),
+    Experiment("capstone_draws", _run_drawn, _draws, seconds=8),
     Experiment("hidden_cloth", _run_hidden, _HIDDEN_CASES, seconds=4),
 )
