@@ -346,7 +346,9 @@ def draw_leads(ax: Axes, leads: np.ndarray, title: str, band: Interval | None) -
         ax.axhline(mean, color=colour, lw=2, label="mean")
         ax.legend(fontsize=12)
     ax.axhline(0, color="black", lw=1)
+    reach = max(32.0, 1.1 * np.abs(leads).max())  # equal for nearly all tries
     ax.set(xticks=np.arange(1, len(leads) + 1), xlabel="task", ylabel="lead [points]")
+    ax.set_ylim(-reach, reach)
     ax.set_title(title)
 
 
