@@ -6,6 +6,7 @@ can fail, it is fed noise, most of which it must refuse.
 """
 
 import contextlib
+import html
 import inspect
 import json
 import os
@@ -15,7 +16,9 @@ from collections.abc import Callable
 from operator import ge, gt, le, lt
 from typing import Any
 
+import IPython
 import numpy as np
+from IPython.display import DisplayHandle, display
 
 from clothlab._files import reading
 from clothlab._store import Folder, load_results, save_results
@@ -56,6 +59,8 @@ class Findings:
         self._data = data
         self.parameters = _plain(parameters)
         self.recording = bool(os.environ.get(self.RECORD))
+        self._held = _Held()
+        self._shown: DisplayHandle | None = None
 
         stored: dict[str, Any] = {"parameters": None, "figures": {}}
         if not self.recording:
@@ -76,7 +81,7 @@ class Findings:
         """
         bounds, arrays = _sorted_out(claim, figure, given)
         _must_refuse_noise(claim, figure, bounds, arrays)
-        _must_hold(claim, "stored", figure, bounds, arrays)
+        self._tell(_must_hold(claim, "stored", figure, bounds, arrays))
 
     def live(self, claim: str, figure: _Figure, /, **given: Any) -> None:
         """Check a claim about what was measured in this notebook.
@@ -99,9 +104,19 @@ class Findings:
         recorded = self._figures[claim].items()
         before = {name: np.asarray(array) for name, array in recorded}
         _must_refuse_noise(claim, figure, bounds, before)
-        _must_hold(claim, "stored", figure, bounds, before)
+        self._tell(_must_hold(claim, "stored", figure, bounds, before))
         if self.full_size:
-            _must_hold(claim, "here", figure, bounds, arrays)
+            self._tell(_must_hold(claim, "here", figure, bounds, arrays))
+
+    def _tell(self, line: str) -> None:
+        """Show one more condition that holds: in a notebook, all of them in one box."""
+        self._held.lines.append(line)
+        if not hasattr(IPython.get_ipython(), "kernel"):
+            print(line)
+        elif self._shown is None:
+            self._shown = display(self._held, display_id=True)
+        else:
+            self._shown.update(self._held)
 
     def _load(self) -> dict[str, Any]:
         content = load_results(self.name, ".json", data=self._data)
@@ -116,6 +131,21 @@ class Findings:
         # A row of numbers on one line
         text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)
         save_results(text.encode() + b"\n", self.name, ".json", data=self._data)
+
+
+class _Held:
+    """The conditions that hold: in a notebook how many, and folded which."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines)
+
+    def _repr_html_(self) -> str:
+        summary = f"✓ {len(self.lines)} conditions of the Findings hold"
+        lines = html.escape(repr(self))
+        return f"<details><summary>{summary}</summary><pre>{lines}</pre></details>"
 
 
 def _sorted_out(
@@ -171,7 +201,8 @@ def _must_hold(
     figure: _Figure,
     bounds: dict[str, float],
     arrays: dict[str, np.ndarray],
-) -> None:
+) -> str:
+    """What is said of a condition that holds; else raise."""
     value = float(figure(**arrays))
     wanted = " and ".join(
         f"{_SYMBOLS[name][0]} {bound:.4g}" for name, bound in bounds.items()
@@ -180,7 +211,7 @@ def _must_hold(
         raise ClaimError(
             f"this does not hold: {claim}\n  {where}: {value:.4g}, claimed: {wanted}"
         )
-    print(f"✓ {claim}: {value:.3g} {where} ({wanted})")
+    return f"✓ {claim}: {value:.3g} {where} ({wanted})"
 
 
 def _must_refuse_noise(

@@ -80,10 +80,11 @@ def write_editions(path: Path, build: Path) -> nbformat.NotebookNode:
 
 
 def claims_held(edition: nbformat.NotebookNode) -> int:
-    """How many claims a run has found to hold: each prints a line with a mark."""
+    """How many claims a run has found to hold: each has a line with a mark."""
     outputs = [each for cell in edition.cells for each in cell.get("outputs", [])]
-    printed = "\n".join(output.get("text", "") for output in outputs)
-    return sum(line.startswith("✓") for line in printed.splitlines())
+    said = [output.get("data", {}).get("text/plain", "") for output in outputs]
+    lines = "\n".join(said).splitlines()
+    return sum(line.startswith("✓") for line in lines)
 
 
 def main() -> None:

@@ -38,6 +38,31 @@ def test_a_claim_that_holds_is_printed_with_its_figure_and_bound(findings, capsy
     assert printed == "✓ Control comes near: 0.287 stored (< 0.5 and ≥ 0.1)\n"
 
 
+def test_a_notebook_shows_how_many_hold_and_folds_which(findings, monkeypatch):
+    shown = []
+
+    class Shell:
+        kernel = None
+
+    class Handle:
+        def update(self, held):
+            shown.append(held._repr_html_())
+
+    def display(held, display_id):
+        shown.append(held._repr_html_())
+        return Handle()
+
+    monkeypatch.setattr("IPython.get_ipython", Shell)
+    monkeypatch.setattr("clothlab.claims.display", display)
+    for claim in ("Control comes near", "and nearer"):
+        findings.stored(claim, mean, below=0.5, at_least=0.1, distances=DISTANCES)
+    summary = "<details><summary>✓ 2 conditions of the Findings hold</summary>"
+    line = "✓ and nearer: 0.287 stored (&lt; 0.5 and ≥ 0.1)"
+    assert len(shown) == 2
+    assert shown[1].startswith(summary)
+    assert line in shown[1]
+
+
 @pytest.mark.parametrize(
     "bounds", [{"below": 0.2}, {"at_most": 0.28}, {"above": 0.3}, {"at_least": 0.29}]
 )
