@@ -62,8 +62,9 @@ def _runs() -> list[Run]:
     return [learned.to_run(trial) for trial in data.load_trials(RECORDINGS[_ARM])]
 
 
-def _plans() -> np.ndarray:
-    return recorded_plans(data.load_trials(RECORDINGS[_ARM]), 8, _RECORDED_PLANS)
+def _plans(seed: int = 0) -> np.ndarray:
+    trials = data.load_trials(RECORDINGS[_ARM])
+    return recorded_plans(trials, 8, _RECORDED_PLANS, seed=seed)
 
 
 def _random(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
@@ -138,6 +139,25 @@ def _run_one(
     return {"distance": distance.round(4)}
 
 
+def _run_drawn(
+    draw: int, target: str, cloth: str, model: int, steps: int = STEPS
+) -> dict[str, Any]:
+    """The rival "recorded" with other starts: its distance at each step `[T]`.
+
+    Args:
+        draw: seed of the starts; the rival itself has that of seed 0.
+        target, cloth: of the task, by name.
+        model: seed of the training.
+        steps: control steps.
+    """
+    learned = trained(f"{_ARM}-{model}")
+    mask = data.load_target(target)
+    policy = learned.controller(mask, cloth, plans=_plans(draw))
+    trial = new_trial(policy, _ARM, cloth, steps, seed=70_000 + model)
+    distance = target_distance(learned.autoencoder, trial, mask)
+    return {"distance": distance.round(4)}
+
+
 def _oracle_trial(
     learned: ClothCheckpoint, mask: np.ndarray, cloth: str, seed: int, steps: int
 ) -> Trial:
@@ -168,6 +188,16 @@ def _cases(model: int | Iterable[int] = range(2), **same: Any) -> list[Case]:
         for target, cloth in tasks("development"):
             task = {"rival": rival, "target": target, "cloth": cloth}
             cases += grid(**task, model=0, **same)
+    return cases
+
+
+def _draws(
+    model: int | Iterable[int] = range(2), draw: int | Iterable[int] = range(1, 4)
+) -> list[Case]:
+    """Other starts on each held-out task; on the others notebook 09 draws them."""
+    cases = []
+    for target, cloth in tasks("held-out"):
+        cases += grid(draw=draw, target=target, cloth=cloth, model=model)
     return cases
 
 
@@ -316,7 +346,9 @@ def draw_leads(ax: Axes, leads: np.ndarray, title: str, band: Interval | None) -
         ax.axhline(mean, color=colour, lw=2, label="mean")
         ax.legend(fontsize=12)
     ax.axhline(0, color="black", lw=1)
+    reach = max(32.0, 1.1 * np.abs(leads).max())  # equal for nearly all tries
     ax.set(xticks=np.arange(1, len(leads) + 1), xlabel="task", ylabel="lead [points]")
+    ax.set_ylim(-reach, reach)
     ax.set_title(title)
 
 
@@ -346,5 +378,6 @@ def save_film(pictures: list[np.ndarray]) -> Path:
 _HIDDEN_CASES = over(seed=range(40), model=0)
 EXPERIMENTS = (
     Experiment("capstone", _run_one, _cases, seconds=8),
+    Experiment("capstone_draws", _run_drawn, _draws, seconds=8),
     Experiment("hidden_cloth", _run_hidden, _HIDDEN_CASES, seconds=4),
 )

@@ -8,9 +8,9 @@ file of its name, after an underscore.
 """
 
 from clothlab.checks._beat_the_controller import (
-    best_of_equals,
     constant_interval,
     jerk_price,
+    luck_of_best,
     next_plan,
     score_interval,
 )

@@ -44,36 +44,38 @@ def jerk_price(answer: Callable, rng: np.random.Generator) -> None:
         expect(found, truth, otherwise, slips, rtol=1e-4)
 
 
-@check(number("by how much the best exceeds the truth"))
-def best_of_equals(answer: Callable, rng: np.random.Generator) -> None:
-    """By how much the best score of several tries exceeds the truth, on average.
+@check(number("by how much the winner's score exceeds its own worth"))
+def luck_of_best(answer: Callable, rng: np.random.Generator) -> None:
+    """By how much the best score of several tries exceeds its own worth, on average.
 
-    Given are how many tries there were, all equally good, and the standard deviation of
-    a score. Expected is the mean of the largest, within a few per cent, so that it may
-    be simulated.
+    Given are how many tries there were, and the standard deviations of a score's miss
+    and of what tries are worth. Expected is the mean miss of the winner, within a few
+    per cent, so that it may be simulated.
     """
-    # One try, some, and many; with one there is nothing to choose from
-    spread = rng.uniform(2.0, 9.0)
+    # One try, equal ones, and some that differ; with one there is no choice
     for count in (1, int(rng.integers(4, 7)), int(rng.integers(20, 40))):
-        found = answer(count, spread)
-        truth = spread * _mean_of_largest(count)
+        spread = rng.uniform(2.0, 9.0)
+        worth = 0.0 if count < 7 else spread * rng.uniform(0.8, 1.5)
+        found = answer(count, spread, worth)
+        both = np.hypot(spread, worth)
+        largest = _mean_of_largest(count)
+        truth = spread**2 / both * largest
 
         # What usual slips give
-        farthest = "the best is the highest score, not the one farthest from the truth"
-        slips = {farthest: spread * _mean_of_farthest(count)}
+        slips: dict[str, float] = {}
         if count > 1:
-            scatters = "a score scatters by `spread`: where does it enter?"
-            slips[scatters] = truth / spread
-            shown = "the average score is unbiased, but you show the best"
+            scatters = "a score misses by `spread`: where does it enter?"
+            slips[scatters] = largest / np.hypot(1, worth)
+            shown = "choose by the *score*: you don't know what tries are worth"
             slips[shown] = 0
-            limit = (
-                "that is what the best approaches from below for very many tries; for "
-                "few, average the largest of many draws"
-            )
-            slips[limit] = spread * np.sqrt(2 * np.log(count))
+        if worth:
+            own = "the winner may be worth something: subtract its *own* worth"
+            slips[own] = both * largest
+            equal = "tries truly differ by `worth`: where does it enter?"
+            slips[equal] = spread * largest
         otherwise = (
-            f"of {count} equal tries that scatter by {spread:.2f}, the best shows "
-            f"{truth:.2f} too much, not {found:.2f}"
+            f"of {count} tries that miss by {spread:.2f} and differ by {worth:.2f}, "
+            f"the best shows {truth:.2f} too much, not {found:.2f}"
         )
         expect(found, truth, otherwise, slips, rtol=0.03, atol=0.03 * spread)
 
@@ -84,12 +86,6 @@ def _mean_of_largest(count: int) -> float:
     normal = np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi)
     density = count * normal * ndtr(x) ** (count - 1)
     return float(np.trapezoid(x * density, x))
-
-
-def _mean_of_farthest(count: int) -> float:
-    """Mean of the largest of their absolute values."""
-    x = np.linspace(0, 9, 20_001)
-    return float(np.trapezoid(1 - (2 * ndtr(x) - 1) ** count, x))
 
 
 @check(array("the two ends of the interval", 2))
