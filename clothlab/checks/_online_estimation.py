@@ -64,10 +64,13 @@ def best_step(answer: Callable, rng: np.random.Generator) -> None:
     Given are random residuals and slopes `[T, D_s]`, then a single one of each.
     """
     for shape in ((6, 3), (1,)):
+        # Residuals and slopes, and the step of least squares
         J = rng.uniform(0.5, 2.0, shape) * rng.choice([-1, 1], shape)
         e = rng.normal(0.5, 1.0, shape)
         truth = np.sum(J * e) / np.sum(J**2)
         left = np.sum((e - J * truth) ** 2)
+
+        # The reader's step, and those with a slip
         found = answer(e.copy(), J.copy())
         slips = {
             "the step goes the wrong way: where J and e have one sign, x grows": -truth,
