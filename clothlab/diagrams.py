@@ -43,12 +43,14 @@ _TASKS: dict[str, tuple[tuple[str, ...], str]] = {
         "The loss counts the image at the period's end, and tension.",
     ),
 }
-_ALL = "One network $h$. Three tasks differ in what moves and in their loss."
+_ALL = "One network $h$, two losses. Three tasks differ in what moves."
 
 
 def method(lit: str | None = None) -> Figure:
     """The whole method: camera image → z; s, u, p → h, step after step → loss.
 
+    Without `lit`, it shows what all tasks share, and leaves open which predictions are
+    compared, with what, and what the next step is fed.
     With `lit`, what one task moves is orange, all else is grey, and the gradient's way
     from the loss to it is dashed: "W" is training (which moves p, too), "p" estimation,
     "u" control.
@@ -197,7 +199,7 @@ class _Look:
     @property
     def closed(self) -> bool:
         """Whether a prediction is fed into the next step."""
-        return self.lit in (None, "u")
+        return self.lit == "u"
 
 
 def _about_method(lit: str | None, moves: Sequence[str]) -> str:
@@ -262,14 +264,15 @@ def _draw_step(sheet: _Sheet, look: _Look, k: int, x: float) -> None:
     sheet.arrow((x + 0.52, 2.55), (following - 0.52, 2.55), color=colour, lw=2.5)
     sheet.write(x + 0.9, 2.38, "memory", color=colour)
 
-    # The next state: seen, or the prediction itself
+    # The next state: seen, or the prediction itself, or neither is said
     end = (following - 0.52, 3.05)
     if look.closed:
         start = (x + 0.4, _PREDICTED - 0.1)
         sheet.arrow(start, end, bend=-0.25, color=colour)
     else:
         sheet.arrow((x + 0.62, 3.05), end, color=colour)
-        sheet.write(x + 0.9, 3.25, f"$s_{{{after}}}$", fontsize=14, color=colour)
+        fed = f"$s_{{{after}}}$" if look.lit else "state"
+        sheet.write(x + 0.9, 3.25, fed, fontsize=14 if look.lit else 12, color=colour)
 
 
 def _draw_bias(sheet: _Sheet, look: _Look) -> None:
@@ -286,7 +289,10 @@ def _draw_bias(sheet: _Sheet, look: _Look) -> None:
 def _draw_loss(sheet: _Sheet, look: _Look) -> None:
     """What predictions are compared with, and the loss of the differences."""
     colour = look.rest
-    label = {None: "seen, or\nwanted", "u": "wanted"}.get(look.lit, "seen")
+    if look.lit is None:
+        _draw_any_loss(sheet)
+        return
+    label = "wanted" if look.lit == "u" else "seen"
     first = _PLACES[look.counts[0]]
     sheet.write(first - 0.95, _WANTED, label, color=colour)
     sheet.write(_PLACES[0] - 0.95, _PREDICTED, "predicted", color=colour)
@@ -305,11 +311,25 @@ def _draw_loss(sheet: _Sheet, look: _Look) -> None:
     sheet.arrow((first, _COMPARED), (_LOSS - 0.27, _COMPARED), color=colour)
 
     # The loss
-    ink = _ORANGE if look.lit else _INK
-    sheet.box(_LOSS, _COMPARED, (0.5, 0.5), "$L$", color=ink, gid="loss")
-    sheet.write(_LOSS, _COMPARED + 0.45, "loss", color=ink)
+    sheet.box(_LOSS, _COMPARED, (0.5, 0.5), "$L$", color=_ORANGE, gid="loss")
+    sheet.write(_LOSS, _COMPARED + 0.45, "loss", color=_ORANGE)
     if look.lit == "u":
         sheet.write(_LOSS, _COMPARED + 0.75, "+ tension", color=colour)
+
+
+def _draw_any_loss(sheet: _Sheet) -> None:
+    """Predictions are compared with something: which, and with what, is left open."""
+    left = _PLACES[0] - 0.6
+    right = _PLACES[-1] + 0.6
+    size = (right - left, 0.7)
+    corner = (left, _PREDICTED - 0.35)
+    sheet.ax.add_patch(Rectangle(corner, *size, fill=False, linestyle=":", zorder=0))
+    sheet.write(left - 0.5, _PREDICTED, "predicted")
+    sheet.arrow((right, _PREDICTED), (_LOSS - 0.3, _COMPARED - 0.15))
+    sheet.write(_PLACES[1], _WANTED, "what was seen, or what is wanted", fontsize=14)
+    sheet.arrow((_PLACES[-1], _WANTED), (_LOSS - 0.3, _COMPARED + 0.15))
+    sheet.box(_LOSS, _COMPARED, (0.5, 0.5), "$L$", gid="loss")
+    sheet.write(_LOSS, _COMPARED + 0.45, "loss")
 
 
 def _draw_gradient(sheet: _Sheet, look: _Look) -> None:
@@ -386,7 +406,11 @@ def _draw_muscle(sheet: _Sheet, name: str, y: float, colour: str) -> None:
     sheet.line([(4.2, y), (_JOINT[0], y)], color=colour, lw=2)
     sheet.box(0.75, y, (0.9, 0.44), "motor", fontsize=13)
     sheet.write(3.3, y + 0.36, f"{name}: stretch $e$", color=colour, fontsize=14)
-    sheet.write(1.85, y - 0.3, "wire $l$", color=colour, fontsize=14)
+    # The length counts from a mark: zero at θ = 0 with a spring that is just slack
+    sheet.line([(2.1, y - 0.16), (2.1, y + 0.16)], color=colour, lw=2)
+    sheet.write(2.1, y - 0.36, "$l = 0$", color=colour)
+    sheet.arrow((2.0, y + 0.26), (1.35, y + 0.26), color=colour)
+    sheet.write(1.68, y + 0.48, "$l < 0$", color=colour)
 
 
 # The muscle arm: each pair of muscles by the joints that it passes. Radii of pulleys

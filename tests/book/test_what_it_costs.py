@@ -133,7 +133,7 @@ def settled(lab):
 @pytest.mark.nightly
 def test_memory_after_resets_and_changes_of_cloth(open_lab, gate):
     lab, _ = open_lab()
-    lab.page.evaluate(CHANGE, CHANGES // 2)
+    lab.page.evaluate(CHANGE, 2 * CHANGES)  # until the heap of the worker has its size
     before = settled(lab)
     lab.page.evaluate(CHANGE, CHANGES)
     gate("growth", settled(lab) - before)
