@@ -40,6 +40,7 @@ from clothlab.checks._model_predictive_control import (
     two_targets,
 )
 from clothlab.checks._online_estimation import (
+    best_step,
     curvature,
     fooling_step,
     gradient_by_nudges,
@@ -53,6 +54,7 @@ from clothlab.checks._parametric_bias import (
     share_by_luck,
     shares_by_hand,
     string_pull,
+    try_each,
 )
 from clothlab.checks._predictive_model import (
     arrival,

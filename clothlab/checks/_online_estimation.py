@@ -1,7 +1,6 @@
 """Checks of notebook 06."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +57,40 @@ def _slopes(case: _NudgeCase) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     }
 
 
+@check(number("a step, one number"))
+def best_step(answer: Callable, rng: np.random.Generator) -> None:
+    """The step that makes the sum of squares of e - J step smallest.
+
+    Given are random residuals and slopes `[T, D_s]`, then a single one of each.
+    """
+    for shape in ((6, 3), (1,)):
+        # Residuals and slopes, and the step of least squares
+        J = rng.uniform(0.5, 2.0, shape) * rng.choice([-1, 1], shape)
+        e = rng.normal(0.5, 1.0, shape)
+        truth = np.sum(J * e) / np.sum(J**2)
+        left = np.sum((e - J * truth) ** 2)
+
+        # The reader's step, and those with a slip
+        found = answer(e.copy(), J.copy())
+        slips = {
+            "the step goes the wrong way: where J and e have one sign, x grows": -truth,
+            "divide by the sum of the squared slopes": np.sum(J * e),
+            "this is the mean of all wishes e / J: a large slope knows better": np.mean(
+                e / J
+            ),
+            "this sums up e and J first: misses of both signs cancel": np.sum(e)
+            / np.sum(J),
+            "this is one over it": 1 / truth,
+        }
+        if e.size == 1:
+            slips = {}
+        otherwise = (
+            f"after this step the misses have the sum of squares "
+            f"{np.sum((e - J * found) ** 2):.4g}; {left:.4g} is possible"
+        )
+        expect(found, truth, otherwise, slips)
+
+
 class _LoopCase(NamedTuple):
     s: np.ndarray  # states [T, 2], single precision
     u: np.ndarray  # commands [T, 2], single precision
@@ -68,7 +101,7 @@ class _LoopCase(NamedTuple):
 
 
 def _toy_loss(
-    s: torch.Tensor, u: torch.Tensor, p: torch.Tensor, warmup: int
+    s: torch.Tensor, u: torch.Tensor, p: torch.Tensor, warmup: int = 0
 ) -> torch.Tensor:
     """Loss of a model in which a state moves by p times the command."""
     error = s[:-1] + p * u[:-1] - s[1:]
@@ -79,8 +112,8 @@ def _toy_loss(
 def online(answer: Callable, rng: np.random.Generator) -> None:
     """The p `[30, 2]` of momentum SGD on the loss over a sliding window, from zero.
 
-    Given are a run of 30 steps, the loss of states, commands and p, the rate, the
-    momentum, the window and the warm-up.
+    Given are a run of 30 steps, the loss of states, commands, p and warm-up, the rate,
+    the momentum, the window and the warm-up.
     """
     for _ in range(2):
         # A run, and the settings of a loop over it
@@ -96,8 +129,7 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
         )
 
         # The reader's loop, and those with a slip
-        loss = partial(_toy_loss, warmup=case.warmup)
-        found = answer(Run(s, u, "any"), loss, *case[2:])
+        found = answer(Run(s, u, "any"), _toy_loss, *case[2:])
         slips = {
             "p stays where it was: let it move": np.zeros((30, 2)),
             "the buffer keeps a share of the old gradients: the momentum": _loop(
@@ -109,13 +141,19 @@ def online(answer: Callable, rng: np.random.Generator) -> None:
             "the loss is that of the window alone, from its first step on": _loop(
                 case._replace(window=30)
             ),
+            "the loss counts all predictions: hand the warm-up on to it": _loop(
+                case, ignored=0
+            ),
         }
         otherwise = "p differs from that of momentum SGD on the loss over the window"
         expect(found, _loop(case), otherwise, slips, rtol=1e-3, atol=1e-5)
 
 
-def _loop(case: _LoopCase) -> np.ndarray:
-    """The p after each step `[T, 2]`, by the slope of a parabola."""
+def _loop(case: _LoopCase, ignored: int | None = None) -> np.ndarray:
+    """The p after each step `[T, 2]`, by the slope of a parabola.
+
+    The loss ignores as many predictions as the warm-up says, or another number.
+    """
     s = case.s.astype(float)
     u = case.u.astype(float)
     p = np.zeros(2)
@@ -123,8 +161,9 @@ def _loop(case: _LoopCase) -> np.ndarray:
     path = []
     for t in range(len(s)):
         # The loss covers what was known at t, and moves only after the real window
-        since = max(0, t - case.window) + case.warmup
-        if t > since:
+        first = max(0, t - case.window)
+        since = first + (case.warmup if ignored is None else ignored)
+        if t > first + case.warmup:
             error = s[since:t] + p * u[since:t] - s[since + 1 : t + 1]
             b = case.momentum * b + (2 * error * u[since:t]).sum(axis=0) / error.size
             p = p - case.rate * b

@@ -337,3 +337,42 @@ def _lucky(case: _LuckCase) -> tuple[float, dict[str, float]]:
         "a share, not a count: divide by the number of orders": share * len(scores),
         "shuffle y alone: where p is shuffled along, nothing has changed": 1.0,
     }
+
+
+@check(array("a distance for each p", None))
+def try_each(answer: Callable, rng: np.random.Generator) -> None:
+    """The mean distance `[K]` of predictions from a recording `[T, D_z]`, for each p.
+
+    Given are a prediction of z by p, a random recording and points `[K, 2]`. Expected
+    is the mean over the steps of the length of the gap in z.
+    """
+    for count in (5, 3):
+        # A recording, and predictions of which each p makes another
+        z = rng.normal(size=(12, 3))
+        points = rng.normal(size=(count, 2))
+        swing = rng.normal(size=(2, 12, 3))
+
+        def predict_z(p: np.ndarray, swing: np.ndarray = swing) -> np.ndarray:
+            return np.tensordot(p, swing, axes=1)
+
+        found = answer(predict_z, z.copy(), points.copy())
+        assert len(found) == count, (
+            f"return a distance for each of the {count} p, not {len(found)}"
+        )
+
+        # The mean length, and what usual slips give
+        gaps = np.array([predict_z(p) - z for p in points])
+        lengths = np.linalg.norm(gaps, axis=2)
+        slips = {
+            "the sum over the steps: take the mean": lengths.sum(axis=1),
+            "a mean of squares: take the root at each step": (lengths**2).mean(axis=1),
+            "the root of a mean of squares: take the mean of the lengths": np.sqrt(
+                (lengths**2).mean(axis=1)
+            ),
+            "this is one norm of the whole gap: take the length at each step, "
+            "then the mean": np.linalg.norm(gaps.reshape(count, -1), axis=1),
+            "this is the mean of each number's gap: a distance is a length "
+            "in z": np.abs(gaps).mean(axis=(1, 2)),
+        }
+        otherwise = "the distance at a step is the length of predict_z(p) - z there"
+        expect(found, lengths.mean(axis=1), otherwise, slips)
