@@ -209,12 +209,14 @@ def components_needed(answer: Callable, rng: np.random.Generator) -> None:
         wanted = (max(scores[:n]) + scores[n]) / 2
         return masks[:80], masks[80:], wanted, n + 1
 
+    # A step up at the right number, and a slip that ends elsewhere
     def clear(case: tuple[np.ndarray, np.ndarray, float, int]) -> bool:
         fit, test, wanted, truth = case
         scores = _overlaps(fit, test)
         steep = scores[truth - 1] - wanted > 0.002
         return steep and _first(_overlaps(test, test), wanted) < truth - 1
 
+    # What the reader finds
     fit, test, wanted, truth = drawn(draw, clear)
     found = answer(fit, test, wanted)
     otherwise = (
