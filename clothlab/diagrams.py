@@ -105,7 +105,7 @@ def unrolled() -> Figure:
     about = (
         "The network over four steps, its memory handed on. Teacher forcing, above: "
         "each step is fed the state that was seen. Closed loop, below: its own "
-        "prediction. Sketches: the error stays small, or grows and levels off"
+        "prediction. Sketches: the error stays that of one step, or is open"
     )
     sheet = _Sheet(10.0, 5.4, about)
     _draw_row(sheet, 3.6, "Teacher forcing: each step is fed what was seen", True)
@@ -562,14 +562,13 @@ def _sketch_error(sheet: _Sheet, y: float, seen: bool) -> None:
     sheet.write(left + 1.2, bottom - 0.2, "steps")
     sheet.write(left + 0.35, bottom + 1.35, "error")
 
-    # With what was seen each step begins anew; else errors add up, to a limit
+    # With what was seen each step begins anew; else the text asks how it goes on
+    if not seen:
+        sheet.write(left + 1.3, bottom + 0.65, "?", fontsize=40, color=_PURPLE)
+        return
     steps = np.linspace(0, 2.3, 60)
-    if seen:
-        error = 0.5 + 0.02 * np.sin(9 * steps)
-        words = "stays that of one step"
-    else:
-        error = 0.5 + 0.25 * (1 - np.exp(-2.5 * steps))
-        words = "grows, then levels off"
+    error = 0.5 + 0.02 * np.sin(9 * steps)
     curve = list(zip(left + steps, bottom + error, strict=True))
     sheet.line(curve, color=_PURPLE, lw=2.5)
-    sheet.write(left + 1.45, bottom + error.max() + 0.2, words, color=_PURPLE)
+    place = (left + 1.45, bottom + error.max() + 0.2)
+    sheet.write(*place, "stays that of one step", color=_PURPLE)

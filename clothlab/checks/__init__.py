@@ -25,8 +25,9 @@ from clothlab.checks._cloth_simulation import (
 from clothlab.checks._data_and_images import (
     bce_loss,
     chamfer_by_hand,
-    linear_reconstruction,
+    components_needed,
     mirror_padding,
+    rarity,
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome

@@ -162,44 +162,101 @@ def mirror_padding(answer: Callable, rng: np.random.Generator) -> None:
         expect(found[1], missing, otherwise)
 
 
-@check(array("the reconstructed images", None, _PIXELS))
-def linear_reconstruction(answer: Callable, rng: np.random.Generator) -> None:
-    """Images `[M, H W]` rebuilt from their first principal axes.
+@check(number("a share"))
+def rarity(answer: Callable, rng: np.random.Generator) -> None:
+    """The share of a cloud at least as far from their nearest as a z from its own.
 
-    Given are 80 images to fit the axes to, others to rebuild, and how many axes; all
-    show a square at a random place. Expected is a squared error as small as so many
-    axes can leave, and none smaller.
+    Given are z `[3]` and a cloud `[60, 3]`; none of a cloud is its own neighbour.
     """
-    images = _squares(rng, 120)
-    fit = images[:80]
-    test = images[80:]
-    alone = answer(fit, test[:5], 3)
-    for n in (1, 3):
-        linear = answer(fit, test, n)
-        assert len(linear) == len(test), (
-            f"{len(test)} images must give as many, not {len(linear)}"
-        )
-        rounded = np.isin(linear, (0, 1)).all()
-        assert not rounded, "return real numbers: rounding comes later"
 
-        # Neither better nor worse than the best of n axes
-        found = ((linear - test) ** 2).mean()
-        least = _least_error(fit, test, n)
-        message = (
-            f"{n} axes through the mean of `train` leave a squared error of "
-            f"{least:.4f}, yours {found:.4f}"
-        )
-        assert found > 0.95 * least, (
-            f"{message}: have you taken more axes, or fitted them to other images?"
-        )
-        assert found < 1.05 * least, (
-            f"{message}: are there so many axes, and is the mean added again?"
-        )
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        return rng.normal(size=3), rng.normal(size=(60, 3))
 
-    # What is rebuilt beside an image must not change it
-    assert np.allclose(alone, linear[:5], atol=0.05), (
-        "other images change the axes: fit the PCA to `train` alone"
+    case = drawn(draw, lambda case: apart(*_rarity(*case), atol=0.01))
+    truth, slips = _rarity(*case)
+    otherwise = (
+        f"{truth:.3f} of them are as far from their nearest other one, not what you say"
     )
+    expect(answer(*case), truth, otherwise, slips, atol=1e-4)
+
+
+def _rarity(z: np.ndarray, seen: np.ndarray) -> tuple[float, dict[str, float]]:
+    """The share, and what usual slips give, by what is said of each."""
+    own = cdist(z[None], seen).min()
+    between = cdist(seen, seen)
+    np.fill_diagonal(between, np.inf)
+    nearest = between.min(axis=1)
+    truth = float((nearest >= own).mean())
+    return truth, {
+        "each is nearest to itself: that distance, 0, must not count": 0.0,
+        "that is the share that is *nearer* to its nearest": 1 - truth,
+        "that is the distance of z itself: compare it with those of the others": own,
+    }
+
+
+@check(number("a number of components"))
+def components_needed(answer: Callable, rng: np.random.Generator) -> None:
+    """The fewest principal components that draw as well as is wanted.
+
+    Given are 80 masks to fit the components to, 80 others to draw, and the mean IoU
+    that is wanted; all show a square at a random place.
+    """
+
+    def draw() -> tuple[np.ndarray, np.ndarray, float, int]:
+        masks = _squares(rng, 160).reshape(-1, HEIGHT, WIDTH) > 0
+        scores = _overlaps(masks[:80], masks[80:])
+        n = int(rng.integers(4, 20))
+        wanted = (max(scores[:n]) + scores[n]) / 2
+        return masks[:80], masks[80:], wanted, n + 1
+
+    # A step up at the right number, and a slip that ends elsewhere
+    def clear(case: tuple[np.ndarray, np.ndarray, float, int]) -> bool:
+        fit, test, wanted, truth = case
+        scores = _overlaps(fit, test)
+        steep = scores[truth - 1] - wanted > 0.002
+        return steep and _first(_overlaps(test, test), wanted) < truth - 1
+
+    # What the reader finds
+    fit, test, wanted, truth = drawn(draw, clear)
+    found = answer(fit, test, wanted)
+    otherwise = (
+        f"{truth} components reach a mean IoU of {wanted:.3f}, not {found:g}: is the "
+        "mean added again, and each pixel above 0.5 cloth?"
+    )
+    slips = {
+        "with n components, take the columns before n: count from one": truth - 1,
+        "the components are fitted to `train`, not to what is drawn": _first(
+            _overlaps(test, test), wanted
+        ),
+    }
+    expect(found, truth, otherwise, slips, atol=0.1)
+
+
+def _first(scores: list[float], wanted: float) -> int:
+    """How many components it takes to reach a score."""
+    return next((n for n, each in enumerate(scores, 1) if each >= wanted), 99)
+
+
+def _overlaps(fit: np.ndarray, test: np.ndarray) -> list[float]:
+    """Mean IoU of masks drawn from the first 1, 2, … 30 components of others."""
+    known = fit.reshape(len(fit), -1).astype(float)
+    images = test.reshape(len(test), -1)
+    mean = known.mean(axis=0)
+    centred = known - mean
+
+    # The axes by way of the N × N matrix, as N images are far fewer than D pixels
+    _, vectors = np.linalg.eigh(centred @ centred.T)
+    axes = vectors[:, :-31:-1].T @ centred
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    z = (images - mean) @ axes.T
+
+    scores = []
+    for n in range(1, len(axes) + 1):
+        drawn_as = z[:, :n] @ axes[:n] + mean > 0.5
+        both = (drawn_as & images).sum(axis=1)
+        either = (drawn_as | images).sum(axis=1)
+        scores.append(float((both / either).mean()))
+    return scores
 
 
 def _squares(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -209,21 +266,6 @@ def _squares(rng: np.random.Generator, count: int) -> np.ndarray:
     columns = np.abs(np.arange(WIDTH) - corners[:, 1] - 10) < 12
     images = rows[:, :, None] & columns[:, None, :]
     return images.reshape(count, _PIXELS).astype(np.float32)
-
-
-def _least_error(fit: np.ndarray, test: np.ndarray, n: int) -> float:
-    """Squared error of `test` `[M, D]` on n principal axes of `fit` `[N, D]`."""
-    mean = fit.mean(axis=0)
-    centred = fit - mean
-
-    # The axes by way of the N × N matrix, as N images are far fewer than D pixels
-    _, vectors = np.linalg.eigh(centred @ centred.T)
-    axes = vectors[:, -n:].T @ centred
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-
-    gaps = test - mean
-    left = gaps - gaps @ axes.T @ axes
-    return np.square(left).mean()
 
 
 def _float32(values: np.ndarray) -> Tensor:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from clothlab.checks._check import apart, array, check, drawn, expect, number
+from clothlab.checks._check import apart, array, check, drawn, expect
 from clothlab.method.model import DPMPB, Memory, predict
 
 
@@ -52,9 +52,8 @@ def infer(answer: Callable, rng: np.random.Generator) -> None:
             "the network has moved: hand `descend` a list with p alone"
         )
         slips = {
-            "p is still zero: `descend` moves only what stands in its list": np.zeros(
-                (1, 1, 1)
-            )
+            "p is still zero: `descend` moves what stands in its list, if it has a "
+            "gradient (`requires_grad_`)": np.zeros((1, 1, 1))
         }
         otherwise = (
             f"the recording was made with p = {p:.2f}, not {found.item():.2f}: the "
@@ -115,25 +114,34 @@ def _arrival_slips(
     }
 
 
-@check(number("a number of steps"))
+@check(array("a number of steps for each cell", 4))
 def half_life(answer: Callable, rng: np.random.Generator) -> None:
-    """Steps until half of a cell is forgotten, with a forget gate that stays the same.
+    """Steps until half of each cell is left `[4]`, from gates `[20, 4]` of 20 steps.
 
-    Given is one gate between 0.3 and 0.99; the number need not be whole.
+    The gates are between 0.1 and 0.99; the numbers need not be whole.
     """
-    phi = drawn(
-        lambda: float(rng.uniform(0.3, 0.99)),
-        lambda phi: apart(*_half_life(phi), rtol=0.02),
+
+    def draw() -> np.ndarray:
+        usual = rng.uniform(0.4, 0.8, 4)
+        return np.clip(usual + rng.uniform(-0.35, 0.35, (20, 4)), 0.1, 0.99)
+
+    gates = drawn(draw, lambda gates: apart(*_half_life(gates), rtol=0.02))
+    truth, slips = _half_life(gates)
+    otherwise = (
+        "if φ is the one gate of a cell that stands for all steps, φⁿ is left after n "
+        "of them; here yours is not a half"
     )
-    truth, slips = _half_life(phi)
-    otherwise = f"after n steps φⁿ is left: {phi:.3f} to that power is not a half"
-    expect(answer(phi), truth, otherwise, slips, rtol=1e-3)
+    expect(answer(gates), truth, otherwise, slips, rtol=1e-3)
 
 
-def _half_life(phi: float) -> tuple[float, dict[str, float]]:
+def _half_life(gates: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Steps until a half is left, and what usual slips give."""
-    truth = float(np.log(0.5) / np.log(phi))
+    phi = np.exp(np.log(gates).mean(axis=0))
+    truth = np.log(0.5) / np.log(phi)
+    plain = gates.mean(axis=0)
     return truth, {
+        "gates multiply from step to step: the mean that stands for all is not their "
+        "sum by their number": np.log(0.5) / np.log(plain),
         "it keeps the share φ, and loses 1 - φ": np.log(0.5) / np.log(1 - phi),
         "φ is multiplied at each step, not subtracted": 0.5 / (1 - phi),
         "that is one over it": 1 / truth,
