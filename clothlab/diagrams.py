@@ -269,10 +269,15 @@ def _draw_step(sheet: _Sheet, look: _Look, k: int, x: float) -> None:
     if look.closed:
         start = (x + 0.4, _PREDICTED - 0.1)
         sheet.arrow(start, end, bend=-0.25, color=colour)
+    elif look.lit:
+        way = [(x + 0.4, _WANTED), (x + 0.68, _WANTED), (x + 0.68, 3.05)]
+        sheet.line(way, color=colour)
+        sheet.arrow(way[-1], end, color=colour)
+        fed = f"$s_{{{after}}}$"
+        sheet.write(x + 1.0, 3.25, fed, fontsize=14, color=colour)
     else:
         sheet.arrow((x + 0.62, 3.05), end, color=colour)
-        fed = f"$s_{{{after}}}$" if look.lit else "state"
-        sheet.write(x + 0.9, 3.25, fed, fontsize=14 if look.lit else 12, color=colour)
+        sheet.write(x + 0.9, 3.25, "state", color=colour)
 
 
 def _draw_bias(sheet: _Sheet, look: _Look) -> None:
