@@ -79,6 +79,13 @@ def test_links_and_pictures_of_a_notebook_in_the_repository(path):
 
 
 @each_notebook
+def test_a_notebook_leads_to_no_program(path):
+    """The site has no page of it, and building it would stop there."""
+    texts = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells)
+    assert [each for each in targets(texts) if each.endswith(".py")] == []
+
+
+@each_notebook
 def test_links_and_pictures_of_a_students_notebook_in_a_home_far_away(path):
     student = editions.student_edition(nbformat.read(path, as_version=4))
     assert broken(student, None, names={each.name for each in NOTEBOOKS}) == []
