@@ -174,6 +174,7 @@ def test_what_is_filmed_is_filmed_through_wrappers_and_changes_nothing(small, wr
     assert len(moments) == 8, "only a rollout is watched"
 
 
+@pytest.mark.slow
 def test_a_video_has_every_step(small, tmp_path, monkeypatch):
     class Clip:
         """Takes the place of moviepy, which only writes the file."""

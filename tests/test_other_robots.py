@@ -109,6 +109,7 @@ def test_the_simulation_of_its_own_material_repeats_a_run(way):
     assert np.abs(other - run.s[1:]).max() > 0.01
 
 
+@pytest.mark.slow
 def test_the_simulation_finds_mass_and_damping(monkeypatch):
     robot = WAYS["upright, longer step"]
     runs = gym_robots.record(robot, (0.5, 2.0), 60, seed=1)
@@ -141,6 +142,7 @@ def test_messy_logs_are_uneven_and_have_gaps(monkeypatch):
     assert even.notna().all(axis=None)
 
 
+@pytest.mark.slow
 def test_forty_messy_logs_are_read_as_runs(tmp_path, monkeypatch):
     monkeypatch.setattr(messy_logs, "SECONDS", 6.0)
     messy_logs.write_logs(tmp_path, 0, messy=True)

@@ -139,6 +139,7 @@ def test_p_that_can_be_known_exactly_is_found_and_read(world, cloth):
         assert row["distance"] is None
 
 
+@pytest.mark.slow
 def test_control_from_a_wrong_p_ends_with_the_right_one(world):
     world.aim = [0.4, -0.8, 0.0]
     held = "damp0.03-mass0.10"
@@ -551,6 +552,7 @@ def test_of_every_controller_the_distance_in_a_known_world_is_known(in_the_toy):
     assert best[iterative_control.RANDOM] == pytest.approx(by_chance, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_the_p_that_its_row_names(in_the_toy, monkeypatch):
     told = Told(np.tile(get_arm("torque").home_command, (32, 1)))
     monkeypatch.setitem(iterative_control.CONTROLLERS, "told", told)

@@ -247,6 +247,7 @@ def test_a_figure_says_of_which_amounts_and_how_many_units_it_is(amounts):
     assert len(figure.axes) == 2 * len(amounts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", figures.FIGURES)
 def test_each_figure_is_drawn_and_stands_on_the_page(name):
     figure = figures.FIGURES[name](*map(Evidence, AMOUNTS))

@@ -71,6 +71,7 @@ def world(monkeypatch):
 # What is trained
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_kind_of_model_knows_what_it_says_of_each_material(name, runs, monkeypatch):
     monkeypatch.setattr(_rival_models, "_STEPS", 100)
@@ -130,6 +131,7 @@ def test_a_remembering_model_goes_on_where_it_has_read(runs):
     assert rollout_of(remembering) is FastDPMPB
 
 
+@pytest.mark.slow
 def test_plans_in_hindsight_differ_with_what_is_known_of_the_material():
     """Of a plan of one command, u = z / (1 + p)."""
     many = [obedient_run(name, seed=k) for k, name in enumerate(CLOTHS)]
