@@ -81,8 +81,10 @@ def _last(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
     return learned.controller(target, cloth)
 
 
-def _recorded(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
-    return learned.controller(target, cloth, plans=_plans())
+def _recorded(
+    learned: ClothCheckpoint, target: np.ndarray, cloth: str, draw: int = 0
+) -> Policy:
+    return learned.controller(target, cloth, plans=_plans(draw))
 
 
 def _iterative(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
@@ -152,7 +154,7 @@ def _run_drawn(
     """
     learned = trained(f"{_ARM}-{model}")
     mask = data.load_target(target)
-    policy = learned.controller(mask, cloth, plans=_plans(draw))
+    policy = _recorded(learned, mask, cloth, draw)
     trial = new_trial(policy, _ARM, cloth, steps, seed=70_000 + model)
     distance = target_distance(learned.autoencoder, trial, mask)
     return {"distance": distance.round(4)}

@@ -1,6 +1,7 @@
 """Checks of notebook 03."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -194,6 +195,17 @@ def _rarity(z: np.ndarray, seen: np.ndarray) -> tuple[float, dict[str, float]]:
     }
 
 
+class _Components(NamedTuple):
+    """Masks `[80, H, W]` to fit to and others to draw, and what it takes to do so."""
+
+    fit: np.ndarray
+    test: np.ndarray
+    wanted: float  # mean IoU
+    truth: int  # the fewest components that reach it
+    margin: float  # by how much they do
+    cheated: int  # the fewest of those that are fitted to what is drawn
+
+
 @check(number("a number of components"))
 def components_needed(answer: Callable, rng: np.random.Generator) -> None:
     """The fewest principal components that draw as well as is wanted.
@@ -202,34 +214,31 @@ def components_needed(answer: Callable, rng: np.random.Generator) -> None:
     that is wanted; all show a square at a random place.
     """
 
-    def draw() -> tuple[np.ndarray, np.ndarray, float, int]:
-        masks = _squares(rng, 160).reshape(-1, HEIGHT, WIDTH) > 0
-        scores = _overlaps(masks[:80], masks[80:])
+    def draw() -> _Components:
+        fit = _squares(rng, 80)
+        test = _squares(rng, 80)
+        scores = _overlaps(fit, test)
         n = int(rng.integers(4, 20))
         wanted = (max(scores[:n]) + scores[n]) / 2
-        return masks[:80], masks[80:], wanted, n + 1
+        cheated = _first(_overlaps(test, test), wanted)
+        return _Components(fit, test, wanted, n + 1, scores[n] - wanted, cheated)
 
     # A step up at the right number, and a slip that ends elsewhere
-    def clear(case: tuple[np.ndarray, np.ndarray, float, int]) -> bool:
-        fit, test, wanted, truth = case
-        scores = _overlaps(fit, test)
-        steep = scores[truth - 1] - wanted > 0.002
-        return steep and _first(_overlaps(test, test), wanted) < truth - 1
+    def clear(case: _Components) -> bool:
+        return case.margin > 0.002 and case.cheated < case.truth - 1
 
     # What the reader finds
-    fit, test, wanted, truth = drawn(draw, clear)
-    found = answer(fit, test, wanted)
+    case = drawn(draw, clear)
+    found = answer(case.fit, case.test, case.wanted)
     otherwise = (
-        f"{truth} components reach a mean IoU of {wanted:.3f}, not {found:g}: is the "
-        "mean added again, and each pixel above 0.5 cloth?"
+        f"{case.truth} components reach a mean IoU of {case.wanted:.3f}, not "
+        f"{found:g}: is the mean added again, and each pixel above 0.5 cloth?"
     )
     slips = {
-        "with n components, take the columns before n: count from one": truth - 1,
-        "the components are fitted to `train`, not to what is drawn": _first(
-            _overlaps(test, test), wanted
-        ),
+        "with n components, take the columns before n: count from one": case.truth - 1,
+        "the components are fitted to `train`, not to what is drawn": case.cheated,
     }
-    expect(found, truth, otherwise, slips, atol=0.1)
+    expect(found, case.truth, otherwise, slips, atol=0.1)
 
 
 def _first(scores: list[float], wanted: float) -> int:
@@ -260,12 +269,11 @@ def _overlaps(fit: np.ndarray, test: np.ndarray) -> list[float]:
 
 
 def _squares(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Images `[N, H W]` of 0 and 1 with a square of 23 pixels at random places."""
+    """Masks `[N, H, W]` with a square of 23 pixels at random places."""
     corners = rng.integers(20, 40, (count, 2, 1))
     rows = np.abs(np.arange(HEIGHT) - corners[:, 0] - 10) < 12
     columns = np.abs(np.arange(WIDTH) - corners[:, 1] - 10) < 12
-    images = rows[:, :, None] & columns[:, None, :]
-    return images.reshape(count, _PIXELS).astype(np.float32)
+    return rows[:, :, None] & columns[:, None, :]
 
 
 def _float32(values: np.ndarray) -> Tensor:

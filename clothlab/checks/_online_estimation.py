@@ -70,25 +70,29 @@ def best_step(answer: Callable, rng: np.random.Generator) -> None:
         truth = np.sum(J * e) / np.sum(J**2)
         left = np.sum((e - J * truth) ** 2)
 
-        # The reader's step, and those with a slip
+        # With one residual, slips give the right step, too
         found = answer(e.copy(), J.copy())
-        slips = {
-            "the step goes the wrong way: where J and e have one sign, x grows": -truth,
-            "divide by the sum of the squared slopes": np.sum(J * e),
-            "this is the mean of all wishes e / J: a large slope knows better": np.mean(
-                e / J
-            ),
-            "this sums up e and J first: misses of both signs cancel": np.sum(e)
-            / np.sum(J),
-            "this is one over it": 1 / truth,
-        }
-        if e.size == 1:
-            slips = {}
+        slips = _wrong_steps(e, J) if e.size > 1 else {}
         otherwise = (
             f"after this step the misses have the sum of squares "
             f"{np.sum((e - J * found) ** 2):.4g}; {left:.4g} is possible"
         )
         expect(found, truth, otherwise, slips)
+
+
+def _wrong_steps(e: np.ndarray, J: np.ndarray) -> dict[str, float]:
+    """What usual slips give in place of the step, by what is said of each."""
+    truth = np.sum(J * e) / np.sum(J**2)
+    return {
+        "the step goes the wrong way: where J and e have one sign, x grows": -truth,
+        "divide by the sum of the squared slopes": np.sum(J * e),
+        "this is the mean of all wishes e / J: a large slope knows better": np.mean(
+            e / J
+        ),
+        "this sums up e and J first: misses of both signs cancel": np.sum(e)
+        / np.sum(J),
+        "this is one over it": 1 / truth,
+    }
 
 
 class _LoopCase(NamedTuple):

@@ -11,7 +11,7 @@ function loadScript(address) {
     document.head.append(Object.assign(script, { onload, onerror, ...source }));
     if (!within) return;
     within.remove();
-    resolve(); // what is within runs at once, and says nothing
+    onload(); // what is within runs at once, and says nothing
   });
 }
 
