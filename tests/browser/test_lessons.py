@@ -25,6 +25,7 @@ LESSONS = {
     "03_data_and_images": ["player", "walk"],
     "06_online_estimation": ["viewer"],
     "07_model_predictive_control": ["by_hand"],
+    "07b_why_the_plan_fails": ["both_plans"],
 }
 # One stands for all where not every page is asked for (`make nightly` does)
 TRIED = [*LESSONS] if "CLOTHLAB_PAGES" in os.environ else ["02_variable_stiffness"]
