@@ -21,7 +21,7 @@ pytestmark = pytest.mark.browser
 LESSONS = {
     "00_start_here": ["tasks"],
     "01_cloth_simulation": ["spring_control", "control"],
-    "02_variable_stiffness": ["push_control", "control"],
+    "02_variable_stiffness": ["pair_control", "push_control", "control"],
     "03_data_and_images": ["player", "walk"],
     "06_online_estimation": ["viewer"],
     "07_model_predictive_control": ["by_hand"],
