@@ -1,0 +1,135 @@
+"""Is the valley in which a plan ends the model's alone, or the cloth's, too?
+
+The paper's descent, but with slopes that are measured: each number of a plan is nudged
+up and down, and each nudged plan is thrown in the simulator. No network foresees
+anything; the autoencoder alone is left, since the loss is a distance of images in z.
+"""
+
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from clothlab import data
+from clothlab.method.cloth_task import observe
+from clothlab.method.control import ControlSettings, Limits, best_step
+from clothlab.simulation.env import ClothEnv
+from studies._grid import Experiment, over
+from studies._runs import HEAVY, LIGHT, trained
+from studies.oracle import SearchSettings, SimulatorMPC
+from studies.plan_starts import PERIOD, drawn_starts
+
+KINDS = ("home", "still", "random", "recorded")  # of starts
+# [s.d. of u] of one number of a plan; the next is tried where one leads nowhere. An
+# image is made of whole pixels, and smaller nudges would hardly change any.
+NUDGES = (0.2, 0.5, 0.1)
+KEPT = (0, 1, 3, 6, 12, 24, 50, 100, 200)  # iterations after which a distance is kept
+
+_Loss = Callable[[Tensor], Tensor]  # of plans [B, T, D_u], one number for each
+
+
+def measured_slope(loss: _Loss, plan: Tensor, nudge: float, scale: Tensor) -> Tensor:
+    """Slope of a loss at a plan `[T, D_u]` in units of `scale`, by central differences.
+
+    Args:
+        loss: of plans `[B, T, D_u]`.
+        plan: `[T, D_u]`.
+        nudge: of one number, in units of `scale`.
+        scale: one unit of each command `[D_u]`.
+    """
+    single = torch.eye(plan.numel()).reshape(-1, *plan.shape)  # one number in each
+    moved = nudge * scale * single
+    rise = loss(plan + moved) - loss(plan - moved)
+    return (rise / (2 * nudge)).reshape(plan.shape)
+
+
+def descend(
+    loss: _Loss, plan: Tensor, limits: Limits, iterations: int
+) -> tuple[Tensor, np.ndarray]:
+    """The paper's line search along measured slopes.
+
+    It ends early where no size of nudge shows a way on.
+
+    Returns: the best plan `[T, D_u]`, and its loss at the start and after each
+        iteration, `[iterations + 1]`.
+    """
+    gamma = ControlSettings().step_sizes()[:, None, None, None]
+    losses = [loss(plan[None]).item()]
+    while len(losses) <= iterations:
+        for nudge in NUDGES:
+            slope = measured_slope(loss, plan, nudge, limits.scale)
+            steps = gamma * limits.scale * slope / slope.norm().clamp_min(1e-12)
+            found, lowest = best_step(loss, plan[None], steps, limits)
+            if lowest.item() < losses[-1]:
+                break
+        else:
+            losses += [losses[-1]] * (iterations + 1 - len(losses))
+            break
+        plan = found[0]
+        losses.append(lowest.item())
+    return plan, np.array(losses)
+
+
+def _run_both(
+    start: str, target: str, cloth: str, draws: int = 10, iterations: int = 200
+) -> dict[str, Any]:
+    """Descents by measured slopes from rest, in the simulator and in a model.
+
+    Args:
+        start: kind of the starts, one of `KINDS`; there is one plan at home.
+        target, cloth: of the task, by name.
+        draws: of starts of the other kinds.
+        iterations: of each descent at most.
+    """
+    learned = trained("torque-0")
+    mask = data.load_target(target)
+    if start == "home":
+        drawn = np.tile(learned.arm.home_command, (1, PERIOD, 1))
+    else:
+        drawn = drawn_starts(f"{start} {draws}", learned.arm, seed=0)
+
+    with closing(ClothEnv(learned.arm, cloth)) as env:
+        s = observe(learned.autoencoder, env.reset(seed=0)[0])
+        problem = learned.controller(mask, cloth).controller.problem(s)
+        limits = problem.limits
+        simulator = SimulatorMPC(
+            env, learned.autoencoder, mask, drawn, SearchSettings(), learned.arm
+        )
+
+        def thrown(plans: Tensor) -> Tensor:
+            within = plans.clamp(limits.lower, limits.upper).double()
+            return torch.as_tensor(simulator.distances(within.numpy())).float()
+
+        def foreseen(plans: Tensor) -> Tensor:
+            with torch.no_grad():
+                return problem.loss(plans)
+
+        # From each start twice: as it is thrown, and as the model foresees it
+        with closing(simulator):
+            by_cloth, by_model, ends = [], [], []
+            for plan in torch.as_tensor(drawn, dtype=torch.float32):
+                by_cloth.append(descend(thrown, plan, limits, iterations)[1])
+                end, losses = descend(foreseen, plan, limits, iterations)
+                by_model.append(losses)
+                ends.append(thrown(end[None]).item())
+
+    kept = [k for k in KEPT if k < iterations] + [iterations]
+    return {
+        "after": kept,  # iterations
+        "simulator": np.array(by_cloth)[:, kept].round(4),  # distance [draws, kept]
+        "model": np.array(by_model)[:, kept].round(4),  # predicted [draws, kept]
+        "model_thrown": np.round(ends, 4),  # distance of what the model found [draws]
+    }
+
+
+EXPERIMENTS = (
+    Experiment(
+        "simulator_descents",
+        _run_both,
+        over(start=KINDS, target=("target-1", "target-2"), cloth=(LIGHT, HEAVY)),
+        seconds=200,
+    ),
+)
