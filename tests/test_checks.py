@@ -1118,7 +1118,8 @@ def test_every_error_of_an_answer_is_named(error):
         raise error
 
     with pytest.raises(
-        checks.CheckFailed, match=f"overlap raised {type(error).__name__}.*`raise error`"
+        checks.CheckFailed,
+        match=f"overlap raised {type(error).__name__}.*`raise error`",
     ):
         checks.overlap(answer)
 

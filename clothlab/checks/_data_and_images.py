@@ -10,8 +10,15 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from clothlab._validation import HEIGHT, WIDTH
-from clothlab.checks._check import CheckFailed, apart, array, check, drawn, expect
-from clothlab.checks._check import number
+from clothlab.checks._check import (
+    CheckFailed,
+    apart,
+    array,
+    check,
+    drawn,
+    expect,
+    number,
+)
 from clothlab.simulation.vision import chamfer_distance
 
 _PIXELS = HEIGHT * WIDTH
@@ -238,11 +245,14 @@ def _pairs_later(
     now: list[np.ndarray], near: list[float], after: np.ndarray
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """The distances, and what usual slips give, by what is said of each."""
+    # Each pair once, and which of them are alike
     a, b = np.triu_indices(len(after), 1)
     gaps = [np.linalg.norm(x[a] - x[b], axis=1) for x in now]
     close = [gap < limit for gap, limit in zip(gaps, near, strict=True)]
     both = close[0] & close[1]
     ends = np.linalg.norm(after[a] - after[b], axis=1)
+
+    # The truth, then the slips
     return ends[both], {
         "alike in one *or* the other: each quantity must be near": ends[
             close[0] | close[1]

@@ -58,6 +58,7 @@ def overlap(answer: Callable, rng: np.random.Generator) -> None:
         truth, slips = _overlaps(*pair)
         return truth.min() > 0.05 and apart(truth, slips)
 
+    # Rectangles that overlap in part
     images, targets = drawn(draw, clear)
     truth, slips = _overlaps(images, targets)
     found = answer(images, targets)
@@ -71,6 +72,7 @@ def overlap(answer: Callable, rng: np.random.Generator) -> None:
     )
     expect(found, truth, otherwise, slips)
 
+    # All, and nothing
     beside = np.stack([images[0], ~images[0]])
     found = answer(np.stack([images[0], images[0]]), beside)
     expect(found[:1], [1.0], "an image and itself have IoU 1")
