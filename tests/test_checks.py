@@ -471,12 +471,16 @@ SLIPS = [
     ("shift_for_iou", "width * ", "", "multiply by the width"),
     ("shift_for_iou", "return shift", "return width - shift", "still overlaps"),
     ("shift_for_iou", "return shift", "return shift / 2", "draw both"),
-    ("rhythm", "return steps", "return 0.2 * steps", "count in steps"),
-    ("rhythm", "return steps", "return moments[0]", "when the first best moment comes"),
-    ("rhythm", "return steps", "return len(moments)", "how many best moments"),
-    ("rhythm", "return steps", "return moments[2] - moments[0]", "between these two"),
-    ("rhythm", "return steps", "return steps + 1", "here the best moments are"),
-    ("rhythm", "overlap.max() / 2", "overlap.max() / 4", "belong to one throw"),
+    ("overlap", "(images | targets)", "targets", "not by the target"),
+    ("overlap", "(images | targets)", "images", "not by the camera's"),
+    ("overlap", "return both / either", "return both", "pixels lie in both"),
+    ("overlap", "both / either", "either / both", "one over it"),
+    ("overlap", "both / either", "both / images[0].size", "share of all pixels"),
+    ("overlap", "both / either", "both / (either + both)", "counts once"),
+    ("overlap", "both / either", "2 * both / (either + both)", "Dice"),
+    ("overlap", "both / either", "both / either + 0 * both + 0.1", "draw both"),
+    ("overlap", "both / either", "(both / either)[:1]", "sum over height and width"),
+    ("overlap", "both / either", "0 * both + both.sum() / either.sum()", "together"),
     ("explicit_step", "d / k", "2 * np.sqrt(m / k)", "of semi-implicit Euler"),
     ("explicit_step", "d / k", "2 * m / d", "the velocity alone"),
     ("explicit_step", "d / k", "d / (2 * k)", "still shrinks"),
@@ -537,6 +541,13 @@ SLIPS = [
     ("components_needed", "return n", "return n - 1", "count from one"),
     ("components_needed", "train.reshape(len(train), -1)", "flat", "fitted to `train`"),
     ("components_needed", "+ pca.mean_ >", ">", "a number of components"),
+    ("apart_later", "alike &=", "alike =", "the last quantity alone"),
+    ("apart_later", "[alike]", "", "pairs are alike in both"),
+    ("apart_later", "[alike]", "[~alike]", "*not* alike"),
+    ("apart_later", "< limit", "> limit", "not what is farther"),
+    ("apart_later", "after[a] - after[b]", "now[0][a] - now[0][b]", "distances now"),
+    ("apart_later", "after[b], axis=1", "after[b], ord=1, axis=1", "take the root"),
+    ("apart_later", "after[a] - after[b]", "after[a] + after[b]", "the right pairs"),
     ("rarity", "np.fill_diagonal(between, np.inf)", "pass", "nearest to itself"),
     ("rarity", ">= own", "< own", "the share that is *nearer*"),
     ("rarity", "return", "own", "the distance of z itself"),
@@ -879,13 +890,7 @@ RIGHTS = [
     ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
     ("online", "momentum * b + g", "g + b * momentum"),
     ("shift_for_iou", "body", "return width * (2 / (1 + share) - 1)"),
-    (
-        "rhythm",
-        "body",
-        "low = overlap - overlap.mean()\n"
-        "alike = [low[k:] @ low[:-k] for k in range(3, 14)]\n"
-        "return 3 + np.argmax(alike)",
-    ),
+    ("overlap", "(images | targets)", "np.logical_or(images, targets)"),
     ("explicit_step", "d / k", "(d / m) / (k / m)"),
     ("stable_step", "2 / omega", "np.sqrt(4 / omega**2)"),
     ("cloth_energy", "x[1:, :, 2].sum()", "x[..., 2].sum()"),
@@ -894,6 +899,7 @@ RIGHTS = [
     ("bce_loss", "body", "return F.binary_cross_entropy_with_logits(logits, images)"),
     ("components_needed", 'svd_solver="randomized"', 'svd_solver="full"'),
     ("rarity", ">= own", "> own"),
+    ("apart_later", "< limit", "<= limit"),
     ("two_link_jacobian", "return", "(np.stack([of_upper + of_fore, of_fore]).T)"),
     ("sag", "np.linalg.solve(joints, torque)", "np.linalg.inv(joints) @ torque"),
     (
@@ -1025,23 +1031,23 @@ def test_a_recorded_replay_of_outputs_fails(name, capsys):
 def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_all(
     monkeypatch,
 ):
-    def wrong(overlap):
-        seen.append(overlap)
-        return -1.0
+    def wrong(images, targets):
+        seen.append(images)
+        return -np.ones(len(images))
 
     seen = []
     monkeypatch.delenv("CLOTHLAB_CHECK_SEED")
     with pytest.raises(checks.CheckFailed) as first:
-        checks.rhythm(wrong)
+        checks.overlap(wrong)
     line = first.value._render_traceback_()[1]
     seed = re.fullmatch(
-        r"\(the same inputs again: checks\.rhythm\(rhythm, seed=(\d+)\)\)", line
+        r"\(the same inputs again: checks\.overlap\(overlap, seed=(\d+)\)\)", line
     )[1]
     with pytest.raises(checks.CheckFailed):
-        checks.rhythm(wrong, seed=int(seed))
+        checks.overlap(wrong, seed=int(seed))
     monkeypatch.setenv("CLOTHLAB_CHECK_SEED", seed)
     with pytest.raises(checks.CheckFailed):
-        checks.rhythm(wrong)
+        checks.overlap(wrong)
     assert np.array_equal(seen[0], seen[1])
     assert np.array_equal(seen[0], seen[2])
 
@@ -1112,9 +1118,10 @@ def test_every_error_of_an_answer_is_named(error):
         raise error
 
     with pytest.raises(
-        checks.CheckFailed, match=f"rhythm raised {type(error).__name__}.*`raise error`"
+        checks.CheckFailed,
+        match=f"overlap raised {type(error).__name__}.*`raise error`",
     ):
-        checks.rhythm(answer)
+        checks.overlap(answer)
 
 
 def test_an_error_of_a_check_itself_is_not_taken_for_the_answers():

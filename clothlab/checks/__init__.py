@@ -23,6 +23,7 @@ from clothlab.checks._cloth_simulation import (
     stable_step,
 )
 from clothlab.checks._data_and_images import (
+    apart_later,
     bce_loss,
     chamfer_by_hand,
     components_needed,
@@ -66,7 +67,7 @@ from clothlab.checks._predictive_model import (
     without_memory,
 )
 from clothlab.checks._results import verdict
-from clothlab.checks._start_here import rhythm, shift_for_iou
+from clothlab.checks._start_here import overlap, shift_for_iou
 from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
 from clothlab.checks._variable_stiffness import (

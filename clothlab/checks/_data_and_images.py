@@ -10,7 +10,15 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from clothlab._validation import HEIGHT, WIDTH
-from clothlab.checks._check import apart, array, check, drawn, expect, number
+from clothlab.checks._check import (
+    CheckFailed,
+    apart,
+    array,
+    check,
+    drawn,
+    expect,
+    number,
+)
 from clothlab.simulation.vision import chamfer_distance
 
 _PIXELS = HEIGHT * WIDTH
@@ -192,6 +200,74 @@ def _rarity(z: np.ndarray, seen: np.ndarray) -> tuple[float, dict[str, float]]:
         "each is nearest to itself: that distance, 0, must not count": 0.0,
         "that is the share that is *nearer* to its nearest": 1 - truth,
         "that is the distance of z itself: compare it with those of the others": own,
+    }
+
+
+@check(array("one distance for each pair that is left", None))
+def apart_later(answer: Callable, rng: np.random.Generator) -> None:
+    """How far apart pairs of moments end that are alike in all that is demanded.
+
+    Given are two quantities of 30 moments with a bound for each, and where these end,
+    `[30, 3]`; then no demand at all.
+    """
+
+    def draw() -> tuple[list[np.ndarray], list[float], np.ndarray]:
+        now = [rng.normal(size=(30, 3)), rng.normal(size=(30, 2))]
+        return now, [1.8, 1.5], rng.normal(size=(30, 3))
+
+    def clear(case: tuple[list[np.ndarray], list[float], np.ndarray]) -> bool:
+        truth, slips = _pairs_later(*case)
+        sums = {words: float(np.sum(each)) for words, each in slips.items()}
+        return len(truth) > 20 and apart(float(truth.sum()), sums)
+
+    # Two demands; in which order pairs come is left open
+    case = drawn(draw, clear)
+    now, near, after = case
+    truth, slips = _pairs_later(*case)
+    found = np.sort(answer(now, near, after))
+    for words, slip in slips.items():
+        if len(found) == len(slip) and np.allclose(found, np.sort(slip)):
+            raise CheckFailed(words)
+    assert len(found) == len(truth), (
+        f"{len(truth)} pairs are alike in both quantities, not {len(found)}"
+    )
+    otherwise = "the right pairs, but not their distances in `after`"
+    expect(found, np.sort(truth), otherwise)
+
+    # None
+    found = answer([], [], after)
+    assert len(found) == 435, (
+        f"where nothing is demanded, all 435 pairs are left, not {len(found)}"
+    )
+
+
+def _pairs_later(
+    now: list[np.ndarray], near: list[float], after: np.ndarray
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The distances, and what usual slips give, by what is said of each."""
+    # Each pair once, and which of them are alike
+    a, b = np.triu_indices(len(after), 1)
+    gaps = [np.linalg.norm(x[a] - x[b], axis=1) for x in now]
+    close = [gap < limit for gap, limit in zip(gaps, near, strict=True)]
+    both = close[0] & close[1]
+    ends = np.linalg.norm(after[a] - after[b], axis=1)
+
+    # The truth, then the slips
+    return ends[both], {
+        "alike in one *or* the other: each quantity must be near": ends[
+            close[0] | close[1]
+        ],
+        "the last quantity alone decides: keep what the others have ruled out": ends[
+            close[1]
+        ],
+        "these are the pairs that are *not* alike": ends[~both],
+        "alike is what is nearer than the bound, not what is farther": ends[
+            ~close[0] & ~close[1]
+        ],
+        "these are the distances now: take those in `after`": gaps[0][both],
+        "add the squares of the differences, then take the root": np.abs(
+            after[a] - after[b]
+        ).sum(axis=1)[both],
     }
 
 

@@ -4,9 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothlab.checks._check import apart, check, drawn, expect, number
-
-_STEP = 0.2  # seconds a control step lasts
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 
 
 @check(number("a shift in pixels"))
@@ -45,48 +43,67 @@ def _wrong_shifts(width: float, share: float) -> dict[str, float]:
     }
 
 
-@check(number("a number of steps"))
-def rhythm(answer: Callable, rng: np.random.Generator) -> None:
-    """How many steps there are from one best moment to the next.
+@check(array("one overlap for each pair of images", None))
+def overlap(answer: Callable, rng: np.random.Generator) -> None:
+    """The IoU `[T]` of images with their targets, bool `[T, H, W]` each.
 
-    Given are overlaps `[T]`, one a step, of five periods. Once in each the overlap is
-    high, always in the same step of it, though not equally high; in the step before it
-    is already above that of most moments.
+    Given are five rectangles with one target each, which overlap in part; then one
+    image that is its own target, and one beside its target.
     """
-    for _ in range(5):
-        period = int(rng.integers(6, 12))
-        first = int(rng.integers(1, period - 2))
-        overlap = _overlaps(rng, period, first)
-        slips = {
-            "these two belong to one throw: the step before its best one is near, "
-            "too": 1,
-            f"{_STEP * period:g} are seconds: count in steps": _STEP * period,
-            "that is when the first best moment comes, not how many steps lie from "
-            "one to the next": first,
-            "that is how many best moments there are": 5,
-            "from step 3 to step 11 are eight steps, not seven": period - 1,
-            "there is a best moment between these two": 2 * period,
-        }
-        moments = ", ".join(str(first + k * period) for k in range(3))
-        otherwise = f"here the best moments are the steps {moments}, …"
-        expect(answer(overlap), period, otherwise, _distinct(slips, period))
+
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        return _rectangles(rng), _rectangles(rng)
+
+    def clear(pair: tuple[np.ndarray, np.ndarray]) -> bool:
+        truth, slips = _overlaps(*pair)
+        return truth.min() > 0.05 and apart(truth, slips)
+
+    # Rectangles that overlap in part
+    images, targets = drawn(draw, clear)
+    truth, slips = _overlaps(images, targets)
+    found = answer(images, targets)
+    assert len(found) == len(truth), (
+        f"of {len(truth)} images come {len(truth)} overlaps, not {len(found)}: "
+        "sum over height and width"
+    )
+    otherwise = (
+        f"two rectangles have IoU {truth[0]:.3f}, not {found[0]:.3f}: draw both, and "
+        "say what lies in both and what in either"
+    )
+    expect(found, truth, otherwise, slips)
+
+    # All, and nothing
+    beside = np.stack([images[0], ~images[0]])
+    found = answer(np.stack([images[0], images[0]]), beside)
+    expect(found[:1], [1.0], "an image and itself have IoU 1")
+    expect(found[1:], [0.0], "images that nowhere overlap have IoU 0")
 
 
-def _overlaps(rng: np.random.Generator, period: int, first: int) -> np.ndarray:
-    """Overlaps [T] of five periods, high once in each, and in part the step before."""
-    count = 5 * period
-    overlap = rng.uniform(0.0, 0.05, count)
-    overlap[first - 1 :: period] = rng.uniform(0.28, 0.36, 5)
-    best = rng.uniform(0.55, 0.9, 5)  # the poorest throw still beats the step before
-    best[rng.integers(5)] = 0.9
-    overlap[first::period] = best
-    return overlap
+def _rectangles(rng: np.random.Generator) -> np.ndarray:
+    """Five masks `[5, 24, 32]`, each with one rectangle."""
+    masks = np.zeros((5, 24, 32), bool)
+    for mask in masks:
+        top, left, tall, wide = rng.integers((3, 3, 8, 8), (9, 12, 14, 18))
+        mask[top : top + tall, left : left + wide] = True
+    return masks
 
 
-def _distinct(slips: dict[str, float], truth: float) -> dict[str, float]:
-    """Those that give something else than the truth and than the ones before them."""
-    found: dict[str, float] = {}
-    for words, value in slips.items():
-        if value != truth and value not in found.values():
-            found[words] = value
-    return found
+def _overlaps(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The IoU [T], and what usual slips give, by what is said of each."""
+    size_a = a.sum(axis=(1, 2))
+    size_b = b.sum(axis=(1, 2))
+    both = (a & b).sum(axis=(1, 2))
+    either = (a | b).sum(axis=(1, 2))
+    whole = np.full(len(a), both.sum() / either.sum())
+    return both / either, {
+        "divide by what has cloth in either image, not by the target": both / size_b,
+        "divide by what has cloth in either image, not by the camera's": both / size_a,
+        "what lies in both counts once in what either covers": both / (size_a + size_b),
+        "twice the overlap over the sum is Dice's measure, another one": 2
+        * both
+        / (size_a + size_b),
+        "that is how many pixels lie in both: divide by those in either": both,
+        "that is the share of all pixels of an image": both / a[0].size,
+        "a share of all images together: sum over height and width alone": whole,
+        "one over it: both go above, either below": either / both,
+    }

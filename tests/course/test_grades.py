@@ -19,7 +19,7 @@ from course.editions import ROOT, student_edition
 from course.grades import Lesson
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-WEIGHTS = {"rhythm": 3}
+WEIGHTS = {"overlap": 3}
 
 
 def lesson(stem):
@@ -69,12 +69,12 @@ def test_each_exercise_has_one_cell_of_nbgraders_behind_its_check(path):
 def test_a_student_adds_no_test_and_keeps_none():
     mine = new_code_cell(
         "pass",
-        metadata={"nbgrader": {"grade": True, "grade_id": "rhythm", "points": 9}},
+        metadata={"nbgrader": {"grade": True, "grade_id": "overlap", "points": 9}},
     )
-    notebook = new_notebook(cells=[new_code_cell("def rhythm(overlap): pass"), mine])
-    edition = grades.with_tests(notebook, {"rhythm": 1})
+    notebook = new_notebook(cells=[new_code_cell("def overlap(images): pass"), mine])
+    edition = grades.with_tests(notebook, {"overlap": 1})
     (graded,) = [cell for cell in edition.cells if "nbgrader" in cell.metadata]
-    assert "checks.rhythm" in graded.source
+    assert "checks.overlap" in graded.source
     assert edition.cells.index(graded) == 1
 
 
