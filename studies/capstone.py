@@ -300,34 +300,23 @@ def kept_tries(steps: int) -> pd.DataFrame:
     return tries[["set", "name", "points", "low", "high", "note", "each"]]
 
 
-def draw_contest(
-    ax: Axes,
-    scores: Mapping[str, np.ndarray],
-    title: str,
-    interval: Callable[[np.ndarray], Interval] | None = None,
-) -> None:
+def draw_contest(ax: Axes, scores: Mapping[str, np.ndarray], title: str) -> None:
     """A row each: a stroke for each task, a dot for their mean.
 
     Args:
         ax: to draw on.
         scores: points by the names of the policies, one number a task.
         title: what is to be seen.
-        interval: the mean of one number a task, and its two ends, which make a bar.
     """
     # From the lowest mean up
     names = sorted(scores, key=lambda name: scores[name].mean())
     if "random" in scores:
         ax.axvline(scores["random"].mean(), color="0.6", ls=":")
 
-    # A row each; what would lie beyond 100 is cut
+    # A row each
     for k, name in enumerate(names):
         theirs = name in _RIVALS or name == ORACLE
         colour = plots.COLOURS[0] if theirs else plots.COLOURS[1]
-        if interval is not None:
-            _, low, high = interval(scores[name])
-            ax.plot([low, min(high, 100)], [k, k], lw=5, alpha=0.45, color=colour)
-            if high > 100:
-                ax.plot(100, k, ">", ms=9, color=colour)
         mark = "o" if theirs else "D"
         ax.plot(scores[name].mean(), k, mark, ms=11, mec="black", color=colour)
         ax.plot(scores[name], np.full(len(scores[name]), k), "|k", ms=9)
@@ -344,7 +333,7 @@ def draw_leads(ax: Axes, leads: np.ndarray, title: str, band: Interval | None) -
     if band is not None:
         mean, low, high = band
         colour = plots.COLOURS[0]
-        ax.axhspan(low, high, color=colour, alpha=0.2, label="95 % interval")
+        ax.axhspan(low, high, color=colour, alpha=0.2, label="interval of the mean")
         ax.axhline(mean, color=colour, lw=2, label="mean")
         ax.legend(fontsize=12)
     ax.axhline(0, color="black", lw=1)
