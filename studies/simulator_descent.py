@@ -16,6 +16,7 @@ from torch import Tensor
 from clothlab import data
 from clothlab.method.cloth_task import observe
 from clothlab.method.control import ControlSettings, Limits, best_step
+from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import ClothEnv
 from studies._grid import Experiment, over
 from studies._runs import HEAVY, LIGHT, trained
@@ -73,6 +74,15 @@ def descend(
     return plan, np.array(losses)
 
 
+def _drawn(start: str, arm: Arm, draws: int) -> Tensor:
+    """Plans `[draws, 8, D_u]` of a kind; there is one at home."""
+    if start == "home":
+        plans = np.tile(arm.home_command, (1, PERIOD, 1))
+    else:
+        plans = drawn_starts(f"{start} {draws}", arm, seed=0)
+    return torch.as_tensor(plans, dtype=torch.float32)
+
+
 def _run_both(
     start: str, target: str, cloth: str, draws: int = 10, iterations: int = 200
 ) -> dict[str, Any]:
@@ -86,43 +96,54 @@ def _run_both(
     """
     learned = trained("torque-0")
     mask = data.load_target(target)
-    if start == "home":
-        drawn = np.tile(learned.arm.home_command, (1, PERIOD, 1))
-    else:
-        drawn = drawn_starts(f"{start} {draws}", learned.arm, seed=0)
-
+    plans = _drawn(start, learned.arm, draws)
+    kept = [k for k in KEPT if k < iterations] + [iterations]
+    by_cloth = []
+    by_model = []
+    ends = []
     with closing(ClothEnv(learned.arm, cloth)) as env:
+        # What a plan comes to, as it is thrown and as the model foresees it
         s = observe(learned.autoencoder, env.reset(seed=0)[0])
         problem = learned.controller(mask, cloth).controller.problem(s)
         limits = problem.limits
-        simulator = SimulatorMPC(
-            env, learned.autoencoder, mask, drawn, SearchSettings(), learned.arm
-        )
-
-        def thrown(plans: Tensor) -> Tensor:
-            within = plans.clamp(limits.lower, limits.upper).double()
-            return torch.as_tensor(simulator.distances(within.numpy())).float()
+        thrown = _Throws(env, learned, mask, limits)
 
         def foreseen(plans: Tensor) -> Tensor:
             with torch.no_grad():
                 return problem.loss(plans)
 
-        # From each start twice: as it is thrown, and as the model foresees it
-        with closing(simulator):
-            by_cloth, by_model, ends = [], [], []
-            for plan in torch.as_tensor(drawn, dtype=torch.float32):
-                by_cloth.append(descend(thrown, plan, limits, iterations)[1])
+        # From each start twice; and what the model found is thrown
+        with closing(thrown):
+            for plan in plans:
+                _, losses = descend(thrown, plan, limits, iterations)
+                by_cloth.append(losses[kept])
                 end, losses = descend(foreseen, plan, limits, iterations)
-                by_model.append(losses)
+                by_model.append(losses[kept])
                 ends.append(thrown(end[None]).item())
-
-    kept = [k for k in KEPT if k < iterations] + [iterations]
     return {
         "after": kept,  # iterations
-        "simulator": np.array(by_cloth)[:, kept].round(4),  # distance [draws, kept]
-        "model": np.array(by_model)[:, kept].round(4),  # predicted [draws, kept]
+        "simulator": np.round(by_cloth, 4),  # distance [draws, kept]
+        "model": np.round(by_model, 4),  # predicted distance [draws, kept]
         "model_thrown": np.round(ends, 4),  # distance of what the model found [draws]
     }
+
+
+class _Throws:
+    """Distance `[B]` [s.d. of z] to a target after plans `[B, 8, D_u]` are thrown."""
+
+    def __init__(self, env: ClothEnv, learned: Any, mask: np.ndarray, limits: Limits):
+        self._limits = limits
+        self._simulator = SimulatorMPC(
+            env, learned.autoencoder, mask, np.empty(0), SearchSettings(), learned.arm
+        )
+
+    def __call__(self, plans: Tensor) -> Tensor:
+        within = plans.clamp(self._limits.lower, self._limits.upper).double()
+        return torch.as_tensor(self._simulator.distances(within.numpy())).float()
+
+    def close(self) -> None:
+        """Release the copy's OpenGL context."""
+        self._simulator.close()
 
 
 EXPERIMENTS = (
