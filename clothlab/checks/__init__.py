@@ -41,6 +41,7 @@ from clothlab.checks._model_predictive_control import (
     two_targets,
 )
 from clothlab.checks._online_estimation import (
+    bare_step,
     best_step,
     curvature,
     fooling_step,
@@ -63,6 +64,7 @@ from clothlab.checks._predictive_model import (
     half_life,
     infer,
     two_steps_by_hand,
+    update,
     without_memory,
 )
 from clothlab.checks._results import verdict
