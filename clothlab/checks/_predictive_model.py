@@ -340,6 +340,8 @@ def _updates(
     own = copy.deepcopy(model)
     p = start.clone().requires_grad_()
     optimizer = _descent(own, p if p_moves else None)
+
+    # The loss, its gradients, a step
     losses = []
     for _ in range(3):
         if cleared:
