@@ -255,7 +255,8 @@ def update(answer: Callable, rng: np.random.Generator) -> None:
         # than 1, as the sensors have them
         for name, weight in model.named_parameters():
             weight.mul_(4 if "lstm" in name or "fc_out" in name else 1)
-        model.fc_in[0].weight[:, -2:] *= 4
+            if name == "fc_in.0.weight":
+                weight[:, -2:] *= 4
         model.s_std.copy_(torch.as_tensor(rng.uniform(0.3, 0.7, 7)))
         k = torch.as_tensor(rng.permutation([2, 0, 0]))
         s = 1 + _normal(rng, 3, 5, 7)
