@@ -42,6 +42,7 @@ from clothlab.checks._model_predictive_control import (
     two_targets,
 )
 from clothlab.checks._online_estimation import (
+    bare_step,
     best_step,
     curvature,
     fooling_step,
@@ -64,6 +65,7 @@ from clothlab.checks._predictive_model import (
     half_life,
     infer,
     two_steps_by_hand,
+    update,
     without_memory,
 )
 from clothlab.checks._results import verdict

@@ -57,13 +57,16 @@ class Unanswered(CheckFailed):
         return [str(self)]
 
 
-def check(read: Read) -> Callable[[Compare], Callable[..., None]]:
+def check(
+    read: Read, moves: tuple[str, ...] = ()
+) -> Callable[[Compare], Callable[..., None]]:
     """Turn a function that asserts what is true of an answer into a check.
 
     The function takes the reader's function, whose results `read` has made sure of, and
     a generator for the inputs; it asserts, each time with a sentence that says what is
     wrong. The check takes the reader's function, and a seed; it prints "correct" or
-    raises CheckFailed.
+    raises CheckFailed. An answer may change the arguments that `moves` names, and no
+    others.
     """
 
     def decorate(compare: Compare) -> Callable[..., None]:
@@ -76,7 +79,7 @@ def check(read: Read) -> Callable[[Compare], Callable[..., None]]:
                 seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
             rng = np.random.default_rng(seed)
             try:
-                compare(_careful(answer, name, read), rng)
+                compare(_careful(answer, name, read, moves), rng)
             except AssertionError as failure:
                 again = f"checks.{name}({name}, seed={seed})"
                 _refuse(failure, again)
@@ -246,10 +249,12 @@ def arrays(what: str, *reads: Read) -> Read:
     return read
 
 
-def _careful(answer: Callable, name: str, read: Read) -> Callable:
+def _careful(
+    answer: Callable, name: str, read: Read, moves: tuple[str, ...]
+) -> Callable:
     """The answer, so called that whatever goes wrong in it is a CheckFailed.
 
-    So is what is wrong with its result, and a change of what it was given.
+    So is what is wrong with its result, and a change of what it may not move.
     """
 
     def call(*args: object, **kwargs: object) -> object:
@@ -266,7 +271,7 @@ def _careful(answer: Callable, name: str, read: Read) -> Callable:
 
         # What it was given must be as it was
         for argument, value in given.items():
-            if not _same(value, before[argument]):
+            if argument not in moves and not _same(value, before[argument]):
                 raise CheckFailed(
                     f"{name} changes its argument `{argument}` in place: work on a copy"
                 )

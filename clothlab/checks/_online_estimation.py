@@ -95,6 +95,44 @@ def _wrong_steps(e: np.ndarray, J: np.ndarray) -> dict[str, float]:
     }
 
 
+@check(array("a step of p", 2))
+def bare_step(answer: Callable, rng: np.random.Generator) -> None:
+    """The step `[2]` of p that makes the sum of squares of e - J step smallest.
+
+    Given are twelve residuals `[12]` and their slopes `[12, 2]` by the numbers of p.
+    """
+
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        J = rng.normal(size=(12, 2)) @ np.array([[1.0, 0.6], [0.0, 0.5]])
+        return rng.normal(0.5, 1.0, 12), J
+
+    e, J = drawn(draw, lambda case: apart(*_two_number_steps(*case), rtol=0.02))
+    truth, slips = _two_number_steps(e, J)
+    found = answer(e.copy(), J.copy())
+    otherwise = (
+        f"after this step the misses have the sum of squares "
+        f"{np.sum((e - J @ found) ** 2):.4g}; {np.sum((e - J @ truth) ** 2):.4g} is "
+        "possible"
+    )
+    expect(found, truth, otherwise, slips)
+
+
+def _two_number_steps(
+    e: np.ndarray, J: np.ndarray
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The step, and what usual slips give, by what is said of each."""
+    curved = J.T @ J
+    downhill = J.T @ e
+    truth = np.linalg.solve(curved, downhill)
+    return truth, {
+        "the step goes the wrong way": -truth,
+        "this is the downhill direction alone: solve the two equations": downhill,
+        "each number has its own step here, as if the other stood still: what one "
+        "does to a prediction, the other may undo": downhill / np.diag(curved),
+        "the matrix stands on the other side of its equation": curved @ downhill,
+    }
+
+
 class _LoopCase(NamedTuple):
     s: np.ndarray  # states [T, 2], single precision
     u: np.ndarray  # commands [T, 2], single precision

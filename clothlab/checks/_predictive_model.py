@@ -1,5 +1,6 @@
 """Checks of notebook 04."""
 
+import copy
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -7,7 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from clothlab.checks._check import apart, array, check, drawn, expect
+from clothlab.checks._check import apart, array, check, drawn, expect, number
 from clothlab.method.model import DPMPB, Memory, predict
 
 
@@ -229,6 +230,130 @@ def _two_steps(
             [flat * (x2 + r * x1), flat * h1]
         ),
     }
+
+
+class _Batch(NamedTuple):
+    """Three stretches of four steps, of two among three cloths."""
+
+    s: torch.Tensor  # states [3, 5, 7]
+    u: torch.Tensor  # commands [3, 4, 2]
+    k: torch.Tensor  # which cloth [3]
+
+
+@check(number("the loss of the batch, before the step"), moves=("p",))
+def update(answer: Callable, rng: np.random.Generator) -> None:
+    """One update of W and of three p by a batch of stretches; its loss, a number.
+
+    Given are a network of random weights, p, the batch's states, commands and numbers
+    of the cloths, and an optimizer that moves all weights and all p. Three updates by
+    one batch show by their losses how each has moved.
+    """
+
+    def draw() -> tuple[DPMPB, torch.Tensor, _Batch]:
+        model, *_ = _network(rng)
+        # Large weights make a network without training listen to p; and other spreads
+        # than 1, as the sensors have them
+        for name, weight in model.named_parameters():
+            weight.mul_(4 if "lstm" in name or "fc_out" in name else 1)
+            if name == "fc_in.0.weight":
+                weight[:, -2:] *= 4
+        model.s_std.copy_(torch.as_tensor(rng.uniform(0.3, 0.7, 7)))
+        k = torch.as_tensor(rng.permutation([2, 0, 0]))
+        s = 1 + _normal(rng, 3, 5, 7)
+        batch = _Batch(s, 0.03 * _normal(rng, 3, 4, 2), k)
+        return model.requires_grad_(), _normal(rng, 3, 2), batch
+
+    def holds(case: tuple[DPMPB, torch.Tensor, _Batch]) -> bool:
+        return all(apart(truth, slips, 0.005) for truth, slips in _losses(*case))
+
+    model, p, batch = drawn(draw, holds)
+    losses = _losses(model, p, batch)
+
+    # The reader's updates, by plain gradient steps
+    p.requires_grad_()
+    optimizer = _descent(model, p)
+    for n, (truth, slips) in enumerate(losses):
+        otherwise = "the loss is not L: look at its equation, and at k"
+        if n:
+            otherwise = f"L is right, and after step {n} it is not what it would be"
+        found = answer(model, p, *batch, optimizer)
+        expect(found, truth, otherwise, slips, rtol=1e-3)
+
+
+def _descent(model: DPMPB, p: torch.Tensor | None) -> torch.optim.SGD:
+    """Plain gradient steps, with a rate for W and another for p."""
+    groups = [{"params": list(model.parameters()), "lr": 0.02}]
+    if p is not None:
+        groups.append({"params": [p], "lr": 1.0})
+    return torch.optim.SGD(groups)
+
+
+def _losses(
+    model: DPMPB, p: torch.Tensor, batch: _Batch
+) -> list[tuple[float, dict[str, float]]]:
+    """The loss at each of three updates, and what usual slips give."""
+    truth = _updates(model, p, batch)
+    up = _updates(model, p, batch, sign=-1)
+    still = "nothing has moved: first the gradients of L, then a step"
+    second = {
+        still: truth[0],
+        "L rises: the step leads up, not down": up[1],
+        "W has moved and p has not: L must know p": _updates(
+            model, p, batch, p_moves=False
+        )[1],
+    }
+    kept = _updates(model, p, batch, cleared=False)
+    third = {"gradients add up until they are set to zero": kept[2]}
+    slips = _batch_slips(model, p, batch), second, third
+    return list(zip(truth, slips, strict=True))
+
+
+def _batch_slips(model: DPMPB, p: torch.Tensor, batch: _Batch) -> dict[str, float]:
+    """What usual slips give in place of the loss of a batch."""
+    s, u, k = batch
+    with torch.no_grad():
+        predicted, _ = model(s[:, :-1], u, p[k])
+        in_order, _ = model(s[:, :-1], u, p)
+        error = predicted - s[:, 1:]
+        squares = (error / model.s_std).square()
+        of_others = ((in_order - s[:, 1:]) / model.s_std).square()
+        given = ((predicted - s[:, :-1]) / model.s_std).square()
+    return {
+        "each stretch takes the p of its own cloth: k says which": of_others.mean(),
+        "the error of each sensor is divided by its standard deviation, "
+        "`network.s_std`": error.square().mean(),
+        "the prediction is compared with the state that was put in: it is the next "
+        "one": given.mean(),
+        "L is a mean over stretches, steps and sensors, not a sum": squares.sum(),
+    }
+
+
+def _updates(
+    model: DPMPB,
+    start: torch.Tensor,
+    batch: _Batch,
+    *,
+    sign: int = 1,
+    p_moves: bool = True,
+    cleared: bool = True,
+) -> list[float]:
+    """The loss at each of three updates by one batch."""
+    own = copy.deepcopy(model)
+    p = start.clone().requires_grad_()
+    optimizer = _descent(own, p if p_moves else None)
+
+    # The loss, its gradients, a step
+    losses = []
+    for _ in range(3):
+        if cleared:
+            optimizer.zero_grad()
+        predicted, _ = own(batch.s[:, :-1], batch.u, p[batch.k])
+        error = (predicted - batch.s[:, 1:]) / own.s_std
+        loss = error.square().mean()
+        (sign * loss).backward()
+        optimizer.step()
+        losses.append(loss.item())
+    return losses
 
 
 class _Network(NamedTuple):
