@@ -1128,7 +1128,16 @@ ODD += [
 ]
 
 
-@pytest.mark.parametrize("name", EXERCISES)
+LONG = {"components_needed", "update"}  # to draw, and here it is done fifty times
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
+        for name in EXERCISES
+    ],
+)
 def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
     for odd in ODD:
         for answer in (

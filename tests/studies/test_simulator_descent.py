@@ -60,6 +60,7 @@ def test_a_larger_nudge_sees_what_a_small_one_can_not():
     assert losses[-1] < losses[0] / 2
 
 
+@pytest.mark.slow
 def test_both_descents_begin_with_the_same_plan_and_end_lower():
     row = simulator_descent._run_both(
         "random", "target-1", "damp0.07-mass0.15", draws=1, iterations=2
