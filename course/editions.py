@@ -9,7 +9,10 @@ on what was measured; `--record` stores the figures (`make findings RECORD=1`).
 
 import argparse
 import os
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import nbformat
@@ -24,6 +27,7 @@ from course.repository import portable
 from course.solutions import ROOT, solved, unsolved, without
 
 CELL_SECONDS = 1200  # [s] a cell that takes longer has hung
+RECORDINGS = "CLOTHLAB_RECORDINGS"  # variable: where own recordings and tries lie
 FIGURES = 200  # that a widget draws beforehand for the site, at most
 
 
@@ -49,7 +53,7 @@ def instructor_edition(
 
 
 def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
-    """The notebook itself after a run in a folder.
+    """The notebook itself after a run in a folder, as of who has recorded nothing yet.
 
     Raises:
         nbclient.exceptions.CellExecutionError: an error in a cell without the tag
@@ -58,7 +62,25 @@ def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.Notebook
     # Each kernel would warn that it speaks TCP
     quiet = ["--IPKernelApp.log_level=ERROR"]
     run = ExecutePreprocessor(timeout=CELL_SECONDS, extra_arguments=quiet)
-    return run.preprocess(notebook, {"metadata": {"path": str(folder)}})[0]
+    with _nothing_recorded():
+        return run.preprocess(notebook, {"metadata": {"path": str(folder)}})[0]
+
+
+@contextmanager
+def _nothing_recorded() -> Iterator[None]:
+    """Kernels that start meanwhile find no own recordings or tries, and leave none.
+
+    Else an edition would show those of whoever makes it.
+    """
+    before = os.environ.get(RECORDINGS)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[RECORDINGS] = folder
+        try:
+            yield
+        finally:
+            del os.environ[RECORDINGS]
+            if before is not None:
+                os.environ[RECORDINGS] = before
 
 
 def write_editions(path: Path, build: Path) -> nbformat.NotebookNode:

@@ -37,6 +37,7 @@ class StepInfo:
     distance: float  # ‖z_ref - z‖ [s.d. of z]
     theta: np.ndarray  # joint angles [2] [rad]
     p: np.ndarray  # parametric bias in use [D_p]
+    estimating: bool  # whether it follows what is observed
 
     # The command, and what its driver said of it: see `Choice`
     command: np.ndarray  # [D_u], in the arm's units
@@ -243,6 +244,7 @@ class LiveSession:
             distance=distance,
             theta=self.arm.angles(self.env.data),
             p=self.p,
+            estimating=self.estimating,
             seconds=time.perf_counter() - start,
             period=self._drivers.close_period(self.driver, choice, distance),
             began=self._drivers.began,

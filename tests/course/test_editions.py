@@ -1,6 +1,7 @@
 """What a class gets: stubs for students, executed solutions for the instructor."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -128,6 +129,27 @@ def test_each_command_does_its_own_and_a_notebook_that_is_right_is_not_touched(
     assert kinds_of_solutions(formatted) == ["markdown"]
     solutions.format_all([path])
     assert path.stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_an_edition_shows_no_recording_or_try_of_who_makes_it_and_leaves_none(
+    tmp_path, monkeypatch
+):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "tries.csv").touch()
+    monkeypatch.setenv("CLOTHLAB_RECORDINGS", str(mine))
+    look = """from clothlab import data
+kept = data.own_trials() / "tries.csv"
+print(kept.exists())
+kept.write_text("a try")"""
+    for _ in range(2):
+        cells = [new_code_cell(look)]
+        notebook = new_notebook(cells=cells, metadata=KERNEL)
+        edition = editions.instructor_edition(notebook, tmp_path)
+        assert edition.cells[0].outputs[0].text == "False\n"
+    assert (mine / "tries.csv").read_text() == ""
+    assert os.environ["CLOTHLAB_RECORDINGS"] == str(mine)
 
 
 @pytest.mark.slow
