@@ -48,14 +48,16 @@ KINDS = {
     "p": _Kind(),
     "none": _Kind(bias_size=0),
     "4 frames": _Kind(frames=4, seeds=2),
-    "1 frame": _Kind(frames=1, seeds=2),
+    "1 frame": _Kind(frames=1),
+    "1 frame, none": _Kind(frames=1, bias_size=0),
     "slow p": _Kind(bias_rate=2e-3),
-    "4 frames, longer": _Kind(frames=4, updates=1200, seeds=2),
-    "1 frame, longer": _Kind(frames=1, updates=1200, seeds=2),
+    "4 frames, longer": _Kind(frames=4, updates=900, seeds=2),
+    "1 frame, longer": _Kind(frames=1, updates=900),
+    "1 frame, none, longer": _Kind(frames=1, bias_size=0, updates=900),
     "stored": _Kind(updates=900, stored=True),
     "stored, mean p": _Kind(updates=900, stored=True, mean_p=True),
-    "p, longer": _Kind(updates=900, seeds=2),
-    "none, longer": _Kind(updates=900, bias_size=0, seeds=2),
+    "p, longer": _Kind(updates=900),
+    "none, longer": _Kind(updates=900, bias_size=0),
 }
 
 

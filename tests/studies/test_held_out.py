@@ -13,12 +13,15 @@ def test_stored_rows_are_those_of_the_cases_with_their_updates():
     assert studies.load("held_out")[list(cases)].equals(cases)
 
 
-def test_four_times_as_long_is_four_times_the_updates():
-    updates = {
-        case["kind"]: case["updates"] for case in EXPERIMENTS["held_out"].cases()
-    }
-    for kind in ("4 frames", "1 frame"):
-        assert updates[f"{kind}, longer"] == 4 * updates[kind] == 1200
+def test_memory_and_p_are_crossed_with_equal_updates_and_seeds():
+    kinds = held_out.KINDS
+    for ending, updates in (("", 300), (", longer", 900)):
+        crossed = [kinds[name + ending] for name in ("p", "none")]
+        crossed += [kinds[f"1 frame{name}{ending}"] for name in ("", ", none")]
+        assert {each.updates for each in crossed} == {updates}
+        assert {each.seeds for each in crossed} == {5}
+        ways = {(each.frames, each.bias_size) for each in crossed}
+        assert ways == {(0, 2), (0, 0), (1, 2), (1, 0)}
 
 
 @pytest.mark.parametrize("kind", ["4 frames", "4 frames, longer"])
