@@ -31,7 +31,9 @@ MOMENTS = (25, 50)  # steps after which settings are judged: 5 s and 10 s
 LOOKS = (25, 50, 100)  # steps after which an estimate says how sure it is
 _LOST = 99.0  # spreads; a rule that diverges is so far away
 SGD_GRID = grid(
-    rate=(0.1, 0.3, 1.0, 2.0, 4.0, 8.0), momentum=(0.0, 0.5, 0.7, 0.9), warmup=(0, 10)
+    rate=(0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0),
+    momentum=(0.0, 0.5, 0.7, 0.9),
+    warmup=(0, 10),
 )
 NEWTON_GRID = grid(freedom=(3.0, 10.0, 1e6), longest=(0.5, 1.0), warmup=(0, 10))
 
@@ -40,8 +42,8 @@ NEWTON_GRID = grid(freedom=(3.0, 10.0, 1e6), longest=(0.5, 1.0), warmup=(0, 10))
 # development runs.
 RULES: dict[str, dict[str, Any]] = {
     "sgd, as in 06": {"rate": 0.1, "momentum": 0.9, "warmup": 10},
-    "sgd, tuned, warm-up 10": {"rate": 8.0, "momentum": 0.5, "warmup": 10},
-    "sgd, tuned": {"rate": 8.0, "momentum": 0.0, "warmup": 0},
+    "sgd, tuned, warm-up 10": {"rate": 16.0, "momentum": 0.0, "warmup": 10},
+    "sgd, tuned": {"rate": 16.0, "momentum": 0.7, "warmup": 0},
     "newton, warm-up 10": {"freedom": 3.0, "longest": 0.5, "warmup": 10},
     "newton": {"freedom": 10.0, "longest": 0.5, "warmup": 0},
     "newton, all errors alike": {"freedom": 1e6, "longest": 0.5, "warmup": 0},
