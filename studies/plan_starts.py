@@ -380,7 +380,7 @@ def _run_descents(
         plans, _ = best_step(problem.loss, plans, gamma * direction, problem.limits)
     with torch.no_grad():
         losses.append(problem.loss(plans).numpy())
-    kept = [k for k in _KEPT if k < iterations] + [iterations]
+    kept = kept_until(iterations)
     found = np.array(losses)[kept].T.round(4)  # [31, kept]
     return {
         "after": kept,  # iterations
@@ -391,8 +391,10 @@ def _run_descents(
     }
 
 
-# Iterations after which the loss of a long descent is kept
-_KEPT = (0, 1, 3, 6, 12, 24, 50, 100, 200)
+def kept_until(iterations: int) -> list[int]:
+    """Iterations after which the loss of a long descent is kept; the last is one."""
+    kept = (0, 1, 3, 6, 12, 24, 50, 100, 200)
+    return [k for k in kept if k < iterations] + [iterations]
 
 
 def _run_judged(

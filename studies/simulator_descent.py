@@ -21,13 +21,12 @@ from clothlab.simulation.env import ClothEnv
 from studies._grid import Experiment, over
 from studies._runs import HEAVY, LIGHT, trained
 from studies.oracle import SearchSettings, SimulatorMPC
-from studies.plan_starts import PERIOD, drawn_starts
+from studies.plan_starts import PERIOD, drawn_starts, kept_until
 
 KINDS = ("home", "still", "random", "recorded")  # of starts
 # [s.d. of u] of one number of a plan; the next is tried where one leads nowhere. An
 # image is made of whole pixels, and smaller nudges would hardly change any.
 NUDGES = (0.2, 0.5, 0.1)
-KEPT = (0, 1, 3, 6, 12, 24, 50, 100, 200)  # iterations after which a distance is kept
 
 _Loss = Callable[[Tensor], Tensor]  # of plans [B, T, D_u], one number for each
 
@@ -57,21 +56,29 @@ def descend(
     Returns: the best plan `[T, D_u]`, and its loss at the start and after each
         iteration, `[iterations + 1]`.
     """
-    gamma = ControlSettings().step_sizes()[:, None, None, None]
     losses = [loss(plan[None]).item()]
-    while len(losses) <= iterations:
-        for nudge in NUDGES:
-            slope = measured_slope(loss, plan, nudge, limits.scale)
-            steps = gamma * limits.scale * slope / slope.norm().clamp_min(1e-12)
-            found, lowest = best_step(loss, plan[None], steps, limits)
-            if lowest.item() < losses[-1]:
-                break
-        else:
-            losses += [losses[-1]] * (iterations + 1 - len(losses))
+    for _ in range(iterations):
+        found, lowest = _next(loss, plan, losses[-1], limits)
+        if lowest == losses[-1]:  # so it would be in each further iteration
             break
-        plan = found[0]
-        losses.append(lowest.item())
+        plan = found
+        losses.append(lowest)
+    losses += losses[-1:] * (iterations + 1 - len(losses))
     return plan, np.array(losses)
+
+
+def _next(
+    loss: _Loss, plan: Tensor, least: float, limits: Limits
+) -> tuple[Tensor, float]:
+    """The plan and its loss after one step; both as they were where none leads down."""
+    gamma = ControlSettings().step_sizes()[:, None, None, None]
+    for nudge in NUDGES:
+        slope = measured_slope(loss, plan, nudge, limits.scale)
+        steps = gamma * limits.scale * slope / slope.norm().clamp_min(1e-12)
+        found, lowest = best_step(loss, plan[None], steps, limits)
+        if lowest.item() < least:
+            return found[0], lowest.item()
+    return plan, least
 
 
 def _drawn(start: str, arm: Arm, draws: int) -> Tensor:
@@ -97,7 +104,7 @@ def _run_both(
     learned = trained("torque-0")
     mask = data.load_target(target)
     plans = _drawn(start, learned.arm, draws)
-    kept = [k for k in KEPT if k < iterations] + [iterations]
+    kept = kept_until(iterations)
     by_cloth = []
     by_model = []
     ends = []

@@ -240,6 +240,10 @@ class _Batch(NamedTuple):
     k: torch.Tensor  # which cloth [3]
 
 
+# The loss at each of three updates, and what usual slips give
+_Expected = list[tuple[float, dict[str, float]]]
+
+
 @check(number("the loss of the batch, before the step"), moves=("p",))
 def update(answer: Callable, rng: np.random.Generator) -> None:
     """One update of W and of three p by a batch of stretches; its loss, a number.
@@ -249,7 +253,7 @@ def update(answer: Callable, rng: np.random.Generator) -> None:
     one batch show by their losses how each has moved.
     """
 
-    def draw() -> tuple[DPMPB, torch.Tensor, _Batch]:
+    def draw() -> tuple[DPMPB, torch.Tensor, _Batch, _Expected]:
         model, *_ = _network(rng)
         # Large weights make a network without training listen to p; and other spreads
         # than 1, as the sensors have them
@@ -261,13 +265,14 @@ def update(answer: Callable, rng: np.random.Generator) -> None:
         k = torch.as_tensor(rng.permutation([2, 0, 0]))
         s = 1 + _normal(rng, 3, 5, 7)
         batch = _Batch(s, 0.03 * _normal(rng, 3, 4, 2), k)
-        return model.requires_grad_(), _normal(rng, 3, 2), batch
+        model.requires_grad_()
+        p = _normal(rng, 3, 2)
+        return model, p, batch, _losses(model, p, batch)
 
-    def holds(case: tuple[DPMPB, torch.Tensor, _Batch]) -> bool:
-        return all(apart(truth, slips, 0.005) for truth, slips in _losses(*case))
+    def holds(case: tuple[DPMPB, torch.Tensor, _Batch, _Expected]) -> bool:
+        return all(apart(truth, slips, 0.005) for truth, slips in case[-1])
 
-    model, p, batch = drawn(draw, holds)
-    losses = _losses(model, p, batch)
+    model, p, batch, losses = drawn(draw, holds)
 
     # The reader's updates, by plain gradient steps
     p.requires_grad_()
@@ -288,9 +293,7 @@ def _descent(model: DPMPB, p: torch.Tensor | None) -> torch.optim.SGD:
     return torch.optim.SGD(groups)
 
 
-def _losses(
-    model: DPMPB, p: torch.Tensor, batch: _Batch
-) -> list[tuple[float, dict[str, float]]]:
+def _losses(model: DPMPB, p: torch.Tensor, batch: _Batch) -> _Expected:
     """The loss at each of three updates, and what usual slips give."""
     truth = _updates(model, p, batch)
     up = _updates(model, p, batch, sign=-1)
