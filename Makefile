@@ -23,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check budget test in-python tested slow mutate pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured nightly data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check test in-python tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -56,15 +56,13 @@ lab: doctor  ## open the notebooks in JupyterLab
 check: $(DEV)  ## linter, types and unit tests, in parallel
 	$(call CHECKED)
 
-# The linter, then types beside tests, whose options stand behind it.
+# The linters, then types beside tests, whose options stand behind it.
 define CHECKED
 $(BIN)/ruff check .
 $(BIN)/ruff format --check .
+$(BIN)/lint-imports
 $(BIN)/mypy & types=$$!; $(PYTEST) $(1); tests=$$?; wait $$types && exit $$tests
 endef
-
-budget: $(DEV)  ## lines, rooms, imports and public names, beside what they may be at most
-	@$(BIN)/pytest -n0 -s -p no:cacheprovider tests/test_structure.py tests/test_reading.py -k budget | grep -E '^[a-z].* +[0-9]'
 
 # Makes the first with what the system needs for it, which is installed where it may be. Elsewhere all is run that can be,
 # and the end is the line to type.
@@ -88,9 +86,6 @@ tested: $(DEV) $(GRADING)
 
 slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(PYTEST) -m 'slow and not nightly' -rs
-
-mutate: $(DEV)  ## change method and simulation in 200 small ways, and count what the tests notice; ten minutes or more (OPTIONS="--count 20")
-	$(BIN)/python scripts/mutate.py $(OPTIONS)
 
 # Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
 # leave of two cores, waiting for pages, is enough to make the site meanwhile. What is in no list is among the others.
@@ -149,7 +144,7 @@ notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small size
 	CLOTHLAB_FIGURES=9 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 	$(BIN)/python scripts/same_verdicts.py
 
-findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures (nightly)
+findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
 browser: $(DEV) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
@@ -163,9 +158,6 @@ bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
 
 measured: $(STAMP)  ## measure what a student needs of a server, into docs/course/measured.md, half an hour; OPTIONS="--small" is sooner
 	$(BIN)/python scripts/measure.py $(OPTIONS)
-
-nightly: $(DEV) $(GRADING) chromium  ## what takes hours: hostile inputs, faults, a soak, findings, bench; writes build/nightly.md
-	$(BIN)/python scripts/nightly.py
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
 	$(BIN)/python scripts/reproduce.py record $(NAMES)

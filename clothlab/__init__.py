@@ -27,7 +27,7 @@ from typing import Any
 
 from clothlab import _extras
 
-__version__ = "0.4.0"
+__version__ = "0.5.0"
 
 # The table of contents: where each name is, by subject. Importing the package imports
 # none of it, so that the method runs without a simulation, and the simulation without

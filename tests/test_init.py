@@ -5,11 +5,14 @@ import importlib
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import clothlab
+
+ROOT = Path(clothlab.__file__).parents[1]
 
 
 def run(code: str, **environment: str) -> str:
@@ -149,3 +152,10 @@ def test_intervals_need_no_simulation():
     block = BLOCK.replace("{blocked}", repr({"mujoco", "cv2"}))
     code = "from clothlab.analysis import crossed_interval as f; print(f.__name__)"
     assert run(block + code) == "crossed_interval\n"
+
+
+def test_the_version_is_the_same_everywhere():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == clothlab.__version__
+    assert f"version: {clothlab.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f"## {clothlab.__version__}" in (ROOT / "CHANGELOG.md").read_text()

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from nbclient import NotebookClient
 
 import clothlab
-from clothlab.trials import save_trial
 from course import finish_notebooks
 from course.repository import number_of
-from course.solutions import small, solved
+from course.solutions import solved
 
 ROOT = Path(clothlab.__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -291,36 +289,6 @@ def test_nothing_stalls_the_runner_or_swallows_errors(path):
         assert re.search(rf"^{name}\.check\(\)", code[-1], re.MULTILINE), (
             f"{name}.check() is missing"
         )
-
-
-@pytest.mark.nightly
-def test_the_live_lab_is_judged_alike_if_its_own_recordings_are_looked_at_last(
-    monkeypatch, tmp_path, trial
-):
-    """A reader goes back to section 3 after section 4.
-
-    That must not change what the last cell judges.
-    """
-    monkeypatch.setenv("CLOTHLAB_RECORDINGS", str(tmp_path))
-    save_trial(trial, tmp_path / "mine.npz")
-    notebook = small(
-        nbformat.read(ROOT / "notebooks" / "08_live_lab.ipynb", as_version=4)
-    )
-    recordings = [
-        cell for cell in notebook.cells if 'load_trials("mine")' in cell.source
-    ]
-    *others, last = (
-        cell
-        for cell in notebook.cells
-        if cell.cell_type == "code" and cell not in recordings
-    )
-    notebook.cells = [*others, *recordings, last]
-    NotebookClient(
-        notebook, timeout=120, resources={"metadata": {"path": str(ROOT / "notebooks")}}
-    ).execute()
-    printed = [output for cell in recordings for output in cell.outputs]
-    said = "".join(output.get("text", "") for output in printed)
-    assert f"{trial.cloth.label}: nearest is (" in said
 
 
 def test_the_readme_maps_every_notebook():
