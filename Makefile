@@ -93,7 +93,7 @@ IN_BROWSER := $(wildcard tests/browser/test_*.py)
 LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
 SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py dead_kernel.py)
 # Tests of what becomes of the site. The other tests of pages make their own.
-OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py drawn.py)
+OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py)
 ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 
 # What `make notebooks` leaves, for the site; it is not made anew where it is there.
@@ -137,11 +137,9 @@ site-built:
 site-tested:
 	$(BIN)/pytest -m book -rs $(OF_SITE)
 
-# Where 9 figures are enough (two sliders of three stops), a widget draws them for its page on the site. `make editions`
-# lets it draw more, and so does `make nightly`.
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	CLOTHLAB_FIGURES=9 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 	$(BIN)/python scripts/same_verdicts.py
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures

@@ -17,9 +17,7 @@ from pathlib import Path
 import nbformat
 
 from clothlab._files import write_bytes
-from clothlab.lab._drawn import MIME
 from clothlab.lab._widget import REOPENED
-from course.drawn import drawn_here, write_controls, write_figures
 from course.editions import ROOT, student_edition
 from course.lab_page import ONE_FILE, SOURCES, write_lab, write_one_file, write_robot
 from course.solutions import solved, tags, without
@@ -121,7 +119,7 @@ def without_answers(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
 
 def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]:
-    """An output as the site shows it; of live controls, only what was drawn beforehand.
+    """An output as the site shows it; of live controls, only their picture.
 
     Below a figure are its numbers in words.
     """
@@ -144,8 +142,6 @@ def web_output(output: nbformat.NotebookNode) -> Iterable[nbformat.NotebookNode]
             f"{paragraphs}</details>"
         )
         yield nbformat.v4.new_output("display_data", {"text/html": words})
-    if MIME in data:
-        yield drawn_here(data[MIME])
 
 
 def lay_out(
@@ -160,7 +156,6 @@ def lay_out(
     aside = shutil.ignore_patterns(SOURCES.name)
     shutil.copytree(ROOT / "docs" / "book", folder, ignore=aside)
     write_lab(folder / "static" / "lab")
-    write_controls(folder / "static" / "lab")
     for pattern in PAGES:
         for path in ROOT.glob(pattern):
             write_bytes(folder / path.relative_to(ROOT), path.read_bytes())
@@ -168,7 +163,6 @@ def lay_out(
     # Each notebook as a page, and as a file to run
     for name, notebook in notebooks.items():
         page = web_page(notebook, name, student=student)
-        write_figures(page, folder / "static" / "drawn")
         write_bytes(folder / "notebooks" / name, nbformat.writes(page).encode())
         source = nbformat.read(ROOT / "notebooks" / name, as_version=4)
         download = nbformat.writes(student_edition(source))

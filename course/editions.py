@@ -1,10 +1,10 @@
 """`make editions`: the notebooks for a class, in `build/`.
 
-That takes about twenty minutes for all of them on two cores, half of them for figures
-that widgets draw for the site. `build/student` has the stubs and no solutions.
-`build/instructor` has the solutions, executed with the parameters that are written in
-them, with all outputs, and each notebook as a web page, too. So every claim is checked
-on what was measured; `--record` stores the figures (`make findings RECORD=1`).
+That takes about ten minutes for all of them on two cores. `build/student` has the stubs
+and no solutions. `build/instructor` has the solutions, executed with the parameters
+that are written in them, with all outputs, and each notebook as a web page, too. So
+every claim is checked on what was measured; `--record` stores the figures (`make
+findings RECORD=1`).
 """
 
 import argparse
@@ -22,13 +22,11 @@ from nbconvert.preprocessors import ExecutePreprocessor
 from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab.claims import Findings
-from clothlab.lab._drawn import MOST
 from course.repository import portable
 from course.solutions import ROOT, solved, unsolved, without
 
 CELL_SECONDS = 1200  # [s] a cell that takes longer has hung
 RECORDINGS = "CLOTHLAB_RECORDINGS"  # variable: where own recordings and tries lie
-FIGURES = 200  # that a widget draws beforehand for the site, at most
 
 
 def student_edition(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
@@ -122,8 +120,6 @@ def main() -> None:
     )
     arguments = parser.parse_args()
 
-    # Kernels inherit the environment
-    os.environ.setdefault(MOST, str(FIGURES))
     if arguments.record:
         os.environ[Findings.RECORD] = "1"
     for path in arguments.notebooks:

@@ -16,7 +16,6 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from clothlab._alt_text import AltText, describe
-from clothlab.lab import _drawn
 from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._map import PBMap
 from clothlab.lab._messages import keep_error
@@ -57,14 +56,13 @@ class Control(Widget, ipywidgets.VBox):
 
         # What is moved
         parameters = inspect.signature(draw).parameters
-        self._choices = controls
-        self._labels = {name: (labels or {}).get(name, name) for name in controls}
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
         for name, choices in controls.items():
             widget = choices
             if not isinstance(choices, PBMap):
                 start = parameters[name].default
-                widget = _widget(choices, start, self._labels[name])
+                label = (labels or {}).get(name, name)
+                widget = _widget(choices, start, label)
             self._redraw_when_moved(widget)
             self.controls[name] = widget
 
@@ -82,29 +80,6 @@ class Control(Widget, ipywidgets.VBox):
     def still(self) -> tuple[bytes, AltText]:
         """What it shows now."""
         return self.picture.value, self._words
-
-    def drawn(self, most: int) -> dict[str, Any]:
-        """Its figures for a grid of what its controls can choose, as plain data.
-
-        Empty, where no grid of so many figures would say enough.
-        """
-        starts = {name: each.value for name, each in self.controls.items()}
-        axes = _drawn.grid(self._choices, starts, self._labels, most)
-        return _drawn.drawn(self._draw, axes) if axes else {}
-
-    def _repr_mimebundle_(
-        self, **options: Any
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What each widget answers, and figures drawn beforehand where asked for."""
-        data, metadata = super()._repr_mimebundle_(**options)
-        if most := _drawn.asked_for():
-            try:
-                figures = self.drawn(most)
-            except Exception:
-                keep_error(self.errors)  # `check` raises it
-            else:
-                data |= {_drawn.MIME: figures} if figures else {}
-        return data, metadata
 
     def _redraw_when_moved(self, widget: ipywidgets.DOMWidget) -> None:
         trait = "chosen" if isinstance(widget, PBMap) else "value"

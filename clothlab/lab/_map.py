@@ -54,8 +54,4 @@ class PBMap(anywidget.AnyWidget):
     @property
     def value(self) -> np.ndarray:
         """The chosen p `[D_p]`."""
-        return self.at(self.chosen)
-
-    def at(self, places: ArrayLike) -> np.ndarray:
-        """The p `[..., D_p]` of places of the map `[..., 2]`, PC1 and PC2."""
-        return self._plane.p(places)
+        return self._plane.p(self.chosen)

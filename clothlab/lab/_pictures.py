@@ -7,7 +7,6 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 
 from clothlab import plots
 from clothlab._alt_text import AltText, describe
@@ -16,7 +15,6 @@ from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
 _ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
-_AREA = 500  # pixels of one colour that are seen as an area
 _ENLARGED = 10  # times, or nobody would see the ellipse
 
 
@@ -32,23 +30,6 @@ def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
         picture = picture[..., ::-1]  # OpenCV has blue first
     _, data = cv2.imencode(kind, picture)
     return data.tobytes()
-
-
-def compact(png: bytes) -> bytes:
-    """A figure as WebP with few colours, a third as large; edges stay sharp.
-
-    Areas keep their colour. Of others, as between a line and its ground, each channel
-    keeps 16 levels, none of them more than 8 away.
-    """
-    picture = Image.open(io.BytesIO(png)).convert("RGB")
-    exact = np.asarray(picture)
-    few = (17 * np.round(exact / 17)).astype(np.uint8)
-    for count, colour in picture.getcolors(exact.size) or []:
-        if count > _AREA:
-            few[(exact == colour).all(axis=-1)] = colour
-    file = io.BytesIO()
-    Image.fromarray(few).save(file, "webp", lossless=True)
-    return file.getvalue()
 
 
 def pixels(mask: np.ndarray) -> bytes:

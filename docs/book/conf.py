@@ -12,7 +12,6 @@ from importlib.resources import files
 from pathlib import Path
 
 import clothlab
-from course.drawn import PLACE
 from course.repository import START, address, doors
 
 logging.getLogger("OpenGL").setLevel(logging.WARNING)  # Sphinx would print its news
@@ -154,19 +153,10 @@ def open_elsewhere(
     )
 
 
-def load_controls(
-    app, pagename: str, templatename: str, context: dict, doctree
-) -> None:
-    """Let pages with figures that were drawn beforehand load what shows them."""
-    if PLACE in context.get("body", ""):
-        app.add_js_file("lab/drawn.js", defer="defer")
-
-
 def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("html-page-context", level_captions, priority=900)
     app.connect("html-page-context", open_elsewhere, priority=901)
-    app.connect("html-page-context", load_controls)
     # Before Napoleon
     app.connect("autodoc-process-docstring", read_docstring, priority=400)
     app.connect("build-finished", bundle_mathjax)

@@ -4,7 +4,6 @@ and no answer for students.
 
 import base64
 import gzip
-import html
 import json
 import re
 import tomllib
@@ -14,9 +13,8 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
-from clothlab.lab._drawn import MIME
 from clothlab.lab._playback import load_recording
-from course import book, drawn, editions, grades, lab_page
+from course import book, editions, grades, lab_page
 from course.editions import ROOT
 from course.repository import number_of
 
@@ -129,51 +127,6 @@ def test_a_widget_becomes_its_picture_or_nothing_and_a_video_waits():
     page = '<video controls width="9" autoplay loop aria-label="a loop"><source src="data:video/mp4;base64,A"/>'
     (output,) = book.web_output(shown({"text/html": page, "text/plain": "<HTML>"}))
     assert output.data["text/html"] == page.replace(" autoplay loop", "")
-
-
-FIGURES = {
-    "controls": [{"kind": "menu", "label": "a < b", "names": ["0", "1"], "start": 0}],
-    "sizes": [2],
-    "thinned": False,
-    "figures": [{"picture": "UklG", "alt": "one", "details": []}] * 2,
-}
-
-
-def test_a_widgets_figures_follow_its_picture_and_words_and_lie_in_a_script(tmp_path):
-    view = {book.WIDGET: {"model_id": "1"}, MIME: FIGURES}
-    picture, words, place = book.web_output(shown(view | PICTURE, WORDS))
-    assert picture.data == PICTURE
-    assert "In words" in words.data["text/html"]
-    cell = new_code_cell("control", outputs=[picture, words, place])
-    drawn.write_figures(new_notebook(cells=[cell]), tmp_path)
-    assert MIME not in place.data, "a page holds no figure that nobody asks for"
-
-    # The place names a script, and the script has the figures
-    found = re.search(
-        '<div class="drawn" .*data-figure="(.*?)">', place.data["text/html"]
-    )
-    about = json.loads(html.unescape(found[1]))
-    file = about.pop("file")
-    assert about == {name: FIGURES[name] for name in ("controls", "sizes")}
-    name, packed = (tmp_path / f"{file}.js").read_text("utf-8").split('"')[1::2]
-    assert name == file
-    held = json.loads(gzip.decompress(base64.b64decode(packed)))
-    assert held == [figure | {"details": ""} for figure in FIGURES["figures"]]
-
-
-def test_figures_of_a_solution_are_not_for_students(lesson, tmp_path):
-    lesson.cells[-3].outputs = [shown(PICTURE | {MIME: FIGURES}, WORDS)]
-    for student, scripts in ((True, 0), (False, 1)):
-        page = book.web_page(lesson, "08_lesson.ipynb", student=student)
-        drawn.write_figures(page, tmp_path / str(student))
-        assert len([*(tmp_path / str(student)).rglob("*.js")]) == scripts
-
-
-def test_the_controls_are_one_plain_script(tmp_path):
-    drawn.write_controls(tmp_path)
-    script = (tmp_path / "drawn.js").read_text("utf-8")
-    assert not re.search(r"^\s*(export|import)\b", script, re.MULTILINE)
-    assert "function pbMap" in script
 
 
 @pytest.mark.slow

@@ -12,7 +12,8 @@ function placeLabel(width, [x, y], taken, side, size) {
   return [box[0], box[3] - 0.25 * size];
 }
 
-function pbMap(choose, SIDE = 310) {
+function pbMap(choose) {
+  const SIDE = 310; // [CSS pixel]
   const SHARP = 2; // canvas pixels to each CSS pixel
   const canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
   canvas.className = "map";
