@@ -3,8 +3,7 @@
 A recurrent model without p, trained on long windows; and encoders that see 100 or 200
 steps, which are ready to be trained, and were not. `python examples/fair_rivals.py`
 trains what the table `another_robot_rivals` has; names of `MODELS` behind it choose
-others. Trainings are kept in build/fair_rivals. A policy that is learned by trial and
-error is in `trial_and_error.py`.
+others. Trainings are kept in build/fair_rivals.
 """
 
 import itertools

@@ -1,6 +1,5 @@
 """The studies of notebook 16 on rivals of p, and on when p pays."""
 
-import sys
 from dataclasses import replace
 
 import another_robot
@@ -9,7 +8,6 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
-import trial_and_error
 import when_p_pays
 from when_p_pays import PENDULA, WORLDS
 
@@ -129,34 +127,6 @@ def test_each_rival_trains_and_reaches(kind):
     far = another_robot.control(trained, method, another_robot.MATERIALS[0], False, 0)
     assert far.shape == (10,)
     assert (far < 0.42).all()
-
-
-def test_reaching_is_rewarded_once_and_ends():
-    env = trial_and_error.Reaching(trial_and_error.teller("both properties"), 0)
-    first, _ = env.reset()
-    assert first.shape == (13,)
-    results = [env.step(np.ones(2)) for _ in range(another_robot.ATTEMPT)]
-    rewards = [each[1] for each in results]
-    assert [each[2] for each in results] == [False] * 11 + [True]
-    assert rewards[:-1] == [0] * 11
-    miss = np.linalg.norm(env.s[6:8] - env.goal)
-    assert rewards[-1] == pytest.approx(-10 * miss)
-
-
-def test_the_next_attempt_begins_where_the_last_one_ended():
-    env = trial_and_error.Reaching(trial_and_error.teller("nothing"), 0)
-    env.reset()
-    for _ in range(another_robot.ATTEMPT):
-        last, *_ = env.step(np.ones(2))
-    following, _ = env.reset()
-    assert following[:8] == pytest.approx(last[:8])
-    assert not np.allclose(following[8:10], last[8:10])
-
-
-def test_who_lacks_the_learner_is_told_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    with pytest.raises(ImportError, match="pip install stable-baselines3"):
-        trial_and_error.learner()
 
 
 def test_nine_pendula_have_two_properties():
