@@ -97,7 +97,6 @@ _NOTEBOOKS: dict[str, dict[str, list[str]]] = {
     "Modules that the lessons use": {
         "analysis": ["analysis"],
         "checks": ["checks"],
-        "diagrams": ["diagrams"],
         "lab": ["lab"],
         "plots": ["plots"],
         "tables": ["tables"],

@@ -3,7 +3,6 @@
 from clothlab import (
     analysis as analysis,
     checks as checks,
-    diagrams as diagrams,
     lab as lab,
     plots as plots,
     tables as tables,

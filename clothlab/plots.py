@@ -6,7 +6,9 @@ colour-blind readers can tell apart; where lines cross, their style differs too.
 
 import html
 import io
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
@@ -18,11 +20,13 @@ from matplotlib.figure import Figure
 
 from clothlab._alt_text import describe
 from clothlab._certainty import outline
+from clothlab._validation import choose
 from clothlab.analysis import principal_axes
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DRAWINGS = Path(__file__).parents[1] / "docs" / "drawings"
 STYLES = ("-", "--", "-.", ":")
 MARKERS = {
     DAMPINGS[0]: "o",
@@ -89,6 +93,19 @@ def show_video(
     label = html.escape(f"{about}; a video of {seconds:.1f} s without sound")
     labelled = str(page).replace("<video ", f'<video aria-label="{label}" ', 1)
     IPython.display.display(IPython.display.HTML(labelled))
+
+
+def drawing(name: str) -> IPython.display.SVG:
+    """A drawing of `docs/drawings`, such as "method_training", "muscle_arm", "memory".
+
+    Raises:
+        KeyError: there is no such drawing; the message lists them.
+    """
+    files = {path.stem: path for path in sorted(_DRAWINGS.glob("*.svg"))}
+    text = choose("drawing", name, files).read_text("utf-8")
+    title = re.search("<title>(.*)</title>", text)
+    words = html.unescape(title[1]) if title else name
+    return IPython.display.SVG(text, metadata={"alt": words})
 
 
 def larger(figure: Figure) -> Figure:

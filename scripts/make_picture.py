@@ -1,4 +1,4 @@
-"""`make picture`: the README's moving picture, the method's, and the gallery.
+"""`make picture`: the README's moving picture and its gallery.
 
 The gallery is from the run of `make notebooks`. The moving picture shows iterative
 learning control after 28 periods, what the camera sees, and the target.
@@ -13,7 +13,7 @@ import nbformat
 import numpy as np
 from PIL import Image
 
-from clothlab import data, diagrams
+from clothlab import data
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.simulation.vision import cloth_mask
@@ -63,15 +63,6 @@ def gallery() -> None:
         print(f"{target}: {target.stat().st_size / 1e3:.0f} kB")
 
 
-def method_picture() -> None:
-    """Write `docs/method.png`: the picture of the method, twice as large as shown."""
-    file = io.BytesIO()
-    diagrams.method().savefig(file, dpi=200)
-    path = ROOT / "docs" / "method.png"
-    Image.open(file).convert("RGB").quantize(32).save(path, optimize=True)
-    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-
-
 def moving_picture() -> None:
     """Run 31 periods and write the last three to `docs/control.gif`."""
     # A controller that has learned for 28 periods
@@ -113,6 +104,5 @@ def moving_picture() -> None:
 
 
 if __name__ == "__main__":
-    method_picture()
     gallery()
     moving_picture()

@@ -137,3 +137,10 @@ def test_a_figure_for_a_projector_has_larger_letters_everywhere():
         texts = (ax.title, ax.xaxis.label, ax.yaxis.label)
         assert [text.get_fontsize() for text in texts] == [14, 14, 14]
         assert ax.get_xticklabels()[0].get_fontsize() == 13
+
+
+def test_a_drawing_is_described_and_a_wrong_name_lists_all():
+    _, metadata = plots.drawing("memory")._repr_svg_()
+    assert metadata["alt"].startswith("The network over four steps")
+    with pytest.raises(KeyError, match="muscle_arm"):
+        plots.drawing("elephant")
