@@ -90,8 +90,8 @@ slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of t
 # Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
 # leave of two cores, waiting for pages, is enough to make the site meanwhile. What is in no list is among the others.
 IN_BROWSER := $(wildcard tests/browser/test_*.py)
-LIVE := $(addprefix tests/browser/test_,live_lab.py mpc.py target_canvas.py)
-SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py dead_kernel.py)
+LIVE := $(addprefix tests/browser/test_,live_lab.py target_canvas.py)
+SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
 # Tests of what becomes of the site. The other tests of pages make their own.
 OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py)
 ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))

@@ -197,7 +197,7 @@ def lab_data(session: LiveSession) -> dict[str, Any]:
     arm = session.arm
 
     # What a person chooses from
-    chosen = {"arm": arm.name, "drivers": DRIVERS, "only": False}
+    chosen = {"arm": arm.name, "drivers": DRIVERS}
     refused = {"refused": dict.fromkeys(UNABLE, _IN_PAGE)}
 
     # The scene, and the map of p

@@ -174,8 +174,6 @@ def test_every_action_is_answered_even_when_it_is_refused(panel):
     assert panel.state["cloth"]["material"] == (0.05, 0.1)
     send(panel, "step")
     assert (says(panel), panel.state["answered"]) == ("", "id-step")
-    send(panel, "dance")
-    assert "unknown action 'dance'; choose from start, pause" in says(panel)
 
 
 def test_a_click_on_the_map_sets_p(panel):
@@ -293,21 +291,17 @@ def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
 def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     monkeypatch.setattr(panel.session, "set_p", broken(ZeroDivisionError("on purpose")))
     send(panel, "set p", at=[0, 0])
-    assert (panel.state["message"]["kind"], panel.state["status"]) == ("fault", "fault")
+    assert panel.state["message"]["kind"] == "fault"
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
         panel.check()
     panel.errors.clear()
-    send(panel, "step")
-    assert panel.state["status"] == "paused"
 
 
 @pytest.mark.parametrize(
     ("error", "faults"),
     [(ZeroDivisionError("oh"), 1), (SimulationError("diverged"), 0)],
 )
-def test_a_step_that_fails_pauses_until_a_person_goes_on(
-    panel, monkeypatch, error, faults
-):
+def test_a_step_that_fails_pauses_and_says_why(panel, monkeypatch, error, faults):
     signs = []
     panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run_steps(panel, 2)
@@ -316,18 +310,10 @@ def test_a_step_that_fails_pauses_until_a_person_goes_on(
     assert panel.state["status"] == "paused"
     monkeypatch.setattr(panel.session, "step", broken(error))
     run_steps(panel, 100)
-    assert (panel.state["status"], panel.state["running"], len(panel.errors)) == (
-        "fault",
-        False,
-        faults,
-    )
+    assert (panel.state["status"], panel.state["running"]) == ("paused", False)
+    assert len(panel.errors) == faults
     assert str(error) in says(panel)
     panel.errors.clear()
-    monkeypatch.undo()
-    send(panel, "set driver", driver="random")
-    assert panel.state["status"] == "fault"  # time still stands
-    send(panel, "reset")
-    assert panel.state["status"] == "paused"
 
 
 def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
@@ -338,36 +324,6 @@ def test_a_panel_that_is_too_slow_is_late(panel, monkeypatch):
     panel.observe(lambda change: signs.append(change["new"]["status"]), "state")
     run_steps(panel, 3)
     assert "late" in signs
-    assert "fault" not in signs
-
-
-def test_a_panel_with_control_only_shows_what_was_predicted_and_achieved_and_knows_the_cloth(
-    new_session,
-):
-    panel = LivePanel(new_session(), only="control")
-    assert panel.about["only"]
-    assert [each["about"] for each in panel.frame["pictures"]] == [
-        "what the camera sees"
-    ]
-    send(panel, "set cloth", cloth="damp0.07-mass0.15")
-    assert panel.session.p == pytest.approx(
-        panel.session.trained.biases["damp0.07-mass0.15"]
-    )
-    shown = []
-    for _ in range(9):
-        send(panel, "step")
-        shown.append(
-            [each["about"] for each in panel.frame["pictures"] if each["image"]]
-        )
-    assert [len(each) for each in shown] == [2] * 7 + [4] * 2
-    moment = panel.history[7]
-    assert shown[8][2].endswith(f"{moment.distance:.2f}")
-    assert np.linalg.norm(moment.began - panel.session.aim.z) == pytest.approx(
-        moment.period.predicted, abs=1e-5
-    )
-    assert np.array_equal(moment.began, panel.history[0].foreseen)
-    panel.check()
-    panel.close()
 
 
 def test_a_page_without_a_kernel_gets_a_picture_of_the_last_frame(panel):

@@ -10,7 +10,6 @@ from clothlab.lab._session import LiveSession
 from clothlab.lab._views import MATERIAL
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
-from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial, rollout
 from studies.motion import replay
 
@@ -99,8 +98,6 @@ def test_without_new_plans_the_best_known_one_is_repeated(session):
 def test_the_manual_command_is_sent_and_stays_in_range(session):
     session.set_driver("manual")
     session.set_hand(np.array([0.1, -0.9]))
-    with pytest.raises(ValueError, match="outside the torque arm's range"):
-        session.set_hand(np.array([5.0, 0.0]))
     assert session.step().command == pytest.approx([0.1, -0.9])
 
 
@@ -113,9 +110,6 @@ def test_p_moves_only_while_it_is_estimated(session):
     # The warm-up of a cloth in motion, and some to judge
     moved = [session.step().p for _ in range(18)][-1]
     assert not np.allclose(moved, [0.3, -0.2])
-    for wrong in ([np.nan, 0.0], [0.1] * 3, "p"):
-        with pytest.raises(ValueError, match="p is"):
-            session.set_p(wrong)
     assert session.p == pytest.approx(moved)
 
 
@@ -133,15 +127,6 @@ def test_another_arm_brings_its_own_weights_cloth_and_target(session):
     assert session.env.cloth.name in session.trained.biases
 
 
-def test_an_arm_that_cannot_be_loaded_changes_nothing(session, monkeypatch):
-    before = {name: id(value) for name, value in vars(session).items()}
-    monkeypatch.setattr("clothlab.data.load_targets", lambda: {})
-    with pytest.raises(KeyError, match="unknown target 'target-2'"):
-        session.set_arm("torque")
-    assert {name: id(value) for name, value in vars(session).items()} == before
-    session.step()
-
-
 def test_a_fixed_stiffness_is_sent_by_every_driver(session, muscle):
     with pytest.raises(ValueError, match="torque arm has no stiffness"):
         session.set_tension(30.0)
@@ -150,9 +135,6 @@ def test_a_fixed_stiffness_is_sent_by_every_driver(session, muscle):
     for driver in DRIVERS:
         muscle.set_driver(driver)
         assert muscle.step().command[2] == 55.0
-    with pytest.raises(ValueError, match="outside the muscle arm's range"):
-        muscle.set_tension(5.0)
-    assert muscle.tension == 55.0
     muscle.set_tension(None)
     assert learned(muscle) == ()  # another arm
 
@@ -191,52 +173,11 @@ def test_the_lightest_cloth_of_the_sliders_can_be_swung(session, damping):
         session.step()
 
 
-@pytest.mark.parametrize(
-    ("values", "error", "message"),
-    [
-        (
-            (0.05, 2e-3),
-            SimulationError,
-            r"too light or too stiff .* \(0.05, 0.10\) stays in the hand",
-        ),
-        ((-1, 0.1), ValueError, "Cloth"),
-        ((0.05, 0.0), ValueError, "Cloth"),
-    ],
-)
-def test_a_cloth_that_cannot_be_is_refused_and_the_one_before_goes_on(
-    session, values, error, message
-):
-    session.step()
-    before, state = session.env.cloth, session.env.data.qpos.copy()
-    with pytest.raises(error, match=message):
-        session.set_material(*values)
-    assert session.env.cloth == before
-    assert np.array_equal(session.env.data.qpos, state)
-    assert session.step().step == 2
-
-
 def test_a_material_of_the_menu_is_recognised(session):
     session.set_material(0.03, 0.15)
     assert session.env.cloth == get_cloth("damp0.03-mass0.15")
     session.set_material(0.055, 0.1)
     assert session.env.cloth.label == "(0.055, 0.10)"
-
-
-def test_unknown_names_list_the_choices(session):
-    for call, message in (
-        (
-            lambda: session.set_driver("clock"),
-            "unknown driver 'clock'; choose from control, iterative, manual",
-        ),
-        (lambda: session.set_cloth("felt"), "unknown cloth 'felt'; choose from"),
-        (
-            lambda: session.set_arm("muscle-hand"),
-            "unknown arm 'muscle-hand'; choose from torque, muscle",
-        ),
-    ):
-        with pytest.raises(KeyError, match=message):
-            call()
-    assert session.driver == "control"
 
 
 @pytest.mark.parametrize(
@@ -248,23 +189,6 @@ def test_a_recording_is_of_one_run(session, change, arguments):
     with pytest.raises(ValueError, match="cannot change during a recording"):
         getattr(session, change)(*arguments)
     session.step()
-
-
-def test_an_interrupted_step_has_not_happened(session, monkeypatch):
-    def interrupted():
-        raise KeyboardInterrupt
-
-    session.set_driver("random")
-    session.record()
-    session.step()
-    monkeypatch.setattr(session.env, "observe", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        session.step()
-    monkeypatch.undo()
-    assert session.step().step == 2
-    trial = load_trial(session.recorder.save("interrupted"))
-    assert len(trial) == 2
-    replay(trial)
 
 
 def test_a_recording_of_random_commands_is_the_trial_of_its_seed(session):

@@ -1,19 +1,12 @@
-"""What the panel does for each message of the browser, and what it may hold."""
+"""What the panel does for each message of its page."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import (
-    HEIGHT,
-    WIDTH,
-    check_array,
-    check_flag,
-    check_number,
-    choose,
-)
+from clothlab._validation import HEIGHT, WIDTH, choose
 from clothlab.lab._targets import uploaded_mask
 from clothlab.simulation.arm import Arm
 
@@ -21,110 +14,14 @@ if TYPE_CHECKING:
     from clothlab.lab._panel import LivePanel
 
 
-_LONGEST_IDENTITY = 64  # letters
-_MOST_NUMBERS = 10  # in a list; commands have three
-
-
-def stick_command(arm: Arm, places: Sequence[float] | np.ndarray) -> np.ndarray:
+def stick_command(arm: Arm, places: Sequence[float]) -> np.ndarray:
     """Command `[D_u]` where sticks and trigger stand in its range, 0 to 1.
 
     A place without a command is left out.
     """
     lower = arm.command_lower
     upper = arm.command_upper
-    places = check_array("places of the sticks", places[: len(lower)], lower.shape)
-    return lower + np.clip(places, 0, 1) * (upper - lower)
-
-
-class Message(NamedTuple):
-    """What a browser asks for.
-
-    Anybody can send anything from a page, so that all of it is checked.
-    """
-
-    do: str  # the action
-    identity: str  # of this message, by which its answer is known
-    # Of the action, as JSON has them; `content` is a file's bytes
-    arguments: dict[str, Any]
-
-    @classmethod
-    def read(cls, content: Any, buffers: Sequence[bytes]) -> "Message":
-        """What a message says; `do` is empty where it names no action."""
-        named = content if isinstance(content, Mapping) else {}
-        arguments = dict(named)
-        do = arguments.pop("do", None)
-        identity = arguments.pop("id", None)
-        if buffers:
-            arguments["content"] = bytes(buffers[0])
-        if not isinstance(do, str):
-            do = ""
-        if not isinstance(identity, str) or len(identity) > _LONGEST_IDENTITY:
-            identity = ""
-        return cls(do, identity, arguments)
-
-
-def _text(what: str, value: Any) -> str:
-    """A name or other short text."""
-    if not isinstance(value, str):
-        raise ValueError(f"{what} is a text, got {value!r:.40}")
-    return value
-
-
-def _numbers(what: str, value: Any) -> np.ndarray:
-    """A short list of finite numbers `[N]`."""
-    if not isinstance(value, list) or len(value) > _MOST_NUMBERS:
-        raise ValueError(f"{what} is a short list of numbers, got {value!r:.40}")
-    return check_array(what, value, ("N",))
-
-
-def _count(what: str, value: Any) -> int:
-    """A whole number."""
-    return check_number(what, value, int)
-
-
-def _force(what: str, value: Any) -> float | None:
-    """A force [N], or None where it is free."""
-    return None if value is None else check_number(what, value)
-
-
-def _image(what: str, value: Any) -> np.ndarray:
-    """An image `[H, W]` of 0 and 1, from its pixels row by row."""
-    if not isinstance(value, bytes) or len(value) != HEIGHT * WIDTH:
-        got = len(value) if isinstance(value, bytes) else f"{value!r:.40}"
-        raise ValueError(
-            f"{what} has {HEIGHT * WIDTH} bytes, one for each pixel, got {got}"
-        )
-    return np.frombuffer(value, np.uint8).reshape(HEIGHT, WIDTH)
-
-
-def _file(what: str, value: Any) -> bytes:
-    """What is in a file."""
-    if not isinstance(value, bytes):
-        raise ValueError(f"{what} is what is in a file, got {value!r:.40}")
-    return value
-
-
-class Action(NamedTuple):
-    """What to call, and how each of its arguments is read."""
-
-    call: Callable[..., object]
-    reads: Mapping[str, Callable[[str, Any], Any]] = {}
-    optional: frozenset[str] = frozenset()
-
-    def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Call it with the arguments of a message.
-
-        A ValueError says what is missing, too much or of a wrong kind.
-        """
-        needed = self.reads.keys() - self.optional
-        if not needed <= arguments.keys() <= self.reads.keys():
-            takes = ", ".join(self.reads) or "nothing"
-            got = ", ".join(map(repr, arguments)) or "nothing"
-            raise ValueError(f"this action takes {takes}, got {got}")
-        read = {
-            name: self.reads[name](name, value) for name, value in arguments.items()
-        }
-        self.call(**read)
+    return lower + np.clip(places[: len(lower)], 0, 1) * (upper - lower)
 
 
 class PanelActions:
@@ -138,69 +35,43 @@ class PanelActions:
         self._session = panel.session
         self._say = say
 
-    def act(self, message: Message) -> None:
-        """Do what a message asks for; an error says what is wrong with it."""
-        action = choose("action", message.do, self.named())
-        action(message.arguments)
+    def named(self) -> dict[str, Callable[..., object]]:
+        """The actions by the names that the page has for them.
 
-    def named(self) -> dict[str, Action]:
-        """The actions by the names that the browser has for them."""
-        return (
-            self._of_time()
-            | self._of_cloth()
-            | self._of_commands()
-            | self._of_target()
-            | self._of_recording()
-        )
-
-    def _of_time(self) -> dict[str, Action]:
+        Their arguments have the page's names, too; `content` is a file's bytes.
+        """
         panel = self._panel
+        session = self._session
         return {
-            "start": Action(panel.start),
-            "pause": Action(panel.pause),
-            "step": Action(panel.step),
-            "reset": Action(panel.reset),
-        }
-
-    def _of_cloth(self) -> dict[str, Action]:
-        """The cloth in the hand, and what is known of it."""
-        material = {"damping": check_number, "mass": check_number}
-        return {
-            "set cloth": Action(self._panel.set_cloth, {"cloth": _text}),
-            "set material": Action(self._session.set_material, material),
-            "set p": Action(self._set_p, {"at": _numbers}),
-            "estimate": Action(self._estimate, {"on": check_flag}),
-        }
-
-    def _of_commands(self) -> dict[str, Action]:
-        """The arm, and who moves it."""
-        panel = self._panel
-        return {
-            "set arm": Action(panel.set_arm, {"name": _text}),
-            "set driver": Action(self._session.set_driver, {"driver": _text}),
-            "explore": Action(self._explore, {"on": check_flag}),
-            "set tension": Action(panel.set_tension, {"f_const": _force}),
-            "set hand": Action(self._take_over, {"u": _numbers}),
-            "greet gamepad": Action(self._greet_gamepad, {"enough": check_flag}),
-            "move sticks": Action(self._move_sticks, {"places": _numbers}),
-        }
-
-    def _of_target(self) -> dict[str, Action]:
-        upload = {"size": _count, "content": _file}
-        return {
-            "draw": Action(self._draw, {"content": _image}),
-            "clear": Action(self._clear),
-            "pick": Action(self._pick, {"name": _text}),
-            "take": Action(self._take),
-            "upload": Action(self._upload, upload, frozenset({"content"})),
-        }
-
-    def _of_recording(self) -> dict[str, Action]:
-        return {
-            "record": Action(self._record),
-            "stop": Action(self._stop),
-            "save": Action(self._save, {"name": _text}),
-            "discard": Action(self._discard),
+            # Time
+            "start": panel.start,
+            "pause": panel.pause,
+            "step": panel.step,
+            "reset": panel.reset,
+            # The cloth in the hand, and what is known of it
+            "set cloth": panel.set_cloth,
+            "set material": session.set_material,
+            "set p": self._set_p,
+            "estimate": self._estimate,
+            # The arm, and who moves it
+            "set arm": panel.set_arm,
+            "set driver": session.set_driver,
+            "explore": self._explore,
+            "set tension": panel.set_tension,
+            "set hand": self._take_over,
+            "greet gamepad": self._greet_gamepad,
+            "move sticks": self._move_sticks,
+            # The target
+            "draw": self._draw,
+            "clear": self._clear,
+            "pick": self._pick,
+            "take": self._take,
+            "upload": self._upload,
+            # The recording
+            "record": self._record,
+            "stop": self._stop,
+            "save": self._save,
+            "discard": self._discard,
         }
 
     def _estimate(self, on: bool) -> None:
@@ -209,8 +80,10 @@ class PanelActions:
     def _explore(self, on: bool) -> None:
         self._session.exploring = on
 
-    def _draw(self, content: np.ndarray) -> None:
-        self._panel.aim(content, show=False)
+    def _draw(self, content: bytes) -> None:
+        """Aim at what was drawn: a byte for each pixel, 0 or 1, row by row."""
+        mask = np.frombuffer(content, np.uint8).reshape(HEIGHT, WIDTH)
+        self._panel.aim(mask, show=False)
 
     def _clear(self) -> None:
         self._say("draw a target; until then the robot keeps the one that it has")
@@ -222,12 +95,11 @@ class PanelActions:
         """Aim at what the camera sees now."""
         self._panel.aim(self._session.observation["image"])
 
-    def _set_p(self, at: np.ndarray) -> None:
+    def _set_p(self, at: Sequence[float]) -> None:
         """Use the p of a place on the map `[2]`."""
-        place = check_array("a place on the map", at, (2,))
-        self._session.set_p(self._panel.views.plane.p(place))
+        self._session.set_p(self._panel.views.plane.p(at))
 
-    def _move_sticks(self, places: np.ndarray) -> None:
+    def _move_sticks(self, places: Sequence[float]) -> None:
         self._take_over(stick_command(self._session.arm, places))
 
     def _upload(self, size: int, content: bytes = b"") -> None:

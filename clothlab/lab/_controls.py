@@ -18,9 +18,8 @@ from matplotlib.figure import Figure
 from clothlab._alt_text import AltText, describe
 from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._map import PBMap
-from clothlab.lab._messages import keep_error
 from clothlab.lab._pictures import encoded
-from clothlab.lab._widget import LifeSign, Widget
+from clothlab.lab._widget import Widget
 
 WRAPPED = {
     "display": "flex",
@@ -73,7 +72,7 @@ class Control(Widget, ipywidgets.VBox):
         others = [each for each in self.controls.values() if each not in maps]
         figure = _figure(self.message, self.picture)
         beside = ipywidgets.Box([*maps, figure], layout=WRAPPED)
-        super().__init__([LifeSign(), *others, beside])
+        super().__init__([*others, beside])
         self.add_class("clothlab-widget")
         self._redraw()
 
@@ -95,7 +94,7 @@ class Control(Widget, ipywidgets.VBox):
             plt.close(figure)  # or the notebook would show it a second time
             self.message.value = ""
         except Exception as error:
-            keep_error(self.errors)
+            self.errors.append(traceback.format_exc())
             text = html.escape(traceback.format_exception_only(error)[-1])
             self.message.value = (
                 f"<span role='alert' style='color:#b00020'>✗ {text}</span>"

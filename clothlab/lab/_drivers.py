@@ -28,8 +28,6 @@ class Choice(NamedTuple):
     predicted: float | None
     period_ended: bool  # whether a period of the controller ends with it
     basis: str = ""  # what the plan of iterative learning rests on
-    # z that the control predicts for the end of its period [D_z]
-    foreseen: np.ndarray | None = None
 
 
 class Period(NamedTuple):
@@ -77,10 +75,8 @@ class Drivers:
             "operator": OperatorPolicy(arm),
         }
 
-        # Predicted and seen distance of each step since the period began, and
-        # `foreseen` of its first step, until the next one begins
+        # Predicted and seen distance of each step since the period began
         self._period: list[tuple[float, float]] = []
-        self.began: np.ndarray | None = None
 
     def reset(self, seed: int) -> None:
         """Forget the last run, and what was learned in it."""
@@ -150,7 +146,6 @@ class Drivers:
             predicted=policy.predicted_distance,
             period_ended=controller.period_ended,
             basis=basis,
-            foreseen=policy.foreseen,
         )
 
     def close_period(
@@ -161,8 +156,6 @@ class Drivers:
         Answers at the end of a controller's period.
         """
         if choice.predicted is not None:
-            if not self._period:
-                self.began = choice.foreseen
             self._period.append((choice.predicted, distance))
         if not choice.period_ended or not self._period:
             return None

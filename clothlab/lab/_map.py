@@ -9,7 +9,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from clothlab.lab._plane import Plane
-from clothlab.lab._widget import answer_page, javascript
+from clothlab.lab._widget import javascript
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA
@@ -30,7 +30,7 @@ class PBMap(anywidget.AnyWidget):
             `biases`.
     """
 
-    _esm = javascript("alive", "text", "map", "map_widget")
+    _esm = javascript("text", "map", "map_widget")
     about = traitlets.Dict().tag(sync=True)
     # Place of the chosen p, PC1 and PC2
     chosen = traitlets.List(traitlets.Float()).tag(sync=True)
@@ -49,7 +49,6 @@ class PBMap(anywidget.AnyWidget):
         line = [] if reference is None else [self._plane.at(reference)]
         about = self._plane.map | {"line": line}
         super().__init__(about=about, chosen=self._plane.at(p))
-        self.on_msg(answer_page)
 
     @property
     def value(self) -> np.ndarray:

@@ -1,7 +1,4 @@
-"""The panel's message: what a person did wrong, and faults of ours.
-
-Tracebacks of faults are kept.
-"""
+"""What a panel says: what a person did wrong, and faults of ours."""
 
 import traceback
 from collections.abc import Callable
@@ -10,35 +7,17 @@ from clothlab.simulation.env import SimulationError
 
 # What a person can do wrong; the rest is our fault
 KNOWN_ERRORS = (ValueError, KeyError, OSError, SimulationError)
-# Tracebacks that are kept: a fault in each step would otherwise fill the memory
-MOST_ERRORS = 20
-_LONGEST_ERROR = 4000  # letters of a traceback, of which the last say most
-_LONGEST_TEXT = 300  # letters of a message; some errors repeat what they were given
-
-
-def keep_error(errors: list[str]) -> None:
-    """Add the traceback of the present exception.
-
-    Where there are so many already, one more says nothing.
-    """
-    if len(errors) < MOST_ERRORS:
-        errors.append(traceback.format_exc()[-_LONGEST_ERROR:])
 
 
 class Messages:
-    """The message that the panel, or a part of it, shows.
+    """The message that a panel shows; tracebacks of faults go to `errors`."""
 
-    Tracebacks of faults go to `errors`.
-    """
-
-    def __init__(self, errors: list[str] | None = None):
-        self.errors = [] if errors is None else errors
+    def __init__(self) -> None:
+        self.errors: list[str] = []
         self.say("")
 
     def say(self, text: str, kind: str = "info") -> None:
         """Show this from now on; the kind is `info`, `mistake` or `fault`."""
-        if len(text) > _LONGEST_TEXT:
-            text = f"{text[:_LONGEST_TEXT]} …"
         self.shown = {"text": text, "kind": kind}
 
     def guarded(self, act: Callable[[], object]) -> bool:
@@ -50,7 +29,7 @@ class Messages:
             words = error.args[0] if isinstance(error, KeyError) else error
             self.say(f"⚠ {words}", "mistake")
         except Exception as error:
-            keep_error(self.errors)
+            self.errors.append(traceback.format_exc())
             words = traceback.format_exception_only(error)[-1].strip()
             self.say(f"✗ a fault in the panel: {words}", "fault")
         else:

@@ -13,18 +13,18 @@ import numpy as np
 import traitlets
 
 from clothlab._alt_text import AltText
-from clothlab._validation import check_number, choose
-from clothlab.lab._actions import Message, PanelActions
+from clothlab.lab._actions import PanelActions
 from clothlab.lab._clock import Clock, LoopCallbacks
 from clothlab.lab._messages import Messages
 from clothlab.lab._pictures import still
 from clothlab.lab._session import LiveSession, StepInfo
 from clothlab.lab._views import HISTORY, Views
-from clothlab.lab._widget import Widget, answer_page, javascript
+from clothlab.lab._widget import Widget, javascript
 from clothlab.simulation.env import CONTROL_PERIOD
 
 _ELLIPSE_EVERY = 5  # steps; matplotlib takes a third of a step for it
-# Steps without a sign from the browser, after which the page is taken to be closed
+# Steps without a drawn frame, after which the page is taken to be closed: on a server,
+# its kernel would go on computing for nobody
 _PATIENCE = 25
 
 
@@ -35,14 +35,9 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     Args:
         session: what is steered; by default a new session with the torque arm.
-        only: "control" leaves what belongs to model predictive control: arm, cloth,
-            target and stiffness, and what is predicted beside what is achieved. The
-            controller then has the p of the cloth that is chosen.
     """
 
-    _esm = javascript(
-        "alive", "text", "traces", "target", "map", "gamepad", "style", "panel"
-    )
+    _esm = javascript("text", "traces", "target", "map", "gamepad", "style", "panel")
     about = traitlets.Dict().tag(sync=True)  # names, ranges and sizes
     # Where every control stands, and the message
     state = traitlets.Dict().tag(sync=True)
@@ -53,11 +48,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     _active: ClassVar["LivePanel | None"] = None
 
-    def __init__(self, session: LiveSession | None = None, *, only: str | None = None):
-        self._only = only is not None and choose(
-            "part of the panel", only, {"control": True}
-        )
-
+    def __init__(self, session: LiveSession | None = None):
         # One session at a time
         self.session = session or LiveSession()
         if LivePanel._active is not None:
@@ -68,8 +59,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.history: deque[StepInfo] = deque(maxlen=HISTORY)
         self.steps = 0  # since the panel was built
         self.drawn = 0  # number of the last frame that the browser drew
-        self._unseen = 0  # steps since the last frame was sent
-        self._broken = False  # whether time stands still since a step failed
+        self._sent = 0  # steps when the last frame was sent
         self._answered = ""  # the last message that was acted on
 
         # Time, words, and what a person can do
@@ -79,7 +69,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.errors = self._messages.errors
         super().__init__()
         self._actions = PanelActions(self, self._messages.say)
-        self.on_msg(answer_page)
         self.on_msg(self._hear)
         self._meet_arm()
 
@@ -95,16 +84,13 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     @property
     def _status(self) -> str:
-        """The sign of the panel: `fault` after a fault or a step that failed."""
-        if self._broken or self._messages.shown["kind"] == "fault":
-            return "fault"
+        """The sign of the panel."""
         if not self.running:
             return "paused"
         return "late" if self._clock.lately else "running"
 
     def start(self) -> None:
         """Let time go by, 5 steps a second."""
-        self._broken = False
         self._clock.start()
         self._show(force=True)  # a page that was reloaded has not drawn the last one
 
@@ -115,14 +101,12 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     def step(self) -> None:
         """Make a single step."""
-        self._broken = False
         self._advance(solve=True)
         self._show(force=True)
 
     def reset(self) -> None:
         """Let the cloth hang still again."""
         self.session.reset()
-        self._broken = False
         self.history.clear()
         self._show(force=True)
 
@@ -146,8 +130,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def set_cloth(self, cloth: str) -> None:
         """Put another cloth into the hand."""
         self.session.set_cloth(cloth)
-        if self._only:
-            self.session.set_p(self.session.trained.biases.get(cloth, self.session.p))
 
     def set_tension(self, f_const: float | None) -> None:
         """Fix the stiffness command [N], or leave it free with None."""
@@ -166,7 +148,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def show_all(self) -> None:
         """Send everything anew, and a frame."""
         with self.hold_sync():  # the browser gets names and values together
-            self.about = self.views.fixtures() | {"only": self._only}
+            self.about = self.views.fixtures()
             self.aim(self.session.target)
             self._show(force=True)
 
@@ -178,8 +160,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         solve = behind < CONTROL_PERIOD
         guarded = self._messages.guarded
         went_well = guarded(lambda: self._advance(solve=solve)) and guarded(self._show)
-        self._broken = not went_well
-        if went_well and self._unseen <= _PATIENCE:
+        if went_well and self.steps - self._sent <= _PATIENCE:
             return True
 
         if went_well:
@@ -191,7 +172,6 @@ class LivePanel(Widget, anywidget.AnyWidget):
     def _advance(self, *, solve: bool) -> None:
         self.history.append(self.session.step(solve=solve))
         self.steps += 1
-        self._unseen += 1
 
     def _show(self, *, force: bool = False) -> None:
         """Send how things stand, and a frame.
@@ -203,10 +183,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
         number = self.frame.get("number", 0)
         if self.drawn != number and not force:
             return
-        self._unseen = 0
+        self._sent = self.steps
         frame = self.views.frame(list(self.history))
-        if self._only:
-            frame |= self.views.period(self.history)
         self.frame = frame | {"number": number + 1}
         if self.steps % _ELLIPSE_EVERY == 0 or force:
             self._draw_ellipse()
@@ -233,22 +211,22 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
         It may come in another thread, and then waits for the end of a step.
         """
-        message = Message.read(content, buffers)
-        if message.do == "drawn":
-            self._messages.guarded(lambda: self._note_drawn(**message.arguments))
-        elif message.do != "alive?":  # answered already, even while a step is made
-            self._callbacks.take(self._act, message)
+        arguments = dict(content)
+        do = arguments.pop("do")
+        if buffers:
+            arguments["content"] = bytes(buffers[0])
+        if do == "drawn":
+            self.drawn = arguments["frame"]
+        else:
+            self._callbacks.take(self._act, do, arguments)
 
-    def _note_drawn(self, frame: Any = None, **_: Any) -> None:
-        self.drawn = check_number("the frame that was drawn", frame, int)
-
-    def _act(self, message: Message) -> None:
+    def _act(self, do: str, arguments: dict[str, Any]) -> None:
         """Do what a person asked for, and answer how things stand then.
 
         The answer comes even where nothing changed.
         """
+        self._answered = arguments.pop("id")
         self._messages.say("")
-        self._messages.guarded(lambda: self._actions.act(message))
-        self._answered = message.identity
+        self._messages.guarded(lambda: self._actions.named()[do](**arguments))
         show = self._refresh if self.running else partial(self._show, force=True)
         self._messages.guarded(show)

@@ -21,7 +21,7 @@ from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._controls import WRAPPED
 from clothlab.lab._messages import Messages
 from clothlab.lab._pictures import encoded, masks, still
-from clothlab.lab._widget import LifeSign, Widget
+from clothlab.lab._widget import Widget
 from clothlab.simulation.env import CONTROL_PERIOD
 
 RECORDING = Path("demonstration") / "torque.json.xz"  # in the folder of data
@@ -113,11 +113,13 @@ class RecordedRun(Widget, ipywidgets.VBox):
         below = ipywidgets.Box([play, self.slider, self._caption], layout=WRAPPED)
 
         # The button moves the slider, in the browser, and the slider the pictures
-        guarded = Messages(self.errors).guarded
+        messages = Messages()
+        self.errors = messages.errors
+        guarded = messages.guarded
         take = LoopCallbacks().take
         ipywidgets.jslink((play, "value"), (self.slider, "value"))
         self.slider.observe(lambda _: take(guarded, self._show), "value")
-        super().__init__([LifeSign(), above, below])
+        super().__init__([above, below])
         self.add_class("clothlab-widget")
         self._show()
 

@@ -3,7 +3,6 @@
 No widgets here.
 """
 
-import copy
 import secrets
 import time
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from clothlab.lab._recorder import Recorder
 from clothlab.method.autoencoder import decode, encode
 from clothlab.method.cloth_task import observe
 from clothlab.simulation.cloth import CLOTHS, Cloth, get_cloth
-from clothlab.simulation.env import ClothEnv, SimulationError
+from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 
 
@@ -43,19 +42,17 @@ class StepInfo:
     command: np.ndarray  # [D_u], in the arm's units
     solved: bool  # whether a controller solved for it, or went on with its last plan
     predicted: float | None  # distance at the end of the controller's period
-    foreseen: np.ndarray | None  # z that the control predicts for then [D_z]
     basis: str  # what the plan rests on, "recordings" or so many "attempts"; or empty
 
     # The controller's period
     period_ended: bool  # whether this was its last command
     period: Period | None  # then, the distance predicted at its beginning and achieved
-    began: np.ndarray | None  # `foreseen` when it began
 
 
 class LiveSession:
     """One robot with one cloth, step by step.
 
-    Between two steps all can be changed; a refusal changes nothing.
+    Between two steps all can be changed.
 
     Args:
         arm: name of an arm, which brings its own cloth, target and p.
@@ -63,6 +60,8 @@ class LiveSession:
             `load_trials("mine")` reads.
         picture_size: of the scene's picture, height and width [pixel].
     """
+
+    env: ClothEnv
 
     def __init__(
         self,
@@ -85,16 +84,6 @@ class LiveSession:
     def set_arm(self, name: str) -> None:
         """Change the arm, and with it weights, cloth, target and p."""
         self.recorder.refuse_while_running("the arm")
-        before = vars(self).copy()
-        try:
-            self._equip(name)
-        except BaseException:
-            vars(self).update(before)
-            raise
-        if "env" in before:
-            before["env"].close()
-
-    def _equip(self, name: str) -> None:
         self.equipment = Equipment.of(name)
         self.trained = self.equipment.trained
         self.arm = self.trained.arm
@@ -102,6 +91,8 @@ class LiveSession:
         self.aim = self.equipment.first_aim()
         self._p = self.equipment.first_p()
         self.hand = self.arm.home_command  # the command of the driver "manual" `[D_u]`
+        if hasattr(self, "env"):
+            self.env.close()
         cloth = self.equipment.setup.cloth
         self.env = ClothEnv(self.arm, cloth, scene=self._scene)
         self.set_tension(None)
@@ -113,15 +104,7 @@ class LiveSession:
         p stays, so that the estimation has something to find.
         """
         self.recorder.refuse_while_running("the cloth")
-        cloth = get_cloth(cloth)
-        before = self.env.cloth
-        try:
-            self.env.hold(cloth)
-        except SimulationError as error:
-            raise SimulationError(
-                f"the cloth {cloth.label} is too light or too stiff to be simulated: "
-                f"{before.label} stays in the hand"
-            ) from error
+        self.env.hold(get_cloth(cloth))
         self._begin()
 
     def set_material(self, damping: float, mass: float) -> None:
@@ -217,7 +200,10 @@ class LiveSession:
         choice = self._drivers.choose(
             self.driver, before, hand=self.hand, solve=solve, exploring=self.exploring
         )
-        self._advance(choice.command)
+        self.env.advance(choice.command)
+        self.observation = self.env.observe()
+        self.step_number += 1
+        self.command = choice.command
 
         # Keep what was seen, and learn from it
         if self.recorder.running:
@@ -247,22 +233,8 @@ class LiveSession:
             estimating=self.estimating,
             seconds=time.perf_counter() - start,
             period=self._drivers.close_period(self.driver, choice, distance),
-            began=self._drivers.began,
             **choice._asdict(),
         )
-
-    def _advance(self, u: np.ndarray) -> None:
-        """Send a command `[D_u]`, and look; after an error, no step has happened."""
-        before = copy.copy(self.env.data)
-        try:
-            self.env.advance(u)
-            observation = self.env.observe()
-        except BaseException:  # a failure or an interrupt
-            self.env.data = before
-            raise
-        self.observation = observation
-        self.step_number += 1
-        self.command = u
 
     @property
     def still_distance(self) -> float:
@@ -275,12 +247,8 @@ class LiveSession:
         The trial can be replayed then.
         """
         self.recorder.start()
-        try:
-            self.env.start()
-            self._begin()
-        except BaseException:
-            self.recorder.discard()
-            raise
+        self.env.start()
+        self._begin()
 
     def close(self) -> None:
         """Release the OpenGL contexts, and let go of a recording.

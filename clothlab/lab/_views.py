@@ -167,31 +167,6 @@ class Views:
         autoencoder = self._session.trained.autoencoder
         return decode(autoencoder, encode(autoencoder, self._seen(history)))
 
-    def period(self, history: Sequence[StepInfo]) -> dict[str, Any]:
-        """What the control predicts for the end of this period.
-
-        Of the last one, what it predicted and achieved.
-        """
-        # This period
-        pictures = [_picture("what the camera sees", self._seen(history))]
-        if history:
-            predicted = self._decoded(history[-1].foreseen)
-            pictures.append(_picture("predicted for the end of this period", predicted))
-
-        # The last one
-        ended = next((moment for moment in reversed(history) if moment.period), None)
-        if ended and ended.period:
-            before, then = ended.period
-            about = f"achieved at the end of the last period: {then:.2f}"
-            pictures.append(_picture(about, ended.image))
-            about = f"predicted for it when it began: {before:.2f}"
-            pictures.append(_picture(about, self._decoded(ended.began)))
-        return {"pictures": pictures}
-
-    def _decoded(self, z: np.ndarray | None) -> np.ndarray | None:
-        """The image `[H, W]` of z `[D_z]`, where there is one."""
-        return None if z is None else decode(self._session.trained.autoencoder, z)
-
     def ellipse(self, u: np.ndarray) -> bytes:
         """The stiffness ellipse under a command `[D_u]`, enlarged 10 times.
 
@@ -225,11 +200,6 @@ class Views:
             warning = "p lies outside the trained ones."
         region = self.plane.region(self._session.p, report.covariance)
         return {"region": region, "warning": warning}
-
-
-def _picture(about: str, image: np.ndarray | None) -> dict[str, Any]:
-    """An image `[H, W]` with words for it; without one, its place stays empty."""
-    return {"about": about, "image": b"" if image is None else encoded(image)}
 
 
 def _verdict(aim: Aim, usual: float) -> str:

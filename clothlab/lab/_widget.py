@@ -1,24 +1,24 @@
-"""What the widgets share: their JavaScript, faults, a picture, and signs of life."""
+"""What the widgets share: their JavaScript, faults, and a picture."""
 
 import base64
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import anywidget
 from IPython.display import display
 
 from clothlab._alt_text import AltText
 
 # A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
 # "model not found" where a widget was, and asks no other representation of it. So these
-# words are an output of their own, which a living widget hides (`alive.js`); the delay
-# keeps them from showing for the moment before it does.
+# words are an output of their own, which a living widget hides; the delay keeps them
+# from showing for the moment before it does.
 REOPENED = (
     "<style>\n"
     "@keyframes clothlab-late { from { opacity: 0 } to { opacity: 1 } }\n"
     ".clothlab-reopened { animation: clothlab-late 0s 1s both; "
     "color: #b00020; font-weight: 600 }\n"
+    ".jp-OutputArea:has(.clothlab, .clothlab-widget) .clothlab-reopened "
+    "{ display: none }\n"
     "</style>\n"
     '<div class="clothlab-reopened">'
     "The controls above need a kernel: run the cells again.</div>"
@@ -29,28 +29,6 @@ def javascript(*parts: str) -> str:
     """Files of `static/` as one module: such a module can't import its neighbours."""
     folder = Path(__file__).parent / "static"
     return "\n".join((folder / f"{part}.js").read_text("utf-8") for part in parts)
-
-
-def answer_page(widget: Any, content: Any, buffers: Sequence[bytes]) -> None:
-    """Tell a page that asks whether the kernel still lives that it does.
-
-    A handler for `on_msg`.
-    """
-    if content == {"do": "alive?"}:
-        widget.send({"do": "alive"})
-
-
-class LifeSign(anywidget.AnyWidget):
-    """Stands unseen in a widget of the library.
-
-    It says in that widget's place when the kernel has stopped.
-    """
-
-    _esm = javascript("alive", "life_sign")
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.on_msg(answer_page)
 
 
 class Widget:

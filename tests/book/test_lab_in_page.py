@@ -442,7 +442,7 @@ def test_a_frame_that_can_not_be_drawn_stops_time_and_says_so(lab):
     lab.wait("get('frame').clock.includes('step 1')")
     lab.page.evaluate(NONE)
     expect(lab.message.first).to_contain_text("made no picture of a canvas")
-    expect(lab.status).to_contain_text("fault")
+    expect(lab.status).to_contain_text("paused")
     assert not lab.get("state")["running"]
     lab.page.evaluate(AS_BEFORE)
     lab.press("step")

@@ -14,8 +14,6 @@ function render({ model, el }) {
   root.append(map.canvas);
   el.append(root);
   draw();
-  // Within another widget, that one speaks for both.
-  return watchKernel(model, () => (root.closest(".clothlab-widget") ? null : root));
 }
 
 export default { render };

@@ -3,8 +3,6 @@ const STATUS = {
   running: ["▶ running", "five steps a second"],
   paused: ["❚❚ paused", "time stands still: press start"],
   late: ["▶ late", "steps began late within the last second: the machine has too much to do"],
-  fault: ["✗ fault", "something went wrong: the message says what"],
-  gone: ["✗ no kernel", "the kernel has stopped or does not answer: run the cells again"],
 };
 
 function make(tag, properties = {}, ...children) {
@@ -209,16 +207,9 @@ function render({ model, el }) {
     else root.popover = null;
     root.focus({ preventScroll: on });
   }
-  const only = get("about").only; // what belongs to the control, and nothing else
-  function reduce() {
-    head.replaceChildren(...commands, status, arm.row, cloth.row);
-    shown.replaceChildren(scene.figure, pair, stiffness, plots);
-    pair.classList.add("pairs");
-    rest.replaceChildren(target);
-  }
   function press(event) {
     const typing = event.target.matches?.("input[type=text], select");
-    if (only || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.key.toLowerCase() === "p" && !typing) arrange(!projecting());
     else if (event.key === "Escape" && drawer.childElementCount) unfold(null);
     else if (event.key === "Escape" && projecting()) arrange(false);
@@ -254,9 +245,9 @@ function render({ model, el }) {
   function showState() {
     const state = get("state"), about = get("about");
     if (met !== about) meetArm(); // both are new, and nothing says which of them is told first
-    const gone = root.classList.contains("clothlab-gone"), sign = gone ? "gone" : state.status, [word, meaning] = STATUS[sign];
-    status.textContent = `${word}${state.recording && !gone ? " ● recording" : ""}`;
-    status.className = `status ${sign}`;
+    const [word, meaning] = STATUS[state.status];
+    status.textContent = `${word}${state.recording ? " ● recording" : ""}`;
+    status.className = `status ${state.status}`;
     status.title = meaning;
     idle(start, state.running ? "time goes by already" : "");
     idle(pause, state.running ? "" : "time stands still already");
@@ -317,14 +308,6 @@ function render({ model, el }) {
     const { label, name: held } = get("state").cloth, dot = get("about").map.dots.some((each) => each.name === held);
     legend.textContent = `${dot ? "● in the hand:" : "in the hand, none of the dots:"} ${label}\n+ p in use, nearest to ${get("frame").nearest}${get("frame").region.length ? "\n⋯ 90 % region" : ""}`;
   }
-  const shots = [0, 1, 2, 3].map(() => makePicture("", 196));
-  function showPeriod(pictures) {
-    pair.replaceChildren(...shots.slice(0, pictures.length).map(({ figure }) => figure));
-    pictures.forEach(({ about, image }, k) => {
-      shots[k].show(image, "image/png");
-      shots[k].image.alt = shots[k].caption.textContent = about;
-    });
-  }
   // Of an empty canvas there is nothing to say, although the robot keeps the target that it has.
   function forgetTarget() {
     verdict.textContent = reason.textContent = "";
@@ -345,7 +328,6 @@ function render({ model, el }) {
     scene.show(frame.scene, "image/jpeg");
     seen.show(frame.seen, "image/png");
     decoded.show(frame.decoded, "image/png");
-    if (only) showPeriod(frame.pictures);
     scene.caption.textContent = `the robot, ${frame.clock}`;
     while (traces.length < frame.traces.length) traces.push(tracePlot());
     traces.length = frame.traces.length;
@@ -366,15 +348,13 @@ function render({ model, el }) {
   const showEllipse = () => ellipse.show(get("ellipse"), "image/png");
 
   arrange(false);
-  if (only) reduce();
   el.append(make("style", { textContent: STYLE }), root);
   for (const [trait, show] of [["about", showState], ["state", showState], ["target", showTarget], ["frame", showFrame], ["ellipse", showEllipse]]) {
     model.on(`change:${trait}`, show);
     cleanUp.push(() => model.off(`change:${trait}`, show));
     show();
   }
-  if (!only && !get("about").refused?.["move sticks"]) cleanUp.push(watchGamepad(model, act));
-  cleanUp.push(watchKernel(model, () => root, { changed: showState, signs: ["change:frame", "change:state"] }));
+  if (!get("about").refused?.["move sticks"]) cleanUp.push(watchGamepad(model, act));
   return () => {
     cleanUp.forEach((each) => each());
     root.remove(); // or its place above the page would outlast it

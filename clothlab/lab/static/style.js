@@ -9,11 +9,9 @@ const STYLE = `
 .clothlab .traces { flex: 1 1 390px; }
 .clothlab img, .clothlab canvas.drawn { max-width: 100%; }
 .clothlab canvas.drawn { width: var(--wide); }
-.clothlab .pair:not(.pairs) { flex-wrap: nowrap; align-items: flex-start; }
-.clothlab .pair:not(.pairs) > figure { flex: 0 1 196px; min-width: 0; }
-.clothlab .pairs { width: 404px; font-size: 0.9em; align-items: flex-start; }
-.clothlab .pairs figure { width: 196px; }
-.clothlab section > .row, .clothlab .lone { margin-top: 6px; }
+.clothlab .pair { flex-wrap: nowrap; align-items: flex-start; }
+.clothlab .pair > figure { flex: 0 1 196px; min-width: 0; }
+.clothlab section > .row { margin-top: 6px; }
 .clothlab h3 { font-size: 1.07em; margin: 2px 0 6px; padding: 0; }
 .clothlab button, .clothlab select, .clothlab input[type=text] { font: inherit; padding: 3px 10px; border: 1px solid #888; border-radius: 4px; background: #f6f6f6; color: inherit; }
 .clothlab button:hover:not(:disabled, [aria-pressed=true]) { background: #e8f1f8; }
@@ -30,7 +28,6 @@ const STYLE = `
 .clothlab .status { font-weight: 600; padding: 2px 12px; border-radius: 12px; background: #e4e4e4; }
 .clothlab .status.running { background: #007a59; color: #fff; }
 .clothlab .status.late { background: #E69F00; color: #000; }
-.clothlab .status.fault, .clothlab .status.gone { background: #b00020; color: #fff; }
 .clothlab .message { min-height: 1.5em; overflow-wrap: anywhere; margin: 6px 0; padding: 1px 8px; border-left: 4px solid transparent; }
 .clothlab .message.info:not(:empty) { border-color: #0072B2; }
 .clothlab .message.mistake { border-color: #E69F00; background: #fdf3dd; }
@@ -83,5 +80,4 @@ const STYLE = `
 .clothlab.projector .drawer canvas.plot { height: 18.5vh; }
 .clothlab.projector .drawer label.slider { grid-template-columns: 10.5em minmax(3em, 1fr) 3.2em; }
 .clothlab.projector .drawer h3 { margin: 0.4vh 0; }
-.clothlab.projector .drawer summary { display: none; }
 `;

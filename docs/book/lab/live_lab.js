@@ -21,7 +21,7 @@ function makeGrey([width, height]) {
 // `ask` asks the session in the worker; `first` is what it said of its first arm; `filesOf` loads another one's.
 function liveLab(ask, first, filesOf) {
   const { period, size, history: longest } = first.answer.lab.about;
-  const { get, on, off, tell, set } = makeTraits();
+  const { get, on, off, set } = makeTraits();
   const canvas = make("canvas", { width: 560, height: 420 });
   const ellipseCanvas = make("canvas", { width: 540, height: 578 });
   const [seenImage, decodedImage, reconstructedImage] = [0, 1, 2].map(() => makeGrey(size));
@@ -31,7 +31,6 @@ function liveLab(ask, first, filesOf) {
   let history = [];
   let running = false;
   let turn = 0; // number of times that it was started
-  let broken = false; // whether time stands still since a step failed
   let message = { text: "", kind: "info" };
   let answered = "";
   let frames = 0;
@@ -52,7 +51,6 @@ function liveLab(ask, first, filesOf) {
 
   // -- what is shown
   function status() {
-    if (broken || message.kind === "fault") return "fault";
     if (!running) return "paused";
     return history.slice(-RECENT).some(({ late }) => late) ? "late" : "running";
   }
@@ -108,7 +106,7 @@ function liveLab(ask, first, filesOf) {
   let drawing = null;
   async function draw() {
     drawing = null;
-    if (!(await guarded(drawFrame))) stop();
+    if (!(await guarded(drawFrame))) pause();
   }
   function show() {
     refresh();
@@ -171,14 +169,13 @@ function liveLab(ask, first, filesOf) {
     const mine = (turn += 1);
     for (let due = now(); running && turn === mine;) {
       const behind = now() - due;
-      if (!(await guarded(() => advance({ timed: true, behind })))) stop();
+      if (!(await guarded(() => advance({ timed: true, behind })))) pause();
       show();
       due = Math.max(due + period, now() - 2 * period); // lost time is not made up for
       await new Promise((resolve) => setTimeout(resolve, Math.max(5, 1000 * (due - now()))));
     }
   }
   function start() {
-    broken = false;
     if (running) return;
     running = true;
     guarded(run);
@@ -187,24 +184,13 @@ function liveLab(ask, first, filesOf) {
     running = false;
     refresh();
   }
-  // After an error in a step or a frame.
-  function stop() {
-    broken = true;
-    pause();
-  }
 
   // -- what a person does
   const actions = {
     start,
     pause,
-    async step() {
-      broken = false;
-      await advance();
-    },
-    async reset() {
-      await told("reset", {}, () => []);
-      broken = false;
-    },
+    step: () => advance(),
+    reset: () => told("reset", {}, () => []),
     "set arm": ({ name }) => changeArm(name),
     "set p": ({ at }) => told("set p", { p: arm.plane.p(at) }),
     "move sticks": ({ places }) =>
@@ -236,5 +222,5 @@ function liveLab(ask, first, filesOf) {
   meet(first.answer);
   showTarget(first.answer.aim);
   drawFrame();
-  return { get, on, off, send: makeSend(actions, tell, does), rest };
+  return { get, on, off, send: makeSend(actions, does), rest };
 }

@@ -3,7 +3,7 @@
 
 // shots: of each step, the traits that were new then, `caption`, and of which step each of them is `newest`.
 function recordedRun(shots) {
-  const { get, on, off, tell, set } = makeTraits();
+  const { get, on, off, set } = makeTraits();
   const from = {}; // the shot that a trait was last shown of
   const about = unpacked(shots[0].about);
   const last = shots.length - 1;
@@ -57,5 +57,5 @@ function recordedRun(shots) {
 
   set({ about });
   show();
-  return { get, on, off, send: makeSend({ start, pause, step, reset, seek }, tell, does), rest };
+  return { get, on, off, send: makeSend({ start, pause, step, reset, seek }, does), rest };
 }

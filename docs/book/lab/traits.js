@@ -13,13 +13,12 @@ function makeTraits() {
     Object.assign(traits, news);
     for (const name of Object.keys(news)) tell(`change:${name}`);
   }
-  return { get: (name) => traits[name], on, off, tell, set };
+  return { get: (name) => traits[name], on, off, set };
 }
 
 // How a model takes what a panel sends it: `does(action, id)` for each that it knows.
-function makeSend(actions, tell, does) {
+function makeSend(actions, does) {
   return async function send({ do: what, id, ...more }, _, buffers = []) {
-    if (what === "alive?") tell("msg:custom", { do: "alive" });
     if (what in actions) await does(() => actions[what](more, buffers), id);
   };
 }
