@@ -23,7 +23,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test in-python tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium bench measured data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check test in-python tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -140,7 +140,6 @@ site-tested:
 notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
-	$(BIN)/python scripts/same_verdicts.py
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
@@ -150,12 +149,6 @@ browser: $(DEV) chromium  ## only the live lab in JupyterLab in Chromium; screen
 
 chromium: $(DEV)
 	@$(SYSTEM) chromium || $(BIN)/playwright install chromium || true
-
-bench: $(DEV) chromium  ## measure speed, each figure as a ratio within one run
-	$(BIN)/python scripts/bench.py
-
-measured: $(STAMP)  ## measure what a student needs of a server, into docs/course/measured.md, half an hour; OPTIONS="--small" is sooner
-	$(BIN)/python scripts/measure.py $(OPTIONS)
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
 	$(BIN)/python scripts/reproduce.py record $(NAMES)

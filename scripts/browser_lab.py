@@ -1,7 +1,4 @@
-"""JupyterLab with the real notebooks, and Chromium to look at it.
-
-For the browser tests and for `make bench`.
-"""
+"""JupyterLab with the real notebooks, and Chromium to look at it."""
 
 import json
 import re

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.text import Text
-from same_verdicts import differences, verdicts_in
 
 import clothlab
 from studies import PAPER, claims, figures, report, save
@@ -208,6 +207,19 @@ def test_conditions_that_change_places_change_the_verdict(altered):
 # The pages
 
 
+def verdicts_in(text):
+    """Verdicts of a page's tables in Markdown, by the claim in bold."""
+    found = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        _, mark, rest = cells[0].partition("**")
+        claim, end, _ = rest.partition("**")
+        verdicts = tuple(cell for cell in cells[1:] if cell in claims.VERDICTS)
+        if mark and end and verdicts:
+            found[claim] = verdicts
+    return found
+
+
 def test_readme_and_results_have_the_verdicts_that_are_computed():
     judged = report.verdicts()
     expected = {}
@@ -220,17 +232,6 @@ def test_readme_and_results_have_the_verdicts_that_are_computed():
     readme = verdicts_in((ROOT / "README.md").read_text())
     assert readme.keys() == {CLAIMS[name].short for name in report.CLAIMS}
     assert readme.items() <= expected.items()
-
-
-def test_pages_that_say_different_things_of_a_claim_are_told():
-    page = "| **a b** (by our method): x | 0.1 | holds |  |  |\n| other | 1 | holds |"
-    first = verdicts_in(page)
-    assert first == {"a b": ("holds",)}
-    assert differences({"one": first, "two": first}) == []
-    other = verdicts_in(page.replace("holds", "equal"))
-    (told,) = differences({"one": first, "two": first, "three": other})
-    assert told == "a b: one and two: holds; three: equal"
-    assert differences({"one": first, "two": {}}) == ["two has no verdict"]
 
 
 def words_of(figure):
