@@ -17,6 +17,7 @@ import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 COURSE = ROOT / "docs" / "course"
+PROBLEMS = sorted((COURSE / "problems").glob("[a-z]*.md"))
 RECORD = """
 from clothlab import data as stored
 from clothlab.lab import LiveSession
@@ -41,6 +42,20 @@ def test_the_demonstration_names_only_what_the_panel_has():
     assert {
         words for words in said if words.replace("driven by", "").strip() not in shown
     } == set()
+
+
+@pytest.mark.parametrize("page", PROBLEMS, ids=lambda page: page.stem)
+def test_a_weekly_problem_gives_ten_points(page):
+    rows = re.findall(r"^\| (\d+) \| ", page.read_text("utf-8"), re.MULTILINE)
+    assert sum(map(int, rows)) == 10
+
+
+def test_the_site_and_the_syllabus_lead_to_every_problem():
+    toctree = (ROOT / "docs" / "book" / "index.md").read_text("utf-8")
+    syllabus = (COURSE / "syllabus.md").read_text("utf-8")
+    for page in PROBLEMS:
+        assert f"docs/course/problems/{page.stem}" in toctree
+        assert f"(problems/{page.name})" in syllabus
 
 
 def code_of(question):
