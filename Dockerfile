@@ -12,12 +12,11 @@ RUN useradd --create-home --uid ${NB_UID} ${NB_USER}
 ENV HOME=/home/${NB_USER} PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR ${HOME}/clothlab
 
-# Packages first: they are installed anew only when the lock changes. pip's default PyTorch brings several gigabytes of
-# CUDA; TORCH_OPTIONS takes what PyTorch's installation page has for "CPU".
+# Packages first: they are installed again only when the lock changes. PyTorch comes without CUDA, which is several
+# gigabytes smaller.
 COPY environment.txt ./
-ARG TORCH_OPTIONS=""
-RUN pip install ${TORCH_OPTIONS} "$(grep '^torch==' environment.txt)" \
-    && grep '==' environment.txt > pins.txt && pip install --requirement pins.txt && rm pins.txt
+RUN pip install uv && grep '==' environment.txt > pins.txt \
+    && uv pip install --system --no-cache --torch-backend=cpu --requirement pins.txt && rm pins.txt
 
 COPY --chown=${NB_UID} . ./
 RUN pip install --no-deps --editable . && chown ${NB_UID} .

@@ -2,11 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# What is installed: what runs the notebooks, then what tests need, then what the site needs.
+# There when all that environment.txt pins is installed.
 STAMP := $(VENV)/installed
-DEV := $(VENV)/developer
-BOOK := $(VENV)/book
-GRADING := $(VENV)/grading
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
 EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
 SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studies/*.py studies/*/*.py) data/SHA256SUMS
@@ -23,37 +20,42 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test in-python tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book container format doctor lock
+.PHONY: help lab check test tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-# What the system itself must have; missing packages are installed where that needs no password (CHECK=1 only looks).
-export PYTHON CHECK
+# What a bare Debian or Ubuntu lacks of what is needed: OpenGL without a display; a browser, and what leads it.
 SYSTEM := sh scripts/system_packages.sh
+OPENGL := libegl1 libopengl0 libgl1-mesa-dri
+BROWSER := chromium libatomic1
+
+# PyTorch without CUDA is several gigabytes smaller; UV_TORCH_BACKEND=auto takes the one for this machine's GPU. Where pip
+# has a folder of packages of its own, uv looks there, too.
+ifdef PIP_FIND_LINKS
+export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
+else
+export UV_TORCH_BACKEND ?= cpu
+endif
 
 $(STAMP): environment.txt pyproject.toml
-	@$(SYSTEM) python
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(SYSTEM) $(notdir $(PYTHON))-venv
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet --requirement environment.txt
-	@touch $@
-
-$(DEV): $(STAMP) environment-dev.txt
-	$(BIN)/pip install --quiet --requirement environment-dev.txt
+	$(BIN)/pip install --quiet uv
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement environment.txt
 	@touch $@
 
 doctor: $(STAMP)  ## check this machine: versions, drawing, data
-	@$(SYSTEM) egl || true
+	@$(SYSTEM) $(OPENGL) || true
 	@$(BIN)/python -m clothlab doctor
 
 # JupyterLab starts in the repository's root: a notebook's ../docs would lie outside of what it serves otherwise.
 lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
-check: $(DEV)  ## linter, types and unit tests, in parallel
+check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(call CHECKED)
 
 # The linters, then types beside tests, whose options stand behind it.
@@ -64,27 +66,13 @@ $(BIN)/lint-imports
 $(BIN)/mypy & types=$$!; $(PYTEST) $(1); tests=$$?; wait $$types && exit $$tests
 endef
 
-# Makes the first with what the system needs for it, which is installed where it may be. Elsewhere all is run that can be,
-# and the end is the line to type.
-define AS_FAR_AS_MAY_BE
-@$(SYSTEM) $(2) || true
-@if CHECK=1 $(SYSTEM) $(2) >/dev/null; then $(MAKE) $(1); \
-else $(MAKE) --keep-going CHECK=1 $(1); status=$$?; CHECK=1 $(SYSTEM) $(2) && exit $$status; fi
-endef
-
-test:  ## linter, types, every test without a browser, every notebook; some nine minutes
-	$(call AS_FAR_AS_MAY_BE,in-python,python git egl)
-
-in-python: doctor tested notebooks
-
-pages:  ## the live lab in JupyterLab, the site and its live page, in a browser; some twelve minutes
-	$(call AS_FAR_AS_MAY_BE,in-browser,python git egl chromium)
+test: doctor tested notebooks  ## linter, types, every test without a browser, every notebook
 
 # What `make check` and `make slow` do, in one run: each process imports everything once.
-tested: $(DEV) $(GRADING)
+tested: $(STAMP) $(GRADING)
 	$(call CHECKED,-rs -m 'not browser and not book and not nightly and not container')
 
-slow: $(DEV) $(GRADING)  ## only the tests that start kernels and processes of their own
+slow: $(STAMP) $(GRADING)  ## only the tests that start kernels and processes of their own
 	$(PYTEST) -m 'slow and not nightly' -rs
 
 # Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
@@ -100,7 +88,7 @@ ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
 build/small:
 	$(MAKE) notebooks
 
-in-browser: chromium $(BOOK) build/small
+in-browser: chromium build/small
 	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
 	$(MAKE) --jobs=2 graphs
 	nice $(MAKE) site-built & built=$$!; \
@@ -127,7 +115,7 @@ site: chromium build/small  ## the site and the slides from the run of `make not
 # Of the robots in a page, if they are old: two who need one at once must not both make it.
 graphs: graphs-torque graphs-muscle
 
-graphs-%: $(DEV)
+graphs-%: $(STAMP)
 	$(BIN)/python -c 'from course.lab_page import arm_files; arm_files("$*")'
 
 site-built:
@@ -137,18 +125,18 @@ site-built:
 site-tested:
 	$(BIN)/pytest -m book -rs $(OF_SITE)
 
-notebooks: $(DEV)  ## run every notebook from top to bottom with CI's small sizes, into build/small
+notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
 	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
 	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
-browser: $(DEV) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
+browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
 
-chromium: $(DEV)
-	@$(SYSTEM) chromium || $(BIN)/playwright install chromium || true
+chromium: $(STAMP)
+	@$(SYSTEM) $(BROWSER) || $(BIN)/playwright install chromium
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
 	$(BIN)/python scripts/reproduce.py record $(NAMES)
@@ -183,21 +171,17 @@ $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
 
-$(GRADING): $(DEV) docs/course/requirements.txt
+$(GRADING): $(STAMP) docs/course/requirements.txt
 	$(BIN)/pip install --quiet --no-deps --upgrade --target $@ --requirement docs/course/requirements.txt
 	@touch $@
 
 grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
 	@$(BIN)/python course/grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
 
-$(BOOK): $(DEV) docs/requirements.txt
-	$(BIN)/pip install --quiet --requirement docs/requirements.txt
-	@touch $@
-
 npm: $(STAMP)  ## fetch what the live lab in a page takes of npm into build/npm, 25 MB
 	$(BIN)/python course/npm.py
 
-book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
+book: $(STAMP) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
 	-$(BIN)/python course/npm.py # without a network, its robot stands still
 	$(BIN)/python course/book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
 	rm -rf $(SITE)/html
@@ -205,20 +189,23 @@ book: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site;
 		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
 	@echo "$(SITE)/html/index.html: open it in a browser"
 
-slides: $(BOOK) $(if $(SMALL),,$(EXECUTED))  ## decks of seven notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
+slides: $(STAMP) $(if $(SMALL),,$(EXECUTED))  ## decks of seven notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
 	$(BIN)/python course/slides.py $(if $(SMALL),--small)
 	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
 		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \
 		--SlidesExporter.reveal_theme=white build/slides/*.ipynb
 	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
 
-container: $(DEV)  ## build the container and pass notebook 00 in it, where a container runtime is; else say that there is none
-	$(BIN)/pytest -m container -rs tests/test_container.py
+# Pinned versions stay, unless UPGRADE=1. What CUDA consists of is left out: an installer takes what the build of PyTorch at
+# hand asks for.
+lock: $(STAMP)  ## pin what pyproject.toml names in environment.txt; UPGRADE=1 takes the newest versions
+	UV_FIND_LINKS= $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11.2 --fork-strategy fewest \
+		--group dev --group book --group web --no-header --no-annotate $(if $(UPGRADE),--upgrade) --output-file environment.txt
+	{ echo "# Every package and its version: \`make lock\` writes it from pyproject.toml."; \
+		grep -Ev '^(nvidia-|cuda-|triton)' environment.txt; echo "-e ."; } > build/environment.txt
+	mv build/environment.txt environment.txt
 
-lock: $(DEV)  ## pin what pyproject.toml names in three locks, and see whether every platform has them; UPGRADE=1 takes the newest
-	$(BIN)/python scripts/make_locks.py write $(if $(UPGRADE),--upgrade)
-
-format: $(DEV)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
+format: $(STAMP)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python scripts/make_api.py

@@ -12,12 +12,10 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
 
-from make_locks import pins
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = ("cloth", "notebooks", "robots", "sysid")
 # Colab shows the notebooks itself, and the package is a clone beside them.
 NOT_NEEDED = {"jupyterlab", "clothlab"}
 
@@ -25,12 +23,18 @@ NOT_NEEDED = {"jupyterlab", "clothlab"}
 def needed() -> list[Requirement]:
     """What the package and the notebooks import, as `pyproject.toml` says it."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    lists = [
-        project["dependencies"],
-        *(project["optional-dependencies"][extra] for extra in EXTRAS),
-    ]
-    needs = [Requirement(need) for each in lists for need in each]
+    needs = [Requirement(need) for need in project["dependencies"]]
     return [need for need in needs if need.name not in NOT_NEEDED]
+
+
+def pins(lock: str) -> dict[str, str]:
+    """What a lock pins, by canonical name: "numpy==2.4.1"."""
+    found = {}
+    for line in lock.splitlines():
+        if "==" in line and not line.startswith("#"):
+            pin = Requirement(line)
+            found[canonicalize_name(pin.name)] = f"{pin.name}{pin.specifier}"
+    return found
 
 
 def lacking(
@@ -43,11 +47,7 @@ def lacking(
         lock: text of the lock.
         installed: versions by canonical name.
     """
-    pinned = {}
-    for line in pins(lock).values():
-        pin = Requirement(line)
-        pinned[canonicalize_name(pin.name)] = f"{pin.name}{pin.specifier}"
-
+    pinned = pins(lock)
     unmet = {}
     for need in needs:
         name = canonicalize_name(need.name)
@@ -80,7 +80,8 @@ def install() -> None:
     """
     # What draws without a display
     script = ROOT / "scripts" / "system_packages.sh"
-    subprocess.run(["sh", str(script), "egl"], check=True)
+    opengl = ["libegl1", "libopengl0", "libgl1-mesa-dri"]
+    subprocess.run(["sh", str(script), *opengl], check=True)
 
     # Packages that are not there, or too old
     installed = {canonicalize_name(each.name): each.version for each in distributions()}
