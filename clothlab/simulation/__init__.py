@@ -5,10 +5,6 @@ Importing it, or anything in it, registers that environment with Gymnasium, for
 that needs no import before is `"clothlab.simulation:clothlab/Cloth-v0"`.
 """
 
-from clothlab import _extras
-
-_extras.require("clothlab.simulation", "mujoco", "cloth")
-
-import gymnasium  # noqa: E402  # after the sentence on what is missing
+import gymnasium
 
 gymnasium.register("clothlab/Cloth-v0", entry_point="clothlab.simulation.env:ClothEnv")
