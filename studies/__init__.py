@@ -50,7 +50,6 @@ from studies import (
     sysid_benchmark,
     table_setting,
     transfer,
-    tuning,
     what_p_buys,
     what_p_shows,
 )
@@ -72,7 +71,6 @@ _MODULES = (  # in the order of docs/results.md
     live_lab,
     stiffness,
     iterative_control,
-    tuning,
     oracle,
     transfer,
     rivals,
