@@ -174,15 +174,6 @@ def crossed_interval(values: ArrayLike) -> tuple[float, float, float]:
     return mean, mean - half, mean + half
 
 
-def half_widths_from_zero(differences: ArrayLike) -> float:
-    """Mean of paired differences `[K, N]` over half the width of its interval.
-
-    Near or within one, there is perhaps no difference.
-    """
-    mean, low, high = difference_interval(differences)
-    return 2 * mean / (high - low)
-
-
 def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
     """Share of the episodes in which something held, and Wilson's 95 % interval.
 

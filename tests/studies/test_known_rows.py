@@ -26,7 +26,6 @@ from studies import (
     identifiability,
     iterative_control,
     joint_estimation_control,
-    material_change,
     oracle,
     self_organisation,
     stiffness,
@@ -578,39 +577,6 @@ def test_a_run_begins_with_the_p_that_its_row_names(in_the_toy, monkeypatch):
         96,
     )
     assert row["bias_ratio"] < 0.2
-
-
-@pytest.mark.slow
-def test_a_change_of_material_is_one_of_the_physics_alone(world, monkeypatch):
-    """The same as a scene whose model is exchanged by hand."""
-    rng = np.random.default_rng(0)
-    arm = get_arm("torque")
-    commands = rng.uniform(arm.command_lower, arm.command_upper, (48, 2))
-    world.aim = [-3.0, -2.0, -3.9]
-    controlled = SimpleNamespace(
-        autoencoder=world.learned.autoencoder,
-        biases=world.learned.biases,
-        iterative_controller=lambda *_: ReplayPolicy(commands),
-    )
-    monkeypatch.setattr(material_change, "trained", lambda name: controlled)
-    monkeypatch.setattr(material_change, "recorded_runs", lambda learned: [])
-    case = (False, "torque", "target-1", LIGHT, "damp0.06-mass0.13", 0, 0, 2, 4)
-    row = material_change._run_one(*case)
-
-    env = ClothEnv("torque", LIGHT)
-    heavier = ClothEnv("torque", _runs.find_cloth("damp0.06-mass0.13"))
-    env.start(seed=52_000)
-    distances = []
-    for t, u in enumerate(commands):
-        z = encode(world.learned.autoencoder, env.observe()["image"])
-        distances.append(np.linalg.norm(z - world.aim))
-        if t == 16:
-            env.model = heavier.model
-        env.advance(u)
-    env.close()
-    best = np.reshape(distances[1:41], (5, 8)).min(axis=1)  # each to its end
-    assert row["best"] == pytest.approx(best, abs=1e-4)
-    assert row["recovery"] == material_change.recovery(best, 2)
 
 
 # What there is to know
