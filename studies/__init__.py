@@ -14,6 +14,9 @@ tests run tiny ones.
     both = studies.recompute("control", **task, model=0)
 
 To add one, write a module like `control.py` and name it here.
+
+Three tables of trained rivals, `rivals`, `another_robot_rivals` and `drone_prediction`,
+are read by `load` like the others, and were made by the code of commit 97b3ae0d.
 """
 
 from dataclasses import replace
@@ -42,7 +45,6 @@ from studies import (
     oracle,
     other_reading,
     plan_starts,
-    rivals,
     self_organisation,
     simulator_descent,
     stiffness,
@@ -72,7 +74,6 @@ _MODULES = (  # in the order of docs/results.md
     iterative_control,
     oracle,
     transfer,
-    rivals,
     what_p_buys,
     identifiability,
     sysid_benchmark,

@@ -19,7 +19,6 @@ import lzma
 import os
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,7 +29,6 @@ from clothlab.method.data import Run
 VARIABLE = "NEURAL_FLY"  # names the folder
 CONTROLLERS = ("baseline", "indi", "L1", "NF-C", "NF")
 WINDS = {"nowind": 0.0, "35wind": 4.2, "70wind": 8.5, "100wind": 12.1}  # [m/s]
-CHANGING = "70p20sint"  # 8.5 + 2.4 sin t
 STATE_NAMES = (
     *(f"speed along {axis} [m/s]" for axis in "xyz"),
     *(f"tilt towards {axis}" for axis in "xy"),
@@ -44,14 +42,6 @@ _FETCH = (
     "git clone https://github.com/aerorobotics/neural-fly, and set "
     f"{VARIABLE} to that folder"
 )
-
-
-class Flight(NamedTuple):
-    """One flight, ten times a second."""
-
-    time: np.ndarray  # as recorded [T] [s]
-    wind: np.ndarray  # as its authors state it [T] [m/s]
-    run: Run  # `STATE_NAMES` and `COMMAND_NAMES`; its material is the condition
 
 
 def here() -> bool:
@@ -71,16 +61,19 @@ def folder() -> Path:
     return inner if inner.is_dir() else root
 
 
-def load_flight(controller: str, condition: str) -> Flight:
-    """A flight by the names of its controller and of its wind, such as "70wind"."""
+def load_flight(controller: str, wind: str) -> Run:
+    """A flight by the names of its controller and of its wind, such as "70wind".
+
+    It has `STATE_NAMES` and `COMMAND_NAMES`; its material is the wind.
+    """
     choose("controller", controller, dict.fromkeys(CONTROLLERS))
-    choose("condition", condition, dict.fromkeys((*WINDS, CHANGING)))
-    return _load(controller, condition, folder())
+    choose("wind", wind, WINDS)
+    return _load(controller, wind, folder())
 
 
 @cache
-def _load(controller: str, condition: str, where: Path) -> Flight:
-    name = f"custom_figure8_{controller}_{condition}.csv"
+def _load(controller: str, wind: str, where: Path) -> Run:
+    name = f"custom_figure8_{controller}_{wind}.csv"
     content = _checked(where, name)
     table = pd.read_csv(io.BytesIO(content)).iloc[::EVERY]
 
@@ -92,15 +85,7 @@ def _load(controller: str, condition: str, where: Path) -> Flight:
 
     states = np.hstack([_numbers(table, "v"), tilt, _numbers(table, "w")])
     commands = np.hstack([thrust, commanded])
-    time = table["t"].to_numpy()
-    return Flight(time, stated_wind(condition, time), Run(states, commands, condition))
-
-
-def stated_wind(condition: str, time: np.ndarray) -> np.ndarray:
-    """The wind of a condition at some times `[T]` [s], in m/s."""
-    if condition == CHANGING:
-        return 8.5 + 2.4 * np.sin(time)
-    return np.full(len(time), WINDS[condition])
+    return Run(states, commands, wind)
 
 
 def _checked(where: Path, name: str) -> bytes:

@@ -142,6 +142,12 @@ def test_closed_loops_end_as_near():
     assert here == pytest.approx(stored, abs=0.15)
 
 
+@pytest.mark.parametrize("name", ["rivals", "another_robot_rivals", "drone_prediction"])
+def test_tables_of_rivals_are_read_although_nothing_here_makes_them(name):
+    assert name not in EXPERIMENTS
+    assert len(studies.load(name)) > 30
+
+
 def test_unknown_names_list_the_choices(tmp_path):
     with pytest.raises(
         KeyError, match="unknown experiment 'alchemy'; choose from reconstruction"
