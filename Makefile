@@ -20,7 +20,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates demonstration editions grades slides npm book format doctor lock
+.PHONY: help lab check test tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates editions grades slides npm book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -153,18 +153,14 @@ worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, the
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
-picture: chromium  ## draw the README's moving picture, its gallery and the live lab's panel anew, after `make notebooks`
+picture: chromium  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
-	$(BIN)/python scripts/make_panel_picture.py
 
 film: chromium npm  ## film a throw at a drawn target in the page "Throw a cloth"
 	$(BIN)/python scripts/make_film.py
 
 gates:  ## write what the tests of the page "Throw a cloth" measured into it; they are run before
 	$(BIN)/python scripts/make_gates.py
-
-demonstration: $(STAMP)  ## record the run that the live lab plays back, some minutes
-	$(BIN)/python scripts/make_demonstration.py
 
 $(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
 	$(BIN)/python course/editions.py $<

@@ -196,7 +196,7 @@ def main() -> None:
     try:
         write_robot(scripts)
     except FileNotFoundError as error:
-        print(f"NO ROBOT in the page of the live lab, only the recorded run: {error}")
+        print(f"NO ROBOT in the page of the live lab: {error}")
     write_one_file(scripts / ONE_FILE, scripts)
 
 

@@ -14,7 +14,6 @@ from clothlab._certainty import SHARE, radius
 from clothlab.analysis import spread
 from clothlab.lab._equipment import Equipment
 from clothlab.lab._pictures import ellipse_axes, pixels, pushed_hand
-from clothlab.lab._playback import _packed
 from clothlab.lab._targets import Aim
 from clothlab.lab._tracker import _REPORT_EVERY, _calibration
 from clothlab.method.control import ControlSettings
@@ -42,8 +41,8 @@ def method_files(equipment: Equipment) -> dict[str, bytes]:
 
     Graphs, their weights, and `constants`.
     """
-    about = json.dumps(constants(equipment), default=_packed).encode()
-    return graphs(equipment.trained, calibrated(equipment)) | {"constants": about}
+    about = {"constants": as_json(constants(equipment))}
+    return graphs(equipment.trained, calibrated(equipment)) | about
 
 
 def constants(equipment: Equipment) -> dict[str, Any]:
@@ -163,6 +162,15 @@ def calibrated(equipment: Equipment) -> Calibrated:
     numbers["radius"] = radius(SHARE, found.biases.shape[1])
     tensors = (torch.as_tensor(each, dtype=torch.float64) for each in numbers.values())
     return Calibrated(*tensors)
+
+
+def as_json(about: dict[str, Any]) -> bytes:
+    """Plain data as JSON, with bytes as the page unpacks them."""
+    return json.dumps(about, default=_packed).encode()
+
+
+def _packed(value: bytes) -> dict[str, str]:
+    return {"bytes": base64.b64encode(value).decode()}
 
 
 def floats(values: ArrayLike) -> dict[str, str]:

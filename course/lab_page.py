@@ -6,8 +6,6 @@ belongs to the page is plain scripts, and a file is packed into one.
 
 import base64
 import gzip
-import json
-import lzma
 import re
 from collections.abc import Mapping
 from contextlib import closing
@@ -16,15 +14,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from clothlab import _store
 from clothlab._files import write_bytes
 from clothlab.lab import LivePanel, LiveSession
 from clothlab.lab._equipment import SETUPS
-from clothlab.lab._playback import RECORDING, _packed
 from clothlab.lab._traces import traces
 from clothlab.lab._views import REACHABLE, Views
 from clothlab.simulation.arm import JOINTS
-from course.lab_constants import method_files
+from course.lab_constants import as_json, method_files
 from course.lab_scene import any_cloth_scene, cloths
 from course.npm import packages
 from course.repository import ROOT, throw_page
@@ -33,25 +29,9 @@ SOURCES = ROOT / "docs" / "book" / "lab"
 # Who can drive there: a controller for each kind of start
 DRIVERS = ["control", "control: last", "control: earlier"]
 DRIVERS += ["iterative", "manual", "random", "operator"]
-# What a panel may ask of its model beside time, by the names of its messages, and what
-# no page can do of that
-STEERING = [
-    "set arm",
-    "set driver",
-    "explore",
-    "set tension",
-    "set hand",
-    "move sticks",
-]
-STEERING += ["set cloth", "set material", "set p", "estimate"]
-STEERING += ["draw", "clear", "pick", "take"]
-UNABLE = ["upload", "record", "save", "discard"]
-# Why not
-_RECORDED = "a recording can't be steered: a running notebook 08 does this"
-_IN_PAGE = "not in a web page yet: notebook 08 does this"
 _EXPORT = "export default { render };"
 # What the page itself does, and what its worker does
-_PAGE = ["files", "traits", "recorded_run", "geometry", "scene_picture", "ellipse"]
+_PAGE = ["files", "traits", "geometry", "scene_picture", "ellipse"]
 _PAGE += ["views", "live_lab", "robot", "page"]
 _WORKER = ["files", "geometry", "physics", "arm", "stage", "camera", "drivers"]
 _WORKER += ["session", "networks", "controller", "estimator"]
@@ -74,25 +54,7 @@ def write_lab(folder: Path) -> None:
     panel = str(LivePanel._esm).replace(_EXPORT, "")
     script = "\n".join([panel, sources(*_PAGE)])
     write_bytes(folder / "lab.js", f"(() => {{\n{script}}})();\n".encode())
-    write_packed(folder / "run.js", {"run.json": run()})
     write_bytes(folder / "licences.txt", licences().encode())
-
-
-def run() -> bytes:
-    """The recorded run as JSON, with what the page would else find out of it.
-
-    At each step, of which step each of its parts is; and what can't be done.
-    """
-    recording = (_store.data_folder() / RECORDING).read_bytes()
-    shots = json.loads(lzma.decompress(recording))["shots"]
-    newest: dict[str, int] = {}
-    for k, shot in enumerate(shots):
-        newest |= dict.fromkeys(shot, k)
-        shot["newest"] = dict(newest)
-    about = shots[0]["about"]
-    about["length"] = (len(shots) - 1) * about["period"]
-    about["refused"] = dict.fromkeys(STEERING + UNABLE, _RECORDED)
-    return json.dumps({"shots": shots}).encode()
 
 
 def licences() -> str:
@@ -143,7 +105,7 @@ def write_robot(folder: Path) -> None:
 def arm_files(arm: str) -> dict[str, bytes]:
     """All of an arm that the page loads when a visitor chooses it, by name."""
     with closing(LiveSession(arm)) as session:
-        about = json.dumps(lab_data(session), default=_packed).encode()
+        about = as_json(lab_data(session))
     return method_files(session.equipment) | {"lab.json": about}
 
 
@@ -198,12 +160,11 @@ def lab_data(session: LiveSession) -> dict[str, Any]:
 
     # What a person chooses from
     chosen = {"arm": arm.name, "drivers": DRIVERS}
-    refused = {"refused": dict.fromkeys(UNABLE, _IN_PAGE)}
 
     # The scene, and the map of p
     axes = views.plane._axes
     return {
-        "about": views.fixtures() | chosen | refused,
+        "about": views.fixtures() | chosen,
         "scene": any_cloth_scene(arm.name, session.equipment.setup.cloth),
         "cloths": cloths(arm),
         "plots": _plots(session),

@@ -1,13 +1,12 @@
 """The live lab: `LivePanel` steers a `LiveSession`.
 
-Notebooks have small widgets beside it: Control, PBMap and RecordedRun. All else in this
-folder is the inside of these five.
+Notebooks have small widgets beside it: Control and PBMap. All else in this folder is
+the inside of these four.
 """
 
 from clothlab.lab._controls import Control
 from clothlab.lab._map import PBMap
 from clothlab.lab._panel import LivePanel
-from clothlab.lab._playback import RecordedRun
 from clothlab.lab._session import LiveSession
 
-__all__ = ["Control", "LivePanel", "LiveSession", "PBMap", "RecordedRun"]
+__all__ = ["Control", "LivePanel", "LiveSession", "PBMap"]

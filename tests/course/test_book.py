@@ -2,8 +2,6 @@
 and no answer for students.
 """
 
-import base64
-import gzip
 import json
 import re
 import tomllib
@@ -13,8 +11,7 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
-from clothlab.lab._playback import load_recording
-from course import book, editions, grades, lab_page
+from course import book, editions, grades
 from course.editions import ROOT
 from course.repository import number_of
 
@@ -191,13 +188,3 @@ def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
             == planned
         )
     assert set(points) <= names
-
-
-@pytest.mark.slow
-def test_the_lab_is_one_plain_script_beside_its_run(tmp_path):
-    lab_page.write_lab(tmp_path)
-    script = (tmp_path / "lab.js").read_text("utf-8")
-    assert not re.search(r"^\s*(export|import)\b", script, re.MULTILINE)
-    packed = (tmp_path / "run.js").read_text("utf-8").split('"')[3]
-    shots = json.loads(gzip.decompress(base64.b64decode(packed)))["shots"]
-    assert len(shots) == len(load_recording())

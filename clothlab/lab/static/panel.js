@@ -21,18 +21,6 @@ function off(element, why) {
   element.title = why;
 }
 
-// A canvas that takes no pointer and no key at present: a picture, whose title says why.
-const swallow = (event) => event.stopImmediatePropagation();
-function still(canvas, why) {
-  canvas.title = why;
-  canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", canvas.getAttribute("aria-label").split(":")[0]); // without how to use it
-  canvas.removeAttribute("tabindex");
-  canvas.style.cursor = "default";
-  canvas.style.touchAction = "auto"; // or a page could not be scrolled there
-  for (const event of ["pointerdown", "click", "keydown"]) canvas.addEventListener(event, swallow, true);
-}
-
 // The same of the button that was just pressed: it keeps the focus.
 function idle(element, why) {
   element.setAttribute("aria-disabled", Boolean(why));
@@ -103,8 +91,6 @@ function render({ model, el }) {
   const message = make("div", { role: "alert" }), again = make("div", { "aria-hidden": true }); // at the top and, for small screens, below
   const arm = makeMenu("arm", (name) => act("set arm", { name })), driver = makeMenu("driven by", (name) => act("set driver", { driver: name }));
   const explore = button("explore new plans", () => act("explore", { on: !get("state").exploring })); // else the best known one again
-  const { length } = get("about"); // [s], of a run that was recorded
-  const scrubber = length && makeSlider("time [s]", [0, length, get("about").period], (seconds) => act("seek", { seconds }), "input");
   const scene = makePicture("the robot", 400), seen = makePicture("what the camera sees", 196), decoded = makePicture("what z says of it", 196);
   const plots = make("div", { className: "traces distance" }), others = make("div", { className: "traces" }); // the distance; the rest
   const pair = make("div", { className: "row pair" }), pictures = make("div", {}, scene.figure, pair), curves = make("div", { className: "traces" });
@@ -131,6 +117,7 @@ function render({ model, el }) {
     act("clear");
   });
   const take = button("take this image", () => act("take")), upload = button("from a file", () => file.click());
+  upload.className = "upload";
   const tools = make("div", { className: "row" }, erase, clear, take, upload, file);
   const reconstruction = makePicture("reconstruction", 150), verdict = make("div", { role: "status" }), reason = make("div", { className: "note" });
   const aim = make("figure", { className: "aim" }, canvas.canvas), aimed = make("figcaption", {}, make("span", { textContent: "the target" }));
@@ -159,7 +146,7 @@ function render({ model, el }) {
   name.addEventListener("keydown", (event) => event.stopPropagation());
   const record = button("record", () => act(get("state").recording ? "stop" : "record"));
   const save = button("save", () => act("save", { name: name.value })), discard = button("discard", () => act("discard"));
-  const recording = make("div", {}, make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
+  const recording = make("div", { className: "recording" }, make("h3", { textContent: "Recording" }), make("div", { className: "row" }, record, name, save, discard));
   const own = make("section", { className: "split halves", style: "--least:280px" }, stiffness, make("div", {}, make("h3", { textContent: "Your own hand" }), handNote, hand, recording), again);
 
   const rest = make("div", { className: "columns" });
@@ -172,7 +159,7 @@ function render({ model, el }) {
   const head = make("div", { className: "row" }, ...commands, status, arm.row, driver.row, explore, project);
   const bar = make("div", { className: "folds row" }, make("div", { className: "row" }, ...folds.map(({ opener }) => opener)));
   const traces = [];
-  const root = make("div", { className: "clothlab", tabIndex: -1 }, head, ...(scrubber ? [scrubber.row] : []), bar, message, shown, rest);
+  const root = make("div", { className: "clothlab", tabIndex: -1 }, head, bar, message, shown, rest);
   const projecting = () => root.classList.contains("projector");
   function unfold(part) {
     const open = part && part.parentNode !== drawer ? part : null;
@@ -257,7 +244,6 @@ function render({ model, el }) {
     }
     if (pending !== null && state.answered !== pending) return; // this is how things stood before a control was moved
     pending = wanted = null;
-    scrubber?.put(state.seconds);
     arm.select.value = state.arm;
     driver.select.value = state.driver;
     off(explore, state.driver === "iterative" ? "" : `iterative learning explores only where it drives; now ${state.driver} does`);
@@ -283,26 +269,8 @@ function render({ model, el }) {
     record.textContent = state.recording ? "stop" : "record";
     record.setAttribute("aria-pressed", state.recording);
     for (const each of [save, discard]) off(each, state.recording || state.waiting ? "" : "nothing was recorded");
-    refuse();
     map.draw({ held: state.cloth.name });
     showLegend();
-  }
-  // What this model never does, by action, and why: a recording can't be steered.
-  function refuse() {
-    const { refused = {} } = get("about");
-    const pictures = { draw: canvas.canvas, "set p": map.canvas };
-    const controls = {
-      "set arm": [arm.select], "set driver": [driver.select], explore: [explore],
-      draw: [erase, brush.input], clear: [clear], take: [take], upload: [upload], pick: gallery.children,
-      "set cloth": [cloth.select], "set material": sliders.map(({ input }) => input), estimate: [estimate],
-      "set tension": [fixed, ...(tension ? [tension.input] : [])], "set hand": hands.map(({ input }) => input),
-      record: [record, name], save: [save], discard: [discard],
-    };
-    for (const [what, why] of Object.entries(refused)) {
-      for (const each of controls[what] ?? []) off(each, why);
-      if (pictures[what]) still(pictures[what], why);
-      if (what === "set hand") handNote.textContent = why;
-    }
   }
   function showLegend() {
     const { label, name: held } = get("state").cloth, dot = get("about").map.dots.some((each) => each.name === held);
@@ -354,7 +322,7 @@ function render({ model, el }) {
     cleanUp.push(() => model.off(`change:${trait}`, show));
     show();
   }
-  if (!get("about").refused?.["move sticks"]) cleanUp.push(watchGamepad(model, act));
+  cleanUp.push(watchGamepad(model, act));
   return () => {
     cleanUp.forEach((each) => each());
     root.remove(); // or its place above the page would outlast it
