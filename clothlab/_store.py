@@ -135,19 +135,6 @@ def fetchable(part: str = "") -> list[str]:
     return names
 
 
-def check_own(path: Path, data: Path) -> None:
-    """A ValueError if a file of one's own would take a fetched one's place."""
-    name = path.relative_to(data).as_posix()
-    if is_cache(data) and name in recorded(data):
-        raise ValueError(f"{name} is a fetched file: choose another name")
-
-
-def write(path: Path, content: bytes, data: Path) -> None:
-    """Write a file of one's own into the data, whole or not at all."""
-    check_own(path, data)
-    write_bytes(path, content)
-
-
 def recorded(data: Path) -> dict[str, str]:
     """Recorded hashes, `{file: hash}`."""
     path = _PACKAGED if is_cache(data) else data / CHECKSUMS
@@ -298,7 +285,8 @@ def save_results(
         known = ", ".join(sorted(SUFFIXES))
         raise ValueError(f"results end in {known}, got {suffix!r}")
     data = data_folder(data)
-    write(data / "results" / f"{check_name('result', name)}{suffix}", content, data)
+    path = data / "results" / f"{check_name('result', name)}{suffix}"
+    write_bytes(path, content)
 
 
 def load_results(name: str, suffix: str, *, data: Folder = None) -> bytes:

@@ -136,7 +136,7 @@ def train(
     ]
     done = run_jobs("autoencoders", jobs, **options)
     for config, (model, losses) in zip(configs, done, strict=True):
-        _writing.save_autoencoder(model, losses, config.name, overwrite=True)
+        _writing.save_autoencoder(model, losses, config.name)
     _store.write_checksums()
 
     # And several DPMPBs on top of each
@@ -146,7 +146,7 @@ def train(
         arguments = {"self": config, "seed": seed}
         jobs.append(Job(TrainingConfig.train_model, arguments, inputs))
     for trained in run_jobs("models", jobs, **options):
-        _writing.save(trained, overwrite=True)
+        _writing.save(trained)
     _store.write_checksums()
 
 

@@ -298,9 +298,7 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
 ):
     before = contents(data)
     for name, save in {
-        "dpmpb-torque-0.safetensors": lambda: _writing.save(
-            trained, data=data, overwrite=True
-        ),
+        "dpmpb-torque-0.safetensors": lambda: _writing.save(trained, data=data),
         "target-1.png": lambda: _writing.save_target(~square, "target-1", data=data),
         "simulation.csv": lambda: _store.save_results(
             b"iou\n0.9", "simulation", ".csv", data=data
@@ -411,28 +409,16 @@ def test_what_is_saved_is_loaded_at_once_with_its_autoencoder(trained, tmp_path)
     assert read.autoencoder.fingerprint() == trained.autoencoder.fingerprint()
 
 
-def test_weights_are_overwritten_only_when_that_is_asked_for(data, trained):
-    before = contents(data)
+def test_weights_that_are_saved_again_have_their_new_hash(data, trained):
     other = replace(trained, model=shaken(DPMPB(7, 2)))
     other.model.s_mean += 1
-    elsewhere = replace(trained, name="mine", autoencoder=shaken(Autoencoder()))
-    elsewhere.autoencoder.encoder[-1].running_mean += 1
-    # Which is not written alone
-    unseen = replace(other, autoencoder=elsewhere.autoencoder, autoencoder_name="mine")
-    for each in (other, elsewhere, unseen):
-        with pytest.raises(
-            ValueError,
-            match=r"exists and differs: choose another name, or pass overwrite=True",
-        ):
-            _writing.save(each, data=data)
-    assert contents(data) == before
-    _writing.save(other, data=data, overwrite=True)
+    _writing.save(other, data=data)
     read = stored.load("torque-0", data=data)  # whose recorded hash has followed
     assert torch.equal(read.model.s_mean, other.model.s_mean)
 
 
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    _writing.save_autoencoder(Autoencoder(), [0.5], "torque", data=data, overwrite=True)
+    _writing.save_autoencoder(Autoencoder(), [0.5], "torque", data=data)
     with pytest.raises(
         ValueError,
         match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies",

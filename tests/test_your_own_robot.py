@@ -15,7 +15,6 @@ SMALLER = {
     r"epochs=\d+": "epochs=1",
     r"stride=\d+": "stride=10",
     r"horizon=\d+": "horizon=2",
-    r"range\(100\)": "range(3)",
     r"Held\(\), 1000": "Held(), 200",
 }
 
@@ -58,15 +57,12 @@ def test_every_block_runs_after_the_ones_before_it(tmp_path, monkeypatch):
         "window.onnx",
         "solve.onnx",
     }
-    assert "# pendulum-0" in (tmp_path / "pendulum-0.md").read_text("utf-8")
 
 
 def test_each_block_imports_what_it_is_the_first_to_use():
     """A reader who begins with a later block sees where a name is from."""
     text = "\n".join(blocks())
-    for name in re.findall(
-        r"\b(?:Beat|Ranges|RangeWatch|Checkpoint|Controller)\b", text
-    ):
+    for name in re.findall(r"\b(?:Checkpoint|Controller)\b", text):
         assert re.search(rf"import [^\n]*\b{name}\b|^    {name},$", text, re.MULTILINE)
     for block in blocks():
         compile(block, "block", "exec")

@@ -69,7 +69,6 @@ def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoi
             biases=named_biases(about["materials"], p),
             losses=losses,
             autoencoder_name=autoencoder_name,
-            version="",  # the file does not say
         )
 
 
@@ -79,7 +78,7 @@ def load_model(name: str, *, data: Folder = None) -> Checkpoint:
     with reading(path, "model weights"):
         biases = named_biases(about["materials"], tensors.pop("p"))
         model = filled(quicken(DPMPB(*about["sizes"])), tensors)
-        return Checkpoint(name=name, model=model, biases=biases, version="")
+        return Checkpoint(name=name, model=model, biases=biases)
 
 
 def load_autoencoder(

@@ -10,26 +10,23 @@ import torch
 from numpy.typing import ArrayLike
 from torch import nn
 
-from clothlab._store import Folder, check_own, data_folder, record_again, write
+from clothlab._files import write_bytes
+from clothlab._store import Folder, data_folder, record_again
 from clothlab._validation import check_mask, check_name
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.data._reading import load_autoencoder
-from clothlab.method._weights import SUFFIX, check_free, packed
+from clothlab.method._weights import SUFFIX, packed
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.simulation._arm_data import arm_data
 
 
-def save(
-    trained: ClothCheckpoint, *, data: Folder = None, overwrite: bool = False
-) -> None:
+def save(trained: ClothCheckpoint, *, data: Folder = None) -> None:
     """Write what `load(NAME)` finds, as `data/weights/dpmpb-NAME.safetensors`.
 
     `trained.save(path)` writes one file. Here the autoencoder goes into a file of its
     own, `autoencoder-NAME.safetensors`, unless it lies there already: it is ten times
-    as large as a model, and five trainings share one. A ValueError, before anything is
-    written, if another model or autoencoder has one of the names: choose other names
-    (`dataclasses.replace`), or set `overwrite`.
+    as large as a model, and five trainings share one.
     """
     fingerprint = trained.autoencoder.fingerprint()
     about = {
@@ -42,16 +39,9 @@ def save(
 
     # The model's file is made, and refused, before the autoencoder's is written.
     content = _packed("dpmpb", about, trained.model, numbers)
-    path = _free_path("dpmpb", trained.name, content, data, overwrite)
     if not _is_there(fingerprint, trained.autoencoder_name, data):
-        save_autoencoder(
-            trained.autoencoder,
-            [],
-            trained.autoencoder_name,
-            data=data,
-            overwrite=overwrite,
-        )
-    _write_weights(path, content, data)
+        save_autoencoder(trained.autoencoder, [], trained.autoencoder_name, data=data)
+    _write_weights("dpmpb", trained.name, content, data)
 
 
 def _is_there(fingerprint: str, name: str, data: Folder) -> bool:
@@ -62,13 +52,10 @@ def _is_there(fingerprint: str, name: str, data: Folder) -> bool:
     return autoencoder.fingerprint() == fingerprint
 
 
-def save_model(
-    trained: Checkpoint, *, data: Folder = None, overwrite: bool = False
-) -> None:
+def save_model(trained: Checkpoint, *, data: Folder = None) -> None:
     """Write the model of a robot without arm and autoencoder, and its p.
 
-    The file is `data/weights/model-NAME.safetensors`; a ValueError if there is another
-    one of this name, unless `overwrite` is set.
+    The file is `data/weights/model-NAME.safetensors`.
     """
     model = trained.model
     about = {
@@ -77,17 +64,11 @@ def save_model(
     }
     numbers = {"p": list(trained.biases.values())}
     content = _packed("model", about, model, numbers)
-    path = _free_path("model", trained.name, content, data, overwrite)
-    _write_weights(path, content, data)
+    _write_weights("model", trained.name, content, data)
 
 
 def save_autoencoder(
-    autoencoder: Autoencoder,
-    losses: ArrayLike,
-    name: str,
-    *,
-    data: Folder = None,
-    overwrite: bool = False,
+    autoencoder: Autoencoder, losses: ArrayLike, name: str, *, data: Folder = None
 ) -> None:
     """Write an autoencoder and its loss curve.
 
@@ -96,12 +77,10 @@ def save_autoencoder(
         losses: of each epoch, `[epochs]` [nat per pixel].
         name: the file is `data/weights/autoencoder-NAME.safetensors`.
         data: folder to write into.
-        overwrite: whether another one of this name may be lost; else a ValueError.
     """
     about = {"latent_size": autoencoder.latent_size}
     content = _packed("autoencoder", about, autoencoder, {"losses": losses})
-    path = _free_path("autoencoder", name, content, data, overwrite)
-    _write_weights(path, content, data)
+    _write_weights("autoencoder", name, content, data)
 
 
 def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
@@ -115,7 +94,7 @@ def save_target(mask: ArrayLike, name: str, *, data: Folder = None) -> None:
     folder = data / "targets"
     for each in name_of_set:
         folder = folder / check_name("set", each)
-    write(folder / f"{check_name('target', own)}.png", content.tobytes(), data)
+    write_bytes(folder / f"{check_name('target', own)}.png", content.tobytes())
 
 
 def _packed(
@@ -128,22 +107,12 @@ def _packed(
     return packed(kind, about, tensors)
 
 
-def _free_path(
-    kind: str, name: str, content: bytes, data: Folder, overwrite: bool
-) -> Path:
-    """Where a file of weights goes; a ValueError if another one would be lost."""
-    data = data_folder(data)
-    path = _weights_path(kind, name, data)
-    check_own(path, data)
-    check_free(path, content, overwrite=overwrite)
-    return path
-
-
 def _weights_path(kind: str, name: str, data: Path) -> Path:
     return data / "weights" / f"{kind}-{check_name('training', name)}{SUFFIX}"
 
 
-def _write_weights(path: Path, content: bytes, data: Folder) -> None:
+def _write_weights(kind: str, name: str, content: bytes, data: Folder) -> None:
     data = data_folder(data)
-    write(path, content, data)
+    path = _weights_path(kind, name, data)
+    write_bytes(path, content)
     record_again(path, data)

@@ -5,7 +5,7 @@ code that came with it.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,14 +38,6 @@ def packed(kind: str, about: dict[str, Any], tensors: Mapping[str, Tensor]) -> b
         {name: tensor.contiguous() for name, tensor in tensors.items()},
         metadata={"clothlab": text},
     )
-
-
-def check_free(path: Path, content: bytes, *, overwrite: bool) -> None:
-    """A ValueError if another file would be lost, and nobody said that it may be."""
-    if not overwrite and path.is_file() and path.read_bytes() != content:
-        raise ValueError(
-            f"{path} exists and differs: choose another name, or pass overwrite=True"
-        )
 
 
 def unpacked(
@@ -92,22 +84,6 @@ def filled(network: _M, tensors: Mapping[str, Tensor]) -> _M:
             f"its layers are not those of {type(network).__name__}: {reason:.200}"
         ) from None
     return network.eval().requires_grad_(False)
-
-
-def check_layers(network: nn.Module, plain: Callable[[], nn.Module]) -> None:
-    """A ValueError for a network that could not be read again as the plain one is."""
-    with torch.device("meta"):  # of which only names and shapes are made
-        expected = plain()
-    if _shapes(network) != _shapes(expected):
-        raise ValueError(
-            f"the layers of {type(network).__name__} are not those of"
-            f" {type(expected).__name__}, as which it would be read"
-        )
-
-
-def _shapes(network: nn.Module) -> dict[str, torch.Size]:
-    layers = network.state_dict()
-    return {name: tensor.shape for name, tensor in layers.items()}
 
 
 def check_suffix(path: Path) -> None:
