@@ -3,8 +3,8 @@
 import ast
 import copy
 import linecache
-import os
 import re
+import sys
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 import clothlab
 from clothlab import checks
-from clothlab.checks._check import Unanswered, array, check, number
+from clothlab.checks._check import Unanswered, array, check, expect, number
 from clothlab.simulation.cloth import get_cloth, hanging_points
 from course.solutions import solved
 
@@ -40,6 +40,7 @@ LESSONS = {  # what solutions take from their lesson
     "start": hanging_points(get_cloth("damp0.05-mass0.10")),
 }
 LESSONS["WARMUP"] = 10
+DRAWS = range(5)  # seeds: each of them draws other inputs
 LENT = {  # functions of their lesson that solutions call
     "infer": ("descend", "h", "mismatch"),
     "components_needed": ("iou",),
@@ -170,94 +171,12 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
     assert capsys.readouterr().out == "correct\n"
 
 
-# What goes wrong easily: of the solution of an exercise `right` is replaced by `wrong`,
-# and this the reader is told. Where `right` is "return", `wrong` is what the last line
-# returns instead; where it is "body", all that it does.
+# Slips that a check finds in another way than by comparing numbers: of the solution of an
+# exercise `right` is replaced by `wrong`, and this the reader is told. Where `right` is
+# "return", `wrong` is what the last line returns instead; where it is "body", all that it
+# does.
 SLIPS = [
-    ("arrival", "pinv(planned)", "pinv(true)", "that is the goal"),
-    ("arrival", "return", "planned @ np.linalg.pinv(true) @ goal", "changed places"),
-    ("arrival", "np.linalg.pinv(planned)", "planned.T", "no inverse"),
-    ("half_life", "np.log(phi)", "np.log(1 - phi)", "keeps the share"),
-    ("half_life", "return", "0.5 / (1 - phi)", "not subtracted"),
-    ("half_life", "return", "np.log(phi) / np.log(0.5)", "one over it"),
-    ("half_life", "return", "np.log(0.4) / np.log(phi)", "not a half"),
-    ("half_life", "np.exp(np.log(gates).mean(axis=0))", "gates.mean(axis=0)", "sum"),
-    ("two_steps_by_hand", "x2 + r * slope_1 * x1", "x2", "by way of h1"),
-    ("two_steps_by_hand", "x2 + r * slope_1 * x1", "r * slope_1 * x1", "second step"),
-    ("two_steps_by_hand", "2 * (h2", "(h2", "factor of 2"),
-    (
-        "without_memory",
-        "body",
-        "return model(s[None], u[None], p)[0][0]",
-        "the memory is handed on",
-    ),
-    ("without_memory", "return", "s[:, 0]", "not the next ones"),
-    ("without_memory", "predicted[:, 0]", "predicted[:, 0] + 1", "a sequence of their"),
-    ("update", "p[k]", "p", "k says which"),
-    ("update", " / network.s_std", "", "divided by its standard deviation"),
-    ("update", "s[:, 1:]", "s[:, :-1]", "the state that was put in"),
-    ("update", "mean()", "sum()", "not a sum"),
-    ("update", "optimizer.step()", "pass", "nothing has moved"),
-    ("update", "optimizer.zero_grad()", "pass", "gradients add up"),
-    ("update", "loss.backward()", "(-loss).backward()", "leads up"),
-    ("update", "p[k]", "p.detach()[k]", "p has not"),
-    (
-        "update",
-        "optimizer.step()",
-        "optimizer.step(); optimizer.step()",
-        "after step 1",
-    ),
-    ("update", "mean()", "median()", "the loss is not L"),
     ("infer", "[p]", "list(W.parameters())", "the network has moved"),
-    ("infer", "[p]", "[u.clone().requires_grad_()]", "p is still zero"),
-    ("infer", "150", "5", "the recording was made with p ="),
-    (
-        "steps_behind",
-        "abs(sent.shift(k).corr(seen))",
-        "sent.shift(k).corr(seen)",
-        "fall where the command rises",
-    ),
-    (
-        "steps_behind",
-        "sent.shift(k).corr(seen)",
-        "np.corrcoef(command[: len(command) - k], seen[k:])[0, 1]",
-        "leave its pair out",
-    ),
-    ("steps_behind", "np.argmax(alike)", "-np.argmax(alike)", "the other way round"),
-    (
-        "steps_behind",
-        "np.argmax(alike)",
-        "np.argmax(alike) + 1",
-        "compare command[:-k]",
-    ),
-    ("challenge_points", "period : throws * period + 1", "period:", "too late"),
-    (
-        "challenge_points",
-        "period : throws * period + 1",
-        "period - 1 : throws * period",
-        "is its end",
-    ),
-    ("challenge_points", "period : throws", ": throws", "no throw's end"),
-    (
-        "challenge_points",
-        "1 - ends.mean() / distances[0]",
-        "ends.mean() / distances[0]",
-        "for the rest",
-    ),
-    ("challenge_points", "100 * ", "", "not 1"),
-    ("challenge_points", " / distances[0]", "", "compare with the still cloth"),
-    (
-        "challenge_points",
-        "ends.mean()",
-        "distances[1 : throws * period + 1].min()",
-        "not the best image",
-    ),
-    (
-        "challenge_points",
-        "ends.mean()",
-        "distances[1 : throws * period + 1].mean()",
-        "not each image",
-    ),
     (
         "score_interval",
         "scores[drawn].mean(axis=(1, 2))",
@@ -277,15 +196,6 @@ SLIPS = [
         "lower end first",
     ),
     ("score_interval", "means, [", "means - scores.mean(), [", "another middle"),
-    ("jerk_price", "commands.diff(dim=1)", "commands", "far from 0"),
-    ("jerk_price", ".square()", "", "cancel"),
-    ("jerk_price", ".square()", ".abs()", "the squares"),
-    ("jerk_price", ".sum(dim=(1, 2))", ".mean(dim=(1, 2))", "not their mean"),
-    ("jerk_price", "diff(dim=1)", "diff(dim=2)", "along the axis 1"),
-    ("luck_of_best", "(0, spread, ", "(0, 1, ", "`spread`: where does it enter"),
-    ("luck_of_best", "(0, worth, ", "(0, 0, ", "`worth`: where does it enter"),
-    ("luck_of_best", "scores.argmax", "truth.argmax", "choose by the"),
-    ("luck_of_best", "(scores - truth)[", "scores[", "its *own* worth"),
     (
         "next_plan",
         "tried[np.argmin(distances)]",
@@ -319,257 +229,21 @@ SLIPS = [
     ),
     ("constant_interval", "1.2816 *", "12 *", "times as wide"),
     ("constant_interval", "return", "middle + half, middle - half", "lower end first"),
-    ("closed_loop", "p, memory)", "p)", "pass the memory on"),
-    ("closed_loop", "s, memory = model", "_, memory = model", "s stays what it was"),
-    ("closed_loop", "s, memory = model(", "s, _ = model(", "memory before it"),
-    ("closed_loop", "command[None, None]", "u[None, :1]", "take u[t]"),
-    ("shares_by_hand", "[::-1]", "", "the larger one first"),
-    (
-        "shares_by_hand",
-        "np.cov(np.asarray(points, dtype=float).T)",
-        "points.T @ points",
-        "subtract the mean",
-    ),
-    (
-        "shares_by_hand",
-        "eigenvalues / eigenvalues.sum()",
-        "eigenvalues",
-        "divide by their sum",
-    ),
-    (
-        "shares_by_hand",
-        "shares = ",
-        "eigenvalues = np.sqrt(eigenvalues); shares = ",
-        "not of its root",
-    ),
-    (
-        "shares_by_hand",
-        "return shares",
-        "v = np.var(points, axis=0); return v / v.sum()",
-        "shares of the two columns",
-    ),
-    ("left_out", "!= k", ">= 0", "leave it out"),
-    (
-        "left_out",
-        "columns[k] @ coefficients",
-        "y[others].mean()",
-        "the mean of the others",
-    ),
     (
         "left_out",
         "return predicted",
         "return predicted[:8]",
         "for each of the 9 cloths, not 8",
     ),
-    ("heavier_twin", "mass=factor * cloth.mass,", "", "the twin is heavier"),
-    ("heavier_twin", "damping=factor * cloth.damping", "width=0.4", "c/m stays"),
-    ("heavier_twin", "factor * cloth.stiffness", "cloth.stiffness", "its springs"),
-    ("heavier_twin", "factor * cloth.bending", "cloth.bending", "resist bending"),
-    ("heavier_twin", "* cloth.spring_damping", "* 0.2 + 0.1", "the dampers of"),
     ("heavier_twin", "mass=factor", "length=1.0, mass=factor", "cut alike"),
-    ("string_pull", "q = (swing", "q = -(swing", "the sign is wrong"),
-    ("string_pull", " / (r @ r)", "", "divide by r · r"),
-    ("string_pull", "swing @ swing + ", "", "its square is missing"),
-    ("string_pull", "v - v_hand", "v", "by v - v_hand, not by v"),
-    ("string_pull", "np.array(g) - a", "np.array(g)", "dv/dt - a"),
-    ("string_pull", "np.array(g) - a", "np.array(g) + a", "the wrong sign"),
-    ("string_pull", "c_over_m * v", "c_over_m * swing", "the drag of still air"),
-    ("same_predictions", "points @ A.T", "points @ A", "the transposed A"),
-    ("same_predictions", "points @ A.T", "points", "the points must move"),
-    ("same_predictions", "np.linalg.inv(A)", "A", "not do it again"),
-    ("same_predictions", "w_p @ np.linalg.inv(A)", "w_p", "to be changed, too"),
-    ("same_predictions", "np.linalg.inv(A)", "A.T", "no inverse"),
-    ("try_each", "axis=1", "ord=1, axis=1", "the length of predict_z(p) - z"),
-    ("try_each", "gap.mean()", "gap.sum()", "the sum over the steps"),
-    ("try_each", "gap.mean()", "np.mean(gap**2)", "a mean of squares: take"),
-    ("try_each", "gap.mean()", "np.mean(gap**2) ** 0.5", "the root of a mean"),
-    ("try_each", ", axis=1", "", "one norm of the whole gap"),
-    (
-        "try_each",
-        "np.linalg.norm(predict_z(p) - z, axis=1)",
-        "np.abs(predict_z(p) - z)",
-        "each number's gap",
-    ),
     ("try_each", "for p in points", "for p in points[1:]", "for each of the 5 p"),
-    ("share_by_luck", ">= truth", "> truth", "as high counts, too"),
-    ("share_by_luck", ">= truth", "< truth", "that scores less"),
-    ("share_by_luck", "np.mean", "np.sum", "not a count"),
-    ("share_by_luck", "score(p, y[order])", "score(p[order], y[order])", "y alone"),
-    ("gradient_by_nudges", "/ (2 * nudge)", "/ nudge", "2 ε apart"),
-    ("gradient_by_nudges", "/ (2 * nudge)", "", "by the distance of the two places"),
-    (
-        "gradient_by_nudges",
-        "loss_at(p - step)) / (2 * nudge)",
-        "loss_at(p)) / nudge",
-        "not forwards alone",
-    ),
-    (
-        "gradient_by_nudges",
-        "loss_at(p + step) - loss_at(p - step)",
-        "loss_at(p - step) - loss_at(p + step)",
-        "ahead",
-    ),
-    ("best_step", "= np.sum", "= -np.sum", "the wrong way"),
-    ("best_step", " / np.sum(J**2)", "", "divide by the sum of"),
-    (
-        "best_step",
-        "np.sum(J * e) / np.sum(J**2)",
-        "np.mean(e / J)",
-        "the mean of all wishes",
-    ),
-    (
-        "best_step",
-        "np.sum(J * e) / np.sum(J**2)",
-        "np.sum(e) / np.sum(J)",
-        "misses of both signs",
-    ),
-    (
-        "best_step",
-        "np.sum(J * e) / np.sum(J**2)",
-        "np.sum(J**2) / np.sum(J * e)",
-        "one over it",
-    ),
-    ("best_step", "= np.sum", "= 0.9 * np.sum", "is possible"),
-    ("bare_step", "np.linalg.solve(J.T @ J, J.T @ e)", "J.T @ e", "downhill"),
-    ("bare_step", "J.T @ e", "-J.T @ e", "the wrong way"),
-    (
-        "bare_step",
-        "np.linalg.solve(J.T @ J, J.T @ e)",
-        "(J.T @ e) / np.sum(J**2, axis=0)",
-        "as if the other stood still",
-    ),
-    (
-        "bare_step",
-        "np.linalg.solve(J.T @ J, J.T @ e)",
-        "J.T @ J @ J.T @ e",
-        "other side",
-    ),
-    ("bare_step", "J.T @ e)", "0.9 * J.T @ e)", "is possible"),
-    ("online", "p, warmup)", "p)", "hand the warm-up on"),
-    ("online", "momentum * b + g", "g", "a share of the old gradients"),
-    ("online", "p - rate * b", "p + rate * b", "down and not up"),
-    ("online", "(p - rate * b).detach()", "p.detach()", "let it move"),
-    (
-        "online",
-        "s[first : t + 1], u[first : t + 1]",
-        "s[: t + 1], u[: t + 1]",
-        "window alone",
-    ),
-    ("online", "momentum * b + g", "b + momentum * g", "differs from that"),
-    ("largest_rate", "(1 + momentum)", "1", "the limit without momentum"),
-    ("largest_rate", "1 + momentum", "1 - momentum", "momentum allows a larger rate"),
-    ("largest_rate", "2 * (1 + momentum)", "1", "goes to the bottom"),
-    ("largest_rate", "2 * (1", "(1", "half of the limit"),
-    ("largest_rate", "/ curvature", "* curvature", "needs a smaller rate"),
-    (
-        "fooling_step",
-        "curvatures[0]) * axes[:, 0]",
-        "curvatures[1]) * axes[:, 1]",
-        "the shortest",
-    ),
-    ("fooling_step", "2 * share", "share", "half of the curvature"),
-    ("fooling_step", "np.sqrt(2", "(2", "take the root"),
-    ("fooling_step", " * lowest_loss", "", "one of the lowest loss"),
-    ("fooling_step", "curvatures[0]", "curvatures[1]", "the length is of the largest"),
-    ("curvature", "epsilon**2", "epsilon", "what is yours divided by"),
-    ("curvature", "- 2 * loss_at(p)", "- loss_at(p)", "counts twice"),
-    ("curvature", "- 2 * loss_at(p)", "+ 2 * loss_at(p)", "subtracted, not added"),
-    ("curvature", "* axes[k]", "", "that is not how the slope changes"),
-    ("curvature", "epsilon**2", "(2 * epsilon) ** 2", "by ε², not by (2 ε)²"),
-    ("curvature", " / epsilon**2", "", "it is not divided by anything"),
-    ("curvature", "/ epsilon**2", "/ epsilon**2 / 2", "half of its second derivative"),
-    (
-        "curvature",
-        "(sides - 2 * loss_at(p)) / epsilon**2",
-        "(loss_at(p + step) - loss_at(p - step)) / (2 * epsilon)",
-        "slope",
-    ),
-    (
-        "curvature",
-        "sides - 2 * loss_at(p)",
-        "loss_at(p + step) - loss_at(p)",
-        "to one side only",
-    ),
-    (
-        "curvature",
-        "sides - 2 * loss_at(p)",
-        "2 * loss_at(p) - sides",
-        "the curvature is positive",
-    ),
-    ("shift_for_iou", "/ (1 + share)", "", "not by one of the rectangles"),
-    ("shift_for_iou", "(1 - share) / (1 + share)", "(1 - 2 * share)", "counts once"),
-    ("shift_for_iou", "width * ", "", "multiply by the width"),
-    ("shift_for_iou", "return shift", "return width - shift", "still overlaps"),
-    ("shift_for_iou", "return shift", "return shift / 2", "draw both"),
-    ("overlap", "(images | targets)", "targets", "not by the target"),
-    ("overlap", "(images | targets)", "images", "not by the camera's"),
-    ("overlap", "return both / either", "return both", "pixels lie in both"),
-    ("overlap", "both / either", "either / both", "one over it"),
-    ("overlap", "both / either", "both / images[0].size", "share of all pixels"),
-    ("overlap", "both / either", "both / (either + both)", "counts once"),
-    ("overlap", "both / either", "2 * both / (either + both)", "Dice"),
-    ("overlap", "both / either", "both / either + 0 * both + 0.1", "draw both"),
     ("overlap", "both / either", "(both / either)[:1]", "sum over height and width"),
-    ("overlap", "both / either", "0 * both + both.sum() / either.sum()", "together"),
-    ("explicit_step", "d / k", "2 * np.sqrt(m / k)", "of semi-implicit Euler"),
-    ("explicit_step", "d / k", "2 * m / d", "the velocity alone"),
-    ("explicit_step", "d / k", "d / (2 * k)", "still shrinks"),
-    ("explicit_step", "d / k", "m / d", "the swing is multiplied by"),
-    ("stable_step", "2 * k / m", "k / m", "one point on a wall"),
-    ("stable_step", "2 * k / m", "k / (2 * m)", "feel the sum"),
-    ("stable_step", "2 / omega", "1 / omega", "allows more"),
-    ("stable_step", "2 / omega", "2 * np.pi / omega", "a whole period"),
-    ("stable_step", "2 / omega", "3 / omega", "the longest step is not"),
-    ("cloth_energy", ".sum() / 2", ".sum()", "energy of motion is"),
-    ("cloth_energy", "** 2 / 2", "** 2", "k (stretch)² / 2"),
-    ("cloth_energy", "* 9.81", "* -9.81", "sign of the height"),
-    ("cloth_energy", "motion + height", "motion", "height does not count"),
-    ("cloth_energy", '"bending"', '"none"', "cloth.bending"),
-    ("cloth_energy", "cloth.point_mass", "cloth.mass", "not that of all"),
-    ("cloth_energy", "- rest", "- 0 * rest", "make"),
-    ("falling_speed", "1 - np.exp(-t * c / m)", "1 + 0 * t", "at all times"),
-    ("falling_speed", "1 - np.exp(", "np.exp(", "grow towards it"),
-    ("falling_speed", "c / m))", "m / c))", "the wrong way round"),
-    ("falling_speed", "return ", "return -", "positive downwards"),
-    ("falling_speed", "body", "return 9.81 * t", "without air"),
-    ("falling_speed", "m * 9.81 / c", "9.81 / c", "terminal speed should be"),
-    ("chamfer_by_hand", "return", "there.mean()", "only, from a to b"),
-    (
-        "chamfer_by_hand",
-        "return (there.mean() + back.mean()) / 2",
-        "return there.mean() + back.mean()",
-        "halve it",
-    ),
-    ("chamfer_by_hand", "return", "max(there.max(), back.max())", "Hausdorff"),
-    ("chamfer_by_hand", ".mean()", ".sum()", "a sum over the pixels"),
-    ("chamfer_by_hand", "return", "distances.mean()", "all pairs"),
-    ("chamfer_by_hand", "axis=-1)", "ord=1, axis=-1)", "Euclidean"),
-    ("bce_loss", "loss.mean()", "loss.sum()", "a sum: take the mean"),
-    ("bce_loss", "F.softplus(", "F.softplus(-1 * ", "changed places"),
-    ("bce_loss", "return", "-loss.mean()", "never negative"),
-    (
-        "bce_loss",
-        " + (1 - images) * F.softplus(logits)",
-        "",
-        "pixels without cloth count",
-    ),
     (
         "bce_loss",
         "return",
         "-torch.where(images > 0.5, logits, -logits).sigmoid().log().mean()",
         "for a logit of 200",
     ),
-    (
-        "bce_loss",
-        "return",
-        "F.binary_cross_entropy(logits.sigmoid().clamp(1e-6, 1 - 1e-6), images)",
-        "be cut off",
-    ),
-    ("mirror_padding", "(size - 1) // 2 + 1", "size // 2", "a convolution makes"),
-    ("mirror_padding", "2 * small - 1", "2 * small - 2", "takes an output_padding"),
-    ("mirror_padding", "return", "(small, 1)", "takes an output_padding of 0"),
-    ("components_needed", "return n", "return n - 1", "count from one"),
-    ("components_needed", "train.reshape(len(train), -1)", "flat", "fitted to `train`"),
     ("components_needed", "+ pca.mean_ >", ">", "a number of components"),
     ("apart_later", "alike &=", "alike =", "the last quantity alone"),
     ("apart_later", "[alike]", "", "pairs are alike in both"),
@@ -577,91 +251,6 @@ SLIPS = [
     ("apart_later", "< limit", "> limit", "not what is farther"),
     ("apart_later", "after[a] - after[b]", "now[0][a] - now[0][b]", "distances now"),
     ("apart_later", "after[b], axis=1", "after[b], ord=1, axis=1", "take the root"),
-    ("apart_later", "after[a] - after[b]", "after[a] + after[b]", "the right pairs"),
-    ("rarity", "np.fill_diagonal(between, np.inf)", "pass", "nearest to itself"),
-    ("rarity", ">= own", "< own", "the share that is *nearer*"),
-    ("rarity", "return", "own", "the distance of z itself"),
-    ("pair_stiffness", "return stiffness", "return stiffness / 2", "two muscles"),
-    ("pair_stiffness", "+= r**2", "-= r**2", "a positive number"),
-    ("pair_stiffness", "r**2", "r", "r enters twice"),
-    ("pair_stiffness", "3 * k3 * e**2", "k3 * e**2", "df/de, not f/e"),
-    ("pair_stiffness", "e**2", "e", "slope is"),
-    ("pair_stiffness", "if e > 0", "if True", "a slack spring has no"),
-    ("pair_stiffness", "r * theta", "0", "straight joint"),
-    ("time_between", ".max()", ".sum()", "don't add up"),
-    ("time_between", ".max()", ".mean()", "not an average one"),
-    ("time_between", "np.abs(end - start)", "(end - start)", "mind the sign"),
-    ("time_between", " / arm.motor_speed", "", "longest way [m]"),
-    ("time_between", "/ arm.motor_speed", "* arm.motor_speed", "is a time"),
-    ("time_between", "before[2]", "30.0", "the wires move by"),
-    ("compliance", "+ 1 / arm.motor_stiffness", "", "motors are rigid"),
-    ("two_link_jacobian", "[of_upper + of_fore,", "[of_upper,", "its column has two"),
-    ("two_link_jacobian", "theta[0] + theta[1]", "theta[1]", "forearm's slope is"),
-    ("two_link_jacobian", "axis=1", "axis=0", "transpose it"),
-    (
-        "two_link_jacobian",
-        "np.array([np.sin(upper), np.cos(upper)])",
-        "0",
-        "nudges give",
-    ),
-    ("sag", "np.diag(k)", "(k.mean() * np.eye(6))", "belongs between"),
-    ("sag", "G.T @ np.diag(k) @ G", "np.eye(2)", "pull back with"),
-    ("sag", "np.linalg.solve(joints, torque)", "joints @ torque", "must sag less"),
-    ("sag", "return ", "return -", "mind the sign"),
-    (
-        "sag",
-        "np.linalg.solve(joints, torque)",
-        "torque / np.diag(joints)",
-        "are coupled",
-    ),
-    (
-        "compliance",
-        "spring_stiffness(f_const)",
-        "spring_stiffness(arm.elongation(f_const))",
-        "not its stretch",
-    ),
-    (
-        "compliance",
-        "arm.spring_stiffness(f_const)",
-        "(f_const / arm.elongation(f_const))",
-        "not f/e",
-    ),
-    (
-        "compliance",
-        "J @ np.linalg.inv(joints) @ J.T",
-        "J.T @ np.linalg.inv(joints) @ J",
-        "changed places",
-    ),
-    ("compliance", "return", "np.linalg.inv(joints)", "where does J enter"),
-    ("compliance", "np.linalg.inv(joints)", "joints", "in place of its inverse"),
-    ("length_to_send", "- (f - arm.tension_bias) / arm.motor_stiffness", "", "l_ref"),
-    ("length_to_send", "f - arm.tension_bias", "f", "subtract it"),
-    ("length_to_send", "l_ref - (f", "l_ref + (f", "not a longer one"),
-    (
-        "length_to_send",
-        "arm.body_image(theta_ref, f)",
-        "theta_ref @ arm.moment_arms.T",
-        "springs stretch",
-    ),
-    (
-        "length_to_send",
-        "(theta_ref, f)",
-        "(theta_ref, np.full(6, f.mean()))",
-        "the motors pull",
-    ),
-    (
-        "count_springs",
-        "(rows - 1) * columns",
-        "rows * columns",
-        "structural springs, not",
-    ),
-    ("count_springs", "shear = 2 * (rows", "shear = (rows", "two diagonals"),
-    (
-        "count_springs",
-        "(rows - 1) * (columns - 2)",
-        "rows * (columns - 2)",
-        "the first row is held",
-    ),
     (
         "count_springs",
         "structural, shear, bending",
@@ -671,59 +260,12 @@ SLIPS = [
     (
         "my_mask",
         "range(t + 1, t + horizon + 1)",
-        "range(t, t + horizon)",
-        "not of step t",
-    ),
-    (
-        "my_mask",
-        "range(t + 1, t + horizon + 1)",
         "range(t + 1, t + period + 1)",
         "predicted steps, not",
     ),
-    ("my_mask", "% period", "% 4", "a multiple of"),
-    (
-        "my_mask",
-        "return",
-        "[int(k == (period - t - 1) % period) for k in range(horizon)]",
-        "a multiple of",
-    ),
-    ("two_targets", "// period % 2 == 1", "// period % 2 == 0", "shows A"),
-    ("two_targets", "[ends & odd, ends & ~odd]", "[ends, ends]", "not for both"),
-    ("two_targets", "t + 1, t + horizon + 1", "t, t + horizon", "take turns"),
     ("two_targets", "t + horizon + 1", "t + period + 1", "one column for each"),
-    ("has_slope", "step <= last_end", "step % period == 0", "all later images"),
-    ("has_slope", "step <= last_end", "step > last_end", "the other way round"),
-    (
-        "has_slope",
-        "range(t + 1, t + horizon + 1)",
-        "range(t, t + horizon)",
-        "before the",
-    ),
     ("has_slope", "horizon + 1)", "period + 1)", "commands, not"),
-    ("together", " - (z(u + a) - z(u)) - (z(u + b) - z(u))", "", "all that both do"),
-    ("together", " - (z(u + a) - z(u))", "", "what the first does"),
-    ("together", " - (z(u + b) - z(u))", "", "what the second does"),
-    (
-        "together",
-        "both = z(u + a + b) - z(u)",
-        "both = z(u + a + b) - 2 * z(u)",
-        "z(u)",
-    ),
-    ("together", "return both", "return -both", "compare"),
-    ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan", "begins with the second"),
-    ("moved_on", "plan[-1:]", "plan[:1]", "doesn't come again"),
-    ("moved_on", "[plan[1:], plan[-1:]]", "[plan[:1], plan[:-1]]", "to the front"),
     ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan[1:]", "the gap at the end"),
-    ("moved_on", "plan[-1:]", "0 * plan[-1:]", "comes twice"),
-    ("farthest", " / np.sqrt(horizon * commands)", "", "over the whole plan"),
-    ("farthest", "horizon * commands", "horizon", "horizon times commands"),
-    (
-        "farthest",
-        "np.sqrt(horizon * commands)",
-        "(horizon * commands)",
-        "under the root",
-    ),
-    ("farthest", "iterations * ", "", "each iteration makes a step"),
     ("separates_all", "[:, list(chosen)]", "", "only the chosen experiments"),
     ("separates_all", "== len(outcomes)", "> 1", "every two have to be"),
     (
@@ -743,117 +285,6 @@ SLIPS = [
         "return",
         "(outcomes[1:] != outcomes[0]).any(axis=1).all()",
         "not only the first",
-    ),
-    ("optimism", " / length", "", "only its direction"),
-    ("optimism", "seen - predicted", "predicted - seen", "seen minus"),
-    (
-        "optimism",
-        "return",
-        "(np.linalg.norm(seen - z_ref, axis=1) - length).mean()",
-        "whatever the error",
-    ),
-    (
-        "optimism",
-        "return",
-        "np.linalg.norm(error, axis=1).mean()",
-        "the size of the error",
-    ),
-    (
-        "beyond_time",
-        "gains(estimated) - gains(wrong)",
-        "gains(estimated)",
-        "stays wrong",
-    ),
-    (
-        "beyond_time",
-        "[:, 0] - each[:, 1]",
-        "[:, 1] - each[:, 0]",
-        "a distance that falls",
-    ),
-    (
-        "beyond_time",
-        "return gains(estimated)",
-        "return wrong[:, 1] - estimated[:, 1]  #",
-        "where both began",
-    ),
-    (
-        "one_outcome",
-        "k * missed / (1 + noise)",
-        "k / (1 + noise)",
-        "where is what was missed",
-    ),
-    ("one_outcome", "k * missed / (1 + noise)", "k * missed", "teaches less"),
-    ("one_outcome", "-0.5 *", "-1.0 *", "a half in its exponent"),
-    (
-        "one_outcome",
-        "1 - k**2 / (1 + noise)",
-        "k**2 / (1 + noise)",
-        "asked is what is left",
-    ),
-    ("one_outcome", "1 - k**2 / (1 + noise)", "1 - k / (1 + noise)", "k enters twice"),
-    (
-        "one_outcome",
-        "1 - k**2 / (1 + noise)",
-        "(1 - k**2 / (1 + noise)) ** 0.5",
-        "asked is the variance",
-    ),
-    ("sign_flip_share", ">= d.mean() - 1e-12", "> d.mean() + 1e-12", "count them too"),
-    ("sign_flip_share", ">= d.mean() - 1e-12", ">= d.mean()", "within 1e-12"),
-    (
-        "sign_flip_share",
-        "np.array(means) >= d",
-        "np.abs(means) >= d",
-        "not those that are as far from 0",
-    ),
-    (
-        "sign_flip_share",
-        "float(np.mean(",
-        "float(np.sum(",
-        "divide by how many there are",
-    ),
-    ("share_held", "-2 * np.log(0.1)", "1.645**2", "the radius is larger"),
-    ("share_held", "np.mean(squared", "np.mean(np.sqrt(squared)", "has no root"),
-    (
-        "share_held",
-        "np.linalg.inv(covariances)",
-        "covariances",
-        "the inverse of the covariance",
-    ),
-    ("share_held", "<=", ">", "of those outside"),
-    (
-        "point_of_pixel",
-        "(height / 2 - row - 0.5)",
-        "(row + 0.5 - height / 2)",
-        "rows count downwards",
-    ),
-    ("point_of_pixel", "-1.0]", "1.0]", "minus z axis"),
-    (
-        "point_of_pixel",
-        "return",
-        "depth * np.array([right, up, -1]) / (1 + right**2 + up**2) ** 0.5",
-        "not along the ray",
-    ),
-    ("point_of_pixel", "focal = height", "focal = width", "not its width"),
-    ("point_of_pixel", "np.deg2rad(fovy) / 2", "np.deg2rad(fovy)", "half of fovy"),
-    ("point_of_pixel", "np.deg2rad(fovy) / 2", "fovy / 2", "takes radians"),
-    ("point_of_pixel", "0.5", "0.0", "half a pixel"),
-    (
-        "plane_of_most",
-        "return",
-        "np.linalg.lstsq(np.insert(points[:, :2], 2, 1, 1), points[:, 2])[0]",
-        "pulled up by",
-    ),
-    (
-        "plane_of_most",
-        "return",
-        "np.array([0.0, 0.0, np.median(points[:, 2])])",
-        "a median height is no plane",
-    ),
-    (
-        "plane_of_most",
-        "return",
-        "np.append(fit.estimator_.intercept_, fit.estimator_.coef_)",
-        "first the slopes",
     ),
     ("verdict", "np.sign(mean)", "np.abs(np.sign(mean))", "return -1"),
     ("verdict", "abs(mean) > half", "True", "nothing is known"),
@@ -998,6 +429,59 @@ def replaced(name, old, new):
     return define(name, solution.replace(old, new))
 
 
+class Comparisons:
+    """Stands where a check compares numbers, and keeps what it compares with."""
+
+    def __init__(self, name, monkeypatch):
+        self.name = name
+        self.kept = []
+        module = sys.modules[getattr(checks, name).__module__]
+        if hasattr(module, "expect"):
+            monkeypatch.setattr(module, "expect", self)
+
+    def __call__(self, found, truth, otherwise, slips=None, *bounds, **tolerance):
+        def said_of(value):
+            try:
+                expect(value, truth, otherwise, slips, *bounds, **tolerance)
+            except checks.CheckFailed as refused:
+                return str(refused)
+            return ""
+
+        self.kept.append((np.asarray(truth), otherwise, slips or {}, said_of))
+        assert not said_of(found)
+
+    def of_solution(self, seed):
+        """Truth, what is said otherwise, slips, and what is said of a value."""
+        self.kept.clear()
+        getattr(checks, self.name)(
+            define(self.name, EXERCISES[self.name][2]), seed=seed
+        )
+        return self.kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXERCISES)
+def test_each_slip_that_a_check_knows_is_refused_and_named(name, monkeypatch):
+    """Whatever is drawn.
+
+    A check may compare several times, and a slip gives the truth in some of them, or
+    what another slip gives: with one number, its mean is its sum. What is said of a
+    slip then differs by the numbers in it.
+    """
+    comparisons = Comparisons(name, monkeypatch)
+    for seed in DRAWS:
+        known = set()
+        named = set()
+        for truth, otherwise, slips, said_of in comparisons.of_solution(seed):
+            for words, slip in slips.items():
+                kind = re.sub(r"[\d.]+", "#", words)
+                known.add(kind)
+                if said_of(slip) == words:
+                    named.add(kind)
+            assert said_of(truth + 1000.0) == otherwise
+        assert named == known
+
+
 @pytest.mark.parametrize(("name", "right", "wrong", "message"), SLIPS)
 def test_a_slip_is_refused_and_named(name, right, wrong, message, capsys):
     with pytest.raises(checks.CheckFailed, match=re.escape(message)):
@@ -1009,10 +493,6 @@ def test_a_slip_is_refused_and_named(name, right, wrong, message, capsys):
 def test_another_way_to_be_right_is_accepted(name, old, new, capsys):
     getattr(checks, name)(replaced(name, old, new))
     assert capsys.readouterr().out == "correct\n"
-
-
-def test_every_check_has_met_a_slip():
-    assert {name for name, *_ in SLIPS} == set(EXERCISES)
 
 
 def test_a_check_wants_the_function_itself():
@@ -1085,9 +565,6 @@ def test_a_failure_names_the_call_that_repeats_it_and_the_environment_repeats_al
     assert np.array_equal(seen[0], seen[2])
 
 
-TIMES = int(os.environ.get("CLOTHLAB_INPUTS", 3))  # `make nightly` asks for more
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXERCISES)
 def test_whatever_is_drawn_solutions_pass_and_slips_are_named(name, capsys):
@@ -1098,7 +575,7 @@ def test_whatever_is_drawn_solutions_pass_and_slips_are_named(name, capsys):
         for other, old, new, words in SLIPS
         if other == name
     ]
-    for seed in range(min(TIMES, 200)):
+    for seed in DRAWS:
         for answer in right:
             getattr(checks, name)(answer, seed=seed)
         for wrong, words in slips:
@@ -1106,48 +583,30 @@ def test_whatever_is_drawn_solutions_pass_and_slips_are_named(name, capsys):
                 getattr(checks, name)(wrong, seed=seed)
 
 
-ODD = [
-    None,
-    "three",
-    float("nan"),
-    np.inf,
-    1j,
-    (),
-    range(9),
-    [[1], [2, 3]],
-    {"a": 1},
-    dict,
-    np.array("three"),
-]
-ODD += [
-    np.zeros((2, 2, 2, 2)),
-    torch.full((3,), torch.nan),
-    (k for k in range(3)),
-    ["1", "2"],
-    (np.zeros(2), None),
-]
+def random_like(found, rng):
+    """Random numbers of the kind that an answer returns."""
+    if isinstance(found, tuple):
+        return tuple(random_like(part, rng) for part in found)
+    if callable(found):
+        return lambda *_, **__: rng.normal()
+    shape = () if found is None else np.shape(found)
+    return rng.normal(size=shape)
 
 
-LONG = {"components_needed", "update"}  # to draw, and here it is done fifty times
+ODD = [None, "three", float("nan"), np.zeros((2, 2, 2, 2)), {"a": 1}]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
-        for name in EXERCISES
-    ],
-)
-def test_whatever_an_answer_returns_is_refused_in_a_sentence(name, capsys):
-    for odd in ODD:
-        for answer in (
-            lambda *args, odd=odd, **kwargs: odd,
-            lambda *args, odd=odd, **kwargs: lambda observation: odd,
-        ):
-            with pytest.raises(checks.CheckFailed, match=r"\w \w") as refused:
-                getattr(checks, name)(answer)
-            assert "\n" not in str(refused.value)
-            assert len(str(refused.value)) < 250
+@pytest.mark.parametrize("name", EXERCISES)
+def test_random_numbers_and_what_is_no_number_are_refused_in_a_sentence(name, capsys):
+    rng = np.random.default_rng(0)
+    solution = define(name, EXERCISES[name][2])
+    answers = [lambda *args, **kwargs: random_like(solution(*args, **kwargs), rng)]
+    answers += [lambda *args, odd=odd, **kwargs: odd for odd in ODD]
+    for answer in answers:
+        with pytest.raises(checks.CheckFailed, match=r"\w \w") as refused:
+            getattr(checks, name)(answer)
+        assert "\n" not in str(refused.value)
+        assert len(str(refused.value)) < 300
     assert capsys.readouterr().out == ""
 
 
