@@ -28,7 +28,6 @@ from .method.cloth_task import (
     observe as observe,
     period_mask as period_mask,
 )
-from .method.collecting import collect_runs as collect_runs
 from .method.control import (
     Controller as Controller,
     ControlSettings as ControlSettings,
@@ -50,8 +49,7 @@ from .method.model import (
     PredictiveModel as PredictiveModel,
     predict as predict,
 )
-from .method.policy import Policy as Policy
-from .method.rollout import rollout as rollout
+from .method.rollout import Policy as Policy, rollout as rollout
 from .method.training import ModelTraining as ModelTraining, train_dpmpb as train_dpmpb
 from .policies import (
     OperatorPolicy as OperatorPolicy,

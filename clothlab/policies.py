@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, check_seed
 from clothlab.masks import Observation
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import Arm
 

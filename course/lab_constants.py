@@ -20,7 +20,7 @@ from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonSettings
 from clothlab.method.iterative import _SAME_MATERIAL, IterativeLearningSettings
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import MuscleArm
 from course.lab_estimation import Calibrated

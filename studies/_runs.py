@@ -27,7 +27,7 @@ from clothlab.method.estimation import BiasEstimator, prediction_loss
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.model import PredictiveModel
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth

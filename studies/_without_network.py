@@ -23,7 +23,7 @@ from clothlab.method.iterative import (
     ResidualModel,
     nearest_plans,
 )
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 
 _PERIOD = ControlSettings.period  # [step]
 _LONGER = 1.5  # steps of the evolution grow so after a success,

@@ -22,7 +22,7 @@ from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator, linearise
 from clothlab.method.iterative import IterativeLearningSettings
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv

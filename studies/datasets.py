@@ -14,7 +14,7 @@ import numpy as np
 from clothlab._store import Folder, data_folder
 from clothlab._validation import check_kind, check_seed, choose
 from clothlab.data._writing import save_target
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name

@@ -25,7 +25,7 @@ from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
 from clothlab.method.iterative import IterativeLearningSettings
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout

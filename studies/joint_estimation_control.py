@@ -11,7 +11,7 @@ import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.simulation.cloth import cloth_name
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import recorded_plans

@@ -22,7 +22,7 @@ from clothlab.analysis import best_per_period, late_median, target_distance
 from clothlab.masks import Observation, iou
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import Arm, MuscleArm

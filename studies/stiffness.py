@@ -15,7 +15,7 @@ from clothlab import data
 from clothlab.analysis import nearest_material, target_distance
 from clothlab.method.control import ControlSettings
 from clothlab.method.gauss_newton import estimate_bias
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD

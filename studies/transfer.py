@@ -25,7 +25,7 @@ from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
 from studies._rows import Row

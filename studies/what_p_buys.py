@@ -91,7 +91,7 @@ from clothlab.method.data import Run
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
 from clothlab.method.model import DPMPB, PredictiveModel
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial

@@ -112,30 +112,6 @@ def test_an_unknown_option_of_reset_is_named_and_changes_nothing(env):
     assert np.array_equal(env.data.qpos, before)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_several_run_side_by_side_as_each_would_alone(mode):
-    vector = {"context": "spawn"} if mode == "async" else {}
-    both = gymnasium.make_vec(
-        "clothlab/Cloth-v0", 2, mode, vector_kwargs=vector, scene=SMALL
-    )
-    options = {"random_start": True}
-    start, _ = both.reset(seed=[3, 4], options=options)
-    u = np.tile([0.1, -0.8], (2, 1))
-    seen, *_ = both.step(u)
-    both.close()
-
-    alone = ClothEnv(scene=SMALL)
-    for k in range(2):
-        assert np.array_equal(
-            alone.reset(seed=3 + k, options=options)[0]["robot"], start["robot"][k]
-        )
-        observation, *_ = alone.step(u[k])
-        assert np.array_equal(observation["robot"], seen["robot"][k])
-        assert np.array_equal(observation["image"], seen["image"][k])
-    alone.close()
-
-
 def test_a_trial_is_recorded_through_wrappers(small):
     policy = RandomPolicy("torque")
     bare = rollout(small, policy, 4, seed=2)

@@ -5,37 +5,12 @@ are given.
 import numpy as np
 import pytest
 
-from clothlab.method._wrapping import Wrapper, as_policy
-from clothlab.method.policy import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import ARMS
 from clothlab.trials import rollout
 
-POLICIES = {
-    "random": RandomPolicy,
-    "operator": OperatorPolicy,
-    "wrapped": lambda arm: Wrapper(OperatorPolicy(arm)),
-}
-
-
-class Remembers(Policy):
-    """Remembers its calls."""
-
-    def __init__(self):
-        self.calls = []
-
-    def reset(self, seed=0):
-        self.calls.append(("reset", seed))
-
-    def set_target(self, mask):
-        self.calls.append(("target", mask))
-
-    def set_bias(self, p):
-        self.calls.append(("bias", p))
-
-    def __call__(self, observation):
-        return np.array([0.4, -0.4])
+POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy}
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -68,24 +43,13 @@ def test_the_operator_lifts_slowly_and_throws_down_fast():
     assert speed[speed > 1e-6].mean() > 1.5 * -speed[speed < -1e-6].mean()
 
 
-def test_a_wrapper_passes_everything_on():
-    inner = Remembers()
-    wrapper = Wrapper(Wrapper(inner))
-    wrapper.set_target("mask")
-    wrapper.set_bias("p")
-    wrapper.reset(5)
-    assert inner.calls[-3:] == [("target", "mask"), ("bias", "p"), ("reset", 5)]
-    assert wrapper.name == inner.name
-
-
 @pytest.mark.parametrize("wrong", [None, "random", RandomPolicy])
 def test_what_cannot_be_called_with_an_observation_is_no_policy(env, wrong):
-    for use in (as_policy, Wrapper, lambda policy: rollout(env, policy, 1)):
-        with pytest.raises(
-            TypeError,
-            match=r"a policy is called with an observation and returns a command, got",
-        ):
-            use(wrong)
+    with pytest.raises(
+        TypeError,
+        match=r"a policy is called with an observation and returns a command, got",
+    ):
+        rollout(env, wrong, 1)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ SMALLER = {
     r"epochs=\d+": "epochs=1",
     r"stride=\d+": "stride=10",
     r"horizon=\d+": "horizon=2",
-    r"Held\(\), 1000": "Held(), 200",
+    r"Held\(\), 200": "Held(), 40",
 }
 
 

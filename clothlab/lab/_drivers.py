@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import Observation
 from clothlab.method.data import Run
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import Arm
 

@@ -4,7 +4,7 @@ K. Kawaharazuka et al., "Dynamic Cloth Manipulation Considering Variable Stiffne
 Material Change Using Deep Predictive Model with Parametric Bias".
 
 To be read in this order: `model`, `data`, `training`, `estimation`, `control`,
-`autoencoder`, `policy`, `cloth_task`. Where `control` speaks of a `Rollout`, read
+`autoencoder`, `cloth_task`. Where `control` speaks of a `Rollout`, read
 `model.predict` with p fixed. All of it in five lines:
 
     run = rollout(env, policy, 500, material="heavy")  # one of many
@@ -14,8 +14,8 @@ To be read in this order: `model`, `data`, `training`, `estimation`, `control`,
     u = controller.act(s)  # W and p stay, the commands move
 
 Beyond the paper are `gauss_newton`, `iterative` and `fast_rollout`; around the method
-are `rollout`, `collecting`, `logs` and `datasets`, where runs come from,
-`training_options` and `several`, and `checkpoint`, `deploy` and `onnx_export`, by which
+are `rollout`, `logs` and `datasets`, where runs come from,
+`training_options` and `several`, and `checkpoint` and `onnx_export`, by which
 a model gets to its robot. Modules with an underscore hold what several of these share,
 and need not be read to follow them. Of other packages the method takes torch, numpy,
 tqdm and safetensors.

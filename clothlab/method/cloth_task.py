@@ -12,12 +12,11 @@ from clothlab._validation import check_mask, check_number, settings_or_default
 from clothlab.masks import Observation
 from clothlab.method._arm import ControlledArm
 from clothlab.method._inputs import check_sizes
-from clothlab.method._wrapping import Wrapper
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import Controller, ControlSettings, GradientSearch, Search
 from clothlab.method.estimation import Estimator
 from clothlab.method.model import PredictiveModel
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 
 
 def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
@@ -203,14 +202,15 @@ class ControlPolicy(Policy):
         return [] if learned is None else list(learned.expected)
 
 
-class EstimatingPolicy(Wrapper):
+class EstimatingPolicy(Policy):
     """Any policy, while p is estimated from what it does and given to it.
 
     `trace` has p `[D_p]` after each step, of the last `ControlSettings.traced`.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
-        super().__init__(policy)
+        self.policy = policy
+        self.name = policy.name
         self.estimator = estimator
         self.autoencoder = autoencoder
         self.trace: list[np.ndarray] = []
@@ -222,6 +222,10 @@ class EstimatingPolicy(Wrapper):
         self.estimator.reset()
         self.policy.set_bias(self.estimator.p)
         self.trace = []
+
+    def set_target(self, mask: ArrayLike) -> None:
+        """Let the policy aim at another image `[H, W]` from now on."""
+        self.policy.set_target(mask)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         u = self.policy(observation)

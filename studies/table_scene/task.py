@@ -17,7 +17,7 @@ from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonEstimator
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.simulation._dimensions import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run

@@ -32,7 +32,7 @@ from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
 from clothlab.method.model import PredictiveModel
-from clothlab.method.policy import Policy
+from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import Arm
