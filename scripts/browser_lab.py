@@ -15,8 +15,7 @@ import nbformat.v4
 from jupyter_client import BlockingKernelClient
 from jupyter_core.paths import jupyter_runtime_dir
 from playwright.sync_api import BrowserType, ConsoleMessage, Locator, Page
-
-from course.solutions import small
+from solutions import small
 
 ROOT = Path(__file__).resolve().parents[1]
 # JupyterLab asks for a translation and a licence page that are not there

@@ -12,13 +12,13 @@ import cv2
 import nbformat
 import numpy as np
 from PIL import Image
+from repository import number_of
 
 from clothlab import data
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import rollout
-from course.repository import number_of
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most

@@ -14,13 +14,13 @@ import nbformat
 import numpy as np
 import pytest
 import torch
+from solutions import solved
 from threadpoolctl import threadpool_limits
 
 import clothlab
 from clothlab import checks
 from clothlab.checks._check import Unanswered, array, check, expect, number
 from clothlab.simulation.cloth import get_cloth, hanging_points
-from course.solutions import solved
 
 NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
 SPRINGS = {"structural": [(1, 0), (0, 1)], "shear": [(1, 1), (1, -1)]}

@@ -5,15 +5,15 @@ that stalls or hides errors.
 import ast
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import nbformat
 import pytest
+from repository import address, number_of
+from solutions import solved
 
 import clothlab
-from course import finish_notebooks
-from course.repository import number_of
-from course.solutions import solved
 
 ROOT = Path(clothlab.__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -107,7 +107,8 @@ def test_headings_open_their_cells_and_imports_come_before_parameters(path):
     texts = [code_on_the_page.sub("", cell.source) for cell in cells(path, "markdown")]
     assert [text for text in texts if re.search(r"\n#{1,4} ", text)] == []
     colab, first, *_ = code = cells(path, "code")
-    assert colab == finish_notebooks.colab_cell()
+    assert colab == cells(NOTEBOOKS[0], "code")[0], "all set up Colab alike"
+    assert f'"{address()}"' in colab.source
     assert re.match("(import|from) ", first.source)
     assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [2])
 
@@ -138,13 +139,12 @@ def test_its_last_text_says_how_to_free_its_memory(path):
     )
 
 
-def test_what_all_notebooks_share_and_what_the_readme_says_of_them_is_as_one_place_has_it():
-    differing = [
-        path.name
-        for path, text in finish_notebooks.finished().items()
-        if path.read_text("utf-8") != text
-    ]
-    assert differing == [], "run `make format`"
+@pytest.mark.parametrize(("path", "following"), [*pairwise(NOTEBOOKS)])
+def test_it_leads_to_the_next_one(path, following):
+    title = cells(following)[0].source.splitlines()[0].removeprefix("# ")
+    text = "\n".join(cell.source for cell in cells(path, "markdown"))
+    for link in re.findall(r"^Next: (\[.*?\]\(.*?\))", text, re.MULTILINE):
+        assert link == f"[{title}]({following.name})"
 
 
 @each_notebook

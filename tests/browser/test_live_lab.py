@@ -105,9 +105,7 @@ def test_a_lesson_with_the_panel(student, page, lab, screenshot):
         student.canvas("target").press(key)
     student.until(f"panel.session.target.sum() != {drawn}")
     student.press("target: recorded 2")
-    student.until(
-        "(panel.session.target == panel.session.gallery['recorded 2']).all()"
-    )
+    student.until("(panel.session.target == panel.session.gallery['recorded 2']).all()")
     expect(verdict).to_be_hidden()
 
     # A wrong p, another cloth, and an estimate that sets out

@@ -6,17 +6,22 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from unittest.mock import MagicMock
 
+import grade
+import nbformat
 import numpy as np
 import pytest
 import torch
+from repository import number_of
 
 import clothlab
 
 ROOT = Path(clothlab.__file__).parents[1]
 COURSE = ROOT / "docs" / "course"
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PROBLEMS = sorted((COURSE / "problems").glob("[a-z]*.md"))
 RECORD = """
 from clothlab import data as stored
@@ -56,6 +61,53 @@ def test_the_site_and_the_syllabus_lead_to_every_problem():
     for page in PROBLEMS:
         assert f"docs/course/problems/{page.stem}" in toctree
         assert f"(problems/{page.name})" in syllabus
+
+
+def rows(section):
+    """Cells of the tables in a section of the syllabus, without their heads."""
+    syllabus = (COURSE / "syllabus.md").read_text("utf-8")
+    text = syllabus.split(f"## {section}\n")[1].split("\n## ")[0]
+    return [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in text.splitlines()
+        if re.match(r"\| [\[\d]", line)
+    ]
+
+
+def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
+    points = tomllib.loads(grade.POINTS.read_text())
+    minutes, names = {}, set()
+    for path, (link, time, aside, exercises) in zip(
+        NOTEBOOKS, rows("The notebooks"), strict=True
+    ):
+        notebook = nbformat.read(path, as_version=4)
+        assert f"({'../../notebooks/' + path.name})" in link
+        first = notebook.cells[0].source
+        assert f"**Working time**: about {time} minutes" in first
+        if aside == "–":
+            assert "**Side roads**" not in first
+        else:
+            assert f"**Side roads**: about {aside} minutes more" in first
+        weights = {name: points.get(name, 1) for name in grade.exercises(notebook)}
+        names |= set(weights)
+        asked = [
+            f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()
+        ]
+        assert exercises.replace(" ◇", "").split(" · ") == (asked or ["–"])
+        minutes[number_of(path)] = int(time)
+    part = [number for number in minutes if number < "10"]
+    for plan, planned in {
+        "Part I in five weeks": part,
+        "Everything in seven weeks": [*minutes],
+    }.items():
+        for title, numbers, hours, _ in rows(plan):
+            summed = sum(minutes[number] for number in numbers.split(", "))
+            assert float(hours) == pytest.approx(summed / 60, abs=0.06), title
+        assert (
+            sorted(", ".join(numbers for _, numbers, _, _ in rows(plan)).split(", "))
+            == planned
+        )
+    assert set(points) <= names
 
 
 def code_of(question):

@@ -7,13 +7,13 @@ import re
 import subprocess
 from urllib.parse import unquote, urlsplit
 
+import editions
 import nbformat
 import pytest
+import repository
 from nbconvert import HTMLExporter
 from nbformat.v4 import new_markdown_cell, new_notebook
-
-from course import editions, repository
-from course.repository import ROOT
+from repository import ROOT
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PAGES = sorted(
@@ -171,12 +171,13 @@ def test_the_address_is_said_once_and_everything_else_is_made_from_it():
     }
     notebooks = {f"notebooks/{path.name}" for path in NOTEBOOKS}
     assert holding == {"pyproject.toml", "README.md"} | notebooks, (
-        "`make format` writes the README and the notebooks"
+        "CONTRIBUTING.md names the others where it stands"
     )
 
 
 def test_the_first_notebook_and_the_demonstration_lead_to_the_live_lab():
-    for name in (repository.START, "docs/course/demo.md", "README.md"):
+    pages = ("docs/course/demo.md", "docs/book/index.md", "README.md")
+    for name in (repository.START, *pages):
         assert repository.throw_page() in (ROOT / name).read_text("utf-8"), name
 
 
