@@ -5,9 +5,10 @@ BIN := $(VENV)/bin
 # There when all that environment.txt pins is installed.
 STAMP := $(VENV)/installed
 NOTEBOOKS := $(sort $(wildcard notebooks/*.ipynb))
-EXECUTED := $(NOTEBOOKS:notebooks/%=build/instructor/%)
+EXECUTED := $(NOTEBOOKS:notebooks/%=build/full/notebooks/%)
+# Executed notebooks, beside which site and slides find all pages and pictures.
+RUN := build/$(if $(SMALL),small,full)
 SOURCES := $(wildcard clothlab/*.py clothlab/*/*.py clothlab/lab/static/* studies/*.py studies/*/*.py) data/SHA256SUMS
-SITE := build/book$(if $(STUDENT),-student)
 # In as many processes as there are cores; what is left at the end is shared among them.
 PYTEST := $(BIN)/pytest --numprocesses=auto --dist=worksteal
 # The matrices are small: a second thread would only wait.
@@ -69,10 +70,10 @@ endef
 test: doctor tested notebooks  ## linter, types, every test without a browser, every notebook
 
 # What `make check` and `make slow` do, in one run: each process imports everything once.
-tested: $(STAMP) $(GRADING)
+tested: $(STAMP)
 	$(call CHECKED,-rs -m 'not browser and not book and not nightly and not container')
 
-slow: $(STAMP) $(GRADING)  ## only the tests that start kernels and processes of their own
+slow: $(STAMP)  ## only the tests that start kernels and processes of their own
 	$(PYTEST) -m 'slow and not nightly' -rs
 
 # Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
@@ -80,9 +81,8 @@ slow: $(STAMP) $(GRADING)  ## only the tests that start kernels and processes of
 IN_BROWSER := $(wildcard tests/browser/test_*.py)
 LIVE := $(addprefix tests/browser/test_,live_lab.py target_canvas.py)
 SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
-# Tests of what becomes of the site. The other tests of pages make their own.
-OF_SITE := $(addprefix tests/book/test_,site.py slides.py lab_page.py)
-ALONE := $(filter-out $(OF_SITE),$(wildcard tests/book/test_*.py))
+# The other tests of pages make their own.
+ALONE := $(wildcard tests/book/test_*.py)
 
 # What `make notebooks` leaves, for the site; it is not made anew where it is there.
 build/small:
@@ -123,14 +123,14 @@ site-built:
 	$(MAKE) slides SMALL=1
 
 site-tested:
-	$(BIN)/pytest -m book -rs $(OF_SITE)
+	$(BIN)/pytest -m book -rs tests/browser/test_site.py
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
-	rm -rf build/small && $(BIN)/python course/solutions.py solve --into build/small $(NOTEBOOKS)
-	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/*.ipynb)
+	rm -rf build/small && $(BIN)/python scripts/solutions.py solve --into build/small/notebooks $(NOTEBOOKS)
+	$(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/notebooks/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
-	$(BIN)/python course/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
+	$(BIN)/python scripts/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
 
 browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
@@ -162,34 +162,36 @@ film: chromium npm  ## film a throw at a drawn target in the page "Throw a cloth
 gates:  ## write what the tests of the page "Throw a cloth" measured into it; they are run before
 	$(BIN)/python scripts/make_gates.py
 
-$(EXECUTED): build/instructor/%: notebooks/% $(SOURCES) | $(STAMP)
-	$(BIN)/python course/editions.py $<
+$(EXECUTED): build/full/notebooks/%: notebooks/% $(SOURCES) | $(STAMP)
+	$(BIN)/python scripts/editions.py $<
 
 editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
+	$(BIN)/jupyter nbconvert --log-level ERROR --to html build/instructor/*.ipynb
 
-$(GRADING): $(STAMP) docs/course/requirements.txt
-	$(BIN)/pip install --quiet --no-deps --upgrade --target $@ --requirement docs/course/requirements.txt
-	@touch $@
-
-grades: $(GRADING)  ## FOLDER=... points and words for each student in it, by nbgrader; ONLY="00 01" chooses notebooks
-	@$(BIN)/python course/grades.py "$(FOLDER)" $(if $(ONLY),--only $(ONLY))
+grades: $(STAMP)  ## FOLDER=... points and words for each student in it; ONLY="00 01" chooses notebooks
+	@$(BIN)/python scripts/grade.py "$(or $(FOLDER),$(error say which folder: make grades FOLDER=path/to/the/class))" $(if $(ONLY),--only $(ONLY))
 
 npm: $(STAMP)  ## fetch what the live lab in a page takes of npm into build/npm, 25 MB
 	$(BIN)/python course/npm.py
 
-book: $(STAMP) $(if $(SMALL),,$(EXECUTED))  ## the executed series as a web site; STUDENT=1 without solutions, SMALL=1 from `make notebooks`
-	-$(BIN)/python course/npm.py # without a network, its robot stands still
-	$(BIN)/python course/book.py $(if $(STUDENT),--student) $(if $(SMALL),--small)
-	rm -rf $(SITE)/html
-	CLOTHLAB_BOOK=$(if $(STUDENT),student) $(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
-		--doctree-dir $(SITE)/doctrees $(SITE)/source $(SITE)/html
-	@echo "$(SITE)/html/index.html: open it in a browser"
+# What notebooks link to; pages of before are gone.
+define WITH_PAGES
+rm -rf $(RUN)/docs $(RUN)/data $(RUN)/reference $(RUN)/*.md
+mkdir $(RUN)/data
+cp -R *.md LICENSE docs docs/book/index.md docs/book/reference.rst $(RUN)
+cp data/README.md $(RUN)/data
+endef
 
-slides: $(STAMP) $(if $(SMALL),,$(EXECUTED))  ## decks of seven notebooks for a projector in build/slides; SMALL=1 from `make notebooks`
-	$(BIN)/python course/slides.py $(if $(SMALL),--small)
-	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --no-input --template slides \
-		--TemplateExporter.extra_template_basedirs=docs --SlidesExporter.reveal_url_prefix=reveal \
-		--SlidesExporter.reveal_theme=white build/slides/*.ipynb
+book: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## the executed series as a web site; SMALL=1 from `make notebooks`
+	$(WITH_PAGES)
+	rm -rf build/book
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
+		--conf-dir docs/book --doctree-dir build/book/doctrees $(RUN) build/book/html
+	@echo "build/book/html/index.html: open it in a browser"
+
+slides: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## a deck of each notebook for a projector in build/slides; SMALL=1 from `make notebooks`
+	$(WITH_PAGES)
+	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --config docs/course/slides.py --output-dir build/slides $(RUN)/notebooks/*.ipynb
 	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
 
 # Pinned versions stay, unless UPGRADE=1. What CUDA consists of is left out: an installer takes what the build of PyTorch at
@@ -201,11 +203,10 @@ lock: $(STAMP)  ## pin what pyproject.toml names in environment.txt; UPGRADE=1 t
 		grep -Ev '^(nvidia-|cuda-|triton)' environment.txt; echo "-e ."; } > build/environment.txt
 	mv build/environment.txt environment.txt
 
-format: $(STAMP)  ## format code and notebooks, strip notebook outputs, write what all notebooks share
+format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python scripts/make_api.py
-	$(BIN)/python course/finish_notebooks.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
-	$(BIN)/python course/solutions.py format $(NOTEBOOKS)
+	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)
 	$(BIN)/python scripts/format_javascript.py

@@ -1,18 +1,18 @@
-"""How Sphinx makes the site.
-
-`make book` lays out the pages by `course/book.py`, then runs Sphinx.
-"""
+"""How Sphinx makes the site of executed notebooks: `make book` runs it."""
 
 import html
 import logging
-import os
 import re
-import shutil
-from importlib.resources import files
+import sys
 from pathlib import Path
 
+import nbformat
+
 import clothlab
-from course.repository import START, address, doors
+from clothlab.lab._widget import REOPENED
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+from repository import START, address, doors, throw_page
 
 logging.getLogger("OpenGL").setLevel(logging.WARNING)  # Sphinx would print its news
 
@@ -29,14 +29,13 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["downloads", "templates", "docs/course/measured.md"]
+exclude_patterns = ["docs/book", "docs/course/measured.md"]
 templates_path = ["templates"]
 # Types of other packages are named in signatures, and nothing offline could be linked
 # to
 nitpicky = False
 
-# Pages: what ran is laid out already, and every link is checked (warnings end the
-# build).
+# Pages: notebooks have run already, and every link is checked (warnings end the build).
 nb_execution_mode = "off"
 nb_output_stderr = "remove"
 nb_merge_streams = True
@@ -60,13 +59,11 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
 html_theme = "furo"
-html_title = "clothlab" + (
-    " · student edition" if os.environ.get("CLOTHLAB_BOOK") == "student" else ""
-)
+html_title = "clothlab"
 html_static_path = ["static"]
 html_css_files = ["book.css"]
 html_js_files = ["book.js"]
-html_copy_source = False  # the student edition would give away its solutions there
+html_copy_source = False
 html_show_sourcelink = False
 html_show_search_summary = (
     False  # it fetches pages, which a browser refuses for files in a folder
@@ -76,10 +73,60 @@ html_domain_indices = (
     False  # the reference lists the modules already, by what they are for
 )
 
-# Formulas: one file with every extension, whose SVG output needs no fonts. The menu
-# would fetch more.
-mathjax_path = "mathjax/tex-svg-full.js"
-mathjax3_config = {"options": {"enableMenu": False}, "startup": {"typeset": True}}
+WIDGET = "application/vnd.jupyter.widget-view+json"
+# What is folded in a notebook is folded on its page
+FOLDED = {"solution": "a solution", "plot": "the code of this figure"}
+
+
+def show_notebook(app, docname: str, source: list[str]) -> None:
+    """Say in the metadata of a notebook's cells how MyST-NB shows them.
+
+    Changes `source` in place.
+    """
+    if not docname.startswith("notebooks/"):
+        return
+    notebook = nbformat.reads(source[0], as_version=4)
+    notebook.metadata.pop("widgets", None)  # or their library would be fetched
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            show_cell(cell)
+    source[0] = nbformat.writes(notebook)
+
+
+def show_cell(cell: nbformat.NotebookNode) -> None:
+    """Say in a code cell's metadata how MyST-NB shows it, and choose its outputs."""
+    tags = cell.metadata.setdefault("tags", [])
+    shown = cell.metadata.setdefault("mystnb", {})
+    if {"claim", "colab"} & set(tags):
+        tags.append("remove-cell")
+    if cell.metadata.get("jupyter", {}).get("source_hidden"):
+        code = next((FOLDED[tag] for tag in FOLDED if tag in tags), "the code")
+        tags.append("hide-input")
+        shown["code_prompt_show"] = f"Show {code}"
+        shown["code_prompt_hide"] = f"Hide {code}"
+
+    # A video waits until somebody starts it
+    cell.outputs = [output for output in cell.outputs if is_shown(output)]
+    for output in cell.outputs:
+        page = output.get("data", {}).get("text/html", "")
+        if "<video" in page:
+            output.data["text/html"] = re.sub(r"\s(autoplay|loop)\b", "", page)
+
+    # What a figure shows, for those who don't see it
+    words = [cell.metadata.get("alt")]
+    for output in cell.outputs:
+        for about in output.get("metadata", {}).values():
+            words.append(about.get("alt") if isinstance(about, dict) else None)
+    if any(words):
+        shown["image"] = {"alt": "; ".join(filter(None, words))}
+
+
+def is_shown(output: nbformat.NotebookNode) -> bool:
+    """Whether an output is shown: of a widget only its picture, if it has one."""
+    data = output.get("data", {})
+    if data.get("text/html") == REOPENED:
+        return False
+    return WIDGET not in data or "image/png" in data
 
 
 def read_docstring(
@@ -112,15 +159,6 @@ def list_table(table: str) -> str:
     return "\n".join([".. list-table::", "   :header-rows: 1", "", *body, "", ""])
 
 
-def bundle_mathjax(app, _) -> None:
-    """Put MathJax beside the pages, out of the package that brings it."""
-    there = Path(app.outdir) / "_static" / mathjax_path
-    there.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(
-        str(files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg-full.js"), there
-    )
-
-
 def level_captions(
     app, pagename: str, templatename: str, context: dict, doctree
 ) -> None:
@@ -146,7 +184,7 @@ def open_elsewhere(
     links = " · ".join(
         f'<a href="{html.escape(link)}">{name}</a>' for name, link in places.items()
     )
-    throw = f'<a href="{context["pathto"]("throw")}">Throw a cloth now</a>'
+    throw = f'<a href="{throw_page()}">Throw a cloth now</a>'
     context["body"] = (
         f'<p class="open-elsewhere">{throw}, or run this without an installation: '
         f"{links}</p>" + context["body"]
@@ -157,6 +195,6 @@ def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("html-page-context", level_captions, priority=900)
     app.connect("html-page-context", open_elsewhere, priority=901)
+    app.connect("source-read", show_notebook)
     # Before Napoleon
     app.connect("autodoc-process-docstring", read_docstring, priority=400)
-    app.connect("build-finished", bundle_mathjax)
