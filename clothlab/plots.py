@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clothlab._alt_text import describe
 from clothlab._certainty import outline
 from clothlab._validation import choose
 from clothlab.analysis import principal_axes
@@ -44,14 +43,33 @@ class _Shown(Figure):
     """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
-        """The picture, and the figure in words as its metadata.
-
-        Web pages take `alt` from there.
-        """
-        words = describe(self)
+        """The picture, with its alternative text as metadata for web pages."""
         png = io.BytesIO()
         self.savefig(png, format="png")
-        return png.getvalue(), {"alt": words.summary, "details": list(words.details)}
+        return png.getvalue(), {"alt": alt_text(self)}
+
+
+def alt_text(figure: Figure) -> str:
+    """A figure in a sentence for who can't see it: kind, titles, axes and legend."""
+    panels = [ax for ax in figure.axes if ax.images or (ax.axison and ax.has_data())]
+    charts = [ax for ax in panels if not ax.images]
+    kinds = ["Pictures"] * (len(charts) < len(panels)) + ["Chart"] * bool(charts)
+    of_lines = [ax.get_legend_handles_labels()[1] for ax in charts]
+    said = {
+        "": [ax.get_title() for ax in panels],
+        "across: ": [ax.get_xlabel() for ax in charts],
+        "up: ": [ax.get_ylabel() for ax in charts],
+        "shown: ": [label for labels in of_lines for label in labels],
+    }
+
+    # Each label once, on one line and without marks of mathematical type
+    parts = [" and ".join(kinds) or "Empty figure"]
+    for before, labels in said.items():
+        plain = [" ".join(label.replace("$", "").split()) for label in labels]
+        different = ", ".join(dict.fromkeys(filter(None, plain)))
+        if different:
+            parts.append(before + different)
+    return "; ".join(parts)
 
 
 def new_axes(
@@ -168,10 +186,9 @@ def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) ->
     figure, axes = new_axes(len(rows), len(titles), size=size)
     for line, (label, images) in zip(axes, rows.items(), strict=True):
         line[0].set_ylabel(label, fontsize=12)
-        for ax, image, title in zip(line, images, titles, strict=True):
+        for ax, image in zip(line, images, strict=True):
             ax.imshow(image[lines, columns], cmap="gray", vmin=0, vmax=1)
-            # The label is for `_alt_text`
-            ax.set(xticks=[], yticks=[], label=f"{label}, {title}")
+            ax.set(xticks=[], yticks=[])
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=12)
     return figure

@@ -107,6 +107,18 @@ def test_a_marker_s_size_is_the_mass_and_its_shape_the_drag_or_the_foam():
     assert ax.get_title() == ""  # which would explain numbers
 
 
+def test_a_figure_is_put_in_a_sentence():
+    series = {"x": np.arange(4.0), "y": np.arange(4.0)}
+    figure = plots.time_series(series, "x,\n$y$ [m]")
+    words = "Chart; across: time [s]; up: x, y [m]; shown: x, y"
+    assert plots.alt_text(figure) == words
+    picture, metadata = figure._repr_png_()
+    assert picture.startswith(b"\x89PNG")
+    assert metadata == {"alt": words}
+    grid = plots.image_grid(MASKS, ["a", "b", "c"], columns=2)
+    assert plots.alt_text(grid) == "Pictures; a, b, c"
+
+
 def test_a_figure_is_shown_once_in_a_notebook():
     plots.time_series({"x": np.arange(4.0)}, "x [m]").canvas.draw()
     assert plt.get_fignums() == []

@@ -15,7 +15,7 @@ import ipywidgets
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from clothlab._alt_text import AltText, describe
+from clothlab import plots
 from clothlab.lab._clock import LoopCallbacks
 from clothlab.lab._map import PBMap
 from clothlab.lab._pictures import encoded
@@ -50,7 +50,7 @@ class Control(Widget, ipywidgets.VBox):
     ):
         self._draw = draw
         self._callbacks = LoopCallbacks()
-        self._words = AltText("No picture", ())
+        self._words = "No picture"
         self.errors: list[str] = []
 
         # What is moved
@@ -76,7 +76,7 @@ class Control(Widget, ipywidgets.VBox):
         self.add_class("clothlab-widget")
         self._redraw()
 
-    def still(self) -> tuple[bytes, AltText]:
+    def still(self) -> tuple[bytes, str]:
         """What it shows now."""
         return self.picture.value, self._words
 
@@ -90,7 +90,7 @@ class Control(Widget, ipywidgets.VBox):
         try:
             figure = self._draw(**values)
             self.picture.value = encoded(figure)
-            self._words = describe(figure)
+            self._words = plots.alt_text(figure)
             plt.close(figure)  # or the notebook would show it a second time
             self.message.value = ""
         except Exception as error:

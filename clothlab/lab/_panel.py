@@ -12,7 +12,6 @@ import anywidget
 import numpy as np
 import traitlets
 
-from clothlab._alt_text import AltText
 from clothlab.lab._actions import PanelActions
 from clothlab.lab._clock import Clock, LoopCallbacks
 from clothlab.lab._messages import Messages
@@ -118,7 +117,7 @@ class LivePanel(Widget, anywidget.AnyWidget):
         self.session.close()
         super().close()
 
-    def still(self) -> tuple[bytes, AltText]:
+    def still(self) -> tuple[bytes, str]:
         """The last frame that was sent, and the target."""
         return still(self.frame, self.target)
 

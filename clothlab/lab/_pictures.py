@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab import plots
-from clothlab._alt_text import AltText, describe
 from clothlab._validation import HEIGHT, WIDTH
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
@@ -37,28 +36,20 @@ def pixels(mask: np.ndarray) -> bytes:
     return np.asarray(mask, np.uint8).tobytes()
 
 
-def masks(
-    frame: Mapping[str, Any], target: Mapping[str, Any]
-) -> tuple[np.ndarray, np.ndarray]:
-    """What the camera sees and the target `[H, W]`, made of what was sent."""
-    seen = _decoded(frame["seen"], cv2.IMREAD_GRAYSCALE)
-    aim = np.frombuffer(target["image"], bool)
-    return seen > 127, aim.reshape(HEIGHT, WIDTH)
-
-
-def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, AltText]:
-    """A frame and the target as one picture, PNG, with words for it.
+def still(frame: Mapping[str, Any], target: Mapping[str, Any]) -> tuple[bytes, str]:
+    """A frame and the target as one picture, PNG, with a sentence for it.
 
     It is made of what was sent to the browser, so that any thread may ask.
     """
     scene = _decoded(frame["scene"], cv2.IMREAD_COLOR)[..., ::-1]
-    seen, aim = masks(frame, target)
+    seen = _decoded(frame["seen"], cv2.IMREAD_GRAYSCALE) > 127
+    aim = np.frombuffer(target["image"], bool).reshape(HEIGHT, WIDTH)
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
     figure = plots.image_grid([scene, seen, aim], titles, width=4.5)
     figure.set_figheight(figure.get_figheight() + 0.2)
     for ax in figure.axes:
         ax.title.set_fontsize(18)
-    return encoded(figure), describe(figure)
+    return encoded(figure), plots.alt_text(figure)
 
 
 def _decoded(file: bytes, kind: int) -> np.ndarray:

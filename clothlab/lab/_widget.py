@@ -6,8 +6,6 @@ from typing import Any
 
 from IPython.display import display
 
-from clothlab._alt_text import AltText
-
 # A saved notebook that is opened again has outputs and no kernel. JupyterLab then says
 # "model not found" where a widget was, and asks no other representation of it. So these
 # words are an output of their own, which a living widget hides; the delay keeps them
@@ -46,8 +44,8 @@ class Widget:
                 f"{len(self.errors)} callbacks failed; the first:\n{self.errors[0]}"
             )
 
-    def still(self) -> tuple[bytes, AltText]:
-        """How it looks now, PNG, and that in words.
+    def still(self) -> tuple[bytes, str]:
+        """How it looks now, PNG, and that in a sentence.
 
         For pages on which no kernel answers.
         """
@@ -67,5 +65,4 @@ class Widget:
         data, metadata = bundle if isinstance(bundle, tuple) else (bundle, {})
         picture, words = self.still()
         png = base64.b64encode(picture).decode()
-        about = {"alt": words.summary, "details": list(words.details)}
-        return data | {"image/png": png}, metadata | {"image/png": about}
+        return data | {"image/png": png}, metadata | {"image/png": {"alt": words}}

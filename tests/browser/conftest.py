@@ -28,7 +28,15 @@ def lab(
     lab.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def page(browser, browser_context_args):
+    """One page for all tests of a module."""
+    context = browser.new_context(**browser_context_args)
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture(scope="module")
 def open_notebook(lab, page):
     """Opens and runs a notebook of these cells; in the end, its page may not have
     complained.

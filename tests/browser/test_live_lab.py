@@ -65,11 +65,14 @@ class Student:
             text, timeout=15_000
         )
 
+    def value(self, expression):
+        return self.notebook.evaluate(expression)
+
     def until(self, expression, seconds=30):
         self.notebook.until(expression, seconds)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def student(open_notebook, page):
     page.add_init_script(GAMEPAD)
     notebook = open_notebook("live_lab.ipynb", [CODE])
@@ -80,46 +83,53 @@ def student(open_notebook, page):
     notebook.evaluate("panel.close()")
 
 
-def test_a_lesson_with_the_panel(student, page, lab, screenshot):
-    notebook = student.notebook
+def test_time_goes_by_until_it_is_paused(student, screenshot):
     status = student.panel.locator(".status")
-
-    # Time goes by until it is paused
     student.until("sum(moment.period is not None for moment in panel.history) >= 2")
     expect(status).to_have_text(re.compile("▶ (running|late)"))
     screenshot("live-lab")
     student.press("pause")
     expect(status).to_have_text("❚❚ paused")
-    steps = int(notebook.evaluate("panel.steps"))
+    steps = int(student.value("panel.steps"))
     student.press("step")
     student.until(f"panel.steps == {steps + 1}")
     student.press("start")
 
-    # A target is drawn, with the pointer and with keys, and one of the gallery taken
+
+def test_a_target_is_drawn_with_the_pointer_and_with_keys(student):
     verdict = student.panel.get_by_text("The autoencoder does not reproduce it.")
     student.press("clear")
     student.draw((60, 60), (200, 140))
     expect(verdict).to_be_visible(timeout=15_000)
-    drawn = notebook.evaluate("int(panel.session.target.sum())")
+    drawn = student.value("int(panel.session.target.sum())")
     for key in ("ArrowUp", "ArrowUp", " "):
         student.canvas("target").press(key)
     student.until(f"panel.session.target.sum() != {drawn}")
+
+    # One of the gallery, and a mistake
     student.press("target: recorded 2")
     student.until("(panel.session.target == panel.session.gallery['recorded 2']).all()")
     expect(verdict).to_be_hidden()
+    student.press("clear")
+    student.press("eraser")
+    student.draw((60, 60), (200, 140))
+    student.reads("no cloth in the image")
+    student.press("eraser")
 
-    # A wrong p, another cloth, and an estimate that sets out
-    p = notebook.evaluate("panel.session.p.tolist()")
+
+def test_p_is_set_by_a_click_and_estimated(student):
+    p = student.value("panel.session.p.tolist()")
     student.canvas("map of the parametric bias").click(position={"x": 110, "y": 120})
     student.until(f"panel.session.p.tolist() != {p}")
     student.slider("C_damp").press("ArrowRight")
     student.until("panel.session.env.cloth.label == '(0.055, 0.10)'")
-    p = notebook.evaluate("panel.session.p.tolist()")
+    p = student.value("panel.session.p.tolist()")
     student.press("estimate p online")
     student.until(f"panel.session.estimating and panel.session.p.tolist() != {p}")
     student.press("estimate p online")
 
-    # A person drives: sliders, then a gamepad
+
+def test_a_person_drives_with_sliders_and_with_a_gamepad(student, page):
     student.slider("shoulder").press("ArrowRight")
     student.until("panel.session.driver == 'manual'")
     for _ in range(10):  # faster than the answers come back
@@ -134,7 +144,8 @@ def test_a_lesson_with_the_panel(student, page, lab, screenshot):
     page.evaluate("movePad([0, -1, 0, 1], 0)")
     student.until("panel.session.driver == 'manual'")
 
-    # An arm with muscles is stiffened
+
+def test_an_arm_with_muscles_is_stiffened_and_recorded(student, lab, screenshot):
     student.choose("arm", "muscle")
     student.until("panel.session.arm.name == 'muscle' and len(panel.history) > 3", 60)
     student.panel.get_by_role("checkbox", name="fix the stiffness").check()
@@ -146,26 +157,23 @@ def test_a_lesson_with_the_panel(student, page, lab, screenshot):
     # A recording is made, and can be replayed
     student.press("record")
     student.reads("recording, from the hanging cloth")
-    expect(status).to_contain_text("● recording")
+    expect(student.panel.locator(".status")).to_contain_text("● recording")
     student.until("len(panel.history) >= 5")
     student.panel.get_by_role("textbox", name="name of the recording").fill("swing")
     student.press("save")
     student.reads("saved as swing")
+    screenshot("live-lab-muscle")
     trial = load_trial(lab.folder / "mine" / "swing.npz")
     assert len(trial) >= 5
     replay(trial)
 
-    # What goes wrong is a message, and time goes on
-    student.press("eraser")
-    student.press("clear")
-    student.draw((60, 60), (200, 140))
-    student.reads("no cloth in the image")
-    expect(page.get_by_text("run the cells again")).to_be_hidden()
-    screenshot("live-lab-muscle")
 
-    # On a projector
+def test_a_projector_shows_the_panel_alone(student, page, screenshot):
+    expect(page.get_by_text("run the cells again")).to_be_hidden()
     student.press("projector")
     expect(student.panel).to_have_class(re.compile("projector"))
+    box = student.panel.bounding_box()
+    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 1500, 1100)
     student.press("hand")
     screenshot("live-lab-projector")
     page.keyboard.press("Escape")
