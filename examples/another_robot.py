@@ -33,7 +33,6 @@ from tqdm.auto import tqdm
 
 from clothlab._store import write_checksums
 from clothlab.data._writing import save_model
-from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
@@ -44,6 +43,7 @@ from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies import save
+from studies._optimise import minimise, seeded
 
 STEPS = 3000  # recorded with each material
 TRAINING = ModelTraining(epochs=70, batch_size=100, stride=3)

@@ -31,13 +31,13 @@ from torch import Tensor
 from tqdm.auto import tqdm
 
 from clothlab._store import write_checksums
-from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.gauss_newton import best_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies import save
+from studies._optimise import minimise, seeded
 
 # As many updates as the study's, of half as many windows each
 BUDGET = replace(TRAINING, epochs=35, batch_size=50)

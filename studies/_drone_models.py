@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, count_windows, set_normalisation, windows
 from clothlab.method.gauss_newton import best_bias
 from clothlab.method.model import DPMPB, AnyMemory, PredictiveModel, expanded, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies._grid import shared
+from studies._optimise import minimise, seeded
 from studies.neural_fly import CONTROLLERS, WINDS, load_flight
 
 DEVELOPMENT = "L1"  # its flights are among those of every training

@@ -36,10 +36,10 @@ def train(kind: str, arm: str, seed: int) -> ClothCheckpoint:
         known = {name: constants(name, names) for name in names}
 
     runs = recorded_runs(learned)
-    model, biases, trace = train_dpmpb(
+    model, biases, losses = train_dpmpb(
         runs, settings, known=known, seed=seed, progress=False
     )
-    return replace(learned, model=model, biases=biases, losses=trace.losses)
+    return replace(learned, model=model, biases=biases, losses=losses)
 
 
 def constants(name: str, recorded: Sequence[str]) -> np.ndarray:

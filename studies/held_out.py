@@ -14,7 +14,6 @@ import torch
 from torch import Tensor, nn
 
 from clothlab import data
-from clothlab.method._optimise import minimise, seeded
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB, PredictiveModel
@@ -23,6 +22,7 @@ from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import to_run
 from studies._grid import Experiment, grid, over
+from studies._optimise import minimise, seeded
 from studies._runs import EVALUATION, RECORDINGS, errors_ahead, moved_at_random, trained
 
 _WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images

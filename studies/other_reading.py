@@ -78,7 +78,7 @@ def _run_one(
     """
     runs = _record(reading, repeats, steps, _FIRST_SEED)
     settings = replace(_TRAINING, epochs=epochs)
-    learned, biases, trace = train_dpmpb(runs, settings, seed=model, progress=False)
+    learned, biases, curve = train_dpmpb(runs, settings, seed=model, progress=False)
     readout = MaterialReadout.fit(biases, CLOTHS)
 
     # How well each p predicts other runs of each cloth
@@ -90,7 +90,7 @@ def _run_one(
         "p": p.numpy().round(4),  # in the order of CLOTHS [9, D_p]
         "spread": spread(biases),
         "r2": readout.r2,  # of log C_damp and log C_mass, one cloth left out
-        "loss": float(trace.losses[-1]),  # of the last epoch [s.d.²]
+        "loss": float(curve[-1]),  # of the last epoch [s.d.²]
         # Of two runs with each cloth, by each p [18, 9] [s.d.²]
         "held_out": np.round(losses, 5),
     }

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from clothlab._validation import choose
-from clothlab.method._optimise import minimise, seeded
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
@@ -27,6 +26,7 @@ from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import DAMPINGS, MASSES, Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout, to_run
+from studies._optimise import minimise, seeded
 
 # Of the trained range
 MIDDLE = np.log([DAMPINGS[0] * DAMPINGS[-1], MASSES[0] * MASSES[-1]]) / 2

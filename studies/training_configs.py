@@ -59,7 +59,7 @@ class TrainingConfig:
     def train_model(self, seed: int) -> ClothCheckpoint:
         """A DPMPB on top of the stored autoencoder."""
         autoencoder, _ = data.load_autoencoder(self.name)
-        model, biases, trace = train_dpmpb(
+        model, biases, losses = train_dpmpb(
             self.encoded_runs(), self.model, seed=self.first_seed + seed, progress=False
         )
         return ClothCheckpoint(
@@ -69,7 +69,7 @@ class TrainingConfig:
             autoencoder_name=self.name,
             model=model,
             biases=biases,
-            losses=trace.losses,
+            losses=losses,
             settings=self.model,
         )
 

@@ -106,8 +106,8 @@ def _size_one(bias_size: int, model: int, epochs: int = 20) -> dict[str, Any]:
     """
     runs = recorded_runs(trained("torque-paper-0"))
     settings = replace(_SHORT, bias_size=bias_size, epochs=epochs)
-    network, biases, trace = train_dpmpb(runs, settings, seed=model, progress=False)
-    return _judged(network, biases, trace.losses)
+    network, biases, losses = train_dpmpb(runs, settings, seed=model, progress=False)
+    return _judged(network, biases, losses)
 
 
 def _plain_one(recipe: str, model: int, epochs: int = 300) -> dict[str, Any]:
@@ -124,10 +124,10 @@ def _plain_one(recipe: str, model: int, epochs: int = 300) -> dict[str, Any]:
     if choose("recipe", recipe, dict.fromkeys(RECIPES, recipe)) == "as stored":
         return _judged(stored.model, stored.biases, stored.losses)
     settings = replace(_PLAIN, epochs=epochs)
-    network, biases, trace = train_dpmpb(
+    network, biases, losses = train_dpmpb(
         recorded_runs(stored), settings, seed=model, progress=False
     )
-    return _judged(network, biases, trace.losses)
+    return _judged(network, biases, losses)
 
 
 def _recorded_by_one(
@@ -148,7 +148,7 @@ def _recorded_by_one(
     stored = trained(f"torque-paper-{model}")
     runs = _half_of(recorded_runs(stored), recorded_by)
     settings = replace(config_of(stored).model, epochs=epochs)
-    network, biases, trace = train_dpmpb(runs, settings, seed=model, progress=False)
+    network, biases, curve = train_dpmpb(runs, settings, seed=model, progress=False)
 
     # What it predicts of either kind of motion, and what it can do
     by_policy: dict[str, list[float]] = {"random": [], "operator": []}
@@ -165,7 +165,7 @@ def _recorded_by_one(
         distance = target_distance(learned.autoencoder, trial, mask)
         near.append(np.median(best_per_period(distance)) / distance[0])
     losses = {kind: round(float(np.mean(each)), 5) for kind, each in by_policy.items()}
-    found = _judged(network, biases, trace.losses)
+    found = _judged(network, biases, curve)
     return found | losses | {"control": np.round(near, 4)}
 
 

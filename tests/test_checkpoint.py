@@ -306,13 +306,13 @@ def test_a_training_is_saved_with_its_settings_and_controls_as_before(tmp_path):
     rng = np.random.default_rng(0)
     runs = [Run(rng.normal(size=(40, 2)), rng.normal(size=(40, 1)), "a")]
     settings = ModelTraining(epochs=1, sequence_length=5)
-    model, biases, trace = train_dpmpb(runs, settings, progress=False)
+    model, biases, losses = train_dpmpb(runs, settings, progress=False)
     trained = Checkpoint(
-        name="toy", model=model, biases=biases, losses=trace.losses, settings=settings
+        name="toy", model=model, biases=biases, losses=losses, settings=settings
     )
     trained.save(tmp_path / "toy.safetensors")
     read = Checkpoint.load(tmp_path / "toy.safetensors")
     assert read.settings == settings
-    assert np.array_equal(read.losses, trace.losses)
+    assert np.array_equal(read.losses, losses)
     assert read.biases["a"].dtype == biases["a"].dtype
     assert np.array_equal(read.biases["a"], biases["a"])

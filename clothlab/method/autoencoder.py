@@ -5,7 +5,6 @@ Source: the paper, "Network Structure of DPMPB".
 
 import hashlib
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
+from torch.optim import Adam
+from torch.optim.lr_scheduler import CosineAnnealingLR
+from tqdm.auto import trange
 
 from clothlab._validation import (
     HEIGHT,
@@ -21,10 +23,10 @@ from clothlab._validation import (
     check_array,
     check_masks,
     check_number,
+    check_seed,
     setting,
     settings_or_default,
 )
-from clothlab.method._optimise import best_device, minimise, seeded
 
 # Five 3×3 convolutions of stride 2; the paper does not give their widths.
 _CHANNELS = (1, 8, 16, 32, 64, 128)
@@ -153,7 +155,8 @@ def train_autoencoder(
         entropy of each epoch [nat per pixel].
     """
     settings = settings_or_default(settings, AutoencoderTraining)
-    device = device or best_device()
+    check_seed(seed)
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
     images = check_masks(images)
     size = settings.batch_size
     if images.ndim != 3 or len(images) < size:
@@ -162,7 +165,8 @@ def train_autoencoder(
             f"{list(images.shape)}"
         )
 
-    with seeded(seed):
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
         model = Autoencoder(settings.latent_size).to(device)
         # On a processor convolutions are faster with the channels last.
         last: Any = {"memory_format": torch.channels_last}
@@ -181,21 +185,30 @@ def _train(
     """Train in place: the mean loss of each epoch."""
     data = torch.as_tensor(images).unsqueeze(1).to(device)
 
-    def loss(index: Tensor) -> Tensor:
-        """Cross entropy of some images and their reconstructions."""
-        batch = data[index.to(device)].float()
-        return nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
+    # Full batches only: what is left over waits for another epoch.
+    batches = len(data) // settings.batch_size
+    whole = batches * settings.batch_size
+    optimizer = Adam(model.parameters(), lr=settings.learning_rate, fused=True)
+    schedule = CosineAnnealingLR(optimizer, settings.epochs * batches)
 
-    def batches() -> Sequence[Tensor]:
-        """Full batches only: what is left over waits for another epoch."""
-        whole = len(data) // settings.batch_size * settings.batch_size
-        return torch.randperm(len(data))[:whole].split(settings.batch_size)
-
-    # Adam, as for the model.
-    weights = model.parameters()
-    rate = settings.learning_rate
-    bar = "autoencoder" if progress else None
-    return list(minimise(weights, loss, batches, settings.epochs, rate, bar=bar))
+    losses = []
+    epochs = trange(
+        settings.epochs, desc="autoencoder", unit="epoch", disable=not progress
+    )
+    for _ in epochs:
+        total = 0.0
+        for index in torch.randperm(len(data))[:whole].split(settings.batch_size):
+            # Cross entropy of some images and their reconstructions.
+            batch = data[index.to(device)].float()
+            loss = nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+            total += loss.item()
+        losses.append(total / batches)
+        epochs.set_postfix(loss=f"{losses[-1]:.4f}")
+    return losses
 
 
 @torch.inference_mode()

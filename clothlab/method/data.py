@@ -3,24 +3,25 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_names, check_number, setting
-from clothlab.method._on_disk import check_record, summary_of, taken, told
-from clothlab.method.model import PredictiveModel
+from clothlab._validation import (
+    Checked,
+    check_array,
+    check_names,
+    check_number,
+    setting,
+)
+from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True, eq=False)
 class Run(Checked):
-    """One run of a robot, as the model sees it; runs of one material share one p.
-
-    Arrays are copied, but for those that `np.load(file, mmap_mode="r")` gives in single
-    precision. These stay on the disk, and a training reads them batch by batch.
-    """
+    """One run of a robot, as the model sees it; runs of one material share one p."""
 
     s: np.ndarray  # states [T, D_s]; of a cloth, z first
     u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
@@ -31,8 +32,8 @@ class Run(Checked):
     command_names: tuple[str, ...] = ()  # what each number of u is, with its unit
 
     def __post_init__(self) -> None:
-        s = check_record(f"s of a run of {self.material}", self.s, ("T", "D_s"))
-        u = check_record(f"u of a run of {self.material}", self.u, ("T", "D_u"))
+        s = _record(f"s of a run of {self.material}", self.s, ("T", "D_s"))
+        u = _record(f"u of a run of {self.material}", self.u, ("T", "D_u"))
         if not len(s) == len(u) > 0:
             raise ValueError(
                 "a run has as many states as commands, and some, got "
@@ -49,15 +50,6 @@ class Run(Checked):
         check_names("states", self.state_names, s.shape[1])
         check_names("commands", self.command_names, u.shape[1])
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What another process is told: of arrays on the disk, where they lie."""
-        said = vars(self)
-        return said | {"s": told(self.s), "u": told(self.u)}
-
-    def __setstate__(self, said: dict[str, Any]) -> None:
-        for name, value in said.items():
-            object.__setattr__(self, name, taken(value))
-
     def __len__(self) -> int:
         """Return the number of steps T."""
         return len(self.s)
@@ -70,6 +62,24 @@ class Run(Checked):
                 f"{steps!r}"
             )
         return replace(self, s=self.s[steps], u=self.u[steps])
+
+
+def _record(what: str, value: ArrayLike, shape: tuple[str, str]) -> np.ndarray:
+    """Return numbers `[T, D]` in single precision.
+
+    A ValueError as of `check_array`, and where a number is missing, if one is.
+    """
+    array = np.asarray(value)
+    if array.ndim == 2 and array.dtype.kind == "f":
+        holes = ~np.isfinite(array)
+        if holes.any():
+            step, number = np.argwhere(holes)[0]
+            raise ValueError(
+                f"{what} is {array[step, number]} in step {step}, number {number} "
+                "(both counted from 0): `clothlab.tables.runs_from_table` makes runs "
+                "of a log with holes"
+            )
+    return check_array(what, value, shape, np.float32)
 
 
 def count_windows(run: Run, length: int, stride: int) -> int:
@@ -117,13 +127,13 @@ _ROUNDING = 1e-6
 _UNHEARD = 1e6
 
 
-def set_normalisation(model: PredictiveModel, runs: Sequence[Run]) -> None:
+def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
     """Set the model's means and standard deviations from all the data.
 
     What never varies in the data teaches nothing, and dividing by its deviation would
     turn the first other reading into the largest signal of all. So a constant sensor or
     command is left out, with a warning: it gets a deviation that nothing reaches, and
-    the model is deaf to it (`PredictiveModel.leave_out`). Source: the paper, "Network
+    the model is deaf to it (`DPMPB.leave_out`). Source: the paper, "Network
     Structure of DPMPB".
     """
     constant_s = _measure([run.s for run in runs], model.s_mean, model.s_std)
@@ -137,13 +147,15 @@ def set_normalisation(model: PredictiveModel, runs: Sequence[Run]) -> None:
 
 def _measure(records: Sequence[np.ndarray], mean: Tensor, std: Tensor) -> Tensor:
     """Write mean and deviation `[D]` of records `[T, D]`; which are constant `[D]`."""
-    all_rows = summary_of(records)
-    size = torch.maximum(all_rows.low.abs(), all_rows.high.abs())
-    constant = all_rows.high - all_rows.low <= _ROUNDING * size
+    values = torch.as_tensor(np.concatenate(records))
+    low = values.amin(0)
+    high = values.amax(0)
+    size = torch.maximum(low.abs(), high.abs())
+    constant = high - low <= _ROUNDING * size
     # Of a constant the value itself: its mean may be off by a last digit, of which Adam
     # would make a signal.
-    mean.copy_(torch.where(constant, all_rows.first, all_rows.mean))
-    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), all_rows.std))
+    mean.copy_(torch.where(constant, values[0], values.mean(0)))
+    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0)))
     return constant
 
 

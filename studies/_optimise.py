@@ -1,4 +1,4 @@
-"""What the trainings of all networks share: Adam's loop, a seed, a device."""
+"""What the trainings of studies share: Adam's loop, and a seed."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
-from tqdm.auto import tqdm
 
 from clothlab._validation import check_seed
 
@@ -21,8 +20,6 @@ def minimise(
     learning_rate: float,
     *,
     fused: bool = True,
-    begin: Callable[[Adam, CosineAnnealingLR], int] | None = None,
-    bar: str | None = None,
 ) -> Iterator[float]:
     """Minimise a loss by Adam, whose learning rate falls to zero along a cosine.
 
@@ -35,25 +32,13 @@ def minimise(
         epochs: how often all batches are gone through.
         learning_rate: at the start.
         fused: a fused update is faster, and rounds differently.
-        begin: sets Adam and the learning rates back to where they were before, and says
-            after how many epochs that was.
-        bar: title of a progress bar; without one there is none.
 
     Yields:
         The mean loss of each epoch.
     """
     optimizer = Adam(parameters, lr=learning_rate, fused=fused)
     schedule = CosineAnnealingLR(optimizer, epochs * _count(batches))
-    done = begin(optimizer, schedule) if begin else 0
-    epoch_bar = tqdm(
-        range(done, epochs),
-        initial=done,
-        total=epochs,
-        desc=bar,
-        disable=bar is None,
-        unit="epoch",
-    )
-    for _ in epoch_bar:
+    for _ in range(epochs):
         # One update for each batch.
         drawn = batches()
         total = 0.0
@@ -66,9 +51,7 @@ def minimise(
             total += value.item() * len(batch)
 
         # The mean over all that was drawn, and not over batches of different sizes.
-        mean = total / sum(map(len, drawn))
-        epoch_bar.set_postfix(loss=f"{mean:.4f}")
-        yield mean
+        yield total / sum(map(len, drawn))
 
 
 def _count(batches: Callable[[], Sequence[Tensor]]) -> int:
@@ -84,8 +67,3 @@ def seeded(seed: int) -> Iterator[None]:
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         yield
-
-
-def best_device() -> str:
-    """Where to train by default: a GPU where torch sees one."""
-    return "cuda" if torch.cuda.is_available() else "cpu"
