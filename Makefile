@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages in-browser pages-live pages-shown pages-other pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates editions grades slides npm book format doctor lock
+.PHONY: help lab check test tested slow pages in-browser pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates editions grades slides npm book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -76,11 +76,6 @@ tested: $(STAMP)
 slow: $(STAMP)  ## only the tests that start kernels and processes of their own
 	$(PYTEST) -m 'slow and not nightly' -rs
 
-# Two groups run at a time: with three, a click or a message came too late for its test in two of three runs. What they
-# leave of two cores, waiting for pages, is enough to make the site meanwhile. What is in no list is among the others.
-IN_BROWSER := $(wildcard tests/browser/test_*.py)
-LIVE := $(addprefix tests/browser/test_,live_lab.py target_canvas.py)
-SHOWN := $(addprefix tests/browser/test_,demonstration.py layout.py parametric_bias.py)
 # The other tests of pages make their own.
 ALONE := $(wildcard tests/book/test_*.py)
 
@@ -92,18 +87,8 @@ in-browser: chromium build/small
 	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
 	$(MAKE) --jobs=2 graphs
 	nice $(MAKE) site-built & built=$$!; \
-	$(MAKE) --keep-going pages-live pages-shown & shown=$$!; \
-	$(MAKE) --keep-going pages-alone pages-other; others=$$?; \
-	wait $$built && $(MAKE) site-tested; site=$$?; wait $$shown && exit $$((others + site))
-
-pages-live:
-	$(BIN)/pytest -m browser -rs $(LIVE)
-
-pages-shown:
-	$(BIN)/pytest -m browser -rs $(SHOWN)
-
-pages-other:
-	$(BIN)/pytest -m browser -rs $(filter-out $(LIVE) $(SHOWN),$(IN_BROWSER))
+	$(MAKE) --keep-going browser pages-alone; others=$$?; \
+	wait $$built && $(MAKE) site-tested; site=$$?; exit $$((others + site))
 
 pages-alone:
 	$(BIN)/pytest -m book -rs $(ALONE)

@@ -192,12 +192,7 @@ def test_a_fixed_stiffness_leaves_nothing_to_command():
 
 @pytest.mark.parametrize(
     ("arm", "f_const", "message"),
-    [
-        (MUSCLE, 9, "outside"),
-        (MUSCLE, np.nan, "finite"),
-        (MUSCLE, None, "finite"),
-        (TorqueArm(), 30, "no stiffness"),
-    ],
+    [(MUSCLE, 9, "outside"), (TorqueArm(), 30, "no stiffness")],
 )
 def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message):
     with pytest.raises(ValueError, match=message):
@@ -205,29 +200,21 @@ def test_a_stiffness_that_the_arm_does_not_have_is_refused(arm, f_const, message
 
 
 @pytest.mark.parametrize(
-    ("arm", "u", "message"),
+    ("u", "message"),
     [
         (
-            "torque",
             [0.0],
             r"a command of the torque arm is \[2\] and finite, got the shape \[1\]",
         ),
-        ("torque", 0.0, r"got the shape \[\]"),
-        ("torque", [0.0, np.nan], "finite, got nan"),
-        ("torque", None, "finite"),
         (
-            "torque",
             [3.0, 0.0],
             r"outside the torque arm's range \[-0.8 -1.6\] to \[1. 0.\]; use numpy.clip",
         ),
-        ("muscle", [0.0, -0.5], r"is \[3\]"),
-        ("muscle", [0.0, -0.5, 9.0], "outside the muscle arm's range"),
-        ("muscle", [1.2, -0.5, 30.0], "outside the muscle arm's range"),
     ],
 )
-def test_a_command_that_the_arm_cannot_follow_is_refused(arm, u, message):
+def test_a_command_that_the_arm_cannot_follow_is_refused(u, message):
     with pytest.raises(ValueError, match=message):
-        get_arm(arm).check_command(u)
+        get_arm("torque").check_command(u)
 
 
 def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_kept():
@@ -238,12 +225,9 @@ def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_k
     assert u[0] != checked[0]
 
 
-@pytest.mark.parametrize(
-    "change", [{"lower": (1.1, -1.6)}, {"upper": (1.0, -2.0)}, {"home": (0.4, 0.1)}]
-)
-def test_a_range_that_does_not_rise_through_home_is_refused(change):
+def test_a_range_that_does_not_rise_through_home_is_refused():
     with pytest.raises(ValueError, match="home, lower and upper"):
-        replace(TorqueArm(), **change)
+        replace(TorqueArm(), home=(0.4, 0.1))
 
 
 def test_a_camera_s_axes_are_those_of_the_simulation():

@@ -87,19 +87,10 @@ def test_what_is_rendered_is_the_picture_of_the_scene(small):
     assert small.render() is None
 
 
-@pytest.mark.parametrize(
-    ("wrong", "error", "message"),
-    [
-        ({"render_mode": "ansi"}, KeyError, "unknown render mode 'ansi'; choose from"),
-        ({"colour": "red"}, TypeError, "unexpected keyword argument 'colour'"),
-        ({"arm": "octopus"}, KeyError, "unknown arm 'octopus'; choose from torque"),
-    ],
-)
 @pytest.mark.parametrize("name", ["Cloth", "Table"])
-@pytest.mark.filterwarnings("ignore:.*is not in the possible render_modes")
-def test_what_an_environment_cannot_be_made_with_is_named(name, wrong, error, message):
-    with pytest.raises(error, match=message):
-        gymnasium.make(f"clothlab/{name}-v0", **wrong)
+def test_what_an_environment_cannot_be_made_with_is_named(name):
+    with pytest.raises(KeyError, match="unknown arm 'octopus'; choose from torque"):
+        gymnasium.make(f"clothlab/{name}-v0", arm="octopus")
 
 
 def test_an_unknown_option_of_reset_is_named_and_changes_nothing(env):
@@ -107,8 +98,6 @@ def test_an_unknown_option_of_reset_is_named_and_changes_nothing(env):
     message = "unknown option of reset 'place'; choose from random_start"
     with pytest.raises(KeyError, match=message):
         env.reset(options={"place": 3})
-    with pytest.raises(ValueError, match="random_start is True or False, got 1"):
-        env.start(random_start=1)
     assert np.array_equal(env.data.qpos, before)
 
 
@@ -195,19 +184,13 @@ def test_a_robot_without_a_record_of_its_own_needs_a_name_for_its_material():
     assert len(rollout(env, lambda s: [0.0], 2, material="light")) == 2
 
 
-@pytest.mark.parametrize(
-    ("policy", "observe", "message"),
-    [
-        (lambda s: [np.nan], None, r"the command of .* is \[1\] and finite, got nan"),
-        (lambda s: [0.0], lambda seen: {"place": 0}, "the state that `observe` makes"),
-    ],
-)
-def test_nonsense_is_refused_before_it_is_sent(policy, observe, message):
+def test_a_command_of_nan_is_refused_before_it_is_sent():
     env = gymnasium.make("Pendulum-v1")
     sent = []
     env.step = sent.append
+    message = r"the command of .* is \[1\] and finite, got nan"
     with pytest.raises(ValueError, match=message):
-        rollout(env, policy, 2, material="light", observe=observe)
+        rollout(env, lambda s: [np.nan], 2, material="light")
     assert sent == []
 
 

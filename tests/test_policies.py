@@ -43,13 +43,12 @@ def test_the_operator_lifts_slowly_and_throws_down_fast():
     assert speed[speed > 1e-6].mean() > 1.5 * -speed[speed < -1e-6].mean()
 
 
-@pytest.mark.parametrize("wrong", [None, "random", RandomPolicy])
-def test_what_cannot_be_called_with_an_observation_is_no_policy(env, wrong):
+def test_what_cannot_be_called_with_an_observation_is_no_policy(env):
     with pytest.raises(
         TypeError,
         match=r"a policy is called with an observation and returns a command, got",
     ):
-        rollout(env, wrong, 1)
+        rollout(env, RandomPolicy, 1)
 
 
 @pytest.mark.slow

@@ -74,8 +74,6 @@ def test_an_arm_without_muscles_has_no_ellipse():
 def test_a_force_beyond_the_muscles_is_refused():
     with pytest.raises(ValueError, match="push less"):
         static_posture(ARM, [*BENT, 30.0], [0.0, 1e5])
-    with pytest.raises(ValueError, match=r"push less"):
-        stiffness_ellipse(ARM, BENT, 30.0, force=1e3)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +94,6 @@ def test_a_stretched_arm_has_an_ellipse_too():
     assert np.ptp(moved, axis=0).min() > 1e-4
 
 
-@pytest.mark.parametrize("change", [{"force": 0.0}, {"force": -1.0}, {"directions": 2}])
-def test_an_ellipse_takes_a_force_and_three_directions(change):
-    with pytest.raises(ValueError, match=next(iter(change))):
-        stiffness_ellipse(ARM, BENT, 30.0, **change)
+def test_an_ellipse_takes_three_directions():
+    with pytest.raises(ValueError, match="directions"):
+        stiffness_ellipse(ARM, BENT, 30.0, directions=2)

@@ -3,8 +3,6 @@ how the arm moved in them.
 """
 
 import json
-import tracemalloc
-import zipfile
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -49,18 +47,9 @@ def test_a_policy_that_changes_its_arrays_in_place_does_not_rewrite_the_past(env
     assert trial.policy == "scribbles"
 
 
-@pytest.mark.parametrize("steps", [0, 2.5, None])
-def test_a_run_has_steps(env, steps):
-    with pytest.raises(
-        ValueError, match=r"steps (must be at least 1|is a whole number)"
-    ):
-        rollout(env, RandomPolicy(env.arm), steps)
-
-
-@pytest.mark.parametrize("answer", [None, [0.0], [np.nan, 0.0], [9.0, 0.0]])
-def test_a_policy_that_answers_nonsense_is_refused(env, answer):
+def test_a_policy_that_returns_nothing_is_refused(env):
     with pytest.raises(ValueError, match=r"command"):
-        rollout(env, lambda _: answer, 2)
+        rollout(env, lambda _: None, 2)
 
 
 @pytest.mark.parametrize("arm", ["torque", "muscle"])
@@ -115,12 +104,9 @@ def test_what_came_of_a_trial_is_stored_apart_from_its_policy(trial, tmp_path):
     assert load_trial(path).outcome == ""
 
 
-@pytest.mark.parametrize("name", ["run1", "run1.npy", ".npz"])
-def test_a_trial_is_saved_where_it_is_looked_for(trial, tmp_path, name):
-    (tmp_path / name).write_text("old")
+def test_a_trial_is_saved_where_it_is_looked_for(trial, tmp_path):
     with pytest.raises(ValueError, match=r"a trial's file ends in .npz, got"):
-        save_trial(trial, tmp_path / name)
-    assert (tmp_path / name).read_text() == "old"
+        save_trial(trial, tmp_path / "run1")
 
 
 def rewritten(trial: Trial, path, **change) -> None:
@@ -144,77 +130,23 @@ def about(trial: Trial, **change) -> np.ndarray:
     return np.array(json.dumps(content))
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda trial: {"about": np.array("{")},
-        lambda trial: {"about": None},
-        lambda trial: {
-            "about": np.array({"format": 1}, dtype=object)
-        },  # a pickle, which is not read
-        lambda trial: {"about": about(trial, cloth={"name": "x", "colour": "red"})},
-        lambda trial: {"about": about(trial, seed=None)},
-        lambda trial: {"images": None},
-        lambda trial: {"images": np.zeros((12, 96, 15), np.uint8)},
-        lambda trial: {"images": np.zeros((11, 96, 16), np.uint8)},
-        lambda trial: {"robot": trial.robot[:, :3]},
-        lambda trial: {"robot": trial.robot * np.nan},
-        lambda trial: {"robot": trial.robot + 1j},
-        lambda trial: {
-            name: np.zeros((0, *shape), kind) for name, shape, kind in EMPTY
-        },
-    ],
-)
-def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path, change):
-    rewritten(trial, tmp_path / "trial.npz", **change(trial))
+def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path):
+    path = tmp_path / "trial.npz"
+    rewritten(trial, path, robot=trial.robot[:, :3])
     with pytest.raises(ValueError, match=r"trial.npz is damaged or holds no trial: .+"):
-        load_trial(tmp_path / "trial.npz")
+        load_trial(path)
+    path.write_bytes(b"text")
+    with pytest.raises(ValueError, match=r"trial.npz is damaged or holds no trial: .+"):
+        load_trial(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"format": 4}, "its format is 4, this version reads 1 to 3"),
-        (
-            {"arm": "octopus"},
-            "its arm 'octopus' is unknown; known are torque, muscle, muscle-hand",
-        ),
-        (
-            {"arm": {"class": "Octopus", "name": "torque"}},
-            "its class of arms 'Octopus' is unknown",
-        ),
-    ],
-)
-def test_a_trial_of_another_kind_is_not_called_damaged(trial, tmp_path, change, reason):
-    rewritten(trial, tmp_path / "trial.npz", about=about(trial, **change))
+def test_a_trial_of_a_newer_version_is_not_called_damaged(trial, tmp_path):
+    rewritten(trial, tmp_path / "trial.npz", about=about(trial, format=4))
+    reason = "its format is 4, this version reads 1 to 3"
     with pytest.raises(
         ValueError, match=rf"trial.npz is no trial that can be read here: {reason}"
     ):
         load_trial(tmp_path / "trial.npz")
-
-
-def test_a_small_file_that_would_take_gigabytes_is_refused_before_it_is_unpacked(
-    trial, tmp_path
-):
-    path = tmp_path / "trial.npz"
-    save_trial(trial, path)
-    with (
-        zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("bomb.npy", "w") as member,
-    ):
-        np.lib.format.write_array_header_1_0(
-            member, {"descr": "|u1", "fortran_order": False, "shape": (3 * 2**30,)}
-        )
-        for _ in range(200):
-            member.write(bytes(2**20))
-    tracemalloc.start()
-    with pytest.raises(
-        ValueError, match=r"it unpacks to 3,22\d MB, and 134 MB are the most"
-    ):
-        load_trial(path)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert most < 20e6
 
 
 class Crane(TorqueArm):
@@ -240,50 +172,10 @@ def test_a_run_of_a_changed_arm_is_recorded_and_read_as_one_of_that_arm(arm, tmp
     assert_equal(load_trial(tmp_path / "trial.npz"), trial)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (
-            {"env": "torque"},
-            r"env is a Gymnasium environment, such as ClothEnv\(arm, cloth\), got str",
-        ),
-        ({"env": ClothEnv}, r"such as ClothEnv\(arm, cloth\), got type"),
-        ({"options": {"random_start": "no"}}, "random_start is True or False, got no"),
-        ({"options": ["random_start"]}, "options is a dict, got list"),
-        ({"observe": np.asarray}, "observe makes states of a Run: name its material"),
-        ({"material": 3}, "material is a str, got int 3"),
-        (
-            {"material": "any", "watch": print},
-            "only an environment's own record can be watched",
-        ),
-        ({"samples": 101}, "samples must be at most 100"),
-        ({"seed": 1.5}, "seed is a whole number"),
-    ],
-)
-def test_a_plausible_mistake_is_answered_before_a_step_is_made(env, wrong, message):
+def test_an_environment_s_name_is_no_environment():
+    message = r"env is a Gymnasium environment, such as ClothEnv\(arm, cloth\), got str"
     with pytest.raises(ValueError, match=message):
-        rollout(**{"env": env, "policy": RandomPolicy("torque"), "steps": 1} | wrong)
-
-
-EMPTY = (
-    ("images", (96, 16), np.uint8),
-    ("robot", (4,), float),
-    ("commands", (2,), float),
-)
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"text", b"\x93NUMPY\x01\x00"])
-def test_a_cut_or_foreign_file_is_no_trial(tmp_path, content):
-    (tmp_path / "trial.npz").write_bytes(content)
-    with pytest.raises(ValueError, match=r"trial.npz is damaged or holds no trial: .+"):
-        load_trial(tmp_path / "trial.npz")
-
-
-def test_a_folder_is_no_trial_and_a_missing_file_is_missing(tmp_path):
-    with pytest.raises(ValueError, match=r"damaged or holds no trial"):
-        load_trial(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        load_trial(tmp_path / "none.npz")
+        rollout("torque", RandomPolicy("torque"), 1)
 
 
 @pytest.mark.parametrize(
@@ -293,18 +185,7 @@ def test_a_folder_is_no_trial_and_a_missing_file_is_missing(tmp_path):
             lambda trial: {"commands": trial.commands[:5]},
             r"one row for each of the 12 images, got 5",
         ),
-        (
-            lambda trial: {"robot": trial.robot * np.nan},
-            r"robot of the torque arm is \[T, 4\] and finite, got nan",
-        ),
-        (lambda trial: {"images": trial.images[0]}, r"images are \[T, H, W\]"),
-        (
-            lambda trial: {"images": trial.images[:0]},
-            r"images are \[T, H, W\] of at least one step",
-        ),
         (lambda trial: {"images": trial.images * 255}, r"0 and 1 only"),
-        (lambda trial: {"cloth": "soft-1"}, r"Trial.cloth is a Cloth, got soft-1"),
-        (lambda trial: {"seed": 1.5}, r"Trial.seed is a whole number"),
     ],
 )
 def test_what_does_not_belong_together_is_no_trial(trial, change, message):
@@ -324,5 +205,3 @@ def test_a_part_of_a_trial_is_a_trial_and_a_step_is_none(trial):
         TypeError, match=r"cut with a slice, such as trial\[:100\], not with 3"
     ):
         trial[3]
-    with pytest.raises(ValueError, match="at least one step"):
-        trial[20:]

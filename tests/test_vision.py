@@ -101,42 +101,20 @@ def test_zero_and_one_are_a_mask_in_whatever_type(square, kind):
     assert chamfer_distance(square.astype(kind), square) == 0
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda mask: mask * np.uint8(255),
-        lambda mask: mask * 0.9,
-        lambda mask: np.where(mask, 1, np.nan),
-        lambda mask: mask.astype(str),
-    ],
-)
-@pytest.mark.parametrize(
-    "use",
-    [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)],
-)
-def test_an_image_of_another_kind_is_no_mask(square, wrong, use):
+@pytest.mark.parametrize("use", [iou, chamfer_distance])
+def test_an_image_of_another_kind_or_size_is_no_mask(square, use):
     with pytest.raises(
         ValueError,
         match=r"holds 0 and 1 only: `picture > 127` makes one of a grey picture, `image > 0.5`",
     ):
-        use(wrong(square))
-
-
-@pytest.mark.parametrize("wrong", [None, [], np.zeros((128, 96), bool)])
-@pytest.mark.parametrize(
-    "use",
-    [check_masks, check_mask, lambda m: iou(m, m), lambda m: chamfer_distance(m, m)],
-)
-def test_an_image_of_another_size_is_refused(wrong, use):
+        use(square * np.uint8(255), square)
     with pytest.raises(
         ValueError, match=r"cloth images are \[..., 96, 128\], got the shape \["
     ):
-        use(wrong)
+        use(square.T, square)
 
 
 def test_one_mask_is_one_and_shows_cloth(square):
-    with pytest.raises(ValueError, match="no cloth in the image"):
-        check_mask(np.zeros((96, 128), bool))
     with pytest.raises(
         ValueError,
         match=r"one cloth image is \[96, 128\], got the shape \[2, 96, 128\]",
@@ -146,20 +124,9 @@ def test_one_mask_is_one_and_shows_cloth(square):
         chamfer_distance(square, ~square & False)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (np.zeros((96, 96, 3), np.uint8), "aspect 4:3, got 96×96; crop it first"),
-        (np.zeros((0, 0, 3), np.uint8), "aspect 4:3|uint8"),
-        (np.zeros((96, 128, 3)), "uint8, got .* of float64"),
-        (np.zeros((96, 128, 4), np.uint8), "uint8, got"),
-        (np.zeros((96, 128), np.uint8), "uint8, got"),
-        ("picture.png", "uint8, got"),
-    ],
-)
-def test_a_picture_of_another_kind_is_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        cloth_mask(wrong)
+def test_a_picture_of_another_shape_is_refused():
+    with pytest.raises(ValueError, match="aspect 4:3, got 96×96; crop it first"):
+        cloth_mask(np.zeros((96, 96, 3), np.uint8))
 
 
 def test_targets_come_from_picture_files(square):

@@ -170,10 +170,11 @@ def test_an_arm_with_muscles_is_stiffened_and_recorded(student, lab, screenshot)
 
 def test_a_projector_shows_the_panel_alone(student, page, screenshot):
     expect(page.get_by_text("run the cells again")).to_be_hidden()
+    page.set_viewport_size({"width": 1280, "height": 720})
     student.press("projector")
     expect(student.panel).to_have_class(re.compile("projector"))
     box = student.panel.bounding_box()
-    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 1500, 1100)
+    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 1280, 720)
     student.press("hand")
     screenshot("live-lab-projector")
     page.keyboard.press("Escape")
