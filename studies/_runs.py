@@ -87,13 +87,6 @@ NEW = {
     "torque": [Cloth(f"damp{c}-mass{m}", damping=c, mass=m) for c, m in _MATERIALS],
     "muscle": [_new_foam(*sheet) for sheet in _SHEETS],
 }
-# Cloths on which settings are chosen, and which no table of results shows
-DEVELOPMENT = {
-    "torque": [
-        Cloth(f"damp{c}-mass{m}", damping=c, mass=m)
-        for c, m in ((0.04, 0.07), (0.06, 0.09), (0.034, 0.13), (0.065, 0.14))
-    ]
-}
 SAMPLES = 50  # of the hand's motion in each step
 _LATENT = 3  # numbers of z, which lie first in a state
 _LONGEST = 100  # periods that a plan is replayed
@@ -123,9 +116,8 @@ def recorded_runs(learned: ClothCheckpoint) -> list[Run]:
 
 
 def find_cloth(name: str) -> Cloth:
-    """A new cloth, one of the development, or a recorded one."""
-    drawn = chain(*NEW.values(), *DEVELOPMENT.values())
-    new = {each.name: each for each in drawn}
+    """A new cloth, or a recorded one."""
+    new = {each.name: each for each in chain(*NEW.values())}
     return new[name] if name in new else get_cloth(name)
 
 
@@ -194,20 +186,6 @@ def loss_of_run(model: PredictiveModel, run: Run, p: Tensor) -> np.ndarray:
     s = torch.as_tensor(run.s)
     u = torch.as_tensor(run.u)
     return prediction_loss(model, s, u, p).numpy()
-
-
-def moved_at_random(env: ClothEnv, seed: int, steps: int) -> np.ndarray:
-    """The cloth's points after each of some random commands [m].
-
-    Their shape is `[steps, rows, columns, 3]`.
-    """
-    policy = RandomPolicy(env.arm)
-    policy.reset(seed)
-    places = []
-    for _ in range(steps):
-        env.advance(policy({}))
-        places.append(env.cloth_points())
-    return np.stack(places)
 
 
 @torch.no_grad()

@@ -1,18 +1,16 @@
 """Which commands produce the target image?
 
-Control with the right p, against random commands. What varies is the target, the cloth,
-and with which plan each optimisation begins.
+Control with the right p, against random commands. What varies is the target and the
+cloth.
 """
 
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from clothlab import data
 from clothlab.analysis import target_distance
 from clothlab.method.autoencoder import encode
-from clothlab.method.control import ControlSettings
 from clothlab.method.iterative import nearest_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
@@ -31,7 +29,9 @@ from studies._runs import (
 def _run_one(
     target: str, cloth: str, model: int, weights: str = "torque", steps: int = 250
 ) -> dict[str, Any]:
-    """Distance at each step `[T]` under control and under random commands.
+    """Distance at each step `[T]` under control and under random commands [s.d. of z].
+
+    Besides, those of a hanging cloth, of an empty image, and of the nearest recording.
 
     Args:
         target, cloth: of the task, by name.
@@ -39,34 +39,11 @@ def _run_one(
         weights: name of the training.
         steps: control steps; the paper has 250.
     """
-    return _distances(target, cloth, model, weights, steps, ControlSettings())
-
-
-def _run_periodic(
-    target: str, cloth: str, model: int, steps: int = 250
-) -> dict[str, Any]:
-    """The same where commands come again in the next period, one step earlier."""
-    earlier = ControlSettings(warm_start="earlier")
-    return _distances(target, cloth, model, "torque", steps, earlier)
-
-
-def _distances(
-    target: str,
-    cloth: str,
-    model: int,
-    weights: str,
-    steps: int,
-    settings: ControlSettings,
-) -> dict[str, Any]:
-    """Distances to the target [s.d. of z].
-
-    Those of runs, of a hanging cloth, of an empty image, and of the nearest recording.
-    """
     learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
 
     # A run under control, and one with random commands
-    controller = learned.controller(mask, cloth, settings)
+    controller = learned.controller(mask, cloth)
     control = new_trial(controller, learned.arm, cloth, steps, model)
     random = random_trial(learned.arm.name, cloth, steps, seed=7000 + model)
 
@@ -92,31 +69,17 @@ def _rows(tables: Tables) -> list[Row]:
     rows = []
     by_task = tables["control"].groupby(["target", "cloth"], sort=False)
     for (target, cloth), runs in by_task:
-        row = _row(f"control/{target}/{cloth}", f"{target}, {cloth}", runs, 0.4)
+        control = median_best(runs["control"])
+        random = median_best(runs["random"])
+        row = Row(
+            f"control/{target}/{cloth}",
+            f"{target}, {cloth}: best distance a period, median, over that of random "
+            "commands",
+            control / random,
+            at_most=0.4,
+        )
         rows.append(row)
     return rows
-
-
-def _periodic_rows(tables: Tables) -> list[Row]:
-    """The same of target-1, with a periodic warm start."""
-    rows = []
-    table = tables["control_periodic"].query("target == 'target-1'")
-    for cloth, runs in table.groupby("cloth", sort=False):
-        key = f"control_periodic/target-1/{cloth}"
-        rows.append(_row(key, f"target-1, {cloth}, periodic warm start", runs, 0.5))
-    return rows
-
-
-def _row(key: str, task: str, runs: pd.DataFrame, at_most: float) -> Row:
-    """One task, all trainings."""
-    control = median_best(runs["control"])
-    random = median_best(runs["random"])
-    return Row(
-        key,
-        f"{task}: best distance a period, median, over that of random commands",
-        control / random,
-        at_most=at_most,
-    )
 
 
 _ABOUT = """
@@ -136,14 +99,6 @@ EXPERIMENTS = (
         seconds=13,
         paper={"weights": "torque-paper"},
         rows=_rows,
-        about=_ABOUT,
-    ),
-    Experiment(
-        "control_periodic",
-        _run_periodic,
-        _CASES,
-        seconds=13,
-        rows=_periodic_rows,
         about=_ABOUT,
     ),
 )

@@ -1,11 +1,10 @@
 """What a training learns that holds for recordings which it has not seen.
 
-Two experiments: networks with and without p, and with and without a memory, by their
-errors on trials that were held out; and how long a cloth remembers where it was.
+Networks with and without p, and with and without a memory, by their errors on trials
+that were held out.
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +17,10 @@ from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB, PredictiveModel
 from clothlab.method.training import ModelTraining
-from clothlab.simulation.cloth import Cloth
-from clothlab.simulation.env import ClothEnv
 from clothlab.trials import to_run
-from studies._grid import Experiment, grid, over
+from studies._grid import Experiment, grid
 from studies._optimise import minimise, seeded
-from studies._runs import EVALUATION, RECORDINGS, errors_ahead, moved_at_random, trained
+from studies._runs import EVALUATION, RECORDINGS, errors_ahead, trained
 
 _WEIGHTS = "torque-paper"  # whose autoencoder encodes: the paper's amount of images
 _WARM = 10  # steps of a window that only fill the memory [step]
@@ -233,24 +230,6 @@ def _errors_ahead(
     return np.concatenate(errors)
 
 
-def _forget(damping: float, seed: int, steps: int = 24) -> dict[str, Any]:
-    """How far two cloths are apart that differ only in their past.
-
-    Both are moved at random for 3 s, each in its own way, and then by the same
-    commands. Distances are of their points, root mean square [m], at each step since.
-    """
-    cloth = Cloth("forgetful", damping=damping)
-    paths = []
-    with closing(ClothEnv("torque", cloth)) as env:
-        for past in (seed, seed + 1000):
-            env.start()
-            moved_at_random(env, past, 15)
-            paths.append(moved_at_random(env, seed + 2000, steps))
-    gap = np.linalg.norm(paths[0] - paths[1], axis=-1)
-    distance = np.sqrt(np.square(gap).reshape(steps, -1).mean(axis=1))
-    return {"distance": distance.round(5)}
-
-
 def _cases(**sizes: Any) -> list[dict[str, Any]]:
     """Each kind with the seeds that it has."""
     cases: list[dict[str, Any]] = []
@@ -261,13 +240,4 @@ def _cases(**sizes: Any) -> list[dict[str, Any]]:
     return cases
 
 
-EXPERIMENTS = (
-    Experiment("held_out", _train_one, _cases, seconds=25, slow=True),
-    Experiment(
-        "forgetting",
-        _forget,
-        over(damping=(0.05, 0.01, 0.002), seed=range(10)),
-        seconds=3,
-        slow=True,
-    ),
-)
+EXPERIMENTS = (Experiment("held_out", _train_one, _cases, seconds=25, slow=True),)

@@ -2,9 +2,9 @@
 
 Cross-entropy search on the true simulator: an oracle, which tries 220 plans in a copy
 of the scene before it sends one. It tells whether a controller falls short or the arm
-does, and what variable stiffness is good for at best. Its four experiments vary the
-task and the held stiffness, the cloth that a plan is sent with, and what the hand's
-speed may depend on.
+does, and what variable stiffness is good for at best. Its three experiments vary the
+task and the held stiffness, the cloth that a plan is sent with, and at which stiffness
+the hand is to be fast.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -25,7 +25,7 @@ from clothlab.method.control import ControlSettings
 from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import Arm, MuscleArm
+from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
@@ -62,8 +62,6 @@ class SearchSettings:
 _SPEED_SEARCH = SearchSettings(
     starts=80, rounds=20, tries=48, elite=10, least_width=0.03
 )
-_GAIN_SEARCH = SearchSettings(starts=40, rounds=6, tries=24, elite=8, least_width=0.03)
-_GAIN_TENSIONS = (10.0, 20.0, 30.0, 50.0, 70.0)  # [N]
 _RECORDED_PLANS = 400  # stretches of commands from which searches draw their starts
 
 
@@ -435,58 +433,20 @@ def _run_speed(
     """
     arm = get_arm("muscle")
     settings = search or _SPEED_SEARCH
-    return _peak_speeds(arm, get_cloth(foam), TENSIONS, seed, steps, settings)
-
-
-def _run_gain(
-    motor_speed: float, load: float, softness: float, seed: int, steps: int = 12
-) -> dict[str, Any]:
-    """The same with another arm and another cloth.
-
-    Args:
-        motor_speed: at most [m/s].
-        load: mass of the cloth over what it is.
-        softness: of the springs over what it is.
-        seed: of what is drawn.
-        steps: in which the hand may speed up.
-    """
-    usual = MuscleArm()
-    arm = replace(
-        usual,
-        motor_speed=motor_speed,
-        spring_linear=usual.spring_linear / softness,
-        spring_cubic=usual.spring_cubic / softness,
-    )
-    cloth = get_cloth("hard-1")
-    cloth = replace(cloth, mass=load * cloth.mass)
-    found = _peak_speeds(arm, cloth, _GAIN_TENSIONS, seed, steps, _GAIN_SEARCH)
-    del found["commands"], found["trace"]  # of so many cases they fill a table
-    return found
-
-
-def _peak_speeds(
-    arm: Arm,
-    cloth: Cloth,
-    tensions: Iterable[float],
-    seed: int,
-    steps: int,
-    search: SearchSettings,
-) -> dict[str, Any]:
-    """The fastest plans with each held tension [N], then with a free one."""
-    slowness = _slowness(arm, cloth)
+    slowness = _slowness(arm, get_cloth(foam))
 
     def fastest(limited: Arm, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The best plans within an arm's limits, and the peak speed by round."""
         lower = limited.command_lower
         upper = limited.command_upper
         rng = np.random.default_rng(seed)
-        plans, trace = cross_entropy(slowness, starts, lower, upper, search, rng=rng)
+        plans, trace = cross_entropy(slowness, starts, lower, upper, settings, rng=rng)
         return plans, -trace
 
     # With each held tension, from recorded plans
     recordings = data.load_trials(RECORDINGS["muscle"])
-    recorded = recorded_plans(recordings, steps, search.starts, seed=seed)
-    searches = [fastest(arm.with_stiffness(f_const), recorded) for f_const in tensions]
+    recorded = recorded_plans(recordings, steps, settings.starts, seed=seed)
+    searches = [fastest(arm.with_stiffness(f_const), recorded) for f_const in TENSIONS]
 
     # With a free one, from all that the others found, too
     held = [plans for plans, _ in searches]
@@ -495,7 +455,7 @@ def _peak_speeds(
     commands = np.array([plans[0] for plans, _ in searches])
     traces = np.array([trace for _, trace in searches])
     return {
-        "f_const": np.array([*tensions, np.nan]),
+        "f_const": np.array([*TENSIONS, np.nan]),
         "peak": traces[:, -1],
         "trace": traces.round(4),
         "commands": commands.round(4),
@@ -524,14 +484,10 @@ def _slowness(arm: Arm, cloth: Cloth) -> Callable[[np.ndarray], np.ndarray]:
 
 
 _SPEED_CASES = over(seed=range(3))
-_GAIN_CASES = over(
-    motor_speed=(0.05, 0.1, 0.4), load=(1, 5), softness=(1, 5), seed=(0, 1)
-)
 EXPERIMENTS = (
     Experiment("oracle", _run_one, _cases, seconds=120, slow=True),
     Experiment(
         "oracle_transfer", _run_transfer, _transfer_cases, seconds=30, slow=True
     ),
     Experiment("peak_speed", _run_speed, _SPEED_CASES, seconds=600, slow=True),
-    Experiment("stiffness_gain", _run_gain, _GAIN_CASES, seconds=250, slow=True),
 )

@@ -19,11 +19,10 @@ from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.simulation.scene import Scene
 from clothlab.trials import rollout, to_run
 from studies._grid import Experiment, Tables, over, shared
 from studies._rows import Row
-from studies._runs import loss_of_run, moved_at_random
+from studies._runs import loss_of_run
 from studies.estimation import MaterialReadout
 
 DRAG = "drag of the points"  # that of this project
@@ -96,34 +95,6 @@ def _run_one(
     }
 
 
-def _shift(reading: str, time_step: float, seed: int, steps: int = 3) -> dict[str, Any]:
-    """How far random motion is moved by half the time step, and by another C_damp.
-
-    Args:
-        reading: of C_damp, one of `READINGS`.
-        time_step: of the simulation [s].
-        seed: of the random commands.
-        steps: control steps.
-    """
-    plain = cloth_of(reading, "damp0.05-mass0.10")
-    other = cloth_of(reading, "damp0.07-mass0.10")
-    before = _move(plain, time_step, seed, steps)
-    half = _move(plain, time_step / 2, seed, steps)
-    changed = _move(other, time_step, seed, steps)
-    return {
-        # After each control step [steps] [m], mean over the points
-        "half": np.linalg.norm(half - before, axis=-1).mean(axis=(1, 2)),
-        "changed": np.linalg.norm(changed - before, axis=-1).mean(axis=(1, 2)),
-    }
-
-
-def _move(cloth: Cloth, time_step: float, seed: int, steps: int) -> np.ndarray:
-    """The points after each control step of random commands, `[steps, 6, 3, 3]` [m]."""
-    scene = Scene(time_step=time_step)
-    with closing(ClothEnv("torque", cloth, scene=scene)) as env:
-        return moved_at_random(env, seed, steps)
-
-
 def named(held_out: np.ndarray) -> np.ndarray:
     """How often the p that predicts a run best is of a cloth with its own constants.
 
@@ -178,11 +149,5 @@ EXPERIMENTS = (
         seconds=250,
         rows=_rows,
         about=_ABOUT,
-    ),
-    Experiment(
-        "reading_shift",
-        _shift,
-        over(reading=READINGS, time_step=(0.002, 0.000125), seed=range(8)),
-        seconds=2,
     ),
 )

@@ -1,10 +1,9 @@
 """Why does a plan fail, and what is a start worth?
 
 The paper's controller reaches one target and misses another. What varies is how far and
-how long it searches, from where, and which command a plan gets at its end.
+how long it searches, and from where.
 """
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from typing import Any
@@ -28,7 +27,6 @@ from clothlab.method.control import (
 )
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
-from clothlab.simulation.cloth import cloth_name, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Experiment, over
@@ -36,8 +34,6 @@ from studies._runs import HEAVY, LIGHT, RECORDINGS, new_trial, trained
 
 PERIOD = ControlSettings.period
 STEPS = 97  # twelve periods, and the look at the end of the last
-# The command that a plan gets at its end: plan [T, D_u], what was sent, a generator
-Fill = Callable[[Tensor, list[Tensor], np.random.Generator], Tensor]
 
 # How far and how long the search looks; sampling calls the model as often as "last"
 SAMPLING = "sampling"
@@ -55,16 +51,12 @@ STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
 CHOSEN = ("random 200", "random 2000", "recorded 200")
 # Of runs that send a plan as it is
 PLANS = ("unsearched", "recorded 10", "recorded 100")
-# By how many steps a command comes earlier in the next period
-PHASES = ("-1", "0", "1", "either")
 
 
 class NotingSearch(GradientSearch):
     """The paper's search, which notes what it sees as each period begins.
 
     Args:
-        fill: chooses the command at the end of a plan that moved on; by default the
-            controller does.
         plans: from which a period may start, `[N, T, D_u]`.
         corrects: whether it searches in each step, or as a period begins only, and
             sends that plan as it is.
@@ -72,28 +64,16 @@ class NotingSearch(GradientSearch):
     """
 
     def __init__(
-        self,
-        fill: Fill | None = None,
-        plans: np.ndarray | None = None,
-        *,
-        corrects: bool = True,
-        seed: int = 0,
+        self, plans: np.ndarray | None = None, *, corrects: bool = True, seed: int = 0
     ):
         super().__init__(plans)
-        self._fill = fill
         self._corrects = corrects
         self._rng = np.random.default_rng(seed)
-        self.sent: list[Tensor] = []
         self.slopes: list[np.ndarray] = []  # length of each command's gradient [8]
         self.foreseen: list[Tensor] = []  # state at the end of each period [D_s]
 
     def __call__(self, problem: Problem, learned: None = None) -> Solution:
         """A plan; as a period begins, its slope before and its end are noted."""
-        if self._fill and self.sent:
-            added = self._fill(problem.plan, self.sent, self._rng)
-            plan = torch.cat([problem.plan[:-1], added[None]])
-            problem = replace(problem, plan=plan)
-
         begins = problem.t % PERIOD == 0
         if begins:
             plan = problem.plan[None]
@@ -106,7 +86,6 @@ class NotingSearch(GradientSearch):
             with torch.no_grad():
                 states = problem.predict(found.plan[None])
             self.foreseen.append(states[0, PERIOD - 1])
-        self.sent.append(found.plan[0])
         return found
 
     def _found(self, problem: Problem) -> Solution:
@@ -148,24 +127,6 @@ class SamplingSearch(NotingSearch):
             kept = best[:1]
             trace.append(losses.min().item())
         return Solution(kept[0], np.array(trace))
-
-
-def earlier_by(steps: int) -> Fill:
-    """Commands come again in the next period, so many steps earlier.
-
-    The plan's end lies at the phase of the command that was sent just now.
-    """
-    back = 1 + -steps % PERIOD
-
-    def fill(plan: Tensor, sent: list[Tensor], rng: np.random.Generator) -> Tensor:
-        return sent[-back] if len(sent) >= PERIOD else plan[-1]
-
-    return fill
-
-
-def _either(plan: Tensor, sent: list[Tensor], rng: np.random.Generator) -> Tensor:
-    """One step earlier or one step later, drawn each time."""
-    return earlier_by(int(rng.choice([-1, 1])))(plan, sent, rng)
 
 
 def drawn_starts(name: str, arm: Arm, seed: int) -> np.ndarray:
@@ -240,22 +201,6 @@ def _run_as_planned(
     return _followed(target, cloth, model, steps, search, ControlSettings())
 
 
-def _run_phase(
-    earlier: str, target: str, cloth: str, model: int, steps: int = STEPS
-) -> dict[str, Any]:
-    """A run in which commands come again in the next period.
-
-    Args:
-        earlier: one of `PHASES`.
-        target, cloth: of the task, by name.
-        model: seed of the training.
-        steps: control steps.
-    """
-    fill = _either if earlier == "either" else earlier_by(int(earlier))
-    search = NotingSearch(fill, seed=model)
-    return _followed(target, cloth, model, steps, search, ControlSettings())
-
-
 def _followed(
     target: str,
     cloth: str,
@@ -307,44 +252,6 @@ def _moves(commands: np.ndarray) -> np.ndarray:
     moved = np.linalg.norm(np.diff(commands, axis=0), axis=1)
     phases = [moved[k + PERIOD - 1 :: PERIOD].mean() for k in range(PERIOD)]
     return np.round(phases, 4)
-
-
-def _run_line(target: str, cloth: str, model: int, points: int = 21) -> dict[str, Any]:
-    """The loss along the line from the plan found from rest to a good one.
-
-    The good one is found from the best of 200 recorded starts. Both have 50 iterations.
-
-    Args:
-        target, cloth: of the task, by name.
-        model: seed of the training.
-        points: of the line.
-    """
-    learned = trained(f"torque-{model}")
-    mask = data.load_target(target)
-    controller = learned.controller(mask, cloth).controller
-    with closing(ClothEnv(learned.arm, cloth)) as env:
-        s = observe(learned.autoencoder, env.reset(seed=0)[0])
-        problem = controller.problem(s)
-
-        # Both ends, each far down its own valley
-        long = ControlSettings(iterations=50)
-        plans = drawn_starts("recorded 200", learned.arm, model)
-        starts = torch.as_tensor(plans, dtype=torch.float32)
-        with torch.no_grad():
-            start = starts[problem.loss(starts).argmin()]
-        low, _ = optimise_commands(problem.loss, problem.plan, problem.limits, long)
-        good, _ = optimise_commands(problem.loss, start, problem.limits, long)
-
-        # What is between them, as predicted and as seen
-        share = torch.linspace(0, 1, points)[:, None, None]
-        line = low + share * (good - low)
-        with torch.no_grad():
-            along = problem.loss(line).numpy()
-        seen = [_thrown(env, learned, mask, plan) for plan in line]
-    return {
-        "predicted": along.round(4),  # loss [points]
-        "seen": np.round(seen, 4),  # distance on the true scene [points]
-    }
 
 
 def _run_descents(
@@ -458,52 +365,9 @@ def _chosen(problem: Problem, starts: Tensor) -> Tensor:
     return plan
 
 
-def _thrown(env: ClothEnv, learned: Any, mask: np.ndarray, plan: Tensor) -> float:
-    """Distance at the end of a plan of eight commands [s.d. of z]."""
-    trial = _sent(env, plan.double().numpy())
-    return float(target_distance(learned.autoencoder, trial, mask)[PERIOD])
-
-
 def _sent(env: ClothEnv, u: np.ndarray) -> Trial:
     """A run from rest that sends eight commands `[8, D_u]` and looks after the last."""
     return rollout(env, ReplayPolicy(np.vstack([u, u[-1:]])), PERIOD + 1)
-
-
-def _run_influence(
-    drag: float, base: str, cloth: str, nudge: float = 0.5
-) -> dict[str, Any]:
-    """How much a nudge of each single command changes the image after the eighth.
-
-    Measured on the true scene, whose drag is changed.
-
-    Args:
-        drag: factor on C_damp.
-        base: the plan that is nudged: "home", or a scripted "swing".
-        cloth: by name.
-        nudge: of both angles, in standard deviations of u.
-    """
-    learned = trained("torque-0")  # whose z is used
-    known = get_cloth(cloth)
-    changed = replace(known, name=f"{cloth}-drag{drag}", damping=drag * known.damping)
-    step = nudge * learned.model.u_std.double().numpy()
-    plan = np.tile(learned.arm.home_command, (PERIOD, 1))
-    if base == "swing":
-        plan = np.array([(-0.4, -1.2)] * 4 + [(0.4, -0.2)] * 4)
-
-    with closing(ClothEnv(learned.arm, changed)) as env:
-
-        def end(u: np.ndarray) -> np.ndarray:
-            u = np.clip(u, learned.arm.command_lower, learned.arm.command_upper)
-            return encode(learned.autoencoder, _sent(env, u).images[PERIOD:])[0]
-
-        at_rest = end(plan)
-        single = [end(plan + step * (np.arange(8) == k)[:, None]) for k in range(8)]
-        onwards = [end(plan + step * (np.arange(8) >= k)[:, None]) for k in range(8)]
-    # The change of z [s.d.] by a nudge of one command, and of it with all after [8]
-    return {
-        "single": np.linalg.norm(np.array(single) - at_rest, axis=1).round(4),
-        "onwards": np.linalg.norm(np.array(onwards) - at_rest, axis=1).round(4),
-    }
 
 
 _TASKS = {
@@ -511,30 +375,12 @@ _TASKS = {
     "cloth": (LIGHT, HEAVY),
     "model": range(5),
 }
-# The cloth in the hand of `joint_arms`, which is light and has a middle mass
-_OTHER = over(
-    start=("last", "recorded 200"),
-    target=("target-1", "target-2"),
-    cloth=cloth_name(0.03, 0.10),
-    model=range(5),
-)
 EXPERIMENTS = (
     Experiment(
         "why_plans_fail", _run_search, over(search=SEARCHES, **_TASKS), seconds=10
     ),
     Experiment("starts", _run_start, over(start=STARTS, **_TASKS), seconds=5),
-    Experiment("starts_other_cloth", _run_start, _OTHER, seconds=5),
-    Experiment(
-        "warm_start_phase", _run_phase, over(earlier=PHASES, **_TASKS), seconds=5
-    ),
     Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS), seconds=2),
     Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS), seconds=5),
     Experiment("descents", _run_descents, over(**_TASKS), seconds=10),
-    Experiment("plan_line", _run_line, over(**_TASKS), seconds=5),
-    Experiment(
-        "influence",
-        _run_influence,
-        over(drag=(1.0, 0.3, 0.1), base=("home", "swing"), cloth=(LIGHT, HEAVY)),
-        seconds=3,
-    ),
 )

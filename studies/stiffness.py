@@ -1,8 +1,8 @@
 """What is variable stiffness good for?
 
 The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams.
-Four experiments vary the co-contraction of the arm, the recorded trial and the foam
-whose p is estimated, and the condition under which a foam is controlled.
+Three experiments vary the co-contraction of the arm, the foam whose p is estimated, and
+the condition under which a foam is controlled.
 """
 
 from dataclasses import replace
@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import nearest_material, target_distance
+from clothlab.analysis import target_distance
 from clothlab.method.control import ControlSettings
-from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.rollout import Policy
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import get_cloth
@@ -24,9 +23,7 @@ from clothlab.trials import Trial, recorded_plans
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
 from studies._runs import (
-    EVALUATION,
     RECORDINGS,
-    bias_error,
     empty_distance,
     estimate_at_random,
     estimating,
@@ -82,23 +79,6 @@ def _push(spring: str, f_const: float) -> dict[str, Any]:
     lengths = np.linalg.svd(displacements, compute_uv=False)
     axes = lengths * np.sqrt(2 / len(displacements))
     return {"area": ellipse_area(displacements), "semi_axes": axes}
-
-
-def _estimate_recorded(
-    model: int, number: int, weights: str = "muscle"
-) -> dict[str, Any]:
-    """Estimate p from a recorded trial that the training has not seen."""
-    learned = trained(f"{weights}-{model}")
-    trial = data.load_trials(EVALUATION["muscle"])[number]
-    cloth = trial.cloth.name
-    p, _ = estimate_bias(learned.model, learned.to_run(trial))
-    return {
-        "cloth": cloth,
-        "policy": trial.policy,
-        "nearest": nearest_material(p, learned.biases),
-        # To the right p [spreads of the trained p]
-        "distance": bias_error(p, cloth, learned.biases),
-    }
 
 
 def _estimate_moved(
@@ -348,19 +328,6 @@ def _push_rows(tables: Tables) -> list[Row]:
     return [here, without]
 
 
-def _recorded_rows(tables: Tables) -> list[Row]:
-    """How often the nearest trained p is that of the foam in the hand."""
-    table = tables["foam_recorded"]
-    row = Row(
-        "foam_recorded",
-        "foams, recordings not trained on: the nearest trained p is the right one",
-        100 * (table["nearest"] == table["cloth"]).mean(),
-        " %",
-        at_least=80,
-    )
-    return [row]
-
-
 def _moved_rows(tables: Tables) -> list[Row]:
     """Whether a foam that was never trained on lies where it belongs."""
     runs = tables["foam_estimation"].query("motion == 'random'")
@@ -411,15 +378,6 @@ EXPERIMENTS = (
         over(spring=_SPRINGS, f_const=TENSIONS),
         seconds=2,
         rows=_push_rows,
-        about=_ABOUT,
-    ),
-    Experiment(
-        "foam_recorded",
-        _estimate_recorded,
-        over(model=_MODELS, number=range(8)),  # as many as the evaluation has
-        seconds=7,
-        paper=_PAPER,
-        rows=_recorded_rows,
         about=_ABOUT,
     ),
     Experiment(

@@ -40,9 +40,9 @@ nearest p. A replay of the same cloth exists for recorded cloths alone (`transfe
 Rivals without a network begin with the replay by nearest p, and refine it by its
 outcomes: an evolution strategy and a Gaussian process (`_without_network`), whose
 settings were chosen on recorded cloths whose own recordings were left out, and on
-targets of the development (`refinement_development`). The oracle, which searches on the
-true simulator, is that of `oracle_transfer`; it sees with the other autoencoder, and
-only its distance over that of random commands compares.
+targets of the development. The oracle, which searches on the true simulator, is that of
+`oracle_transfer`; it sees with the other autoencoder, and only its distance over that
+of random commands compares.
 
 All learned from the paper's amount of recordings. A unit is a new cloth and a target,
 crossed with the trainings: three of them for first throws, two for ten periods and for
@@ -103,7 +103,6 @@ from studies._runs import (
     best_iou,
     find_cloth,
     new_trial,
-    own_cloth,
     random_trial,
     recorded_runs,
     replay_nearest,
@@ -171,14 +170,7 @@ class _ImprovingSearch(IterativeSearch):
         return self._improved(problem, loss, plans, loss(plans).detach())
 
 
-# How far a step of the evolution goes, and how the Gaussian process is set: chosen by
-# `refinement_development`, which `best_settings` reads.
-STEPS = (0.05, 0.1, 0.2, 0.4)
-PROCESSES = tuple(
-    ProcessSettings(scale, caution)
-    for scale in (1.0, 2.0, 4.0)
-    for caution in (-0.1, 0.05, 1.0)
-)
+# How far a step of the evolution goes, and how the Gaussian process is set
 STEP = 0.1
 SETTINGS = ProcessSettings(scale=2.0, caution=0.05)
 
@@ -519,62 +511,6 @@ def _of_curves(task: Case) -> list[Case]:
     return cases
 
 
-# The settings of refinement without a network, on cloths that no other row is about
-
-
-def _refine(method: str, number: int, target: str) -> dict[str, Any]:
-    """Best distance in each of ten periods with a recorded cloth `[P]`.
-
-    It is replayed what was recorded with the one of the nearest trained p among the
-    other cloths: this cloth's own recordings are left out.
-
-    Args:
-        method: refinement without a network.
-        number: of the setting, in `STEPS` or `PROCESSES`.
-        target: of the development, by name.
-    """
-    # The target's own cloth, and what is known of the others
-    arm = target.split("/")[1].split("_")[0]
-    cloth = own_cloth(target)
-    learned = trained(f"{_weights(arm)}-0")
-    others = {name: p for name, p in learned.biases.items() if name != cloth}
-    runs = [run for run in recorded_runs(learned) if run.material in others]
-    aim = transfer.known_aim(_weights(arm), target)
-    p = learned.biases[cloth]
-    hand = _Hand(replace(learned, biases=others), aim, runs, p, runs[0].s[0])
-
-    # Ten periods with one of the settings
-    if method == EVOLUTION:
-        policy = _evolution(hand, STEPS[number])
-    else:
-        policy = _process(hand, PROCESSES[number])
-    steps = _TENTH * _PERIOD + 1
-    trial = new_trial(policy, arm, find_cloth(cloth), steps, 52_000)
-    mask = data.load_target(target)
-    distance = target_distance(learned.autoencoder, trial, mask)
-    return {"best": best_per_period(distance).round(4)}
-
-
-def _settings_cases(target: Iterable[str] | None = None) -> list[Case]:
-    """All settings with every second target of the development."""
-    targets = [*(target or [*data.load_targets("development")][::2])]
-    evolution = grid(method=EVOLUTION, number=range(len(STEPS)), target=targets)
-    process = grid(method=PROCESS, number=range(len(PROCESSES)), target=targets)
-    return evolution + process
-
-
-def best_settings(table: pd.DataFrame) -> tuple[float, ProcessSettings]:
-    """The step and the settings of the least best distance in ten periods.
-
-    From stored rows of `refinement_development`: of the mean over targets of both arms,
-    in logarithms, since some targets are nearer than others.
-    """
-    logs = np.log(table["best"].map(np.min))
-    by_setting = logs.groupby([table["method"], table["number"]]).mean()
-    step = STEPS[int(by_setting[EVOLUTION].idxmin())]
-    return step, PROCESSES[int(by_setting[PROCESS].idxmin())]
-
-
 # What follows from the rows
 
 
@@ -820,8 +756,5 @@ before.
 EXPERIMENTS = (
     Experiment(
         "what_p_buys", _run_one, _cases, seconds=2, slow=True, rows=_rows, about=_ABOUT
-    ),
-    Experiment(
-        "refinement_development", _refine, _settings_cases, seconds=2, slow=True
     ),
 )

@@ -1,9 +1,8 @@
 """What do the numbers of p depend on? Controls of notebook 05.
 
-`similar_cloths`: which change of a cloth changes its motion? `twins`: two trials of
-each cloth get a p each. `bias_size`: how many numbers should p have? `plain_training`:
-what becomes of p without overlapping windows and larger steps for p? `recorded_by`:
-does it matter whether random commands or an operator moved the cloth?
+`similar_cloths`: which change of a cloth changes its motion? `bias_size`: how many
+numbers should p have? `plain_training`: what becomes of p without overlapping windows
+and larger steps for p?
 """
 
 from contextlib import closing
@@ -16,26 +15,15 @@ import torch
 
 from clothlab import data
 from clothlab._validation import choose
-from clothlab.analysis import best_per_period, crossed_interval, target_distance
 from clothlab.method.autoencoder import encode
-from clothlab.method.data import Run
 from clothlab.method.model import PredictiveModel
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
-from studies._runs import (
-    EVALUATION,
-    LIGHT,
-    config_of,
-    loss_of_run,
-    new_trial,
-    recorded_runs,
-    trained,
-)
+from studies._grid import Experiment, over
+from studies._runs import EVALUATION, loss_of_run, recorded_runs, trained
 
 _MIDDLE = Cloth("middle", damping=0.05, mass=0.10)
 # Factors of drag, of mass, and of springs and their dampers. The first two leave the
@@ -54,8 +42,6 @@ _SHORT = ModelTraining(
 # Without overlapping windows and larger steps for p
 _PLAIN = ModelTraining(stride=30, bias_learning_rate=2e-3)
 RECIPES = ("as stored", "plain")
-# Who moved the cloth
-RECORDED_BY = ("random", "operator", "both")
 
 
 def changed(change: str) -> Cloth:
@@ -130,53 +116,6 @@ def _plain_one(recipe: str, model: int, epochs: int = 300) -> dict[str, Any]:
     return _judged(network, biases, losses)
 
 
-def _recorded_by_one(
-    recorded_by: str, model: int, epochs: int = 300, steps: int = 250
-) -> dict[str, Any]:
-    """Half of the paper's amount of recordings, chosen by who moved the cloth.
-
-    Args:
-        recorded_by: one of `RECORDED_BY`.
-        model: seed of the training.
-        epochs: of the training.
-        steps: of each run under control.
-
-    Returns: what `_judged` says; the loss on new `random` runs and on those of an
-        `operator`; and the best distance of a period, median, over that of the hanging
-        light cloth, under the paper's controller, for both targets `[2]`.
-    """
-    stored = trained(f"torque-paper-{model}")
-    runs = _half_of(recorded_runs(stored), recorded_by)
-    settings = replace(config_of(stored).model, epochs=epochs)
-    network, biases, curve = train_dpmpb(runs, settings, seed=model, progress=False)
-
-    # What it predicts of either kind of motion, and what it can do
-    by_policy: dict[str, list[float]] = {"random": [], "operator": []}
-    for trial in data.load_trials(EVALUATION["torque"]):
-        run = stored.to_run(trial)
-        p = torch.as_tensor(biases[run.material])
-        by_policy[trial.policy].append(float(loss_of_run(network, run, p)))
-    learned = replace(stored, model=network, biases=biases)
-    near = []
-    for target in ("target-1", "target-2"):
-        mask = data.load_target(target)
-        controller = learned.controller(mask, LIGHT)
-        trial = new_trial(controller, learned.arm, LIGHT, steps, model)
-        distance = target_distance(learned.autoencoder, trial, mask)
-        near.append(np.median(best_per_period(distance)) / distance[0])
-    losses = {kind: round(float(np.mean(each)), 5) for kind, each in by_policy.items()}
-    found = _judged(network, biases, curve)
-    return found | losses | {"control": np.round(near, 4)}
-
-
-def _half_of(runs: list[Run], recorded_by: str) -> list[Run]:
-    """One of the two runs of each cloth, or the first half of both."""
-    if recorded_by == "both":
-        return [run[: len(run) // 2] for run in runs]
-    halves = {"operator": runs[::2], "random": runs[1::2]}
-    return choose("recording", recorded_by, halves)
-
-
 def _judged(
     model: PredictiveModel, biases: dict[str, np.ndarray], losses: np.ndarray
 ) -> dict[str, Any]:
@@ -222,52 +161,6 @@ def _read_off(p: np.ndarray) -> np.ndarray:
     return r2_score(wanted, found, multioutput="raw_values")
 
 
-def _twins_one(model: int, epochs: int = 20) -> dict[str, Any]:
-    """A short training with a p for each of the paper's 18 trials: p `[9, 2, D_p]`.
-
-    The second axis is the operator's trial, then that of random commands.
-
-    Args:
-        model: seed of the training.
-        epochs: of the training.
-    """
-    runs: list[Run] = []
-    for n, run in enumerate(recorded_runs(trained("torque-paper-0"))):
-        runs.append(replace(run, material=f"{run.material}, trial {n % 2}"))
-    settings = replace(_SHORT, epochs=epochs)
-    _, biases, _ = train_dpmpb(runs, settings, seed=model, progress=False)
-    p = np.array(list(biases.values()))
-    return {"p": p.reshape(len(CLOTHS), 2, -1).round(4)}
-
-
-def _recorded_by_rows(tables: Tables) -> list[Row]:
-    """What a model of one kind of motion loses on the other kind."""
-    table = tables["recorded_by"].set_index("recorded_by")
-    rows = []
-    for kind, other in (("random", "operator"), ("operator", "random")):
-        alone = table.loc[kind].set_index("model")[other]
-        both = table.loc["both"].set_index("model")[other]
-        ratio, low, high = crossed_interval((alone / both).to_numpy()[:, None])
-        row = Row(
-            f"recorded_by/{kind}",
-            f"recorded with {_MOVED[kind]} alone: error with {_MOVED[other]}, over "
-            "that of a model with half of both",
-            ratio,
-            interval=(low, high),
-            of_paper=True,
-        )
-        rows.append(row)
-    return rows
-
-
-_MOVED = {"random": "random commands", "operator": "an operator"}
-_ABOUT = """
-Who should move the cloth while it is recorded?
-
-The paper records each cloth at random and by hand (paper, "Simulation Experiment").
-Here three trainings each have half of that: random commands alone, the operator alone,
-or the first half of both; all are tried on new motions of both kinds.
-"""
 EXPERIMENTS = (
     Experiment(
         "similar_cloths",
@@ -275,19 +168,10 @@ EXPERIMENTS = (
         over(change=CHANGES, seed=range(46, 52)),
         seconds=1,
     ),
-    Experiment("twins", _twins_one, over(model=range(3)), seconds=10),
     Experiment(
         "bias_size", _size_one, over(bias_size=range(4), model=range(3)), seconds=12
     ),
     Experiment(
         "plain_training", _plain_one, over(recipe=RECIPES, model=range(2)), seconds=25
-    ),
-    Experiment(
-        "recorded_by",
-        _recorded_by_one,
-        over(recorded_by=RECORDED_BY, model=range(3)),
-        seconds=100,
-        rows=_recorded_by_rows,
-        about=_ABOUT,
     ),
 )

@@ -11,7 +11,6 @@ from studies import EXPERIMENTS, PAPER, Experiment, _grid, _parallel, report
 from studies._grid import grid, shared
 
 TINY = {
-    "reconstruction": {},
     "latent_size": {"latent_size": 2, "epochs": 1},
     "chamfer": {"target": "target-2", "steps": 6},
     "self_organisation": {"model": 0},
@@ -29,7 +28,6 @@ TINY = {
     },
     "joint_estimation_control": {"model": 0, "steps": 16},
     "stiffness_ellipse": {"f_const": 30.0},
-    "foam_recorded": {"model": 0, "number": 1},
     "foam_estimation": {"model": 0, "cloth": ["hard-1", "hard-3"], "steps": 12},
     "foam_control": {
         "model": 0,
@@ -150,7 +148,7 @@ def test_tables_of_rivals_are_read_although_nothing_here_makes_them(name):
 
 def test_unknown_names_list_the_choices(tmp_path):
     with pytest.raises(
-        KeyError, match="unknown experiment 'alchemy'; choose from reconstruction"
+        KeyError, match="unknown experiment 'alchemy'; choose from latent_size"
     ):
         studies.run("alchemy")
     with pytest.raises(KeyError, match="unknown results 'control'"):

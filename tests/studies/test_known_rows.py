@@ -14,7 +14,7 @@ from clothlab.method.autoencoder import encode
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import MuscleArm
-from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
+from clothlab.simulation.cloth import CLOTHS, FOAMS
 from clothlab.simulation.env import ClothEnv
 from studies import (
     _runs,
@@ -65,18 +65,6 @@ def world(monkeypatch):
 
 
 # What the camera's numbers are worth
-
-
-def test_a_reconstruction_is_as_good_as_the_share_of_pixels_that_it_draws(world):
-    world.learned = toy.learned(lost=256)
-    world.trials = [
-        toy.trial_of([[0, 0, 0], [-2, -2, -2], [-4, -4, -4]])
-    ]  # the last: no cloth
-    row = autoencoder_quality._reconstruct()
-    shares = np.array([1 - 256 / 2048, 1 - 256 / 1024, 1.0])
-    assert row["iou"] == pytest.approx(shares.mean())
-    assert row["iou_visible"] == pytest.approx(shares[:2].mean())
-    assert row["iou_deviation"] == pytest.approx(shares.std())
 
 
 def test_the_nearest_images_in_place_of_the_decoder_lack_nothing(world, monkeypatch):
@@ -192,11 +180,6 @@ def test_foams_are_found_where_they_are(world):
     assert row["place"] == pytest.approx((right - first) @ along, abs=0.02)
     assert 0.3 < row["place"] < 0.9
 
-    world.trials = [None, toy.random_trial("muscle", "hard-3", 150, 0)]
-    row = stiffness._estimate_recorded(0, 1)
-    assert (row["cloth"], row["nearest"]) == ("hard-3", "hard-3")
-    assert row["distance"] < 0.05
-
 
 def test_on_the_table_p_tells_the_foams_apart(world, monkeypatch):
     world.learned = toy.learned("muscle-hand", FOAMS)
@@ -233,10 +216,9 @@ def nearest_to(aim, p, arm):
 @pytest.mark.parametrize(
     "aim", [(0.3, -0.9, 0.0), (1.5, -0.4, 0.5)], ids=["reached", "beyond"]
 )
-@pytest.mark.parametrize("run", [control._run_one, control._run_periodic])
-def test_control_comes_as_near_as_any_command_can(world, aim, run):
+def test_control_comes_as_near_as_any_command_can(world, aim):
     world.aim = np.array(aim)
-    row = run("target-1", LIGHT, 0, steps=32)
+    row = control._run_one("target-1", LIGHT, 0, steps=32)
     best = nearest_to(world.aim, toy.bias_of(LIGHT), world.learned.arm)
     assert best_per_period(row["control"]) == pytest.approx(best, abs=0.06)
     assert row["still"] == pytest.approx(np.linalg.norm(aim), abs=PIXEL)
@@ -244,19 +226,6 @@ def test_control_comes_as_near_as_any_command_can(world, aim, run):
     z = toy.random_trial("torque", LIGHT, 32, 7000)
     shown = encode(world.learned.autoencoder, z.images)
     assert row["random"] == pytest.approx(np.linalg.norm(shown - aim, axis=1), abs=2e-3)
-
-
-def test_a_periodic_warm_start_is_asked_for(world, monkeypatch):
-    asked = []
-    controller = type(world.learned).controller
-    spy = lambda learned, mask, p, settings, *rest: (  # noqa: E731
-        asked.append(settings.warm_start)
-        or controller(learned, mask, p, settings, *rest)
-    )
-    monkeypatch.setattr(type(world.learned), "controller", spy)
-    for run in (control._run_one, control._run_periodic):
-        run("target-1", LIGHT, 0, steps=8)
-    assert asked == ["last", "earlier"]
 
 
 def test_the_share_of_near_steps_is_counted(world, monkeypatch):
@@ -425,19 +394,6 @@ def test_peak_speeds_are_those_of_the_fastest_plan(monkeypatch):
             env.start()
             found.append(speeds_of(env, [(*u[:2], tension) for u in plan]).max())
         assert peak == pytest.approx(max(found), rel=0.02)
-
-
-def test_a_gain_is_of_the_arm_and_the_cloth_that_its_row_names(monkeypatch):
-    given = []
-    nothing = {"commands": 0, "trace": 0}
-    monkeypatch.setattr(
-        oracle, "_peak_speeds", lambda *each: given.append(each) or dict(nothing)
-    )
-    oracle._run_gain(0.4, 5, 2, 0)
-    arm, cloth, *_ = given[0]
-    assert arm.motor_speed == 0.4
-    assert arm.tension(0.01) == pytest.approx(MuscleArm().tension(0.01) / 2)
-    assert cloth.mass == pytest.approx(5 * get_cloth("hard-1").mass)
 
 
 def brute_force(env, plan, autoencoder, z_ref):

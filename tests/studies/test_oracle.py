@@ -178,14 +178,8 @@ def test_a_plan_for_one_cloth_is_sent_with_another_and_may_be_searched_by_overla
 
 
 @pytest.mark.slow
-def test_free_stiffness_is_at_least_as_fast_as_any_that_is_held(monkeypatch):
+def test_free_stiffness_is_at_least_as_fast_as_any_that_is_held():
     few = SearchSettings(starts=3, rounds=1, tries=3, elite=2)
-    monkeypatch.setattr(oracle, "_GAIN_SEARCH", few)
-    rows = (
-        oracle._run_speed(0, steps=3, search=few),
-        oracle._run_gain(0.4, 5, 5, 0, steps=3),
-    )
-    for row in rows:
-        assert row["peak"][-1] >= row["peak"][:-1].max() > 0
-    assert (rows[0]["commands"][0][:, 2] == 10).all()
-    assert rows[0]["peak"][0] != rows[1]["peak"][0]
+    row = oracle._run_speed(0, steps=3, search=few)
+    assert row["peak"][-1] >= row["peak"][:-1].max() > 0
+    assert (row["commands"][0][:, 2] == 10).all()

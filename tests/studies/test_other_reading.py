@@ -48,12 +48,3 @@ def test_rows_are_of_c_damp_and_the_last_one_of_the_reading_that_is_predicted_we
     table = pd.DataFrame(runs, columns=["reading", "r2", "held_out"])
     rows = studies.get("other_reading").rows({"other_reading": table})
     assert [row.value for row in rows] == [0.2, -1.0, 0.0]
-
-
-def test_another_c_damp_moves_the_cloth_and_the_same_one_does_not():
-    case = {"reading": DRAG, "time_step": 0.002, "seed": 0, "steps": 1}
-    table = studies.run("reading_shift", **case)
-    (changed,) = table["changed"]
-    (half,) = table["half"]
-    assert changed.shape == half.shape == (1,)
-    assert changed > 5 * half > 0

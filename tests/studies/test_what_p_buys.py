@@ -9,7 +9,6 @@ import pytest
 import torch
 import toy
 
-import studies
 from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.iterative import nearest_plans
@@ -308,23 +307,6 @@ def test_a_curve_compares_the_same_tasks_and_trainings():
 )
 def test_verdicts_follow_the_margin(interval, said):
     assert what_p_buys.verdict(*interval) == said
-
-
-def test_the_settings_in_use_are_the_best_of_the_development():
-    stored = studies.load("refinement_development")
-    in_use = (what_p_buys.STEP, what_p_buys.SETTINGS)
-    assert what_p_buys.best_settings(stored) == in_use
-
-
-def test_the_best_settings_are_those_of_the_least_distance():
-    rows = []
-    for method, count in ((EVOLUTION, 4), (PROCESS, 9)):
-        for number in range(count):
-            least = 0.1 if number == 1 else 0.4
-            rows.append({"method": method, "number": number, "best": [0.5, least]})
-    step, settings = what_p_buys.best_settings(pd.DataFrame(rows))
-    assert step == what_p_buys.STEPS[1]
-    assert settings == what_p_buys.PROCESSES[1]
 
 
 def test_cases_are_of_new_cloths_and_hold_no_way_twice():
