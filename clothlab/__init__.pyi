@@ -15,6 +15,7 @@ from .data import (
     load_targets as load_targets,
     load_trials as load_trials,
 )
+from .logs import runs_from_table as runs_from_table
 from .masks import iou as iou
 from .method.autoencoder import (
     AutoencoderTraining as AutoencoderTraining,
@@ -39,10 +40,6 @@ from .method.fast_rollout import FastDPMPB as FastDPMPB
 from .method.gauss_newton import (
     NewtonEstimator as NewtonEstimator,
     estimate_bias as estimate_bias,
-)
-from .method.logs import (
-    read_runs as read_runs,
-    runs_from_dataframe as runs_from_dataframe,
 )
 from .method.model import (
     DPMPB as DPMPB,

@@ -1,6 +1,5 @@
 """What functions of the method are given: is it a model, a run, of the same robot?"""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -63,7 +62,7 @@ def common_step(runs: Sequence[Run]) -> float | None:
         if differs(step, known[0]):
             raise ValueError(
                 f"these runs have steps of {known[0]:g} s and of {step:g} s: bring all "
-                f"to one step, such as with runs_from_dataframe(..., step={known[0]:g})"
+                f"to one step, such as with runs_from_table(..., step={known[0]:g})"
             )
 
     _check_same_names("state_names", [run.state_names for run in runs])
@@ -78,9 +77,7 @@ def check_same_step(model: Any, run: Run) -> None:
         return
     told = f"the model was trained on steps of {step:g} s, this run has {run.step:g} s"
     if run.step < step:
-        raise ValueError(
-            f"{told}: resample it, runs_from_dataframe(..., step={step:g})"
-        )
+        raise ValueError(f"{told}: resample it, runs_from_table(..., step={step:g})")
     raise ValueError(
         f"{told}, and nothing was measured in between: record it every {step:g} s, or "
         f"train a model on steps of {run.step:g} s"
@@ -100,45 +97,3 @@ def _check_same_names(what: str, names: list[tuple[str, ...]]) -> None:
                 f"these runs differ in their {what}: ({', '.join(known[0])}) and "
                 f"({', '.join(each)}). Give all the same numbers in the same order"
             )
-
-
-# Steps of a run that the training takes at its defaults: one more than the sequence.
-SHORTEST = 31
-
-
-def long_enough(
-    runs: Sequence[Run], shortest: int, endings: Sequence[str] = ()
-) -> list[Run]:
-    """The runs of at least so many steps; a warning counts those that are left out.
-
-    Args:
-        runs: those that were made.
-        shortest: steps.
-        endings: why each of them ended there, to say so of those that are left out.
-
-    Raises:
-        ValueError: none is as long.
-    """
-    lengths = [len(run) for run in runs]
-    short = [k for k, length in enumerate(lengths) if length < shortest]
-    kept = [run for run in runs if len(run) >= shortest]
-    if not short:
-        return kept
-
-    # Which were left out, and why they ended
-    why = [endings[k] for k in short] if endings else []
-    counts = [f"{why.count(each)} {each}" for each in dict.fromkeys(why)]
-    ended = f" They ended thus: {'; '.join(counts)}." if counts else ""
-    if not kept:
-        raise ValueError(
-            f"none of {len(runs)} runs has {shortest} steps, the longest has "
-            f"{max(lengths)}.{ended} Record longer runs, or set `shortest` to as many "
-            "as are enough for you: one more than the sequence that is trained on"
-        )
-    steps = sum(lengths[k] for k in short)
-    warnings.warn(
-        f"{len(short)} of {len(runs)} runs have fewer than {shortest} steps and are "
-        f"left out, {steps} of {sum(lengths)} steps.{ended}",
-        stacklevel=3,
-    )
-    return kept

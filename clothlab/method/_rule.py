@@ -31,11 +31,10 @@ class Rule(Protocol):
 
     window: int  # steps that it looks back
 
-    def warmup(self, count: int, in_motion: bool = False) -> int | None:
+    def warmup(self, count: int) -> int | None:
         """How many first of so many steps only fill the memory.
 
-        None where there is nothing to judge yet. After a gap in what was observed, a
-        window begins `in_motion`, however a run begins.
+        None where there is nothing to judge yet.
         """
 
     def move(

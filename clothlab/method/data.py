@@ -76,8 +76,7 @@ def _record(what: str, value: ArrayLike, shape: tuple[str, str]) -> np.ndarray:
             step, number = np.argwhere(holes)[0]
             raise ValueError(
                 f"{what} is {array[step, number]} in step {step}, number {number} "
-                "(both counted from 0): `clothlab.tables.runs_from_table` makes runs "
-                "of a log with holes"
+                "(both counted from 0): `runs_from_table` makes runs of a log"
             )
     return check_array(what, value, shape, np.float32)
 

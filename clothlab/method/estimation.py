@@ -70,13 +70,6 @@ def prediction_loss(
     return torch.stack(losses).reshape(p.shape[:-1])
 
 
-# Share of a step by which a state may come too early or too late, and by which so many
-# may on average.
-_JITTER = 0.5
-_DRIFT = 0.1
-_MANY = 10
-
-
 class _State(NamedTuple):
     """Where an estimation is.
 
@@ -86,8 +79,6 @@ class _State(NamedTuple):
     p: np.ndarray  # the estimate [D_p]
     carried: Any = None  # by the rule
     seen: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # states and commands
-    times: tuple[float, ...] = ()  # of the last of them [s], where they are known
-    in_motion: bool = False  # whether the first of them comes after a gap
 
 
 class Estimator:
@@ -115,15 +106,6 @@ class Estimator:
         """Go back to the p it started from, and forget what was seen."""
         self._state = self._first
 
-    def forget(self) -> None:
-        """Forget what was seen, and keep p: for a gap in what is observed.
-
-        A window that reached over the gap would tell p of a step that never was. The
-        motion may go on meanwhile, so that a `NewtonEstimator` takes the next step for
-        one in the middle of a motion, also if it was made with `from_rest`.
-        """
-        self._state = _State(self._state.p, in_motion=True)
-
     @property
     def p(self) -> np.ndarray:
         """The current estimate, `[D_p]`."""
@@ -134,25 +116,18 @@ class Estimator:
         """What the present p is judged by; None before there is anything to judge."""
         return self._window(self._state)
 
-    def update(
-        self, s: ArrayLike, u: ArrayLike, *, time: float | None = None
-    ) -> np.ndarray:
+    def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
         """Take in one step: the new estimate `[D_p]`.
 
         The state s `[D_s]` before a command, and the command u `[D_u]`. A step that is
-        refused, since it does not fit, comes at another rate or has no finite loss,
-        leaves the estimate as it is.
-
-        With its `time` [s] a step is also refused if it comes half a step too early or
-        too late after the one before, or if many came a tenth too early or too late: a
-        stream at another rate than the model's would give a confident, wrong p.
+        refused, since it does not fit or has no finite loss, leaves the estimate as it
+        is.
         """
         s = check_array("s", s, (self.model.state_size,), np.float32)
         u = check_array("u", u, (self.model.command_size,), np.float32)
-        times = () if time is None else self._checked_times(time)
         # One more than the window: the last state is only predicted.
         seen = (*self._state.seen, (s, u))[-self._rule.window - 1 :]
-        now = self._state._replace(seen=seen, times=times)
+        now = self._state._replace(seen=seen)
 
         window = self._window(now)
         if window is None:
@@ -167,34 +142,8 @@ class Estimator:
         self._state = now._replace(p=moved.p, carried=moved.carried)
         return self.p
 
-    def _checked_times(self, time: float) -> tuple[float, ...]:
-        """The last times and this one; a ValueError if they are not the model's."""
-        check_number("time", time)
-        step = getattr(self.model, "step", None)
-        if step is None:
-            raise ValueError(
-                "the model does not know its step, so that times say nothing: train it "
-                "on runs that have one, or set `model.step` [s]"
-            )
-
-        # This step alone, and the last ones on average
-        before = self._state.times
-        told = ""
-        if before and abs(time - before[-1] - step) > _JITTER * step:
-            told = f"this state comes {time - before[-1]:.3g} s after the one before"
-        elif len(before) == _MANY:
-            mean = (time - before[0]) / _MANY
-            if abs(mean - step) > _DRIFT * step:
-                told = f"the last states came {mean:.3g} s apart on average"
-        if told:
-            raise ValueError(
-                f"{told}, and the model was trained on steps of {step:g} s: bring the "
-                "stream to that rate. After a gap, call `forget()`, which keeps p"
-            )
-        return (*before, time)[-_MANY:]
-
     def _window(self, now: _State) -> Window | None:
-        warmup = self._rule.warmup(len(now.seen), now.in_motion)
+        warmup = self._rule.warmup(len(now.seen))
         if warmup is None:
             return None
         s = torch.as_tensor(np.stack([state for state, _ in now.seen]))
@@ -228,7 +177,7 @@ class _MomentumSGD:
         self.window = settings.window
         self._settings = settings
 
-    def warmup(self, count: int, in_motion: bool = False) -> int | None:
+    def warmup(self, count: int) -> int | None:
         """As set, once there is at least one step more to predict."""
         warmup = self._settings.warmup
         return warmup if count > warmup + 1 else None

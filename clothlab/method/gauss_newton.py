@@ -187,9 +187,9 @@ class _GaussNewton:
         self._settings = settings
         self._from_rest = from_rest
 
-    def warmup(self, count: int, in_motion: bool = False) -> int | None:
+    def warmup(self, count: int) -> int | None:
         """0 for a window that begins at rest, else as set; None if it is too short."""
-        begins_at_rest = self._from_rest and not in_motion and count <= self.window
+        begins_at_rest = self._from_rest and count <= self.window
         warmup = 0 if begins_at_rest else self._settings.warmup
         return warmup if count - 1 - warmup >= self._settings.least else None
 
