@@ -3,9 +3,9 @@ function textSize(canvas) {
   return parseFloat(getComputedStyle(canvas).fontSize) || 14; // outside a page there is none
 }
 
-// Writes on a canvas and keeps what was written where, as `canvas.texts`: [{text, size, box: [left, top, right, bottom]}].
+// Writes on a canvas.
 function writer(canvas, ctx) {
-  const size = textSize(canvas), texts = (canvas.texts = []);
+  const size = textSize(canvas);
   ctx.font = `${size}px system-ui, sans-serif`;
   ctx.textBaseline = "alphabetic";
   ctx.textAlign = "left";
@@ -24,7 +24,6 @@ function writer(canvas, ctx) {
     if (rimmed) rim(text, left, y);
     ctx.fillStyle = colour;
     ctx.fillText(text, left, y);
-    texts.push({ text: `${text}`, size, box: [left, y - 0.75 * size, left + width(text), y + 0.2 * size] });
   };
   const upwards = (text, x, y) => {
     ctx.save();
@@ -33,7 +32,6 @@ function writer(canvas, ctx) {
     ctx.fillStyle = "#222";
     ctx.fillText(text, -width(text) / 2, 0);
     ctx.restore();
-    texts.push({ text, size, box: [x - 0.75 * size, y - width(text) / 2, x + 0.2 * size, y + width(text) / 2] });
   };
   return { size, thick: size / 7, width, write, upwards };
 }
