@@ -29,6 +29,7 @@ from clothlab._store import Folder
 from clothlab._validation import choose
 from clothlab.tables import load, save
 from studies import (
+    another_robot,
     autoencoder_quality,
     calibration_test,
     camera_recalibration,
@@ -79,6 +80,7 @@ _MODULES = (  # in the order of docs/results.md
     camera_recalibration,
     capstone,
     table_setting,
+    another_robot,
     drone,
 )
 EXPERIMENTS: dict[str, Experiment] = {

@@ -1,13 +1,9 @@
-"""DPMPB without a cloth: a cart of two unknown properties by the four public calls, and
-the study of notebook 16.
-"""
+"""DPMPB without a cloth: a cart of two unknown properties by the four public calls."""
 
 import itertools
 import subprocess
 import sys
-from dataclasses import replace
 
-import another_robot
 import gymnasium
 import numpy as np
 import pytest
@@ -213,28 +209,3 @@ def test_a_model_comes_back_from_its_file(tmp_path):
     assert np.array_equal(p["light"], biases["light"])
     state = torch.ones(1, 1, 3), torch.ones(1, 1, 2), torch.tensor(p["light"])
     assert torch.allclose(loaded(*state)[0], model(*state)[0], atol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", another_robot.KINDS)
-def test_the_study_runs_small(kind):
-    learned = another_robot.train(
-        kind, 0, 120, replace(another_robot.TRAINING, epochs=1)
-    )
-    for method in (
-        name for name, needed in another_robot.METHODS.items() if needed == kind
-    ):
-        distances = another_robot.control(
-            learned, method, another_robot.MATERIALS[0], False, 0
-        )
-        assert distances.shape == (10,)
-        assert (distances < 0.42).all()
-    if kind == "p":
-        (row, *_) = another_robot.identify(learned, 0, repeats=1, steps=20)
-        assert {
-            "payload",
-            "friction",
-            "right",
-            "found_payload",
-            "found_friction",
-        } <= row.keys()

@@ -1,9 +1,10 @@
-"""DPMPB for a robot without cloth: Gymnasium's Reacher with a payload and friction.
+"""A robot without cloth: Gymnasium's Reacher with a payload and friction.
 
 Two motors turn an arm of two links in a plane. Neither the payload at its tip nor the
-friction of its joints is part of the state, and the arm knows of neither. `python
-examples/another_robot.py` trains five models of each kind, and writes the tables and
-the model that notebook 16 shows; trainings are kept in build/another_robot.
+friction of its joints is part of the state, and the arm knows of neither. Three
+experiments: what a training makes of the materials, how well p is estimated online, and
+how near each method brings the tip to its goals. `python -m studies.another_robot`
+trains the model that notebook 16 shows.
 
 What a researcher might take in place of p is here too: a model that is told both
 properties, one without p, whose memory may adapt, and an encoder that infers p from the
@@ -11,25 +12,14 @@ last steps (as in rapid motor adaptation, Kumar et al., 2021).
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import gymnasium
-import joblib
 import mujoco
 import numpy as np
-import pandas as pd
 import torch
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
-from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
-from sklearn.model_selection import LeaveOneOut, cross_val_predict
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
-from tqdm.auto import tqdm
 
 from clothlab._store import write_checksums
 from clothlab.data._writing import save_model
@@ -37,12 +27,11 @@ from clothlab.method._quick_tanh import quicken
 from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings, GradientSearch
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.estimation import prediction_loss
 from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
-from studies import save
+from studies._grid import Case, Experiment, grid, over, shared
 from studies._optimise import minimise, seeded
 
 STEPS = 3000  # recorded with each material
@@ -77,6 +66,8 @@ BETWEEN = [Material(*both) for both in itertools.product((35, 104), (8.5, 17))]
 
 def make_robot(material: Material) -> Any:
     """Reacher with this payload and friction, and a command every 0.05 s."""
+    import gymnasium  # slow to import
+
     env: Any = gymnasium.make("Reacher-v5", frame_skip=5, max_episode_steps=-1)
     model = env.unwrapped.model
     model.body("fingertip").mass = material.payload
@@ -123,11 +114,17 @@ def record(material: Material, steps: int = STEPS, seed: int = 0) -> Run:
     )
 
 
-def read_out() -> Pipeline:
+def read_out() -> Any:
     """A smooth map from p to the logarithms of payload and friction.
 
     It is that of the study of cloths.
     """
+    # Slow to import
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     kernel = DotProduct() + RBF(2.0) + WhiteKernel(0.01)
     process = GaussianProcessRegressor(kernel, optimizer=None, normalize_y=True)
     return make_pipeline(StandardScaler(), process)
@@ -138,6 +135,10 @@ def r_squared(biases: dict[str, np.ndarray], readout: Any) -> np.ndarray:
 
     One material is left out at a time.
     """
+    # Slow to import
+    from sklearn.metrics import r2_score
+    from sklearn.model_selection import LeaveOneOut, cross_val_predict
+
     p, logs = columns(biases)
     predicted = cross_val_predict(readout, p, logs, cv=LeaveOneOut())
     return r2_score(logs, predicted, multioutput="raw_values")
@@ -218,11 +219,11 @@ def encoded_bias(encoder: ContextEncoder, run: Run) -> np.ndarray:
     return encoder(s[:, :-1], u).mean(0).numpy()
 
 
+@shared
 def train(
     kind: str, seed: int, steps: int = STEPS, settings: ModelTraining = TRAINING
 ) -> TrainedRobot:
     """Train one model: of kind "p", "told both", "without p" or "context encoder"."""
-    torch.set_num_threads(1)
     runs = [record(material, steps, 100 + k) for k, material in enumerate(MATERIALS)]
     if kind == "context encoder":
         model, encoder = train_with_context(runs, settings, seed)
@@ -245,65 +246,62 @@ def told(material: Material) -> np.ndarray:
     return (material.logs - middle) / (MATERIALS[8].logs - middle)
 
 
-def vary(steps: int, bias_size: int, seed: int) -> dict[str, float]:
-    """R², and the squared error on new runs [s.d. of s], of one training.
+def explained(biases: dict[str, np.ndarray]) -> dict[str, float]:
+    """R² of both logarithms, by a smooth and by a straight map."""
+    from sklearn.linear_model import LinearRegression  # slow to import
 
-    With so many recorded steps of each material and this D_p.
-    """
-    trained = train("p", seed, steps, replace(TRAINING, bias_size=bias_size))
-
-    # New runs of all materials, each predicted with its own p
-    errors = []
-    for k, material in enumerate(MATERIALS):
-        run = record(material, ESTIMATE, 9000 + k)
-        s = torch.as_tensor(run.s)
-        u = torch.as_tensor(run.u)
-        p = torch.as_tensor(trained.biases[str(material)])
-        with torch.no_grad():
-            errors.append(prediction_loss(trained.model, s, u, p).item())
-
-    # A row of the table
-    row = {
-        "steps": steps,
-        "bias_size": bias_size,
-        "seed": seed,
-        "error": float(np.mean(errors)),
+    payload, friction = r_squared(biases, read_out())
+    straight = r_squared(biases, LinearRegression())
+    return {
+        "payload": payload,
+        "friction": friction,
+        "payload_straight": straight[0],
+        "friction_straight": straight[1],
     }
-    return row | explained(trained.biases)
+
+
+def _map_one(kind: str, seed: int) -> dict[str, Any]:
+    """How p and the two properties hang together.
+
+    Args:
+        kind: of model, "p" or "context encoder".
+        seed: of the training.
+    """
+    return explained(train(kind, seed).biases)
 
 
 def identify(
-    trained: TrainedRobot, seed: int, repeats: int = 10, steps: int = ESTIMATE
-) -> list[dict[str, Any]]:
-    """Online estimates from p = 0 with new random commands.
+    trained: TrainedRobot, material: Material, seed: int, steps: int = ESTIMATE
+) -> dict[str, Any]:
+    """An online estimate from p = 0 with new random commands."""
+    run = record(material, steps, seed)
+    found, _ = estimate_bias(trained.model, run, method="newton")
 
-    For materials trained on, and for four between them.
-    """
-    torch.set_num_threads(1)
+    # Read it in two ways
     p, logs = columns(trained.biases)
+    nearest = MATERIALS[int(np.linalg.norm(p - found, axis=1).argmin())]
     readout = read_out().fit(p, logs)
-    rows = []
-    for material, repeat in itertools.product(MATERIALS + BETWEEN, range(repeats)):
-        # Estimate p of a run, and read it in two ways
-        run = record(material, steps, 5000 + 100 * seed + repeat)
-        found, _ = estimate_bias(trained.model, run, method="newton")
-        nearest = MATERIALS[int(np.linalg.norm(p - found, axis=1).argmin())]
-        payload, friction = np.exp(readout.predict(found[None].astype(float))[0])
+    payload, friction = np.exp(readout.predict(found[None].astype(float))[0])
+    return {
+        "trained": material in MATERIALS,
+        "right": nearest == material,
+        "found_payload": payload,
+        "found_friction": friction,
+    }
 
-        # What was true, and what was found
-        rows.append(
-            {
-                "seed": seed,
-                "payload": material.payload,
-                "friction": material.friction,
-                "repeat": repeat,
-                "trained": material in MATERIALS,
-                "right": nearest == material,
-                "found_payload": payload,
-                "found_friction": friction,
-            }
-        )
-    return rows
+
+def _estimate_one(
+    seed: int, payload: float, friction: float, repeat: int
+) -> dict[str, Any]:
+    """How well p is estimated online.
+
+    Args:
+        seed: of the training.
+        payload, friction: of the robot [kg] [N m s/rad].
+        repeat: number of the run; each has other random commands.
+    """
+    material = Material(payload, friction)
+    return identify(train("p", seed), material, 5000 + 100 * seed + repeat)
 
 
 def search_plan(
@@ -477,7 +475,6 @@ def control(
         replan: whether a controller plans in each step.
         seed: of goals and random commands.
     """
-    torch.set_num_threads(1)
     if trained is None:
         env = make_robot(material)
         return attempts(without_model(method, env, seed), material, seed, env)
@@ -533,99 +530,58 @@ def without_model(
     return policy
 
 
-def side_by_side(
-    title: str, function: Callable[..., Any], cases: list[tuple]
-) -> list[Any]:
-    """What the function returns for each case, one on each core."""
-    calls = joblib.Parallel(n_jobs=-1, return_as="generator")(
-        joblib.delayed(function)(*case) for case in cases
-    )
-    return list(tqdm(calls, desc=title, total=len(cases)))
+def _control_one(
+    method: str, seed: int, payload: float, friction: float, replan: bool
+) -> dict[str, Any]:
+    """How near a method brings the tip to its goals.
+
+    Args:
+        method: one of `METHODS`.
+        seed: of the training, of goals and random commands.
+        payload, friction: of the robot [kg] [N m s/rad].
+        replan: whether a controller plans in each step.
+    """
+    kind = METHODS[method]
+    trained = train(kind, seed) if kind else None
+    material = Material(payload, friction)
+    return {"distance": control(trained, method, material, replan, seed)}
 
 
-def explained(biases: dict[str, np.ndarray]) -> dict[str, float]:
-    """R² of both logarithms, by a smooth and by a straight map."""
-    payload, friction = r_squared(biases, read_out())
-    straight = r_squared(biases, LinearRegression())
-    return {
-        "payload": payload,
-        "friction": friction,
-        "payload_straight": straight[0],
-        "friction_straight": straight[1],
-    }
-
-
-Trainings = dict[tuple[str, int], TrainedRobot]  # by kind and seed
-
-
-def train_all() -> Trainings:
-    """Five trainings of each kind, which are kept."""
-    kept = joblib.Memory("build/another_robot", verbose=0).cache(train)
-    cases = list(itertools.product(KINDS, SEEDS))
-    return dict(zip(cases, side_by_side("trainings", kept, cases), strict=True))
-
-
-def study_map(trained: Trainings) -> None:
-    """How p and the two properties hang together."""
-    rows = []
-    for kind, seed in itertools.product(("p", "context encoder"), SEEDS):
-        found = explained(trained[kind, seed].biases)
-        rows.append({"kind": kind, "seed": seed} | found)
-    save(pd.DataFrame(rows), "another_robot")
-
-
-def study_amounts() -> None:
-    """How many steps must be recorded, and how many numbers p needs."""
-    sizes = [(100, 2), (300, 2), (1000, 2), (1000, 1), (1000, 3), (1000, 4)]
-    cases = [(*size, seed) for size, seed in itertools.product(sizes, SEEDS)]
-    rows = side_by_side("amounts", vary, cases)
-    save(pd.DataFrame(rows), "another_robot_amount")
-
-
-def study_estimates(trained: Trainings) -> None:
-    """How well p is estimated online."""
-    cases = [(trained["p", seed], seed) for seed in SEEDS]
-    rows = itertools.chain(*side_by_side("estimates", identify, cases))
-    save(pd.DataFrame(rows), "another_robot_estimates")
-
-
-def study_control(trained: Trainings) -> None:
-    """How near each method brings the tip to its goals."""
-    # A method without a model has nothing to plan with
-    rows = []
+def _estimate_cases(seed: Iterable[int] = SEEDS, repeats: int = 10) -> list[Case]:
+    """Ten runs of each material, of those between the trained ones, too."""
     cases = []
-    for seed, material, method in itertools.product(SEEDS, MATERIALS, METHODS):
-        kind = METHODS[method]
-        model = trained[kind, seed] if kind else None
-        for replan in (False, True) if kind else (False,):
-            cases.append((model, method, material, replan, seed))
-            rows.append(
-                {
-                    "method": method,
-                    "seed": seed,
-                    "payload": material.payload,
-                    "friction": material.friction,
-                    "replan": replan,
-                }
-            )
+    for training, material in itertools.product(seed, MATERIALS + BETWEEN):
+        of_material = {"payload": material.payload, "friction": material.friction}
+        cases += grid(seed=training, **of_material, repeat=range(repeats))
+    return cases
 
-    # Each case beside what came of it
-    distances = side_by_side("control", control, cases)
-    for row, distance in zip(rows, distances, strict=True):
-        row["distance"] = distance
-    save(pd.DataFrame(rows), "another_robot_control")
+
+def _control_cases(seed: Iterable[int] = SEEDS) -> list[Case]:
+    """All methods with each material; without a model there is nothing to replan."""
+    cases = []
+    for training, material, method in itertools.product(seed, MATERIALS, METHODS):
+        task = {"method": method, "seed": training}
+        task |= {"payload": material.payload, "friction": material.friction}
+        cases += grid(**task, replan=(False, True) if METHODS[method] else False)
+    return cases
+
+
+_MAP_CASES = over(kind=("p", "context encoder"), seed=SEEDS)
+EXPERIMENTS = (
+    Experiment("another_robot", _map_one, _MAP_CASES, seconds=300, slow=True),
+    Experiment(
+        "another_robot_estimates", _estimate_one, _estimate_cases, seconds=1, slow=True
+    ),
+    Experiment(
+        "another_robot_control", _control_one, _control_cases, seconds=6, slow=True
+    ),
+)
 
 
 def main() -> None:
-    """Train five models of each kind, and write what they show."""
-    trained = train_all()
-    study_map(trained)
-    study_amounts()
-    study_estimates(trained)
-    study_control(trained)
-    shown = trained["p", 0]
-    shared = Checkpoint(name="reacher", model=shown.model, biases=shown.biases)
-    save_model(shared)
+    """Train the model that notebook 16 shows, into `data/weights`."""
+    shown = train("p", 0)
+    save_model(Checkpoint(name="reacher", model=shown.model, biases=shown.biases))
     write_checksums()
 
 
