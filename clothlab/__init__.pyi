@@ -41,11 +41,7 @@ from .method.gauss_newton import (
     NewtonEstimator as NewtonEstimator,
     estimate_bias as estimate_bias,
 )
-from .method.model import (
-    DPMPB as DPMPB,
-    PredictiveModel as PredictiveModel,
-    predict as predict,
-)
+from .method.model import DPMPB as DPMPB, predict as predict
 from .method.rollout import Policy as Policy, rollout as rollout
 from .method.training import ModelTraining as ModelTraining, train_dpmpb as train_dpmpb
 from .policies import (

@@ -25,7 +25,7 @@ from clothlab._validation import choose
 from clothlab.method._inputs import check_runs
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 _FALSE_ALARMS = 0.05  # share of familiar runs that may be called out of distribution
 
@@ -146,7 +146,7 @@ _Look = list[tuple[np.ndarray, Linearisation]]  # p and how it predicts, of each
 
 
 def calibrate(
-    model: PredictiveModel,
+    model: DPMPB,
     biases: Mapping[str, np.ndarray],
     runs: Sequence[Run],
     *,
@@ -195,7 +195,7 @@ def calibrate(
 
 
 def _look(
-    model: PredictiveModel,
+    model: DPMPB,
     runs: Sequence[Run],
     right: np.ndarray,
     length: int,

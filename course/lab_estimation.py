@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from clothlab.method.gauss_newton import NewtonSettings, around_bias
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 _SETTINGS = NewtonSettings()
 LAG = 5  # steps, the default of `Linearisation.covariance`
@@ -44,12 +44,7 @@ OUTPUTS = (
 
 
 def estimate(
-    model: PredictiveModel,
-    s: Tensor,
-    u: Tensor,
-    p: Tensor,
-    judged: Tensor,
-    known: Calibrated,
+    model: DPMPB, s: Tensor, u: Tensor, p: Tensor, judged: Tensor, known: Calibrated
 ) -> tuple[Tensor, ...]:
     """A step of p, and what is reported of p before it: `OUTPUTS`.
 

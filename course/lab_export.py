@@ -22,7 +22,6 @@ from torch import Tensor
 from clothlab._files import write_bytes
 from clothlab._validation import HEIGHT, WIDTH
 from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.cloth_task import control_loss
 from clothlab.method.control import ControlSettings, Limits, descend
@@ -105,7 +104,7 @@ class _Method:
         policy = trained.controller(nothing, np.zeros(trained.model.bias_size))
         self._problem = policy.controller.problem(trained.model.s_mean)
 
-    def follow(self, s: Tensor, u: Tensor, p: Tensor, *memory: Tensor) -> AnyMemory:
+    def follow(self, s: Tensor, u: Tensor, p: Tensor, *memory: Tensor) -> Memory:
         """The memory after a step that was seen."""
         return self._rollout(self._model, p).follow(s, u, memory)
 
@@ -213,7 +212,7 @@ class _Method:
         self,
         s: Tensor,
         p: Tensor,
-        memory: AnyMemory,
+        memory: Memory,
         z_ref: Tensor,
         caution: float | Tensor,
     ) -> _Forecast:

@@ -16,7 +16,7 @@ from torch import Tensor
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, count_windows, set_normalisation, windows
 from clothlab.method.gauss_newton import best_bias
-from clothlab.method.model import DPMPB, AnyMemory, PredictiveModel, expanded, predict
+from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies._grid import shared
 from studies._optimise import minimise, seeded
@@ -34,7 +34,7 @@ REHEARSED = "kept memory, rehearsed"
 
 
 @dataclass(frozen=True)
-class Memory:
+class MemoryTraining:
     """What a network without p learns from, which has its memory alone."""
 
     length: int  # steps of a window
@@ -44,16 +44,16 @@ class Memory:
 
 
 _MEMORIES = {
-    LONG_MEMORY: Memory(length=100),
+    LONG_MEMORY: MemoryTraining(length=100),
     # Its memory has read another stretch of the same wind before each window
-    REHEARSED: Memory(length=50, uncounted=30, stretch=100),
+    REHEARSED: MemoryTraining(length=50, uncounted=30, stretch=100),
 }
 
 
 class Trained(NamedTuple):
     """What one training gives."""
 
-    model: PredictiveModel
+    model: DPMPB
     biases: dict[str, np.ndarray]  # of each recorded wind [D_p]
 
 
@@ -109,7 +109,7 @@ def train(kind: str, recordings: Recordings, seed: int) -> Trained:
 
 
 def train_memory(
-    kind: Memory, runs: Sequence[Run], seed: int, updates: int = UPDATES
+    kind: MemoryTraining, runs: Sequence[Run], seed: int, updates: int = UPDATES
 ) -> Trained:
     """Train a network without p."""
     with seeded(seed):
@@ -121,7 +121,7 @@ def train_memory(
 
 
 def _minimise(
-    model: PredictiveModel, kind: Memory, runs: Sequence[Run], updates: int
+    model: DPMPB, kind: MemoryTraining, runs: Sequence[Run], updates: int
 ) -> None:
     """Train in place."""
     s, u, k = windows(runs, kind.length, TRAINING.stride)
@@ -185,14 +185,14 @@ def with_updates(
     return replace(settings, epochs=max(1, round(updates / batches)))
 
 
-def estimate_at_once(model: PredictiveModel, run: Run) -> np.ndarray:
+def estimate_at_once(model: DPMPB, run: Run) -> np.ndarray:
     """p `[D_p]` with the lowest loss of a whole run in motion, from zero."""
     p, _ = best_bias(model, run, np.zeros(model.bias_size), rounds=15, from_rest=False)
     return p
 
 
 @torch.no_grad()
-def memory_of(model: PredictiveModel, run: Run) -> AnyMemory:
+def memory_of(model: DPMPB, run: Run) -> Memory:
     """What a model without p remembers of a run."""
     s = torch.as_tensor(run.s)[None]
     u = torch.as_tensor(run.u)[None]
@@ -220,12 +220,10 @@ def forecasts(run: Run, starts: Sequence[int], steps: int) -> Forecasts:
 
 
 @torch.no_grad()
-def predicted(
-    model: PredictiveModel, p: Tensor, kept: AnyMemory | None, given: Forecasts
-) -> Tensor:
+def predicted(model: DPMPB, p: Tensor, kept: Memory | None, given: Forecasts) -> Tensor:
     """States `[B, T, D_s]` that a model predicts, each from the prediction before.
 
     Its memory is empty, or what was kept.
     """
-    memory = None if kept is None else expanded(kept, len(given.start))
+    memory = None if kept is None else kept.expand(len(given.start))
     return predict(model, given.start, given.commands, p, memory)

@@ -26,7 +26,7 @@ from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, prediction_loss
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import nearest_plans
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
@@ -181,7 +181,7 @@ def estimating(
 
 
 @torch.no_grad()
-def loss_of_run(model: PredictiveModel, run: Run, p: Tensor) -> np.ndarray:
+def loss_of_run(model: DPMPB, run: Run, p: Tensor) -> np.ndarray:
     """Loss of predicting a run with one p `[D_p]`, `[]`, or with several `[B, D_p]`."""
     s = torch.as_tensor(run.s)
     u = torch.as_tensor(run.u)

@@ -56,7 +56,7 @@ from torch import Tensor
 from clothlab.analysis import nearest_material
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import NewtonSettings, estimate_bias
-from clothlab.method.model import AnyMemory, PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 from studies import _drone_models as models
 from studies._drone_models import (
     LONG_MEMORY,
@@ -296,9 +296,9 @@ def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.nda
 class _Held(NamedTuple):
     """What is known of a flight from its first half."""
 
-    model: PredictiveModel
+    model: DPMPB
     p: Tensor  # [D_p]
-    memory: AnyMemory | None  # where one is kept
+    memory: Memory | None  # where one is kept
 
 
 def _hold(method: str, learned: Trained, first: Run) -> _Held:

@@ -20,7 +20,7 @@ from clothlab.method.gauss_newton import (
     best_bias,
     estimate_bias,
 )
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.simulation.cloth import CLOTHS
 from studies._grid import Experiment, over
 from studies._runs import random_trial, trained
@@ -47,7 +47,7 @@ def _recorded(learned: ClothCheckpoint, cloth: str, steps: int, seed: int) -> Ru
 
 
 def _newton_path(
-    model: PredictiveModel, run: Run, freedom: float, longest: float, warmup: int
+    model: DPMPB, run: Run, freedom: float, longest: float, warmup: int
 ) -> np.ndarray:
     """Gauss-Newton: p after each step `[T, D_p]`."""
     settings = NewtonSettings(freedom=freedom, longest=longest, warmup=int(warmup))

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from clothlab import data
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.model import DPMPB, PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
 from clothlab.trials import to_run
 from studies._grid import Experiment, grid
@@ -146,7 +146,7 @@ def _runs(recordings: str) -> list[Run]:
     return [to_run(autoencoder, trial) for trial in data.load_trials(recordings)]
 
 
-def _network(kind: _Kind, runs: Sequence[Run]) -> PredictiveModel | Stack:
+def _network(kind: _Kind, runs: Sequence[Run]) -> DPMPB | Stack:
     """A network of random weights, normalised by these runs."""
     states = runs[0].s.shape[1]
     commands = runs[0].u.shape[1]
@@ -161,13 +161,13 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> PredictiveModel | Stack:
     return quicken(stack)
 
 
-def _weights(model: PredictiveModel | Stack) -> Tensor:
+def _weights(model: DPMPB | Stack) -> Tensor:
     """All weights, as one vector."""
     return torch.cat([each.detach().flatten() for each in model.parameters()])
 
 
 def _train(
-    model: PredictiveModel | Stack,
+    model: DPMPB | Stack,
     p: Tensor,
     kind: _Kind,
     known: Sequence[Run],
@@ -205,13 +205,13 @@ def _train(
             yield _loss(model, p, known), _loss(model, p, unseen)
 
 
-def _squared(model: PredictiveModel | Stack, predicted: Tensor, s: Tensor) -> Tensor:
+def _squared(model: DPMPB | Stack, predicted: Tensor, s: Tensor) -> Tensor:
     """Mean squared error of states in standard deviations."""
     return nn.functional.mse_loss(predicted / model.s_std, s / model.s_std)
 
 
 @torch.no_grad()
-def _loss(model: PredictiveModel | Stack, p: Tensor, runs: Sequence[Run]) -> float:
+def _loss(model: DPMPB | Stack, p: Tensor, runs: Sequence[Run]) -> float:
     """One-step loss on windows of runs, once there is something to remember."""
     s, u, k = windows(runs, ModelTraining().sequence_length, 30)
     predicted, _ = model(s[:, :-1], u, p[k])
@@ -219,7 +219,7 @@ def _loss(model: PredictiveModel | Stack, p: Tensor, runs: Sequence[Run]) -> flo
 
 
 def _errors_ahead(
-    model: PredictiveModel | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
+    model: DPMPB | Stack, biases: dict[str, Tensor], runs: Sequence[Run]
 ) -> np.ndarray:
     """Distances in z of closed loops to the truth [s.d.], `[N, _HORIZON]`."""
     errors = []

@@ -90,7 +90,7 @@ from clothlab.method.control import ControlSettings, Problem
 from clothlab.method.data import Run
 from clothlab.method.gauss_newton import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
-from clothlab.method.model import DPMPB, PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.env import CONTROL_PERIOD
@@ -208,12 +208,12 @@ def _chance(arm: str, cloth: str) -> Trial:
 
 
 @cache
-def _without_p(arm: str, model: int) -> PredictiveModel:
+def _without_p(arm: str, model: int) -> DPMPB:
     """The network that was trained without p."""
     return _deaf(ablations.train("none", _weights(arm), model).model)
 
 
-def _deaf(model: PredictiveModel, bias_size: int = 2) -> PredictiveModel:
+def _deaf(model: DPMPB, bias_size: int = 2) -> DPMPB:
     """The same predictions by a network that is told p and doesn't listen."""
     deaf = DPMPB(model.state_size, model.command_size, bias_size)
     weights = model.state_dict()
@@ -282,9 +282,7 @@ def _told(p: str, estimate: np.ndarray, biases: dict[str, np.ndarray]) -> np.nda
 # Policies
 
 
-def _controller(
-    method: str, sending: str, hand: _Hand, without: PredictiveModel
-) -> Policy:
+def _controller(method: str, sending: str, hand: _Hand, without: DPMPB) -> Policy:
     """A controller with one of `KNOWLEDGE`."""
     learned = hand.learned
     knowledge = KNOWLEDGE[method]

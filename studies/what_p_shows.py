@@ -16,7 +16,7 @@ import torch
 from clothlab import data
 from clothlab._validation import choose
 from clothlab.method.autoencoder import encode
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
@@ -117,7 +117,7 @@ def _plain_one(recipe: str, model: int, epochs: int = 300) -> dict[str, Any]:
 
 
 def _judged(
-    model: PredictiveModel, biases: dict[str, np.ndarray], losses: np.ndarray
+    model: DPMPB, biases: dict[str, np.ndarray], losses: np.ndarray
 ) -> dict[str, Any]:
     """What a training came to.
 
@@ -135,7 +135,7 @@ def _judged(
     }
 
 
-def _held_out(model: PredictiveModel, biases: dict[str, np.ndarray]) -> float:
+def _held_out(model: DPMPB, biases: dict[str, np.ndarray]) -> float:
     """Mean loss of evaluation runs, each with the p of its cloth."""
     learned = trained("torque-paper-0")
     losses = []

@@ -223,7 +223,7 @@ def test_a_file_has_the_ending_by_which_it_is_known(swing, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": None}, "model is a PredictiveModel"),
+        ({"model": None}, "model is a DPMPB"),
         ({"biases": {"light": [1.0, 2.0]}}, r"p of light is \[1\] and finite"),
         ({"losses": np.zeros((2, 2))}, r"losses are \[epochs\]"),
         (

@@ -100,12 +100,9 @@ MISTAKES = {
     "a model is no model": [
         (
             lambda: Controller(torch.nn.Linear(2, 2), len, (0, 0), (0, 0), (1, 1)),
-            "model is a PredictiveModel, got Linear",
+            "model is a DPMPB, got Linear",
         ),
-        (
-            lambda: BiasEstimator(Autoencoder()),
-            "model is a PredictiveModel, got Autoencoder",
-        ),
+        (lambda: BiasEstimator(Autoencoder()), "model is a DPMPB, got Autoencoder"),
     ],
     "a name is no name": [
         (

@@ -17,7 +17,7 @@ from clothlab.method.control import (
     optimise_commands,
 )
 from clothlab.method.gauss_newton import Linearisation
-from clothlab.method.model import DPMPB, Memory, PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 from clothlab.method.onnx_export import (
     export_estimation,
     export_onnx,
@@ -182,58 +182,6 @@ def test_a_network_of_ones_own_is_solved_with_as_itself(run, tmp_path):
     )
     assert found["plan"] == pytest.approx(plan.numpy(), abs=1e-5)
     assert np.abs(found["plan"]).max() > 1e-3
-
-
-class Gru(PredictiveModel):
-    """A network of another kind, whose memory has no names."""
-
-    def __init__(self, *sizes):
-        super().__init__(*sizes)
-        self.gru = torch.nn.GRU(self.input_size, 8, batch_first=True)
-        self.out = torch.nn.Linear(8, self.state_size)
-
-    def forward(self, s, u, p, memory=None):
-        x, after = self.gru(self.to_inputs(s, u, p), memory[0] if memory else None)
-        return self.to_states(self.out(x)), (after,)
-
-    def initial_memory(self):
-        return (torch.zeros(1, 1, 8),)
-
-
-@pytest.mark.slow
-def test_a_memory_of_another_kind_goes_in_and_out(run, tmp_path):
-    torch.manual_seed(4)
-    model = Gru(2, 1, 1).eval().requires_grad_(False)
-    export_prediction(tmp_path / "h.onnx", model)
-    s = torch.randn(1, 1, 2)
-    u = torch.randn(1, 1, 1)
-    p = torch.randn(1)
-    before = torch.randn(1, 1, 8)
-    expected, (after,) = model(s, u, p, (before,))
-    found = run(tmp_path / "h.onnx")(s=s, u=u, p=p, memory_0=before)
-    assert found["next_s"] == pytest.approx(expected.numpy(), abs=1e-5)
-    assert found["next_memory_0"] == pytest.approx(after.numpy(), abs=1e-5)
-
-    # And it is solved with as itself.
-    def loss(states, commands, t):
-        return (states - 1).square().sum((1, 2))
-
-    controller = Controller(model, loss, p, [-1], [1], SMALL)
-    export_solve(tmp_path / "solve.onnx", controller)
-    problem = controller.problem([0.3, -0.1])
-    plan, trace = optimise_commands(
-        lambda plans: loss(problem.predict(plans), plans, 0),
-        problem.plan,
-        controller.limits,
-        SMALL,
-    )
-    solve = run(tmp_path / "solve.onnx")
-    memory = problem.memory[0]
-    found = solve(
-        s=problem.s, u=problem.plan, p=problem.p, memory_0=memory, t=np.int64(0)
-    )
-    assert found["plan"] == pytest.approx(plan.numpy(), abs=1e-5)
-    assert found["losses"] == pytest.approx(trace, abs=1e-5)
 
 
 @pytest.mark.slow

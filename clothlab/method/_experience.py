@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from torch import Tensor
 
-from clothlab.method._memories import AnyMemory
+from clothlab.method.model import Memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,7 +13,7 @@ class Attempt:
     """One period: a plan, where it started, and where it led."""
 
     s: Tensor  # state at its start [D_s]
-    memory: AnyMemory  # recurrent state there
+    memory: Memory  # recurrent state there
     u: Tensor  # the plan [T, D_u]
     p: np.ndarray  # the bias in use [D_p]
     z: Tensor  # what was seen after each command so far [T, D_z]

@@ -6,17 +6,17 @@ from typing import Any
 from clothlab._validation import check_each, check_kind
 from clothlab.method._arm import ControlledArm, Layout
 from clothlab.method.data import Run
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 _ADVICE = ": `learned.to_run(trial)` makes one of a trial"
 
 
-def check_model(model: Any) -> PredictiveModel:
+def check_model(model: Any) -> DPMPB:
     """Return a model that can be used for estimation and control.
 
     A ValueError if it is none, or on another device than the processor.
     """
-    check_kind("model", model, PredictiveModel)
+    check_kind("model", model, DPMPB)
     if model.s_mean.device.type != "cpu":
         raise ValueError(
             f"the model is on {model.s_mean.device}: move it with `model.cpu()`, since "
@@ -26,7 +26,7 @@ def check_model(model: Any) -> PredictiveModel:
     return model
 
 
-def check_sizes(model: PredictiveModel, arm: ControlledArm, layout: Layout) -> None:
+def check_sizes(model: DPMPB, arm: ControlledArm, layout: Layout) -> None:
     """A ValueError for what is no model, or for one that belongs to another arm."""
     check_model(model)
     commands = len(arm.command_lower)

@@ -3,9 +3,8 @@
 import torch
 from torch import Tensor
 
-from clothlab.method._memories import AnyMemory
 from clothlab.method.fast_rollout import FastDPMPB
-from clothlab.method.model import DPMPB, PredictiveModel, predict
+from clothlab.method.model import DPMPB, Memory, predict
 
 
 class PlainRollout:
@@ -16,16 +15,16 @@ class PlainRollout:
         p: parametric bias, `[D_p]`.
     """
 
-    def __init__(self, model: PredictiveModel, p: Tensor):
+    def __init__(self, model: DPMPB, p: Tensor):
         self._model = model
         self._p = p
 
-    def __call__(self, s: Tensor, u: Tensor, memory: AnyMemory) -> Tensor:
+    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
         """Predict states `[B, T, D_s]`, as `FastDPMPB` does."""
         return predict(self._model, s, u, self._p, memory)
 
     @torch.no_grad()
-    def follow(self, s: Tensor, u: Tensor, memory: AnyMemory) -> AnyMemory:
+    def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
         """The recurrent state after one observed step, as `FastDPMPB` has it."""
         s = s.reshape(-1, 1, s.shape[-1])
         u = u.reshape(-1, 1, u.shape[-1])
@@ -36,7 +35,7 @@ class PlainRollout:
 Rollout = FastDPMPB | PlainRollout
 
 
-def rollout_of(model: PredictiveModel) -> type[Rollout]:
+def rollout_of(model: DPMPB) -> type[Rollout]:
     """The fast rollout where it computes what the model does, else the plain one.
 
     The fast one is a second copy of the network. A subclass with a norm, another
@@ -59,7 +58,7 @@ def _agrees(model: DPMPB) -> bool:
     s = model.s_mean + model.s_std * drawn(model.state_size)
     u = model.u_mean + model.u_std * drawn(4, 3, model.command_size)
     p = drawn(model.bias_size)
-    memory = tuple(part.to(model.s_mean) for part in model.initial_memory())
+    memory = Memory(*(part.to(model.s_mean) for part in model.initial_memory()))
     fast = FastDPMPB(model, p)(s, u, memory)
     plain = predict(model, s, u, p, memory)
     gaps = (fast - plain) / model.s_std

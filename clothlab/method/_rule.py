@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from torch import Tensor
 
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
@@ -37,7 +37,5 @@ class Rule(Protocol):
         None where there is nothing to judge yet.
         """
 
-    def move(
-        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
-    ) -> Moved:
+    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
         """p `[D_p]` after one step; `carried` is None in the first."""

@@ -27,7 +27,7 @@ from clothlab.method._weights import (
     unpacked,
 )
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.model import DPMPB, PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
 
 _KIND = "checkpoint"
@@ -41,7 +41,7 @@ class Checkpoint:
     """
 
     name: str  # of the training, such as torque-0
-    model: PredictiveModel
+    model: DPMPB
     biases: dict[str, np.ndarray]  # trained p of each material, {name: [D_p]}
     # Mean squared error of each epoch of the training, [epochs]
     losses: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -55,7 +55,7 @@ class Checkpoint:
 
     def __post_init__(self) -> None:
         check_kind("name", self.name, str)
-        model = check_kind("model", self.model, PredictiveModel)
+        model = check_kind("model", self.model, DPMPB)
         if np.ndim(self.losses) != 1:
             raise ValueError(f"losses are [epochs], got {np.shape(self.losses)}")
 

@@ -15,7 +15,7 @@ from clothlab.method._inputs import check_sizes
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import Controller, ControlSettings, GradientSearch, Search
 from clothlab.method.estimation import Estimator
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
 
 
@@ -114,7 +114,7 @@ class ControlPolicy(Policy):
 
     def __init__(
         self,
-        model: PredictiveModel,
+        model: DPMPB,
         autoencoder: Autoencoder,
         arm: ControlledArm,
         target: ArrayLike,

@@ -29,9 +29,8 @@ from clothlab._validation import (
     settings_or_default,
 )
 from clothlab.method._inputs import check_model
-from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import Rollout, rollout_of
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 
 # The loss [B] of predicted states [B, T, D_s] and the commands [B, T, D_u] that lead to
 # them, sent from control step t on.
@@ -162,12 +161,12 @@ class Problem:
     """What a search is asked in one control step: which commands come next?"""
 
     s: Tensor  # the state now [D_s]
-    memory: AnyMemory  # the model's recurrent state before it
+    memory: Memory  # the model's recurrent state before it
     p: np.ndarray  # the parametric bias in use [D_p]
     t: int  # control steps since the reset
     plan: Tensor  # that of the step before, moved on by one [T, D_u]
     solve: bool  # whether to search, or to go on with what is planned
-    model: PredictiveModel
+    model: DPMPB
     rollout: Rollout  # the same model with this p, and faster
     loss_of: Loss  # what is wanted
     limits: Limits
@@ -270,7 +269,7 @@ class _Progress:
 
     plan: Tensor  # being sent [T, D_u]
     sent: Tensor  # commands of the last period, the latest last [period or fewer, D_u]
-    memory: AnyMemory  # the model's recurrent state before the last step
+    memory: Memory  # the model's recurrent state before the last step
     learned: Any  # by the search
     last: tuple[Tensor, Tensor] | None = None  # state and command of the last step
     t: int = 0  # control steps since the reset
@@ -296,7 +295,7 @@ class Controller:
 
     def __init__(
         self,
-        model: PredictiveModel,
+        model: DPMPB,
         loss: Loss,
         p: ArrayLike,
         lower: ArrayLike,
@@ -492,7 +491,7 @@ class Controller:
             added = sent[:1]
         return replace(now, sent=sent, plan=torch.cat([now.plan[1:], added]))
 
-    def _memory_after_last(self) -> AnyMemory:
+    def _memory_after_last(self) -> Memory:
         """The recurrent state follows what was observed, not what was predicted."""
         now = self._progress
         if now.last is None:
@@ -501,7 +500,7 @@ class Controller:
         return rollout.follow(*now.last, now.memory)
 
 
-def _limits(model: PredictiveModel, lower: ArrayLike, upper: ArrayLike) -> Limits:
+def _limits(model: DPMPB, lower: ArrayLike, upper: ArrayLike) -> Limits:
     """Limits `[D_u]` that fit the model; a ValueError if a lower one is above."""
     shape = (model.command_size,)
     low = torch.as_tensor(check_array("lower", lower, shape, np.float32))

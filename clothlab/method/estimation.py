@@ -22,7 +22,7 @@ from clothlab._validation import (
 )
 from clothlab.method._inputs import check_model
 from clothlab.method._rule import LARGEST_LOSS, Moved, Rule, Window
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class EstimationSettings(Checked):
 
 
 def prediction_loss(
-    model: PredictiveModel,
+    model: DPMPB,
     s: Tensor,
     u: Tensor,
     p: Tensor,
@@ -90,7 +90,7 @@ class Estimator:
         rule: how it moves.
     """
 
-    def __init__(self, model: PredictiveModel, p: ArrayLike | None, rule: Rule):
+    def __init__(self, model: DPMPB, p: ArrayLike | None, rule: Rule):
         self.model = check_model(model)
         self._rule = rule
         if rule.warmup(rule.window + 1) is None:
@@ -162,7 +162,7 @@ class BiasEstimator(Estimator):
 
     def __init__(
         self,
-        model: PredictiveModel,
+        model: DPMPB,
         p: ArrayLike | None = None,
         settings: EstimationSettings | None = None,
     ):
@@ -183,11 +183,7 @@ class _MomentumSGD:
         return warmup if count > warmup + 1 else None
 
     def move(
-        self,
-        model: PredictiveModel,
-        window: Window,
-        p: np.ndarray,
-        carried: Tensor | None,
+        self, model: DPMPB, window: Window, p: np.ndarray, carried: Tensor | None
     ) -> Moved:
         """One step down the gradient; what is carried is the velocity v `[D_p]`."""
         before = torch.tensor(p, requires_grad=True)

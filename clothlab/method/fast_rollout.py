@@ -12,9 +12,8 @@ from typing import NamedTuple, TypeGuard
 import torch
 from torch import Tensor, nn
 
-from clothlab.method._memories import AnyMemory
 from clothlab.method._quick_tanh import SigmoidTanh
-from clothlab.method.model import DPMPB, Memory, PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 
 
 class _Layer(NamedTuple):
@@ -57,7 +56,7 @@ class FastDPMPB:
         p: parametric bias, `[D_p]`.
     """
 
-    def __init__(self, model: PredictiveModel, p: Tensor):
+    def __init__(self, model: DPMPB, p: Tensor):
         if not self.can_fold(model):
             raise ValueError(
                 f"this {type(model).__name__} has a forward or layers of its own, "
@@ -69,7 +68,7 @@ class FastDPMPB:
             self._net = _fold(model, p)
 
     @staticmethod
-    def can_fold(model: PredictiveModel) -> TypeGuard[DPMPB]:
+    def can_fold(model: DPMPB) -> TypeGuard[DPMPB]:
         """Whether the network is the paper's, layer by layer."""
         if not isinstance(model, DPMPB):
             return False
@@ -85,7 +84,7 @@ class FastDPMPB:
             and lstm.bias
         )
 
-    def __call__(self, s: Tensor, u: Tensor, memory: AnyMemory) -> Tensor:
+    def __call__(self, s: Tensor, u: Tensor, memory: Memory) -> Tensor:
         """Predict states `[B, T, D_s]`, each from the prediction before.
 
         From s `[D_s]` or `[B, D_s]`, u `[B, T, D_u]`, and memory of batch 1 or B.
@@ -93,7 +92,7 @@ class FastDPMPB:
         states, _ = self._roll(s, u, memory)
         return states
 
-    def follow(self, s: Tensor, u: Tensor, memory: AnyMemory) -> Memory:
+    def follow(self, s: Tensor, u: Tensor, memory: Memory) -> Memory:
         """The recurrent state after one observed step.
 
         From s `[D_s]` or `[B, D_s]`, u `[D_u]` or `[B, D_u]`, and memory.
@@ -101,7 +100,7 @@ class FastDPMPB:
         _, memory = self._roll(s, u.reshape(-1, 1, u.shape[-1]), memory)
         return memory
 
-    def _roll(self, s: Tensor, u: Tensor, memory: AnyMemory) -> tuple[Tensor, Memory]:
+    def _roll(self, s: Tensor, u: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
         net = self._net
         batch, steps, _ = u.shape
 

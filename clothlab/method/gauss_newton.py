@@ -26,7 +26,7 @@ from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, EstimationSettings, Estimator
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
 
@@ -56,7 +56,7 @@ class Linearisation:
 
     @classmethod
     def of(
-        cls, model: PredictiveModel, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
+        cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
     ) -> "Linearisation":
         """Predict with p and its neighbours in one pass.
 
@@ -121,7 +121,7 @@ class Linearisation:
 
 @torch.no_grad()
 def around_bias(
-    model: PredictiveModel, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
+    model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
 ) -> tuple[Tensor, Tensor]:
     """What `Linearisation.of` computes, in tensors alone (`onnx_export`).
 
@@ -169,7 +169,7 @@ class NewtonEstimator(Estimator):
 
     def __init__(
         self,
-        model: PredictiveModel,
+        model: DPMPB,
         p: ArrayLike | None = None,
         settings: NewtonSettings | None = None,
         *,
@@ -193,9 +193,7 @@ class _GaussNewton:
         warmup = 0 if begins_at_rest else self._settings.warmup
         return warmup if count - 1 - warmup >= self._settings.least else None
 
-    def move(
-        self, model: PredictiveModel, window: Window, p: np.ndarray, carried: Any
-    ) -> Moved:
+    def move(self, model: DPMPB, window: Window, p: np.ndarray, carried: Any) -> Moved:
         """One step; nothing is carried from the one before."""
         seen = Linearisation.of(model, window.s, window.u, p, window.warmup)
         if not seen.loss < LARGEST_LOSS:
@@ -217,7 +215,7 @@ def linearise(estimator: Estimator) -> Linearisation | None:
 
 
 def best_bias(
-    model: PredictiveModel,
+    model: DPMPB,
     run: Run,
     p: ArrayLike,
     settings: NewtonSettings | None = None,
@@ -253,7 +251,7 @@ def best_bias(
 
 
 def estimate_bias(
-    model: PredictiveModel,
+    model: DPMPB,
     run: Run,
     p: ArrayLike | None = None,
     *,

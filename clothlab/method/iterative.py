@@ -26,7 +26,6 @@ from torch import Tensor
 from clothlab._validation import Checked, check_array, setting, settings_or_default
 from clothlab.method._experience import Attempt, Experience
 from clothlab.method._inputs import check_runs
-from clothlab.method._memories import AnyMemory, joined
 from clothlab.method.control import (
     ControlSettings,
     Limits,
@@ -37,7 +36,7 @@ from clothlab.method.control import (
     steepest_ascent,
 )
 from clothlab.method.data import Run
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 
 # Each step of a descent tries few sizes, since many plans are improved at once.
 _CANDIDATES = 9
@@ -80,7 +79,7 @@ class IterativeLearningSettings(Checked):
     noise: float = setting(0.03, above=0)
     remembered: int = setting(60, "period", at_least=1)
 
-    def features(self, model: PredictiveModel, s: Tensor, u: Tensor) -> Tensor:
+    def features(self, model: DPMPB, s: Tensor, u: Tensor) -> Tensor:
         """What plans are like, in units of how far an outcome teaches, `[B, D]`.
 
         From the states s `[D_s]` or `[B, D_s]` in which they start, and their commands
@@ -227,13 +226,14 @@ class _Forecast:
         s = torch.stack([each.s for each in attempts])
         u = torch.stack([each.u for each in attempts])
         z = torch.stack([each.z for each in attempts])
-        memory = joined([each.memory for each in attempts])
+        memories = zip(*(each.memory for each in attempts), strict=True)
+        memory = Memory(*(torch.cat(parts, dim=1) for parts in memories))
         with torch.no_grad():
             x, predicted = self.looked_back(s, u, memory)
             self.residuals = ResidualModel(x, z - predicted, self._settings)
 
     def looked_back(
-        self, s: Tensor, u: Tensor, memory: AnyMemory
+        self, s: Tensor, u: Tensor, memory: Memory
     ) -> tuple[Tensor, Tensor]:
         """What plans are like `[N, D]`, and the z predicted for them `[N, T, D_z]`.
 

@@ -22,12 +22,11 @@ from clothlab._extras import bring
 from clothlab._files import write_bytes
 from clothlab._validation import check_kind, check_number
 from clothlab.method._inputs import check_model
-from clothlab.method._memories import like
 from clothlab.method._rollouts import rollout_of
 from clothlab.method._traced import traced
 from clothlab.method.control import Controller, GradientSearch, descend
 from clothlab.method.gauss_newton import around_bias
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 
 _EXTRA = "onnx"
 # The pass that merges equal weights leaves large ones alone, unless it is told so.
@@ -83,7 +82,7 @@ def export_onnx(
 
 
 def export_prediction(
-    path: str | Path, model: PredictiveModel, *, batch: int = 1, steps: int = 1
+    path: str | Path, model: DPMPB, *, batch: int = 1, steps: int = 1
 ) -> None:
     """Write h, which predicts the next states (eq. 1), and moves the memory on.
 
@@ -106,7 +105,7 @@ def export_prediction(
     def predicted(
         s: Tensor, u: Tensor, p: Tensor, *parts: Tensor
     ) -> tuple[Tensor, ...]:
-        following, after = model(s, u, p, like(memory, parts))
+        following, after = model(s, u, p, Memory(*parts))
         return following, *after
 
     # The shapes of what goes in, and the names of what comes out.
@@ -123,9 +122,7 @@ def export_prediction(
         export_onnx(path, predicted, inputs, outputs)
 
 
-def export_estimation(
-    path: str | Path, model: PredictiveModel, *, warmup: int = 0
-) -> None:
+def export_estimation(path: str | Path, model: DPMPB, *, warmup: int = 0) -> None:
     """Write how one p predicts a window, and what a small change of p would do.
 
     Inputs are a window of states `s` `[T + 1, D_s]` and commands `u` `[T + 1, D_u]`, of
@@ -196,7 +193,7 @@ def export_solve(
         named = dict(zip(more, rest[len(memory) :], strict=True))
 
         def loss_of_plans(plans: Tensor) -> Tensor:
-            states = predict(s, plans, like(problem.memory, parts))
+            states = predict(s, plans, Memory(*parts))
             if loss is None:
                 return controller.loss(states, plans, named["t"])  # type: ignore
             return loss(states, plans, **named)

@@ -25,13 +25,12 @@ from clothlab._validation import (
 )
 from clothlab.masks import Observation
 from clothlab.method._inputs import check_sizes
-from clothlab.method._memories import AnyMemory
 from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
-from clothlab.method.model import PredictiveModel
+from clothlab.method.model import DPMPB, Memory
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation._arm_data import get_arm
@@ -299,7 +298,7 @@ class ThrowPolicy(Policy):
 
     def __init__(
         self,
-        model: PredictiveModel,
+        model: DPMPB,
         autoencoder: Autoencoder,
         arm: Arm | str,
         target: ArrayLike,
@@ -342,7 +341,7 @@ class ThrowPolicy(Policy):
         self._resting = self.settings.rest
         self._begun: _Begun | None = None
         self._step = 0  # of the plan
-        self._memory: AnyMemory = self.model.initial_memory()
+        self._memory: Memory = self.model.initial_memory()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next attempt on."""

@@ -153,7 +153,7 @@ def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
 @pytest.mark.parametrize("stretch", [0, 10])
 def test_a_memory_learns_from_its_windows_and_what_it_read_before(world, stretch):
     runs = [world("NF", wind) for wind in ("nowind", "100wind")]
-    kind = models.Memory(length=20, uncounted=5, stretch=stretch)
+    kind = models.MemoryTraining(length=20, uncounted=5, stretch=stretch)
 
     def loss(trained):
         s, u = (torch.as_tensor(each[None]) for each in (runs[1].s, runs[1].u))
