@@ -41,7 +41,7 @@ class Pendulum:
             time.sleep(0.2)
 
 
-def log_of(mass, seed, rows=1000):
+def log_of(mass, seed, rows):
     """Rows 18 to 22 ms apart, with a gap; torques are held for 0.05 to 0.3 s."""
     robot = Pendulum(mass, seed)
     rng = np.random.default_rng(seed)
@@ -58,7 +58,7 @@ def log_of(mass, seed, rows=1000):
     return table.drop(index=range(rows // 2, rows // 2 + 40))
 
 
-def run_page(folder, rows=1000, smaller=()):
+def run_page(folder, rows=2500, smaller=()):
     """What its blocks leave, in a folder of logs."""
     (folder / "logs").mkdir()
     for k, (name, mass) in enumerate(MASSES.items()):
@@ -83,13 +83,3 @@ def test_every_block_runs_after_the_ones_before_it(tmp_path, monkeypatch):
     assert names["model"].step == 0.05
     assert len(names["robot"].sent) == 100
     assert names["late"] in (True, False)
-
-
-@pytest.mark.nightly
-def test_at_full_size_the_pendulum_gets_up(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    torch.set_num_threads(1)
-    names = run_page(tmp_path)
-    p = {name: float(value[0]) for name, value in names["biases"].items()}
-    assert sorted(p, key=p.get) in (list(MASSES), list(MASSES)[::-1])
-    assert names["robot"].s[0] > 0.9
