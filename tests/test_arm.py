@@ -232,37 +232,12 @@ def test_a_range_that_does_not_rise_through_home_is_refused():
 
 def test_a_camera_s_axes_are_those_of_the_simulation():
     arm = get_arm("torque")
-    for camera in (arm.camera, arm.camera.moved((0.1, -0.2, 0.05), (3, -5, 7))):
+    for camera in (arm.camera, replace(arm.camera, position=(1.9, -0.6, 0.9))):
         env = ClothEnv(replace(arm, camera=camera))
         env.start()
         seen = env.data.camera("camera")
         assert np.allclose(seen.xmat.reshape(3, 3).T, camera.axes, atol=1e-9)
         assert seen.xpos == pytest.approx(camera.position)
-
-
-def test_a_camera_is_moved_along_and_about_its_own_axes():
-    camera = get_arm("torque").camera
-    assert camera.moved().axes == pytest.approx(camera.axes)
-    assert camera.moved().position == pytest.approx(camera.position)
-    right, up, backward = camera.axes
-    for k, axis in enumerate((right, up, backward)):
-        shift = 0.1 * np.eye(3)[k]
-        assert np.subtract(
-            camera.moved(shift).position, camera.position
-        ) == pytest.approx(0.1 * axis)
-        assert camera.moved(shift).axes == pytest.approx(camera.axes)
-        turn = camera.moved(turn=5 * np.eye(3)[k])
-        assert turn.position == pytest.approx(camera.position)
-        assert turn.axes[k] == pytest.approx(axis)
-        assert np.rad2deg(
-            np.arccos(turn.axes[k - 1] @ camera.axes[k - 1])
-        ) == pytest.approx(5)
-    # It looks up, so that backward is down
-    assert camera.moved(turn=(5, 0, 0)).axes[2] @ up < 0
-    assert camera.moved(turn=(0, 5, 0)).axes[2] @ right > 0  # it looks left
-    assert camera.moved(turn=(0, 0, 5)).axes[1] @ right < 0  # its top leans left
-    assert camera.moved(turn=(0, 0, 5)).roll == pytest.approx(5)
-    assert camera.fovy == camera.moved((1, 0, 0)).fovy
 
 
 def full_swing(arm):

@@ -392,11 +392,10 @@ def test_weights_that_are_not_an_autoencoder_are_refused_by_name(data):
 
 
 def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
+    elsewhere = replace(trained.arm.camera, position=(2.0, -0.5, 1.0))
     for name, arm in {
         "shorter": replace(trained.arm, link_length=0.35),  # which has kept its name
-        "own": replace(
-            trained.arm, name="mine", camera=trained.arm.camera.moved((0.1, 0, 0))
-        ),
+        "own": replace(trained.arm, name="mine", camera=elsewhere),
     }.items():
         _writing.save(replace(trained, name=name, arm=arm), data=data)
         assert stored.load(name, data=data).arm == arm

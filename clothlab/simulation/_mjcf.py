@@ -83,15 +83,13 @@ def add_camera(
         parent = spec.worldbody
     target = parent.add_body(name="camera_target", pos=camera.target)
     target.add_site(size=[0.001, 0, 0], group=4)
-    if camera.roll:
-        # MuJoCo keeps a camera upright that follows a body: this one does not.
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, camera.axes.T.ravel())
-        direction = {"quat": quaternion}
-    else:
-        follow = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY
-        direction = {"mode": follow, "targetbody": target.name}
-    parent.add_camera(name="camera", pos=camera.position, fovy=camera.fovy, **direction)
+    parent.add_camera(
+        name="camera",
+        pos=camera.position,
+        fovy=camera.fovy,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
+        targetbody=target.name,
+    )
 
 
 def onlooker(arm: Arm) -> str | mujoco.MjvCamera:

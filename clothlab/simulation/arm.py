@@ -12,7 +12,6 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from clothlab._validation import Checked, check_array, check_number, setting
 from clothlab.simulation._dimensions import BAR_RADIUS, SHOULDER_POSITION
@@ -31,8 +30,6 @@ class Camera(Checked):
     position: tuple[float, float, float] = setting(unit="m")
     target: tuple[float, float, float] = setting(unit="m")
     fovy: float = setting(unit="degree", above=0, at_most=170)  # vertical field of view
-    # Turn about the line of sight; positive turns the picture clockwise
-    roll: float = setting(0.0, "degree")
 
     @property
     def axes(self) -> np.ndarray:
@@ -42,46 +39,7 @@ class Camera(Checked):
         right = np.cross([0.0, 0.0, 1.0], backward)
         right /= np.linalg.norm(right)
         up = np.cross(backward, right)
-        level = np.array([right, up, backward])
-        return _turned((0.0, 0.0, self.roll)) @ level
-
-    def moved(
-        self, shift: ArrayLike = (0, 0, 0), turn: ArrayLike = (0, 0, 0)
-    ) -> "Camera":
-        """The same camera elsewhere: shifted, and turned.
-
-        `shift` is to its right, upward and backward `[3]` [m]. `turn` is a rotation
-        vector about these axes `[3]` [degree]: up (pitch), left (yaw), counterclockwise
-        (roll). A ValueError if it then looks straight up or down.
-        """
-        shift = check_array("shift", shift, (3,))
-        turn = check_array("turn", turn, (3,))
-
-        # Where it stands, and what is as far ahead of it as its target was
-        axes = _turned(turn) @ self.axes
-        position = np.add(self.position, shift @ self.axes)
-        distance = np.linalg.norm(np.subtract(self.position, self.target))
-        target = position - axes[2] * distance
-        if abs(axes[2, 2]) > 0.999:
-            raise ValueError(
-                "a camera that looks straight up or down has no upright picture"
-            )
-
-        # Its roll is what turns a level camera there into this one.
-        level = replace(
-            self,
-            position=tuple(position.tolist()),
-            target=tuple(target.tolist()),
-            roll=0.0,
-        )
-        right, up, _ = level.axes
-        roll = np.arctan2(axes[0] @ up, axes[0] @ right)
-        return replace(level, roll=float(np.rad2deg(roll)))
-
-
-def _turned(turn: ArrayLike) -> np.ndarray:
-    """Axes turned by a rotation vector `[3]` [degree]: the rows of `[3, 3]`."""
-    return Rotation.from_rotvec(turn, degrees=True).as_matrix().T
+        return np.array([right, up, backward])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,6 @@ from studies import (
     _runs,
     autoencoder_quality,
     calibration_test,
-    camera_recalibration,
     control,
     estimation,
     identifiability,
@@ -29,14 +28,13 @@ from studies import (
     oracle,
     self_organisation,
     stiffness,
-    sysid_benchmark,
     table_setting,
     transfer,
 )
 
-STUDIES = (_runs, autoencoder_quality, calibration_test, camera_recalibration, control)
+STUDIES = (_runs, autoencoder_quality, calibration_test, control)
 STUDIES += (estimation, joint_estimation_control, self_organisation, stiffness)
-STUDIES += (sysid_benchmark, table_setting, transfer)
+STUDIES += (table_setting, transfer)
 LIGHT, HEAVY = "damp0.03-mass0.05", "damp0.07-mass0.15"
 PIXEL = 1.5 / toy.UNIT  # to which a camera that counts pixels sees z
 
@@ -156,19 +154,6 @@ def test_regions_are_those_of_least_squares_and_hold_p(world, monkeypatch):
     # The floor is so large that it alone is seen: a pixel hardly scatters p.
     assert row["covariance"][0] == pytest.approx(4e-4 * np.eye(2), abs=2e-5)
     assert np.abs(row["bare"]).max() < 1e-5
-
-
-def test_a_camera_that_stays_sees_the_right_material(world):
-    for cloth in (LIGHT, HEAVY):
-        row = camera_recalibration._estimate(None, False, 0, cloth, steps=40)
-        assert row == {"nearest": cloth}
-
-
-def test_by_p_the_constants_of_a_cloth_are_known_at_once(world):
-    sysid_benchmark._sensed.cache_clear()
-    row = sysid_benchmark._run_one("p", "damp0.05-mass0.05", 0, steps=160)
-    sysid_benchmark._sensed.cache_clear()
-    assert row["error"] == pytest.approx(np.zeros((4, 2)), abs=0.05)
 
 
 def test_foams_are_found_where_they_are(world):
