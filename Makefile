@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages in-browser pages-alone graphs notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture film gates editions grades slides npm book format doctor lock
+.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture editions grades slides book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -76,32 +76,16 @@ tested: $(STAMP)
 slow: $(STAMP)  ## only the tests that start kernels and processes of their own
 	$(PYTEST) -m 'slow and not nightly' -rs
 
-# The other tests of pages make their own.
-ALONE := $(wildcard tests/book/test_*.py)
-
 # What `make notebooks` leaves, for the site; it is not made anew where it is there.
 build/small:
 	$(MAKE) notebooks
 
-in-browser: chromium build/small
-	-$(BIN)/python course/npm.py # without a network, what needs it is skipped
-	$(MAKE) --jobs=2 graphs
-	nice $(MAKE) site-built & built=$$!; \
-	$(MAKE) --keep-going browser pages-alone; others=$$?; \
-	wait $$built && $(MAKE) site-tested; site=$$?; exit $$((others + site))
+pages: chromium build/small  ## the live lab in JupyterLab, the site, and the page "Throw a cloth", in a browser
+	$(MAKE) --jobs=2 --keep-going browser site throw-tested
 
-pages-alone:
-	$(BIN)/pytest -m book -rs $(ALONE)
-
-site: chromium build/small  ## the site and the slides from the run of `make notebooks`, and their tests in a browser
+site: chromium build/small  ## the site and the slides from the run of `make notebooks`, and its tests in a browser
 	$(MAKE) site-built
-	$(MAKE) --keep-going site-tested pages-alone
-
-# Of the robots in a page, if they are old: two who need one at once must not both make it.
-graphs: graphs-torque graphs-muscle
-
-graphs-%: $(STAMP)
-	$(BIN)/python -c 'from course.lab_page import arm_files; arm_files("$*")'
+	$(MAKE) site-tested
 
 site-built:
 	$(MAKE) book SMALL=1
@@ -116,6 +100,15 @@ notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small si
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
 	$(BIN)/python scripts/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
+
+throw: build/throw/index.html  ## build the page "Throw a cloth" and serve it on this machine; web/README.md says more
+	$(BIN)/python -m web serve
+
+build/throw/index.html: $(wildcard web/*.py web/*.toml web/page/* clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS | $(STAMP)
+	$(BIN)/python -m web build
+
+throw-tested: build/throw/index.html chromium
+	$(BIN)/pytest -rs -m '' web/tests
 
 browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
 	$(BIN)/pytest -m browser -s tests/browser
@@ -141,12 +134,6 @@ reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on whe
 picture: chromium  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
 
-film: chromium npm  ## film a throw at a drawn target in the page "Throw a cloth"
-	$(BIN)/python scripts/make_film.py
-
-gates:  ## write what the tests of the page "Throw a cloth" measured into it; they are run before
-	$(BIN)/python scripts/make_gates.py
-
 $(EXECUTED): build/full/notebooks/%: notebooks/% $(SOURCES) | $(STAMP)
 	$(BIN)/python scripts/editions.py $<
 
@@ -155,9 +142,6 @@ editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (exec
 
 grades: $(STAMP)  ## FOLDER=... points and words for each student in it; ONLY="00 01" chooses notebooks
 	@$(BIN)/python scripts/grade.py "$(or $(FOLDER),$(error say which folder: make grades FOLDER=path/to/the/class))" $(if $(ONLY),--only $(ONLY))
-
-npm: $(STAMP)  ## fetch what the live lab in a page takes of npm into build/npm, 25 MB
-	$(BIN)/python course/npm.py
 
 # What notebooks link to; pages of before are gone.
 define WITH_PAGES
@@ -172,6 +156,7 @@ book: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## the executed series as
 	rm -rf build/book
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
 		--conf-dir docs/book --doctree-dir build/book/doctrees $(RUN) build/book/html
+	if [ -d build/throw ]; then cp -R build/throw build/book/html/throw; fi
 	@echo "build/book/html/index.html: open it in a browser"
 
 slides: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## a deck of each notebook for a projector in build/slides; SMALL=1 from `make notebooks`
@@ -194,4 +179,3 @@ format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/python scripts/make_api.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)
-	$(BIN)/python scripts/format_javascript.py

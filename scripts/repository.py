@@ -46,7 +46,7 @@ def page_of(path: str) -> str:
 def throw_page() -> str:
     """The address of the page with the live lab, where GitHub has the site."""
     owner, name = urlsplit(address()).path.strip("/").split("/")
-    return f"https://{owner}.github.io/{name}/throw.html"
+    return f"https://{owner}.github.io/{name}/throw/"
 
 
 def doors(notebook: str = START) -> dict[str, str]:

@@ -56,18 +56,6 @@ def _decoded(file: bytes, kind: int) -> np.ndarray:
     return np.asarray(cv2.imdecode(np.frombuffer(file, np.uint8), kind))
 
 
-def pushed_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> np.ndarray:
-    """How far a push of 1 N from all around moves the hand, `[N, 2]` (forward, up) [m].
-
-    The posture θ is `[2]` [rad], the tension of the muscles f_const [N].
-    """
-    pushed = []
-    for angle in np.linspace(0, 2 * np.pi, 25):
-        force = np.array([np.cos(angle), np.sin(angle)])
-        pushed.append(arm.hand(static_posture(arm, [*theta, f_const], force)))
-    return np.array(pushed) - arm.hand(theta)
-
-
 def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure:
     """The arm, and ten times how far a push of 1 N from any direction moves its hand.
 
@@ -79,22 +67,19 @@ def ellipse_at_hand(arm: MuscleArm, theta: np.ndarray, f_const: float) -> Figure
     elbow = arm.link_length * np.array([np.cos(theta[0]), -np.sin(theta[0])])
 
     # Its hand, pushed from all around
-    ellipse = hand + _ENLARGED * pushed_hand(arm, theta, f_const)
+    pushed = []
+    for angle in np.linspace(0, 2 * np.pi, 25):
+        force = np.array([np.cos(angle), np.sin(angle)])
+        pushed.append(arm.hand(static_posture(arm, [*theta, f_const], force)))
+    ellipse = hand + _ENLARGED * (np.array(pushed) - hand)
 
     # The figure
-    figure = ellipse_axes(size=(4.0, 3.6))
-    (ax,) = figure.axes
-    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
-    ax.plot(*ellipse.T, lw=2, color=plots.COLOURS[0], label=f"{f_const:.0f} N")
-    return figure
-
-
-def ellipse_axes(size: tuple[float, float]) -> Figure:
-    """Axes for an arm and its ellipse, the same for every posture; `size` in inches."""
-    figure, ((ax,),) = plots.new_axes(size=size)
+    figure, ((ax,),) = plots.new_axes(size=(4.0, 3.6))
     ax.set(aspect="equal", xlim=(-0.35, 1.0), ylim=(-0.75, 0.75))
     ax.set(xticks=(0, 0.5, 1), yticks=(-0.5, 0, 0.5))
     ax.set_xlabel("forward [m]", fontsize=_ELLIPSE_TEXT)
     ax.set_ylabel("up [m]", fontsize=_ELLIPSE_TEXT)
     ax.tick_params(labelsize=_ELLIPSE_TEXT)
+    ax.plot(*np.array([[0, 0], elbow, hand]).T, "o-", color="0.6", lw=6, zorder=1)
+    ax.plot(*ellipse.T, lw=2, color=plots.COLOURS[0], label=f"{f_const:.0f} N")
     return figure

@@ -14,8 +14,7 @@ To be read in this order: `model`, `data`, `training`, `estimation`, `control`,
     u = controller.act(s)  # W and p stay, the commands move
 
 Beyond the paper are `gauss_newton`, `iterative` and `fast_rollout`; around the method
-are `rollout`, which records runs, and `checkpoint` and `onnx_export`, by which a model
-gets to its robot. Modules with an underscore hold what several of these share, and need
-not be read to follow them. Of other packages the method takes torch, numpy, tqdm and
-safetensors.
+are `rollout`, which records runs, and `checkpoint`, by which a model gets to its robot.
+Modules with an underscore hold what several of these share, and need not be read to
+follow them. Of other packages the method takes torch, numpy, tqdm and safetensors.
 """

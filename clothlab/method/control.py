@@ -131,17 +131,6 @@ def optimise_commands(
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
         `[iterations + 1]`.
     """
-    plan, trace = descend(loss, u, limits, settings)
-    return plan, trace.double().numpy()
-
-
-def descend(
-    loss: _LossOfPlans, u: Tensor, limits: Limits, settings: ControlSettings
-) -> tuple[Tensor, Tensor]:
-    """What `optimise_commands` does, in tensors alone.
-
-    So the whole descent can be exported as one graph (`onnx_export`).
-    """
     gamma = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
@@ -150,7 +139,7 @@ def descend(
         plan, after = best_step(loss, plan, gamma * direction, limits)
         trace.append(before)
     trace.append(after)
-    return plan[0], torch.cat(trace)
+    return plan[0], torch.cat(trace).double().numpy()
 
 
 # The equations end here. What follows puts them to use, step after step of a run.

@@ -55,6 +55,7 @@ class Linearisation:
     jacobian: np.ndarray
 
     @classmethod
+    @torch.no_grad()
     def of(
         cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
     ) -> "Linearisation":
@@ -67,9 +68,25 @@ class Linearisation:
             p: where predictions are linearised, `[D_p]`.
             warmup: first steps, which only fill the memory.
         """
-        around = torch.as_tensor(p, dtype=torch.float64)
-        errors, jacobian = around_bias(model, s, u, around, warmup)
-        return cls(errors.numpy(), jacobian.numpy())
+        # p and its neighbours, up and down in each of its numbers.
+        middle = torch.as_tensor(p, dtype=torch.float64)
+        size = len(middle)
+        nudges = _NUDGE * torch.eye(size, dtype=middle.dtype)
+        around = torch.cat([middle[None], middle + nudges, middle - nudges])
+
+        # One pass: p itself is the first of the batch, then come its neighbours.
+        several = around.to(s.dtype)
+        before = s[:-1].expand(len(several), -1, -1)
+        sent = u[:-1].expand(len(several), -1, -1)
+        predicted, _ = model(before, sent, several)
+        scaled = (predicted / model.s_std)[:, warmup:].double()
+        seen = (s[1:] / model.s_std)[warmup:].double()
+
+        # Central differences.
+        up = scaled[1 : 1 + size]
+        down = scaled[1 + size :]
+        jacobian = (up - down).movedim(0, -1) / (2 * _NUDGE)
+        return cls((seen - scaled[0]).numpy(), jacobian.numpy())
 
     @property
     def loss(self) -> float:
@@ -117,42 +134,6 @@ class Linearisation:
     def _sizes(self) -> np.ndarray:
         """Squared errors over their mean."""
         return self.errors**2 / max(self.loss, 1e-12)
-
-
-@torch.no_grad()
-def around_bias(
-    model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = 0
-) -> tuple[Tensor, Tensor]:
-    """What `Linearisation.of` computes, in tensors alone (`onnx_export`).
-
-    Args:
-        model: a trained DPMPB.
-        s: states, `[T + 1, D_s]`.
-        u: commands, `[T + 1, D_u]`.
-        p: where predictions are linearised, `[D_p]` in double precision.
-        warmup: first steps, which only fill the memory.
-
-    Returns:
-        Errors `[T, D_s]` and their jacobian `[T, D_s, D_p]`, in double precision.
-    """
-    # p and its neighbours, up and down in each of its numbers.
-    size = len(p)
-    nudges = _NUDGE * torch.eye(size, dtype=p.dtype)
-    around = torch.cat([p[None], p + nudges, p - nudges])
-
-    # One pass: p itself is the first of the batch, then come its neighbours.
-    several = around.to(s.dtype)
-    before = s[:-1].expand(len(several), -1, -1)
-    sent = u[:-1].expand(len(several), -1, -1)
-    predicted, _ = model(before, sent, several)
-    scaled = (predicted / model.s_std)[:, warmup:].double()
-    seen = (s[1:] / model.s_std)[warmup:].double()
-
-    # Central differences.
-    up = scaled[1 : 1 + size]
-    down = scaled[1 + size :]
-    jacobian = (up - down).movedim(0, -1) / (2 * _NUDGE)
-    return seen - scaled[0], jacobian
 
 
 class NewtonEstimator(Estimator):

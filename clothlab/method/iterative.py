@@ -147,21 +147,6 @@ def _check_longer(runs: Sequence[Run], horizon: int) -> None:
         raise ValueError(f"plans of {horizon} steps need recorded runs that are longer")
 
 
-class _Learned(NamedTuple):
-    """What a `ResidualModel` keeps, as tensors alone."""
-
-    x: Tensor  # features of the plans that were tried [N, D]
-    inverse: Tensor  # of the covariance of their residuals [N, N]
-    weights: Tensor  # of each of them in a mean [N, T D_z]
-    variance: Tensor  # far from all that was tried []
-
-    def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean `[B, T D_z]` and variance `[B]` for plans with features x `[B, D]`."""
-        k = _kernel(x, self.x)
-        known = ((k @ self.inverse) * k).sum(1)
-        return k @ self.weights, self.variance * (1 - known).clamp_min(0)
-
-
 class ResidualModel:
     """Gaussian process of residuals, with one squared-exponential kernel.
 
@@ -177,20 +162,22 @@ class ResidualModel:
     ):
         self._shape = residuals.shape[1:]
         noise = settings.noise * torch.eye(len(x), dtype=x.dtype)
-        inverse = torch.linalg.inv(_kernel(x, x) + noise)
-        weights = inverse @ residuals.flatten(1)
+        self._x = x
+        self._inverse = torch.linalg.inv(_kernel(x, x) + noise)
+        self._weights = self._inverse @ residuals.flatten(1)
 
         # The squared error of a prediction far from all that was tried: the mean of
         # what was seen and, as if seen so many times, of what was assumed before.
         squares = residuals.square().mean(dim=(1, 2)).sum()
         assumed = settings.prior_count * settings.prior_error**2
         self.variance = (assumed + squares) / (settings.prior_count + len(x))
-        self._learned = _Learned(x, inverse, weights, self.variance)
 
     def __call__(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Mean `[B, T, D_z]` and variance `[B]` for plans with features x `[B, D]`."""
-        mean, variance = self._learned(x)
-        return mean.unflatten(1, self._shape), variance
+        k = _kernel(x, self._x)
+        mean = (k @ self._weights).unflatten(1, self._shape)
+        known = ((k @ self._inverse) * k).sum(1)
+        return mean, self.variance * (1 - known).clamp_min(0)
 
 
 def _kernel(a: Tensor, b: Tensor) -> Tensor:
@@ -213,7 +200,7 @@ class _Forecast:
         problem: Problem,
         z_ref: Tensor,
         settings: IterativeLearningSettings,
-        caution: float | Tensor,
+        caution: float,
     ):
         self._problem = problem
         self._z_ref = z_ref
@@ -229,18 +216,10 @@ class _Forecast:
         memories = zip(*(each.memory for each in attempts), strict=True)
         memory = Memory(*(torch.cat(parts, dim=1) for parts in memories))
         with torch.no_grad():
-            x, predicted = self.looked_back(s, u, memory)
+            states = self._problem.rollout(s, u, memory)
+            predicted = states[..., : len(self._z_ref)]
+            x = self.features(s, u)
             self.residuals = ResidualModel(x, z - predicted, self._settings)
-
-    def looked_back(
-        self, s: Tensor, u: Tensor, memory: Memory
-    ) -> tuple[Tensor, Tensor]:
-        """What plans are like `[N, D]`, and the z predicted for them `[N, T, D_z]`.
-
-        From states `[N, D_s]`, plans `[N, T, D_u]`, and memories of N that are over.
-        """
-        states = self._problem.rollout(s, u, memory)
-        return self.features(s, u), states[..., : len(self._z_ref)]
 
     def features(self, s: Tensor, u: Tensor) -> Tensor:
         """What plans u `[B, T, D_u]` from states s `[B, D_s]` are like, `[B, D]`."""
@@ -484,21 +463,18 @@ class IterativeSearch:
         self, problem: Problem, loss: _LossOfPlans, plans: Tensor, losses: Tensor
     ) -> _Choice:
         """The best plan after a descent from plans `[B, T, D_u]` with losses `[B]`."""
+        limits = problem.limits
+        few = replace(
+            problem.settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP
+        )
+        gamma = few.step_sizes()[:, None, None, None]
         trace = [losses.min().item()]
         for _ in range(self.settings.iterations if self.exploring else 0):
-            plans, losses = _descended(loss, plans, problem.limits, problem.settings)
+            _, direction = steepest_ascent(loss, plans, limits.scale)
+            steps = gamma * (direction * limits.scale)
+            plans, losses = best_step(loss, plans, steps, limits)
             trace.append(losses.min().item())
         return _Choice(plans[losses.argmin()], trace[-1], np.array(trace))
-
-
-def _descended(
-    loss: _LossOfPlans, plans: Tensor, limits: Limits, settings: ControlSettings
-) -> tuple[Tensor, Tensor]:
-    """Plans `[B, T, D_u]` after one iteration of a descent, and their losses `[B]`."""
-    few = replace(settings, candidates=_CANDIDATES, smallest_step=_SMALLEST_STEP)
-    gamma = few.step_sizes()[:, None, None, None]
-    _, direction = steepest_ascent(loss, plans, limits.scale)
-    return best_step(loss, plans, gamma * (direction * limits.scale), limits)
 
 
 def _target_of(problem: Problem) -> Tensor:

@@ -1,6 +1,5 @@
 """What MuJoCo is told of a scene, and from where people look at it."""
 
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import mujoco
@@ -14,15 +13,12 @@ from clothlab.simulation.cloth_elements import add_cloth
 from clothlab.simulation.scene import Scene
 
 _WORLD = Path(__file__).with_name("world.xml")
-# Only actuators of these kinds take several inputs. MuJoCo 3.14 allows no others to say
-# which, and 4.0 writes it of all.
-_MANY_INPUTS = ("pid", "dcmotor")
 
 
 def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjSpec:
     """Assemble the MuJoCo specification of arm, cloth, camera, light and floor.
 
-    Its `.to_xml()` shows it as MJCF, and `portable_mjcf` for other versions of MuJoCo.
+    Its `.to_xml()` shows it as MJCF.
     """
     scene = Scene() if scene is None else scene
 
@@ -39,37 +35,6 @@ def build_spec(arm: Arm, cloth: Cloth, scene: Scene | None = None) -> mujoco.MjS
     front_forward = arm.camera.position[0] > position[0]
     add_cloth(spec, cloth, hand, position, front_forward=front_forward)
     return spec
-
-
-def portable_mjcf(spec: mujoco.MjSpec) -> str:
-    """A specification as MJCF that MuJoCo reads from 3.14 on, in a browser, too.
-
-    Numbers are rounded to six digits, so that what is to move alike is made of it.
-    """
-    model = spec.compile()
-    root = ElementTree.fromstring(spec.to_xml())
-
-    # 4.0 leaves out what inertia a body was given that has no geometry
-    for body in root.iter("body"):
-        if spec.body(body.get("name")).explicitinertial:
-            compiled = model.body(body.get("name"))
-            numbers = {
-                "pos": compiled.ipos,
-                "quat": compiled.iquat,
-                "mass": compiled.mass,
-                "diaginertia": compiled.inertia,
-            }
-            written = {
-                name: " ".join(map(repr, each.tolist()))
-                for name, each in numbers.items()
-            }
-            body.insert(0, ElementTree.Element("inertial", written))
-
-    # What 3.14 refuses
-    for actuator in root.iter("general"):
-        if actuator.get("dyntype") not in _MANY_INPUTS:
-            actuator.attrib.pop("input", None)
-    return ElementTree.tostring(root, encoding="unicode")
 
 
 def add_camera(

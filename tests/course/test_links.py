@@ -191,5 +191,5 @@ def test_doors_lead_to_the_notebook(monkeypatch):
     binder = "https://mybinder.org/v2/gh/someone/cloth/main?urlpath=lab/tree/notebooks/05_parametric_bias.ipynb"
     assert doors["Binder"] == binder
     assert doors["Codespace"] == "https://codespaces.new/someone/cloth"
-    page = "https://someone.github.io/cloth/throw.html"
+    page = "https://someone.github.io/cloth/throw/"
     assert repository.throw_page() == page

@@ -1,0 +1,4 @@
+"""The page "Throw a cloth": the live lab in a browser, without Python behind it.
+
+`python -m web build` makes it, and `python -m web serve` shows it. README.md says how.
+"""
