@@ -1,26 +1,25 @@
 """Make recordings, trainings and results anew, or everything from nothing.
 
-Six commands; `make` calls five of them under names of its own:
+Five commands, which `make` calls under names of its own:
 
     reproduce.py record [SET ...]           make data: trials and targets
     reproduce.py train [WEIGHTS ...]        make train: autoencoders and DPMPBs
     reproduce.py results [EXPERIMENT ...]   make results: every figure of the tables
     reproduce.py everything [OPTIONS]       make reproduce: all of these from nothing
     reproduce.py worlds [OPTIONS]           make worlds: so ten times, from other seeds
-    reproduce.py costs                      how long each table of the results takes
 
 The first three work in `data/` itself, and replace what is there. Names choose;
 experiments that take hours run only when they are named. `everything` writes into
 build/reproduce/data, laid out like `data/`: recordings → autoencoders → DPMPBs →
-experiments → tables. Each is kept as soon as it is there, so that the same command goes
-on where it was interrupted; when the code has changed, everything is made anew. More in
-docs/scaling.md.
+experiments → tables. The same command goes on where it was interrupted, a study at its
+next row. More in docs/scaling.md.
 """
 
 import argparse
 import contextlib
 import inspect
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -36,9 +35,8 @@ import pandas as pd
 import studies
 from clothlab import _store
 from clothlab.data import _writing
-from clothlab.method.autoencoder import AutoencoderTraining
 from studies import PAPER, report
-from studies._parallel import Job, run_jobs
+from studies._parallel import KEPT, side_by_side
 from studies.datasets import (
     DATASETS,
     TARGET_SETS,
@@ -46,7 +44,7 @@ from studies.datasets import (
     find_target_set,
     find_targets,
     record,
-    record_targets,
+    save_targets,
 )
 from studies.training_configs import TRAINING_CONFIGS, TrainingConfig
 
@@ -62,8 +60,6 @@ class Plan:
     # Trainings of each DPMPB: the paper repeats learning and control five times
     seeds: int = 5
     paper_only: bool = False  # only what the paper's amount of recordings teaches
-    # Tiny sizes, in which everything takes part and nothing is learned
-    small: bool = False
     # Other recordings, autoencoders, W and p, all from seeds of their own; targets are
     # part of the task, and stay. World 0 is the one in `data/`.
     world: int = 0
@@ -81,10 +77,9 @@ class Plan:
     def configs(self) -> list[TrainingConfig]:
         """What is trained."""
         names = [arm + end for arm in ("torque", "muscle") for end in self.endings]
-        configs = [
+        return [
             replace(TRAINING_CONFIGS[name], first_seed=self.offset) for name in names
         ]
-        return [_shortened(each) for each in configs] if self.small else configs
 
     def datasets(self) -> list[Dataset]:
         """What is recorded."""
@@ -95,10 +90,15 @@ class Plan:
             dataset = DATASETS[name]
             first = dataset.first_seed + self.offset
             datasets.append(replace(dataset, first_seed=first))
-        if not self.small:
-            return datasets
-        short: dict[str, Any] = {"steps": 24, "policies": ("operator",)}
-        return [replace(d, repeats=min(d.repeats, 2), **short) for d in datasets]
+        return datasets
+
+    def tables(self) -> list[str]:
+        """Names of the experiments that do not take hours, of each amount."""
+        found = []
+        for each, ending in product(studies.EXPERIMENTS.values(), self.endings):
+            if not each.slow and (each.paper or not ending):
+                found.append(each.name + ending)
+        return found
 
     def cases(self, name: str) -> list[dict[str, Any]]:
         """Those of an experiment, with the trainings that there are."""
@@ -107,73 +107,70 @@ class Plan:
         sizes |= {"model": range(self.seeds)} if "model" in experiment.keys else {}
         if self.seeds == 1 and "repeat" in experiment.keys:
             sizes["repeat"] = 0  # what repeats a world is another one
-        if not self.small:
-            return experiment.cases(**sizes)
-        sizes |= {"steps": 16} if "steps" in experiment.keys else {}
-        return experiment.cases(**sizes)[:2]
-
-
-def _shortened(config: TrainingConfig) -> TrainingConfig:
-    """The same training, of a minute, in which nothing is learned."""
-    return replace(
-        config,
-        autoencoder=AutoencoderTraining(epochs=1),
-        model=replace(config.model, epochs=2, sequence_length=8),
-    )
+        return experiment.cases(**sizes)
 
 
 def train(
-    configs: Sequence[TrainingConfig], seeds: Iterable[int], **options: Any
+    configs: Sequence[TrainingConfig],
+    seeds: Iterable[int],
+    *,
+    anew: bool = True,
+    **options: Any,
 ) -> None:
     """Train the autoencoder and the DPMPBs of each configuration, and save them.
 
-    Options are those of `run_jobs`.
+    Args:
+        configs: what is trained.
+        seeds: of the DPMPBs.
+        anew: whether weights are trained that are there already.
+        options: those of `side_by_side`.
     """
+    weights = _store.data_folder() / "weights"
+
+    def missing(name: str) -> bool:
+        return anew or not (weights / f"{name}.safetensors").exists()
+
     # Autoencoders first: DPMPBs learn from what they see
-    jobs = [
-        Job(TrainingConfig.train_autoencoder, {"self": config}, config.inputs)
-        for config in configs
-    ]
-    done = run_jobs("autoencoders", jobs, **options)
-    for config, (model, losses) in zip(configs, done, strict=True):
+    chosen = [each for each in configs if missing(f"autoencoder-{each.name}")]
+    calls: list[dict[str, Any]] = [{"self": config} for config in chosen]
+    function: Callable[..., Any] = TrainingConfig.train_autoencoder
+    done = side_by_side(function, calls, "autoencoders", **options)
+    for config, (model, losses) in zip(chosen, done, strict=True):
         _writing.save_autoencoder(model, losses, config.name)
     _store.write_checksums()
 
     # And several DPMPBs on top of each
-    jobs = []
+    calls = []
     for config, seed in product(configs, seeds):
-        inputs = (*config.inputs, f"weights/autoencoder-{config.name}.")
-        arguments = {"self": config, "seed": seed}
-        jobs.append(Job(TrainingConfig.train_model, arguments, inputs))
-    for trained in run_jobs("models", jobs, **options):
+        if missing(f"dpmpb-{config.name}-{seed}"):
+            calls.append({"self": config, "seed": seed})
+    function = TrainingConfig.train_model
+    for trained in side_by_side(function, calls, "models", **options):
         _writing.save(trained)
     _store.write_checksums()
 
 
 def reproduce(plan: Plan, **options: Any) -> None:
-    """Make everything, in the data folder that `CLOTHLAB_DATA` names.
+    """Make all that is not there yet, in the data folder that `CLOTHLAB_DATA` names.
 
-    Options are those of `run_jobs`.
+    Options are those of `side_by_side`.
     """
     # Recordings and targets
+    data = _store.data_folder()
     for dataset in plan.datasets():
-        record(dataset, **options)
-    short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
-    record_targets([Job(find_targets, short if plan.small else {})], **options)
+        record(dataset, anew=False, **options)
+    if not (data / "targets" / "target-1.png").exists():
+        save_targets(find_targets())
     _store.write_checksums()
 
     # What learns from them, and is put to the test
-    train(plan.configs(), range(plan.seeds), **options)
-    for experiment, ending in product(studies.EXPERIMENTS.values(), plan.endings):
-        if not experiment.slow and (experiment.paper or not ending):
-            name = experiment.name + ending
+    train(plan.configs(), range(plan.seeds), anew=False, **options)
+    for name in plan.tables():
+        if not (data / "results" / f"{name}.csv").exists():
             table = studies.get(name).run(plan.cases(name), **options)
             studies.save(table, name)
     _store.write_checksums()
-
-    # The page; a few cases give no results
-    if not plan.small:
-        (_store.data_folder().parent / "results.md").write_text(results())
+    (data.parent / "results.md").write_text(results())
 
 
 def results() -> str:
@@ -184,32 +181,28 @@ def results() -> str:
 
 
 @contextlib.contextmanager
-def workers_of(address: str | None, data: Path) -> Iterator[None]:
-    """Inside, the workers of a Dask scheduler do all jobs, also those that join later.
+def workers_of(address: str | None) -> Iterator[None]:
+    """Inside, the workers of a Dask scheduler do all calls, also those that join later.
 
     Without an address, processes of this machine do them.
     """
     if address is None:
         yield
         return
-    try:
-        from distributed import Client
+    from distributed import Client
 
-        client = Client(address, timeout=60)
+    # Workers read the same folders
+    names = ("CLOTHLAB_DATA", KEPT)
+    with Client(address, timeout=60) as client:
         client.wait_for_workers(1, timeout=60)
-    except (ImportError, OSError) as error:
-        sys.exit(
-            f"{error}: --scheduler needs clothlab[cluster] installed, "
-            "`dask scheduler` and `dask worker ADDRESS`"
-        )
-    dask = joblib.parallel_config("dask", client=client, wait_for_workers_timeout=60)
-    with client, dask:
-        client.register_worker_callbacks(partial(_use, str(data)))
-        yield
+        folders = {name: os.environ[name] for name in names}
+        client.register_worker_callbacks(partial(_use, folders))
+        with joblib.parallel_config("dask", client=client, wait_for_workers_timeout=60):
+            yield
 
 
-def _use(data: str) -> None:
-    os.environ["CLOTHLAB_DATA"] = data
+def _use(folders: dict[str, str]) -> None:
+    os.environ.update(folders)
 
 
 def record_again(names: Sequence[str], **options: Any) -> None:
@@ -217,30 +210,13 @@ def record_again(names: Sequence[str], **options: Any) -> None:
 
     What was there is replaced.
     """
-    files = []
     for name in names or DATASETS:
-        files += record(DATASETS[name], **options)
+        record(DATASETS[name], **options)
     if not names:
-        jobs = [Job(find_targets, {})]
-        jobs += [Job(find_target_set, {"targets": each}) for each in TARGET_SETS]
-        files += record_targets(jobs, **options)
-    say_what_repeats(files)
+        save_targets(find_targets())
+        for targets in TARGET_SETS:
+            save_targets(find_target_set(targets))
     _store.write_checksums()
-
-
-def say_what_repeats(files: list[str]) -> None:
-    """Say how many files of `data/` are the recorded ones bit for bit.
-
-    That is before new hashes are written. The simulation is chaotic: another machine,
-    or another version of MuJoCo or OpenGL, may give other bits.
-    """
-    verdict = _store.check_data()
-    same = sum(verdict[file] == "ok" for file in files)
-    altered = sum(verdict[file] == "altered" for file in files)
-    print(
-        f"{same} of the {same + altered} whose hash was recorded are the same "
-        "bit for bit; new hashes are written now"
-    )
 
 
 def train_again(names: Sequence[str], **options: Any) -> None:
@@ -257,33 +233,18 @@ def run_again(names: Sequence[str], **options: Any) -> None:
     table of that amount, which is made anew, too.
     """
     usual = [name for name, each in studies.EXPERIMENTS.items() if not each.slow]
-    hours = sum(studies.EXPERIMENTS[name].cost for name in names or usual) / 3600
-    print(f"about {hours:.1f} hours of one core, on {options['workers']} of them")
     stored = report.stored(PAPER)
     keep = ROOT / "build" / "experiments"
+    os.environ[KEPT] = str(keep)
     for name in names or usual:
         for ending in ("", PAPER) if name in stored else ("",):
-            table = studies.run(name + ending, **options, keep=keep)
+            table = studies.run(name + ending, **options)
             studies.save(table, name + ending)
             _store.write_checksums()
+    shutil.rmtree(keep, ignore_errors=True)  # the next time all is computed again
     marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
         print(f"{marks[row.met]} {row.label}: {row.figure} (aim {row.aim})")
-
-
-def costs(arguments: argparse.Namespace) -> int:
-    """What each table of results costs: cases, seconds each, minutes on one core.
-
-    Those with a star run only if they are named. Returned is the exit status.
-    """
-    total = 0.0
-    for name, each in studies.EXPERIMENTS.items():
-        star = "*" if each.slow else " "
-        count = len(each.cases())
-        print(f"{name:26}{star}{count:6}{each.seconds:6g} s {each.cost / 60:6.0f} min")
-        total += each.cost
-    print(f"all: {total / 3600:.1f} hours on one core")
-    return 0
 
 
 def from_nothing(arguments: argparse.Namespace) -> int:
@@ -291,19 +252,18 @@ def from_nothing(arguments: argparse.Namespace) -> int:
 
     Returned is the exit status.
     """
-    name = f"{FOLDER.name}-small" if arguments.small else FOLDER.name
-    folder = (arguments.folder or FOLDER.with_name(name)).absolute()
-    data = folder / "data"
-    data.mkdir(parents=True, exist_ok=True)
-    os.environ["CLOTHLAB_DATA"] = str(data)
-    plan = Plan(arguments.seeds, arguments.paper_only, arguments.small, arguments.world)
-    options = {"workers": arguments.workers, "progress": True, "keep": folder / "kept"}
+    folder = arguments.folder.absolute()
+    (folder / "data").mkdir(parents=True, exist_ok=True)
+    os.environ["CLOTHLAB_DATA"] = str(folder / "data")
+    os.environ[KEPT] = str(folder / "kept")
+    plan = Plan(arguments.seeds, arguments.paper_only, arguments.world)
     try:
-        with workers_of(arguments.scheduler, data):
-            reproduce(plan, **options)
+        with workers_of(arguments.scheduler):
+            reproduce(plan, workers=arguments.workers, progress=True)
     except KeyboardInterrupt:
         print(f"\ninterrupted: the same command goes on from what lies in {folder}")
         return 130
+    shutil.rmtree(folder / "kept", ignore_errors=True)
     print(f"everything lies in {folder}")
     return 0
 
@@ -317,19 +277,16 @@ def worlds(arguments: argparse.Namespace) -> int:
     stays. Returned is the exit status.
     """
     home = _store.data_folder()
-    kind = "worlds-small" if arguments.small else "worlds"
     numbers = range(arguments.first, arguments.first + arguments.count)
-    folders = {k: ROOT / "build" / kind / str(k) for k in numbers}
+    folders = {k: ROOT / "build" / "worlds" / str(k) for k in numbers}
     for k, folder in folders.items():
         words = ["everything", "--world", str(k), "--seeds", "1"]
         words += ["--folder", str(folder), "--workers", str(arguments.workers)]
-        words += ["--small"] * arguments.small + ["--paper-only"] * arguments.paper_only
+        words += ["--paper-only"] * arguments.paper_only
         status = subprocess.run([sys.executable, __file__, *words]).returncode
         if status:
             return status
-    if not arguments.small:
-        worlds = {k: folder / "data" for k, folder in folders.items()}
-        save_side_by_side(worlds, home)
+    save_side_by_side({k: folder / "data" for k, folder in folders.items()}, home)
     return 0
 
 
@@ -357,14 +314,8 @@ def save_side_by_side(worlds: Mapping[int, Path], home: Path) -> None:
     _store.write_checksums(home)
 
 
-def _again(function: Callable[..., None], arguments: argparse.Namespace) -> int:
-    """One of the first three commands; returns the exit status."""
-    function(arguments.names, workers=arguments.workers, progress=True)
-    return 0
-
-
 def command_line() -> argparse.ArgumentParser:
-    """A parser with a command for each of the four programs."""
+    """A parser with a command for each of the five programs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -373,34 +324,10 @@ def command_line() -> argparse.ArgumentParser:
     _again_command(commands, "train", train_again, TRAINING_CONFIGS)
     _again_command(commands, "results", run_again, studies.EXPERIMENTS)
 
-    _everything_command(commands)
-    _command(commands, "costs", costs).set_defaults(run=costs)
-
-    # Several of these
-    several = _command(commands, "worlds", worlds)
-    several.set_defaults(run=worlds)
-    several.add_argument("--count", type=int, default=10, help="by default 10")
-    several.add_argument("--first", type=int, default=1, help="number of the first")
-    _sizes(several)
-    return parser
-
-
-def _everything_command(commands: Any) -> None:
-    """All of them, with sizes and a folder of its own."""
     everything = _command(commands, "everything", from_nothing)
-    everything.set_defaults(run=from_nothing)
-
-    # Where, and how much
+    everything.add_argument("--folder", type=Path, default=FOLDER)
     everything.add_argument(
-        "--folder",
-        type=Path,
-        help=f"of all results: {FOLDER}, or with --small {FOLDER}-small",
-    )
-    everything.add_argument(
-        "--seeds",
-        type=int,
-        default=Plan.seeds,
-        help=f"trainings of each DPMPB, by default {Plan.seeds}",
+        "--seeds", type=int, default=Plan.seeds, help="trainings of each DPMPB"
     )
     everything.add_argument(
         "--world",
@@ -408,46 +335,41 @@ def _everything_command(commands: Any) -> None:
         default=0,
         help="another one has recordings and trainings from other seeds",
     )
-    _sizes(everything)
-
-    # And by whom
     everything.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="of a Dask scheduler, whose workers do the work",
     )
 
-
-def _sizes(command: argparse.ArgumentParser) -> None:
-    """Options that make less of everything."""
-    command.add_argument(
-        "--small",
-        action="store_true",
-        help="tiny sizes, a minute, to see whether it works here",
-    )
-    command.add_argument(
-        "--paper-only",
-        action="store_true",
-        help="only what the paper's amount of recordings teaches",
-    )
+    several = _command(commands, "worlds", worlds)
+    several.add_argument("--count", type=int, default=10, help="by default 10")
+    several.add_argument("--first", type=int, default=1, help="number of the first")
+    for command in (everything, several):
+        command.add_argument(
+            "--paper-only",
+            action="store_true",
+            help="only what the paper's amount of recordings teaches",
+        )
+    return parser
 
 
 def _again_command(
     commands: Any, name: str, function: Callable[..., None], choices: Collection[str]
 ) -> None:
     """A command that works in `data/` itself, and takes names."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        for word in arguments.names:
+            if word not in choices:
+                sys.exit(f"unknown {word!r}; choose from {', '.join(choices)}")
+        function(arguments.names, workers=arguments.workers, progress=True)
+        return 0
+
     command = _command(commands, name, function)
-    command.set_defaults(run=partial(_again, function))
+    command.set_defaults(run=run)
     listed = ", ".join(choices)
-
-    def known(word: str) -> str:
-        # Not argparse's `choices`, which refuse that nothing is named
-        if word not in choices:
-            raise argparse.ArgumentTypeError(f"unknown {word!r}; choose from {listed}")
-        return word
-
     command.add_argument(
-        "names", nargs="*", type=known, metavar="NAME", help=f"by default all: {listed}"
+        "names", nargs="*", metavar="NAME", help=f"by default all: {listed}"
     )
 
 
@@ -458,6 +380,7 @@ def _command(
     about = inspect.getdoc(function) or ""
     summary, _, _ = about.partition("\n")
     command = commands.add_parser(name, help=summary, description=about)
+    command.set_defaults(run=function)
     command.add_argument(
         "--workers", type=int, default=os.cpu_count(), help="processes in this machine"
     )

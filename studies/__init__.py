@@ -20,7 +20,6 @@ are read by `load` like the others, and were made by the code of commit 97b3ae0d
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -96,13 +95,7 @@ def get(name: str) -> Experiment:
 
 
 def run(
-    name: str,
-    /,
-    *,
-    workers: int = 1,
-    progress: bool = False,
-    keep: Path | None = None,
-    **sizes: Any,
+    name: str, /, *, workers: int = 1, progress: bool = False, **sizes: Any
 ) -> pd.DataFrame:
     """Run an experiment: one row for each case.
 
@@ -110,15 +103,13 @@ def run(
         name: of the experiment.
         workers: processes.
         progress: show a progress bar.
-        keep: folder where rows are kept, so that an interrupted run goes on where it
-            stopped.
         sizes: which cases, such as `model=0`; all else is at full size.
     """
     experiment = get(name)
     if name.endswith(PAPER):
         sizes = dict(experiment.paper) | sizes
     cases = experiment.cases(**sizes)
-    return experiment.run(cases, workers=workers, progress=progress, keep=keep)
+    return experiment.run(cases, workers=workers, progress=progress)
 
 
 def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFrame:

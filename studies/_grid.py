@@ -1,7 +1,7 @@
 """One shape for all experiments: a function from a case to a row, a grid, a table.
 
     cases = over(target=TARGETS, model=range(5))
-    control = Experiment("control", run_one, cases, seconds=13, rows=rows)
+    control = Experiment("control", run_one, cases, rows=rows)
 
     # A pandas.DataFrame, one row a case
     table = control.run(control.cases(model=0, steps=24))
@@ -17,7 +17,6 @@ import inspect
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,7 +24,7 @@ import pandas as pd
 
 from clothlab._store import Folder
 from clothlab.tables import load
-from studies._parallel import Job, cached, run_jobs, version
+from studies._parallel import kept, side_by_side
 from studies._rows import Row
 
 # Ending of tables, as of weights: the same with what the paper's amount of recordings
@@ -36,9 +35,6 @@ Case = dict[str, Any]  # parameters of `run_one`
 # Stored tables of one amount of recordings, by their experiments' names
 Tables = Mapping[str, pd.DataFrame]
 _T = TypeVar("_T")
-# What a row may depend on: it is computed again when any of it changes
-_INPUTS = ("targets/", "trials/", "weights/")
-_kept: Path | None = None  # where the process that computes a row keeps what rows share
 
 
 def grid(**axes: Any) -> list[Case]:
@@ -70,7 +66,6 @@ class Experiment:
         name: of its table in `data/results`.
         run_one: case → what was measured, `{column: number, word or array}`.
         cases: sizes → the grid of cases; the defaults are the full size.
-        seconds: about how long one case takes on one core [s].
         slow: whether all of it takes hours, so that it runs only when asked for by
             name.
         paper: the sizes with which it also runs on the paper's amount of recordings;
@@ -88,37 +83,6 @@ class Experiment:
     rows: Callable[[Tables], list[Row]] | None = None
     about: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cases", self._refusing_typos(self.cases))
-
-    def _refusing_typos(
-        self, cases: Callable[..., list[Case]]
-    ) -> Callable[..., list[Case]]:
-        """The same function for sizes that a case or the function itself knows.
-
-        For others a ValueError lists those.
-        """
-        known = dict.fromkeys(self.keys)
-        for each in inspect.signature(cases).parameters.values():
-            if each.kind != each.VAR_KEYWORD:
-                known[each.name] = None
-
-        @functools.wraps(cases)
-        def checked(**sizes: Any) -> list[Case]:
-            for size in sizes:
-                if size not in known:
-                    raise ValueError(
-                        f"{self.name} has no {size!r}; choose from {', '.join(known)}"
-                    )
-            return cases(**sizes)
-
-        return checked
-
-    @property
-    def cost(self) -> float:
-        """About how long all cases take on one core [s]."""
-        return len(self.cases()) * self.seconds
-
     @property
     def keys(self) -> list[str]:
         """Columns that say which case a row is."""
@@ -130,26 +94,26 @@ class Experiment:
         *,
         workers: int = 1,
         progress: bool = False,
-        keep: Path | None = None,
     ) -> pd.DataFrame:
         """One row for each case, by default for all.
 
-        Parameters that a case leaves out have their defaults. A
-        `joblib.parallel_config` around the call chooses another backend than processes,
-        such as Dask.
+        Parameters that a case leaves out have their defaults. How rows are kept and
+        computed elsewhere, `studies._parallel` says.
         """
         chosen = self.cases() if cases is None else cases
         cases = [self.defaults | case for case in chosen]
-        compute = functools.partial(_compute, self.run_one, keep)
-        jobs = [Job(compute, case, _INPUTS) for case in cases]
-        rows = run_jobs(self.name, jobs, workers=workers, progress=progress, keep=keep)
+        fixed = {"run_one": self.run_one, "name": self.name}
+        calls = [fixed | {"case": case} for case in cases]
+        rows = side_by_side(
+            _kept_row, calls, self.name, workers=workers, progress=progress
+        )
         return pd.DataFrame([case | row for case, row in zip(cases, rows, strict=True)])
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
         """Make one stored row anew: a table of two rows, "stored" and "here"."""
         table = self._find(load(self.name, data=data), which)
         case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
-        (row,) = run_jobs(self.name, [Job(self.run_one, case)])
+        (row,) = side_by_side(self.run_one, [case], self.name)
         here = pd.DataFrame([case | row])
         both = pd.concat([table, here[table.columns]], keys=["stored", "here"])
         return both.droplevel(1)
@@ -191,37 +155,25 @@ class Experiment:
 def shared(function: Callable[..., _T]) -> Callable[..., _T]:
     """Decorate work that several cases share, such as a training.
 
-    It is done once, and kept where their rows are kept.
+    It is done once in each process, and once at all where rows are kept.
     """
 
     @functools.cache
-    def once(folder: Path | None, *arguments: Any) -> _T:
-        kept = cached(_shared, folder, ignore=["function"])
-        return kept(function, function.__qualname__, arguments, version(*_INPUTS))
-
     @functools.wraps(function)
-    def wrapper(*arguments: Any) -> _T:
-        return once(_kept, *arguments)
+    def once(*arguments: Any) -> _T:
+        return kept().cache(function)(*arguments)
 
-    return wrapper
-
-
-def _shared(
-    function: Callable[..., _T], name: str, arguments: tuple, version: str
-) -> _T:
-    return function(*arguments)
+    return once
 
 
-def _compute(
-    run_one: Callable[..., dict], keep: Path | None, **case: Any
-) -> dict[str, Any]:
-    global _kept
-    before = _kept
-    _kept = keep
-    try:
-        return run_one(**case)
-    finally:
-        _kept = before
+def _kept_row(run_one: Callable[..., dict], name: str, case: Case) -> dict[str, Any]:
+    compute = kept().cache(_row, ignore=["run_one"])
+    return compute(run_one, name, case)
+
+
+def _row(run_one: Callable[..., dict], name: str, case: Case) -> dict[str, Any]:
+    """A row, which is found again by the experiment's name and the case."""
+    return run_one(**case)
 
 
 def _as_parameter(value: Any) -> Any:

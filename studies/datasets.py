@@ -3,7 +3,7 @@
 Sets of trials, and targets that are chosen from runs of their own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import product
@@ -20,7 +20,7 @@ from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, rollout, save_trial
-from studies._parallel import Job, run_jobs
+from studies._parallel import side_by_side
 from studies.table_scene.table_env import TableEnv
 from studies.table_scene.throwing import (
     ExcitationPolicy,
@@ -130,21 +130,34 @@ _SETS = (
 DATASETS = {each.name: each for each in _SETS}
 
 
-def record(dataset: Dataset, *, data: Folder = None, **options: Any) -> list[str]:
+def record(
+    dataset: Dataset, *, anew: bool = True, data: Folder = None, **options: Any
+) -> list[str]:
     """Record a set of trials and save each as soon as it is made.
 
-    Options are those of `run_jobs`. Returned are the files, from the data folder.
+    Args:
+        dataset: the set.
+        anew: whether trials are recorded that are there already.
+        data: the data folder.
+        options: those of `side_by_side`.
+
+    Returns:
+        The files, from the data folder.
     """
-    runs = dataset.runs()
     folder = f"trials/{dataset.name}"
-    jobs = [Job(record_run, {"dataset": dataset, **run}) for run in runs.values()]
+    there = data_folder(data) / folder
+    runs = dataset.runs()
+    if not anew:
+        runs = {k: run for k, run in runs.items() if not (there / f"{k}.npz").exists()}
+    calls = [{"dataset": dataset, **run} for run in runs.values()]
     files = []
-    for name, trials in zip(runs, run_jobs(folder, jobs, **options), strict=True):
-        for k, trial in enumerate(trials):
-            again = f"_again{k}" if k else ""
-            file = f"{folder}/{name}{again}.npz"
-            save_trial(trial, data_folder(data) / file)
-            files.append(file)
+    recorded = side_by_side(record_run, calls, folder, **options)
+    for name, (first, *repeated) in zip(runs, recorded, strict=True):
+        # The first one last: where it is, all of them are
+        trials = {f"{name}_again{k}": each for k, each in enumerate(repeated, start=1)}
+        for file, trial in (trials | {name: first}).items():
+            save_trial(trial, there / f"{file}.npz")
+            files.append(f"{folder}/{file}.npz")
     return files
 
 
@@ -208,14 +221,8 @@ TARGET_SETS = (
 _RUNS = 4  # of the operator with each cloth
 
 
-def record_targets(jobs: Sequence[Job], **options: Any) -> list[str]:
-    """Find targets by `find_targets` or `find_target_set`, and save them.
-
-    Options are those of `run_jobs`. Returned are the files, from the data folder.
-    """
-    found: dict[str, np.ndarray] = {}
-    for part in run_jobs("targets", jobs, **options):
-        found |= part
+def save_targets(found: Mapping[str, np.ndarray]) -> list[str]:
+    """Save targets by their names; returned are the files, from the data folder."""
     for name, mask in found.items():
         save_target(mask, name)
     return [f"targets/{name}.png" for name in found]

@@ -9,14 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from reproduce import say_what_repeats
 
 import clothlab
-from clothlab import _store, data
-from clothlab.data import _writing
+from clothlab import data
 from clothlab.policies import OperatorPolicy
 from clothlab.trials import load_trial, rollout
-from studies._parallel import Job
 from studies.datasets import (
     _RUNS,
     DATASETS,
@@ -26,7 +23,7 @@ from studies.datasets import (
     choose_varied,
     record,
     record_run,
-    record_targets,
+    save_targets,
 )
 
 DATA = Path(clothlab.__file__).parents[1] / "data"
@@ -143,31 +140,24 @@ def test_an_interruption_keeps_what_was_recorded_and_spoils_nothing(
     short = Dataset("short", "torque", ("damp0.05-mass0.10",), 3, 5)
     with pytest.raises(KeyboardInterrupt):
         record(short, data=tmp_path)
-    assert [path.name for path in (tmp_path / "trials" / "short").iterdir()] == [
-        "damp0.05-mass0.10_random.npz"
-    ]
+    there = tmp_path / "trials" / "short"
+    random, operator = (
+        f"damp0.05-mass0.10_{policy}.npz" for policy in ("random", "operator")
+    )
+    assert [path.name for path in there.iterdir()] == [random]
+
+    # It goes on with the next trial
+    before = (there / random).stat().st_mtime_ns
+    monkeypatch.setattr("studies.datasets.record_run", lambda **_: [trial[:3]])
+    assert record(short, anew=False, data=tmp_path) == [f"trials/short/{operator}"]
+    assert (there / random).stat().st_mtime_ns == before
 
 
 def test_targets_are_saved_by_their_names(tmp_path, monkeypatch, square):
     monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    jobs = [Job(lambda: {"a": square}, {}), Job(lambda: {"set/b": ~square}, {})]
-    assert record_targets(jobs) == ["targets/a.png", "targets/set/b.png"]
+    found = {"a": square, "set/b": ~square}
+    assert save_targets(found) == ["targets/a.png", "targets/set/b.png"]
     assert np.array_equal(data.load_target("set/b"), ~square)
-
-
-def test_it_says_how_many_files_repeat_bit_for_bit(
-    tmp_path, square, monkeypatch, capsys
-):
-    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    for name in ("a", "b", "c"):
-        _writing.save_target(square, name)
-    _store.write_checksums()
-    _writing.save_target(~square, "b")
-    _writing.save_target(square, "new")
-    say_what_repeats([f"targets/{name}.png" for name in ("a", "b", "new")])
-    assert capsys.readouterr().out.startswith(
-        "1 of the 2 whose hash was recorded are the same bit for bit"
-    )
 
 
 def test_area_and_centre_of_a_rectangle():

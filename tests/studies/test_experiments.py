@@ -1,5 +1,6 @@
 """Experiments: cases become rows, rows are kept, stored and made anew."""
 
+import joblib
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,8 +8,9 @@ import reproduce
 
 import studies
 from clothlab import _store, analysis, data
-from studies import EXPERIMENTS, PAPER, Experiment, _grid, _parallel, report
+from studies import EXPERIMENTS, PAPER, Experiment, report
 from studies._grid import grid, shared
+from studies._parallel import KEPT
 
 TINY = {
     "latent_size": {"latent_size": 2, "epochs": 1},
@@ -196,32 +198,44 @@ def counted():
     )
 
 
-def test_kept_rows_are_not_made_again_but_where_code_or_data_changed(
-    counted, tmp_path, monkeypatch
-):
+def test_kept_rows_are_not_made_again(counted, tmp_path, monkeypatch):
     experiment, done, _ = counted
-    first = experiment.run(keep=tmp_path)
+    monkeypatch.setenv(KEPT, str(tmp_path))
+    first = experiment.run()
     assert done == [0, "train 7", 1, 2]
-    same(experiment.run(keep=tmp_path), first)
+    same(experiment.run(), first)
     assert len(done) == 4
-    experiment.run(grid(number=2, seed=8), keep=tmp_path)
+    experiment.run(grid(number=2, seed=8))
     assert done[4:] == [2, "train 8"]
-    monkeypatch.setattr(
-        _parallel, "version", lambda *_: f"{_parallel.code_version()}-another"
-    )
-    monkeypatch.setattr(_grid, "version", lambda *_: "another")
-    experiment.run(keep=tmp_path)
-    assert [each for each in done[6:] if each != "train 7"] == [0, 1, 2]
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(counted, tmp_path):
+def test_without_a_folder_nothing_is_kept(counted):
+    experiment, done, _ = counted
+    same(experiment.run(), experiment.run())
+    assert done == [0, "train 7", 1, 2, 0, 1, 2]
+
+
+def test_an_interrupted_run_goes_on_at_its_next_row(counted, tmp_path, monkeypatch):
     experiment, done, broken = counted
+    monkeypatch.setenv(KEPT, str(tmp_path))
     broken["at"] = 2
     with pytest.raises(KeyboardInterrupt):
-        experiment.run(keep=tmp_path)
+        experiment.run()
     broken.clear()
-    assert list(experiment.run(keep=tmp_path)["number"]) == [0, 1, 2]
+    assert list(experiment.run()["number"]) == [0, 1, 2]
     assert [each for each in done if each != "train 7"] == [0, 1, 2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["threading", "loky"])
+def test_threads_and_processes_give_the_stored_rows(backend):
+    cases = [{"model": model} for model in range(2)]
+    with joblib.parallel_config(backend):
+        table = EXPERIMENTS["self_organisation"].run(cases, workers=2)
+    stored = studies.load("self_organisation").head(2)
+    for column in set(stored) - set(EXPERIMENTS["self_organisation"].keys):
+        for here, there in zip(table[column], stored[column], strict=True):
+            assert here == pytest.approx(there, rel=1e-2, abs=2e-2)
 
 
 def test_a_table_keeps_words_arrays_and_what_is_not_there(counted, tmp_path):
@@ -235,7 +249,9 @@ def test_a_table_keeps_words_arrays_and_what_is_not_there(counted, tmp_path):
 
 
 @pytest.mark.parametrize("asked", [[], ["control"]])
-def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch):
+def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch, tmp_path):
+    monkeypatch.setenv(KEPT, "")  # is set anew
+    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
     ran, usual = [], [name for name, each in EXPERIMENTS.items() if not each.slow]
     monkeypatch.setattr(studies, "run", lambda name, **_: ran.append(name))
     monkeypatch.setattr(studies, "save", lambda *_: None)

@@ -1,4 +1,6 @@
-"""From nothing to tables: the same files whoever computes, is interrupted or dies."""
+"""From nothing to tables: worlds of seeds of their own, and what was interrupted goes
+on.
+"""
 
 import os
 import re
@@ -6,23 +8,20 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
+import joblib
 import pandas as pd
-import psutil
 import pytest
 import reproduce
 from reproduce import Plan
 
+from studies._parallel import KEPT, side_by_side
+
 PATIENCE = 300  # [s], on a busy machine
-EVERYTHING = [sys.executable, reproduce.__file__, "everything"]
-SMALL = [*EVERYTHING, "--small", "--seeds", "1", "--paper-only"]
 
 
-def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
-    full, papers, small = Plan(), Plan(seeds=2, paper_only=True), Plan(small=True)
+def test_a_plan_has_what_its_trainings_need():
+    full, papers = Plan(), Plan(seeds=2, paper_only=True)
     assert [config.name for config in full.configs()] == [
         "torque",
         "torque-paper",
@@ -40,14 +39,8 @@ def test_a_plan_has_what_its_trainings_need_and_a_small_one_shortens_it():
     }
     cases = papers.cases("joint_estimation_control-paper")
     assert cases == [{"model": model, "weights": "torque-paper"} for model in range(2)]
-    assert [each.name for each in small.datasets()] == [
-        each.name for each in full.datasets()
-    ]
-    assert all(each.steps == 24 and len(each.runs()) <= 18 for each in small.datasets())
-    assert [(case["model"], case["steps"]) for case in small.cases("control")] == [
-        (0, 16),
-        (1, 16),
-    ]
+    assert all(name.endswith("-paper") for name in papers.tables())
+    assert {*papers.tables()} < {*full.tables()}
 
 
 def test_worlds_share_no_seed_and_the_first_is_the_stored_one():
@@ -122,7 +115,6 @@ def test_each_command_is_a_program_of_its_own(words, called, names, monkeypatch)
     ("words", "reason"),
     [
         ([], "COMMAND"),
-        (["train", "torqe"], "unknown 'torqe'; choose from torque-paper, "),
         (["record", "--scheduler=x"], "unrecognized arguments: --scheduler=x"),
         (["everything", "control"], "unrecognized arguments: control"),
     ],
@@ -135,6 +127,13 @@ def test_what_a_command_does_not_know_is_refused(words, reason, monkeypatch, cap
     assert reason in capsys.readouterr().err
 
 
+def test_an_unknown_name_lists_the_choices(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["reproduce.py", "train", "torqe"])
+    choices = "unknown 'torqe'; choose from torque-paper, "
+    with pytest.raises(SystemExit, match=choices):
+        reproduce.main()
+
+
 @pytest.mark.slow
 def test_results_are_made_of_the_stored_tables():
     text = reproduce.results()
@@ -143,104 +142,98 @@ def test_results_are_made_of_the_stored_tables():
     assert text.count("\n| --- |") == len(headings) - 1 > 0
 
 
-def until(there: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not there():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
+# Sizes in which everything takes part and nothing is learned, and an experiment of three
+# rows that says when it computes one
+TINY = """
+import sys, time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+import reproduce, studies
+from clothlab.method.autoencoder import AutoencoderTraining
+from reproduce import Plan
+from studies import Experiment
+from studies._grid import grid
+
+def noted(number, folder):
+    with (Path(folder) / "done.txt").open("a") as file:
+        file.write(str(number))
+    time.sleep(2)
+    return {"found": number}
+
+folder = Path(sys.argv[sys.argv.index("--folder") + 1])
+cases = partial(grid, number=range(3), folder=str(folder))
+studies.EXPERIMENTS["noted"] = Experiment("noted", noted, cases, seconds=0)
+Plan.tables = lambda self: ["self_organisation-paper", "noted"]
+for name, each in reproduce.DATASETS.items():
+    reproduce.DATASETS[name] = replace(each, steps=24, policies=("operator",))
+for name, each in reproduce.TRAINING_CONFIGS.items():
+    few = {"epochs": 2, "sequence_length": 8}
+    reproduce.TRAINING_CONFIGS[name] = replace(
+        each, autoencoder=AutoencoderTraining(epochs=1), model=replace(each.model, **few)
+    )
+short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
+reproduce.find_targets = partial(reproduce.find_targets, **short)
+reproduce.results = lambda: "no results"
+sys.exit(reproduce.main())
+"""
 
 
-@contextmanager
-def scheduler_and_two_workers(
-    folder: Path,
-) -> Iterator[tuple[str, list[psutil.Process]]]:
-    """Address of a real `dask scheduler`, and two real `dask worker`s."""
-    file, started = folder / "scheduler.json", []
-
-    def start(*command: str) -> None:
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-        with (folder / f"log-{len(started)}").open("w") as log:
-            command = (
-                sys.executable,
-                "-m",
-                "dask",
-                *command,
-                "--scheduler-file",
-                str(file),
-                "--no-dashboard",
-            )
-            started.append(
-                subprocess.Popen(
-                    command, cwd=folder, env=environment, stdout=log, stderr=log
-                )
-            )
-
-    try:
-        start("scheduler", "--port", "0")
-        until(file.exists)
-        for _ in range(2):
-            start(
-                "worker",
-                "--nthreads",
-                "1",
-                "--memory-limit",
-                "0",
-                "--local-directory",
-                str(folder),
-            )
-        yield (
-            re.search(r'"address": "(.*?)"', file.read_text())[1],
-            [psutil.Process(each.pid) for each in started[1:]],
-        )
-    finally:
-        for process in started:
-            for each in [
-                *psutil.Process(process.pid).children(recursive=True),
-                process,
-            ]:
-                each.kill()
-            process.wait()
-
-
-def contents(folder: Path) -> dict[Path, bytes]:
-    return {
-        path.relative_to(folder): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
-def kept(folder: Path) -> dict[Path, int]:
-    return {path: path.stat().st_mtime_ns for path in folder.rglob("output.pkl")}
-
-
-@pytest.mark.nightly
-def test_all_files_are_the_same_after_an_interruption_and_with_a_killed_worker(
-    tmp_path,
-):
-    here, there = tmp_path / "here", tmp_path / "there"
+@pytest.mark.slow
+def test_what_was_killed_and_what_was_interrupted_goes_on_where_it_stopped(tmp_path):
+    words = ["everything", "--paper-only", "--seeds", "1", "--workers", "1"]
+    command = [sys.executable, "-c", TINY, *words, "--folder", str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [*SMALL, "--workers", "1", "--folder", str(here)]
-    first = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
-    until((here / "data" / "weights" / "autoencoder-torque-paper.safetensors").exists)
-    first.kill()
-    first.wait()
-    before = kept(here)
-    assert len(before) > 20
-    subprocess.run(command, env=environment, check=True, timeout=PATIENCE)
-    assert before.items() < kept(here).items()  # nothing was done again
+    data, done = tmp_path / "data", tmp_path / "done.txt"
 
-    with scheduler_and_two_workers(tmp_path) as (address, workers):
-        command = [*SMALL, "--scheduler", address, "--folder", str(there)]
-        with subprocess.Popen(command, env=environment) as distributed:
-            until(lambda: len(kept(there)) > 5)
-            (worker,) = [
-                each
-                for each in workers[0].children()
-                if "spawn_main" in " ".join(each.cmdline())
-            ]
-            worker.send_signal(signal.SIGKILL)
-            assert distributed.wait(PATIENCE) == 0
-        assert "signal 9" in (tmp_path / "log-1").read_text()
-    assert contents(there / "data") == contents(here / "data")
-    assert any(path.suffix == ".csv" for path in contents(there / "data"))
+    def started_until(there):
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + PATIENCE
+        while not there():
+            assert process.poll() is None
+            assert time.monotonic() < end, "waited in vain"
+            time.sleep(0.05)
+        return process
+
+    # In the trainings
+    autoencoder = data / "weights" / "autoencoder-torque-paper.safetensors"
+    process = started_until(autoencoder.exists)
+    process.kill()
+    process.wait()
+    before = {path: path.stat().st_mtime_ns for path in data.rglob("*.npz")}
+    before[autoencoder] = autoencoder.stat().st_mtime_ns
+    assert len(before) > 20
+
+    # In a study
+    process = started_until(lambda: done.exists() and done.read_text() == "01")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE) == 130
+
+    # Nothing is done again but the row that was interrupted
+    subprocess.run(command, env=environment, check=True, timeout=PATIENCE)
+    assert done.read_text() == "0112"
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+    tables = {path.stem for path in (data / "results").iterdir()}
+    assert tables == {"self_organisation-paper", "noted"}
+    assert (tmp_path / "results.md").read_text() == "no results"
+
+
+def folders_of_a_worker(name):
+    return f"{name} {os.environ[KEPT]}"
+
+
+@pytest.mark.slow
+def test_the_workers_of_a_scheduler_do_all_calls_and_know_the_folders(
+    monkeypatch, tmp_path
+):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path / "data"))
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as c:
+        monkeypatch.setenv(KEPT, str(tmp_path))
+        with reproduce.workers_of(c.scheduler_address):
+            assert joblib.parallel.get_active_backend()[0].__class__.__name__ == (
+                "DaskDistributedBackend"
+            )
+            calls = [{"name": name} for name in "ab"]
+            found = side_by_side(folders_of_a_worker, calls, "folders", workers=-1)
+            assert list(found) == [f"a {tmp_path}", f"b {tmp_path}"]
