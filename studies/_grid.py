@@ -77,7 +77,6 @@ class Experiment:
     name: str
     run_one: Callable[..., dict[str, Any]]
     cases: Callable[..., list[Case]]
-    seconds: float
     slow: bool = False
     paper: Mapping[str, Any] = field(default_factory=dict)
     rows: Callable[[Tables], list[Row]] | None = None

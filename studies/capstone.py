@@ -368,7 +368,7 @@ def save_film(pictures: list[np.ndarray]) -> Path:
 
 _HIDDEN_CASES = over(seed=range(40), model=0)
 EXPERIMENTS = (
-    Experiment("capstone", _run_one, _cases, seconds=8),
-    Experiment("capstone_draws", _run_drawn, _draws, seconds=8),
-    Experiment("hidden_cloth", _run_hidden, _HIDDEN_CASES, seconds=4),
+    Experiment("capstone", _run_one, _cases),
+    Experiment("capstone_draws", _run_drawn, _draws),
+    Experiment("hidden_cloth", _run_hidden, _HIDDEN_CASES),
 )

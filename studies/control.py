@@ -96,7 +96,6 @@ EXPERIMENTS = (
         "control",
         _run_one,
         _CASES,
-        seconds=13,
         paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,

@@ -340,19 +340,17 @@ def _estimate_cases(**sizes: Any) -> list[Case]:
 
 
 EXPERIMENTS = (
-    Experiment("drone_estimates", _estimate, _estimate_cases, seconds=15, slow=True),
+    Experiment("drone_estimates", _estimate, _estimate_cases, slow=True),
     Experiment(
         "drone_unseen_wind",
         _unseen,
         over(controller=TESTED, wind=("35wind", "70wind"), seed=SEEDS),
-        seconds=50,
         slow=True,
     ),
     Experiment(
         "drone_pause",
         _after_pause,
         over(method=_KINDS, controller=TESTED, wind=WINDS, seed=SEEDS),
-        seconds=4,
         slow=True,
     ),
 )

@@ -194,7 +194,6 @@ EXPERIMENTS = (
         "estimation",
         _run_one,
         over(cloth=ESTIMATED, model=range(5), repeat=range(4)),
-        seconds=7,
         paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,

@@ -120,6 +120,5 @@ EXPERIMENTS = (
         "estimation_race",
         _race_one,
         over(cloth=CLOTHS, model=range(5), repeat=range(1)),
-        seconds=5,
     ),
 )

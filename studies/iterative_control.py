@@ -420,12 +420,6 @@ of z, and most rows give them over the median of random commands.
 """
 EXPERIMENTS = (
     Experiment(
-        "iterative_control",
-        _run_one,
-        _cases,
-        seconds=6,
-        slow=True,
-        rows=_rows,
-        about=_ABOUT,
+        "iterative_control", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT
     ),
 )

@@ -142,7 +142,6 @@ EXPERIMENTS = (
         "joint_estimation_control",
         _run_one,
         over(model=range(5)),
-        seconds=10,
         paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,
@@ -151,7 +150,6 @@ EXPERIMENTS = (
         "joint_arms",
         _run_arm,
         _ARMS,
-        seconds=12,
         paper={"weights": "torque-paper", "starts": 0, "target": "target-1"},
     ),
 )

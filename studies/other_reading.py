@@ -146,7 +146,6 @@ EXPERIMENTS = (
         "other_reading",
         _run_one,
         over(reading=READINGS, model=range(1)),
-        seconds=250,
         rows=_rows,
         about=_ABOUT,
     ),

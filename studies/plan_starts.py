@@ -376,11 +376,9 @@ _TASKS = {
     "model": range(5),
 }
 EXPERIMENTS = (
-    Experiment(
-        "why_plans_fail", _run_search, over(search=SEARCHES, **_TASKS), seconds=10
-    ),
-    Experiment("starts", _run_start, over(start=STARTS, **_TASKS), seconds=5),
-    Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS), seconds=2),
-    Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS), seconds=5),
-    Experiment("descents", _run_descents, over(**_TASKS), seconds=10),
+    Experiment("why_plans_fail", _run_search, over(search=SEARCHES, **_TASKS)),
+    Experiment("starts", _run_start, over(start=STARTS, **_TASKS)),
+    Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS)),
+    Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS)),
+    Experiment("descents", _run_descents, over(**_TASKS)),
 )

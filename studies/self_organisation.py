@@ -71,7 +71,6 @@ EXPERIMENTS = (
         "self_organisation",
         _run_one,
         over(model=range(5)),
-        seconds=1,
         paper={"weights": "torque-paper"},
         rows=_rows,
         about=_ABOUT,
@@ -80,7 +79,6 @@ EXPERIMENTS = (
         "trained_p",
         _trained_p,
         over(model=range(5), weights=("torque", "muscle")),
-        seconds=1,
         paper={"weights": ("torque-paper", "muscle-paper")},
     ),
 )

@@ -158,6 +158,5 @@ EXPERIMENTS = (
         "simulator_descents",
         _run_both,
         over(start=KINDS, target=("target-1", "target-2"), cloth=(LIGHT, HEAVY)),
-        seconds=200,
     ),
 )

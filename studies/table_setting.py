@@ -413,24 +413,13 @@ def _learned_cases(model: int | Iterable[int] = range(5), **same: Any) -> list[C
 
 
 EXPERIMENTS = (
-    Experiment(
-        "table_setting",
-        _run_one,
-        _cases,
-        seconds=30,
-        slow=True,
-        rows=_rows,
-        about=_ABOUT,
-    ),
-    Experiment("table_setting_material", _run_material, _MATERIAL_CASES, seconds=3),
-    Experiment(
-        "table_setting_border", _run_border, _BORDER_CASES, seconds=200, slow=True
-    ),
+    Experiment("table_setting", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
+    Experiment("table_setting_material", _run_material, _MATERIAL_CASES),
+    Experiment("table_setting_border", _run_border, _BORDER_CASES, slow=True),
     Experiment(
         "table_setting_learned",
         _run_learned,
         _learned_cases,
-        seconds=3,
         rows=_learned_rows,
         about=_ABOUT,
     ),

@@ -529,7 +529,5 @@ their results. p is estimated from 40 s of random commands before the first thro
 Distances are the best of a period over that of random commands.
 """
 EXPERIMENTS = (
-    Experiment(
-        "transfer", _run_one, _cases, seconds=3, slow=True, rows=_rows, about=_ABOUT
-    ),
+    Experiment("transfer", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
 )

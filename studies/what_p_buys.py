@@ -752,7 +752,5 @@ is better. "Worth nothing" is an interval within a margin of 0.05 that was writt
 before.
 """
 EXPERIMENTS = (
-    Experiment(
-        "what_p_buys", _run_one, _cases, seconds=2, slow=True, rows=_rows, about=_ABOUT
-    ),
+    Experiment("what_p_buys", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
 )

@@ -163,15 +163,8 @@ def _read_off(p: np.ndarray) -> np.ndarray:
 
 EXPERIMENTS = (
     Experiment(
-        "similar_cloths",
-        _compare_one,
-        over(change=CHANGES, seed=range(46, 52)),
-        seconds=1,
+        "similar_cloths", _compare_one, over(change=CHANGES, seed=range(46, 52))
     ),
-    Experiment(
-        "bias_size", _size_one, over(bias_size=range(4), model=range(3)), seconds=12
-    ),
-    Experiment(
-        "plain_training", _plain_one, over(recipe=RECIPES, model=range(2)), seconds=25
-    ),
+    Experiment("bias_size", _size_one, over(bias_size=range(4), model=range(3))),
+    Experiment("plain_training", _plain_one, over(recipe=RECIPES, model=range(2))),
 )

@@ -191,11 +191,7 @@ def counted():
         }
 
     done, broken = [], {}
-    return (
-        Experiment("counted", run_one, lambda: grid(number=range(3)), seconds=0),
-        done,
-        broken,
-    )
+    return (Experiment("counted", run_one, lambda: grid(number=range(3))), done, broken)
 
 
 def test_kept_rows_are_not_made_again(counted, tmp_path, monkeypatch):

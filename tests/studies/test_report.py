@@ -55,7 +55,7 @@ def test_rows_are_computed_once_for_each_amount_of_recordings(tmp_path, monkeypa
         computed.append(list(tables))
         return [Row("counted", "what", float(tables["counted"]["x"].iloc[0]))]
 
-    counted = Experiment("counted", lambda x: {}, over(x=(1,)), seconds=0, rows=rows)
+    counted = Experiment("counted", lambda x: {}, over(x=(1,)), rows=rows)
     about = replace(counted, about="A question?\n\nA paragraph.")
     monkeypatch.setattr(report, "EXPERIMENTS", {"counted": about})
     for ending, x in (("", 2), (PAPER, 3)):

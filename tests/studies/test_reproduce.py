@@ -163,7 +163,7 @@ def noted(number, folder):
 
 folder = Path(sys.argv[sys.argv.index("--folder") + 1])
 cases = partial(grid, number=range(3), folder=str(folder))
-studies.EXPERIMENTS["noted"] = Experiment("noted", noted, cases, seconds=0)
+studies.EXPERIMENTS["noted"] = Experiment("noted", noted, cases)
 Plan.tables = lambda self: ["self_organisation-paper", "noted"]
 for name, each in reproduce.DATASETS.items():
     reproduce.DATASETS[name] = replace(each, steps=24, policies=("operator",))
