@@ -77,25 +77,14 @@ class Calibration:
 
         Such a material is predicted well perhaps, but was never seen.
         """
-        normals = self.sides[:, :-1]
-        offsets = self.sides[:, -1]
+        # Of each side of their hull, the normal that points outwards and an offset
+        sides = ConvexHull(self.biases).equations
+        normals = sides[:, :-1]
+        offsets = sides[:, -1]
         squares = np.einsum("ki,ij,kj->k", normals, np.asarray(covariance), normals)
         gaps = normals @ np.asarray(p) + offsets
         reach = radius(share, normals.shape[1]) * np.sqrt(squares)
         return bool((gaps > reach).any())
-
-    @property
-    def sides(self) -> np.ndarray:
-        """Of the hull of the trained p: normal, pointing outwards, and offset of each.
-
-        `[N, D_p + 1]`.
-        """
-        return ConvexHull(self.biases).equations
-
-    @property
-    def reach(self) -> float:
-        """How far what is usual for a material counts for others near its p."""
-        return _reach(self.biases)
 
     def report(self, fit: Linearisation | None, p: ArrayLike) -> EstimateReport | None:
         """All of this about an estimate p and how it predicts (`linearise`).
@@ -130,7 +119,7 @@ def _log_error_ratio(
 
 
 def _reach(biases: np.ndarray) -> float:
-    """See `Calibration.reach`; of the trained p `[K, D_p]`."""
+    """How far what is usual for a material counts for others near its p, `[K, D_p]`."""
     return 0.3 * float(np.sqrt(((biases - biases.mean(0)) ** 2).sum(1).mean()))
 
 
