@@ -131,7 +131,7 @@ worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, the
 reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
 	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
 
-picture: chromium  ## draw the README's moving picture and its gallery anew, after `make notebooks`
+picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
 	$(BIN)/python scripts/make_picture.py
 
 $(EXECUTED): build/full/notebooks/%: notebooks/% $(SOURCES) | $(STAMP)
@@ -176,6 +176,5 @@ lock: $(STAMP)  ## pin what pyproject.toml names in environment.txt; UPGRADE=1 t
 format: $(STAMP)  ## format code and notebooks, strip notebook outputs
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/python scripts/make_api.py
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)

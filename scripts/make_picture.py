@@ -47,7 +47,7 @@ def gallery() -> None:
 
     That is the one of its cell tagged `gallery`, or its first.
     """
-    for path in sorted((ROOT / "build" / "small").glob("*.ipynb")):
+    for path in sorted((ROOT / "build" / "small" / "notebooks").glob("*.ipynb")):
         cells = nbformat.read(path, as_version=4).cells
         tagged = [cell for cell in cells if "gallery" in cell.metadata.get("tags", [])]
         outputs = [each for cell in tagged or cells for each in cell.get("outputs", [])]
