@@ -1,16 +1,11 @@
 """Files that an interruption does not spoil, and that say so if something else did."""
 
 import hashlib
-import io
-import math
 import os
 import tempfile
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import numpy as np
 
 _LEFT_OVER = ".part"  # ending of a temporary file, which no loader looks for
 
@@ -47,7 +42,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 class OtherKindError(ValueError):
     """A file is whole, and not what was asked for.
 
-    It is of another kind, of another version, or too large to be read.
+    It is of another kind, or of another version.
     """
 
 
@@ -68,42 +63,6 @@ def reading(path: str | Path, kind: str) -> Iterator[None]:
         ) from error
     except Exception as error:
         raise ValueError(f"{path} is damaged or holds no {kind}: {error}") from error
-
-
-def load_arrays(path: str | Path, most_bytes: int) -> dict[str, np.ndarray]:
-    """Arrays of an `.npz` by name, without pickles.
-
-    They are refused before they are unpacked if they take more memory than that. A few
-    megabytes of zeros unpack to gigabytes, and a header may ask for more than its file
-    holds: so what a member unpacks to counts, or what its header says, if that is more.
-    """
-    content = io.BytesIO(Path(path).read_bytes())
-
-    # What would it take?
-    needed = 0
-    with zipfile.ZipFile(content) as archive:
-        for member in archive.infolist():
-            needed += max(member.file_size, _announced(archive, member))
-    if needed > most_bytes:
-        raise OtherKindError(
-            f"it unpacks to {needed / 1e6:,.0f} MB,"
-            f" and {most_bytes / 1e6:,.0f} MB are the most"
-        )
-
-    content.seek(0)
-    with np.load(content, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
-
-
-def _announced(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Bytes that the header of an array asks for."""
-    with archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = np.lib.format.read_array_header_2_0
-        if version == (1, 0):
-            read_header = np.lib.format.read_array_header_1_0
-        shape, _, dtype = read_header(file)
-    return math.prod(shape) * dtype.itemsize
 
 
 def sha256(path: str | Path) -> str:

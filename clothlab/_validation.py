@@ -3,12 +3,10 @@
 What is right they return, as the kind that the rest of the package reckons with.
 """
 
-import dataclasses
 import math
 import numbers
 import operator
 import re
-import typing
 from collections.abc import Iterable, Mapping, Sequence
 from types import EllipsisType
 from typing import Any, TypeVar
@@ -123,16 +121,6 @@ def check_seed(seed: Any) -> int:
     return check_number("seed", seed, int, at_least=0)
 
 
-def check_flag(what: str, value: Any) -> bool:
-    """Return True or False.
-
-    A ValueError for anything else: the word "no" would count as true.
-    """
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{what} is True or False, got {_short(value)}")
-    return bool(value)
-
-
 def check_kind(what: str, value: Any, kind: type[_T], advice: str = "") -> _T:
     """Return `value` if it is of this class.
 
@@ -232,57 +220,3 @@ def check_mask(mask: ArrayLike) -> np.ndarray:
 def _short(value: Any) -> str:
     """The beginning of what was given, on one line."""
     return " ".join(str(value).split())[:80]
-
-
-def setting(
-    default: Any = dataclasses.MISSING, unit: str = "-", **bounds: float
-) -> Any:
-    """A field of a `Checked` dataclass: its default, its unit, and its bounds.
-
-    Bounds are as in `check_number`.
-    """
-    return dataclasses.field(default=default, metadata={"unit": unit, "bounds": bounds})
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Checked:
-    """Settings that check types and bounds of their fields when they are made.
-
-    A ValueError names the field.
-    """
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            name = f"{type(self).__name__}.{field.name}"
-            value = getattr(self, field.name)
-            bounds = field.metadata.get("bounds", {})
-            checked = _as_declared(name, field.type, value, bounds)
-            object.__setattr__(self, field.name, checked)
-
-
-def _as_declared(name: str, kind: Any, value: Any, bounds: Mapping[str, float]) -> Any:
-    """The value of a field as its annotation has it; a ValueError if it is another."""
-    if typing.get_origin(kind) is tuple:
-        return _as_declared_tuple(name, typing.get_args(kind), value, bounds)
-    if kind in (int, float):
-        return check_number(name, value, kind, **bounds)
-    if isinstance(kind, type) and not isinstance(value, kind):
-        raise ValueError(f"{name} is a {kind.__name__}, got {_short(value)}")
-    return value
-
-
-def _as_declared_tuple(
-    name: str, kinds: tuple, value: Any, bounds: Mapping[str, float]
-) -> tuple:
-    """The same of a tuple, `tuple[int, float]` or `tuple[int, ...]`.
-
-    A single value stands for a tuple of one.
-    """
-    single = isinstance(value, str | bytes) or not isinstance(value, Iterable)
-    items = (value,) if single else tuple(value)
-    if kinds[-1] is ...:
-        kinds = kinds[:1] * len(items)
-    if len(items) != len(kinds):
-        raise ValueError(f"{name} has {len(kinds)} entries, got {_short(value)}")
-    pairs = zip(kinds, items, strict=True)
-    return tuple(_as_declared(name, kind, item, bounds) for kind, item in pairs)

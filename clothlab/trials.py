@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from clothlab._files import OtherKindError, load_arrays, reading, write_bytes
+from clothlab._files import OtherKindError, reading, write_bytes
 from clothlab._validation import check_each, check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
@@ -24,10 +24,6 @@ __all__ = ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial", "to
 _FORMATS = (1, 2, 3)
 # With that the policy's name ended in older files when the cloth lay spread afterwards.
 _SPREAD = ", spread"
-
-# The most bytes that the arrays in a file may take. Masks are packed eight to a byte:
-# that many hold 87,000 steps, nearly five hours.
-_MOST_BYTES = 2**27
 
 
 def recorded_plans(
@@ -98,11 +94,12 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 def load_trial(path: str | Path) -> Trial:
     """Read a trial.
 
-    A ValueError names the file if it is damaged, is no trial, is too large, or of a
-    newer version.
+    A ValueError names the file if it is damaged, is no trial, or of a newer version.
     """
     with reading(path, "trial"):
-        arrays = load_arrays(path, _MOST_BYTES)
+        content = io.BytesIO(Path(path).read_bytes())
+        with np.load(content, allow_pickle=False) as file:
+            arrays = dict(file)
         about = json.loads(str(arrays["about"]))
         file_format = about.pop("format")
         if file_format not in _FORMATS:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothlab._store import Folder, data_folder
-from clothlab._validation import check_kind, check_seed, choose
+from clothlab._validation import check_seed, choose
 from clothlab.data._writing import save_target
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
@@ -166,7 +166,6 @@ def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Tri
 
     Behind it come, of a throw that spread the cloth, its repetitions.
     """
-    check_kind("dataset", dataset, Dataset)
     policy_of = choose("policy", policy, _POLICIES)
     check_seed(seed)
 

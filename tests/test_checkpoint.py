@@ -184,7 +184,6 @@ def test_a_full_disk_leaves_the_old_checkpoint(swing, tmp_path, full_disk):
     ("change", "message"),
     [
         ({"losses": np.array([0.1, np.nan])}, "numbers of losses are not finite"),
-        ({"arm": {1, 2}}, "what is said of weights is plain data"),
         ({"arm": {"length": np.inf}}, "what is said of weights is plain data"),
     ],
 )
@@ -225,17 +224,10 @@ def test_a_file_has_the_ending_by_which_it_is_known(swing, tmp_path):
     [
         ({"model": None}, "model is a DPMPB"),
         ({"biases": {"light": [1.0, 2.0]}}, r"p of light is \[1\] and finite"),
-        ({"losses": np.zeros((2, 2))}, r"losses are \[epochs\]"),
         (
             {"state_names": ("angle",)},
             "2 states of the model need as many names, or none, got 1: angle",
         ),
-        (
-            {"command_names": ("a", "b")},
-            "1 commands of the model need as many names, or none, got 2",
-        ),
-        ({"settings": {"epochs": 3}}, "settings is a ModelTraining"),
-        ({"step": 0.0}, "step must be above 0"),
     ],
 )
 def test_what_does_not_belong_together_is_refused(swing, change, message):
@@ -264,13 +256,9 @@ def rewritten(path, change, **tensors):
 @pytest.mark.parametrize(
     ("change", "tensors", "message"),
     [
-        ({}, {"p": torch.zeros(3, 1)}, "is damaged or holds no checkpoint: .+"),
         ({}, {"losses": None}, "is damaged or holds no checkpoint: 'losses'"),
         ({}, {"model.s_std": torch.zeros(2)}, "is damaged .* not all above 0"),
-        ({"step": -1}, {}, "is damaged .* step must be above 0"),
-        ({"settings": {"epoch": 1}}, {}, "is damaged .* unexpected keyword"),
         ({"sizes": [3, 1, 1]}, {}, "is no checkpoint .* layers are not those of DPMPB"),
-        ({"latent_size": 3}, {}, "is no checkpoint .* not those of Autoencoder"),
         ({"format": 2}, {}, "is no checkpoint .* its format is 2, .* reads 1"),
         ({"kind": "model"}, {}, "is no checkpoint .* it holds model weights"),
     ],

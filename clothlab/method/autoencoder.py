@@ -19,12 +19,10 @@ from tqdm.auto import trange
 from clothlab._validation import (
     HEIGHT,
     WIDTH,
-    Checked,
     check_array,
     check_masks,
     check_number,
     check_seed,
-    setting,
     settings_or_default,
 )
 
@@ -121,16 +119,16 @@ def _enlarge(inputs: int, outputs: int, *, bias: bool) -> nn.Module:
 
 
 @dataclass(frozen=True)
-class AutoencoderTraining(Checked):
+class AutoencoderTraining:
     """How the autoencoder is trained.
 
     The paper gives Adam and no more; the rest is this project's choice.
     """
 
-    epochs: int = setting(60, at_least=1)
-    batch_size: int = setting(64, at_least=2)  # images
-    learning_rate: float = setting(2e-3, above=0)  # falls to zero along a cosine
-    latent_size: int = setting(3, at_least=1)  # D_z
+    epochs: int = 60
+    batch_size: int = 64  # images
+    learning_rate: float = 2e-3  # falls to zero along a cosine
+    latent_size: int = 3  # D_z
 
 
 def train_autoencoder(

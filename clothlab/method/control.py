@@ -21,13 +21,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    choose,
-    setting,
-    settings_or_default,
-)
+from clothlab._validation import check_array, choose, settings_or_default
 from clothlab.method._inputs import check_model
 from clothlab.method._rollouts import Rollout, rollout_of
 from clothlab.method.model import DPMPB, Memory
@@ -39,26 +33,33 @@ _LossOfPlans = Callable[[Tensor], Tensor]  # plans [B, T, D_u] → loss of each 
 
 
 @dataclass(frozen=True)
-class ControlSettings(Checked):
+class ControlSettings:
     """The constants of the control; the defaults are the paper's."""
 
-    horizon: int = setting(8, "step", at_least=1)  # N_seq
-    candidates: int = setting(30, at_least=2)  # N_batch, step sizes tried at once
-    iterations: int = setting(3, at_least=1)  # N_iter
-    period: int = setting(8, "step", at_least=1)  # N_periodic
+    horizon: int = 8  # [step] N_seq
+    candidates: int = 30  # N_batch, step sizes tried at once
+    iterations: int = 3  # N_iter
+    period: int = 8  # [step] N_periodic
     # gamma_max: how far a whole plan moves at most, in standard deviations of u.
-    largest_step: float = setting(1.0, above=0)
+    largest_step: float = 1.0
     # A logarithmic scale of step sizes needs a lower end; the paper gives none.
-    smallest_step: float = setting(1e-3, above=0)
+    smallest_step: float = 1e-3
     # The command that a plan gets at its end when it moves on by a step: its "last"
     # once more, as in the paper, or "earlier": the commands of the last period come
     # again, each one step earlier in this one. Older settings call that "periodic".
-    warm_start: str = setting("last")
+    warm_start: str = "last"
     # w_loss, the price of muscle tensions in the loss of an image.
-    tension_weight: float = setting(0.001, "1/N", at_least=0)
+    tension_weight: float = 0.001  # [1/N]
 
     # Entries that a trace keeps: of steps, half an hour.
     traced: ClassVar[int] = 10_000
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest_step <= self.largest_step:
+            raise ValueError(
+                "ControlSettings: step sizes go from smallest_step to largest_step, "
+                f"got {self.smallest_step} to {self.largest_step}"
+            )
 
     def step_sizes(self) -> Tensor:
         """Values of gamma to try, `[candidates]`, on a logarithmic scale.

@@ -9,25 +9,19 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_names,
-    check_number,
-    setting,
-)
+from clothlab._validation import check_array, check_kind, check_names, check_number
 from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True, eq=False)
-class Run(Checked):
+class Run:
     """One run of a robot, as the model sees it; runs of one material share one p."""
 
     s: np.ndarray  # states [T, D_s]; of a cloth, z first
     u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
     material: str
     _: KW_ONLY
-    step: float | None = setting(None, "s")  # between two states, where it is known
+    step: float | None = None  # [s] between two states, where it is known
     state_names: tuple[str, ...] = ()  # what each number of s is, with its unit
     command_names: tuple[str, ...] = ()  # what each number of u is, with its unit
 
@@ -41,7 +35,7 @@ class Run(Checked):
             )
         object.__setattr__(self, "s", s)
         object.__setattr__(self, "u", u)
-        super().__post_init__()
+        check_kind("material of a run", self.material, str)
 
         # What may be left out
         if self.step is not None:
@@ -49,6 +43,8 @@ class Run(Checked):
             object.__setattr__(self, "step", step)
         check_names("states", self.state_names, s.shape[1])
         check_names("commands", self.command_names, u.shape[1])
+        object.__setattr__(self, "state_names", tuple(self.state_names))
+        object.__setattr__(self, "command_names", tuple(self.command_names))
 
     def __len__(self) -> int:
         """Return the number of steps T."""
@@ -69,13 +65,12 @@ def _record(what: str, value: ArrayLike, shape: tuple[str, str]) -> np.ndarray:
 
     A ValueError as of `check_array`, and where a number is missing, if one is.
     """
-    array = np.asarray(value)
-    if array.ndim == 2 and array.dtype.kind == "f":
-        holes = ~np.isfinite(array)
+    if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind == "f":
+        holes = ~np.isfinite(value)
         if holes.any():
             step, number = np.argwhere(holes)[0]
             raise ValueError(
-                f"{what} is {array[step, number]} in step {step}, number {number} "
+                f"{what} is {value[step, number]} in step {step}, number {number} "
                 "(both counted from 0): `runs_from_table` makes runs of a log"
             )
     return check_array(what, value, shape, np.float32)

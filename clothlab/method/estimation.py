@@ -13,30 +13,24 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_number,
-    setting,
-    settings_or_default,
-)
+from clothlab._validation import check_array, check_number, settings_or_default
 from clothlab.method._inputs import check_model
 from clothlab.method._rule import LARGEST_LOSS, Moved, Rule, Window
 from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True)
-class EstimationSettings(Checked):
+class EstimationSettings:
     """Momentum SGD on p.
 
     The paper names the rule and no numbers; these are this project's, see notebook 06.
     """
 
-    rate: float = setting(0.1, above=0)
-    momentum: float = setting(0.9, at_least=0, at_most=1)
-    window: int = setting(200, "step", at_least=1)  # how far back the data reach
+    rate: float = 0.1
+    momentum: float = 0.9
+    window: int = 200  # [step] how far back the data reach
     # First steps of the window, which only fill the memory and are not in the loss.
-    warmup: int = setting(10, "step", at_least=0)
+    warmup: int = 10  # [step]
 
 
 def prediction_loss(

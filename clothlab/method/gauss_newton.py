@@ -15,13 +15,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    choose,
-    setting,
-    settings_or_default,
-)
+from clothlab._validation import check_array, choose, settings_or_default
 from clothlab.method._inputs import check_run, check_same_step
 from clothlab.method._rule import LARGEST_LOSS, Moved, Window
 from clothlab.method.data import Run
@@ -32,18 +26,18 @@ _NUDGE = 0.03  # of p, by which its neighbours differ
 
 
 @dataclass(frozen=True)
-class NewtonSettings(Checked):
+class NewtonSettings:
     """Gauss-Newton on p, from development runs (commands from seed 46000 on)."""
 
-    window: int = setting(200, "step", at_least=1)  # how far back the data reach
+    window: int = 200  # [step] how far back the data reach
     # Of a window that begins in the middle of a motion. Of a cloth that hangs still an
     # empty memory is the right one, and the first steps, in which the arm swings up,
     # say most.
-    warmup: int = setting(10, "step", at_least=0)
-    least: int = setting(5, "step", at_least=2)  # predictions to judge before p moves
+    warmup: int = 10  # [step]
+    least: int = 5  # [step] predictions to judge before p moves
     # Degrees of freedom of Student's t: with few, outliers weigh little.
-    freedom: float = setting(10.0, "-", above=0)
-    longest: float = setting(0.5, "-", above=0)  # largest step of p
+    freedom: float = 10.0
+    longest: float = 0.5  # largest step of p
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import Checked, check_array, setting, settings_or_default
+from clothlab._validation import check_array, settings_or_default
 from clothlab.method._experience import Attempt, Experience
 from clothlab.method._inputs import check_runs
 from clothlab.method.control import (
@@ -45,39 +45,39 @@ _SAME_MATERIAL = 0.25  # largest squared distance in p, in units of the trained 
 
 
 @dataclass(frozen=True)
-class IterativeLearningSettings(Checked):
+class IterativeLearningSettings:
     """How much is tried, and how far an outcome teaches."""
 
     # A plan must be good when it is repeated, too.
-    lookahead: int = setting(3, "period", at_least=1)
+    lookahead: int = 3  # [period]
     # Stretches that led near the target, among which to look for starts.
-    recorded: int = setting(150, at_least=1)
-    starts: int = setting(6, at_least=1)  # best-looking plans that are improved
-    iterations: int = setting(3, at_least=0)  # of the descent
+    recorded: int = 150
+    starts: int = 6  # best-looking plans that are improved
+    iterations: int = 3  # of the descent
 
     # Trust in what recordings showed, when the first plan is chosen, and what a spread
     # of p between their material and this one counts there.
-    trust: float = setting(1.0, at_least=0)
-    difference: float = setting(0.1, at_least=0)
+    trust: float = 1.0
+    difference: float = 0.1
 
     # The variance counts little while outcomes are poor, and in full once they are
     # good: then there is much to lose. What is good is the aim, and the best of some
     # recent outcomes says how good they are.
-    caution: float = setting(1.0, at_least=0)
-    least_caution: float = setting(0.05, at_least=0)
-    aim: float = setting(0.1, "s.d. of z", above=0)
-    recent: int = setting(5, "period", at_least=1)
+    caution: float = 1.0
+    least_caution: float = 0.05
+    aim: float = 0.1  # [s.d. of z]
+    recent: int = 5  # [period]
 
     # How far from a plan and from its start an outcome still teaches.
-    plan_scale: float = setting(1.0, "s.d. of u", above=0)
-    state_scale: float = setting(3.0, "s.d. of s", above=0)
+    plan_scale: float = 1.0  # [s.d. of u]
+    state_scale: float = 3.0  # [s.d. of s]
 
     # Of a prediction before any outcome is known, and how many outcomes that is worth.
-    prior_error: float = setting(0.55, "s.d. of z", above=0)
-    prior_count: float = setting(2.0, "period", above=0)
+    prior_error: float = 0.55  # [s.d. of z]
+    prior_count: float = 2.0  # [period]
     # Variance of what does not repeat, over that of all residuals.
-    noise: float = setting(0.03, above=0)
-    remembered: int = setting(60, "period", at_least=1)
+    noise: float = 0.03
+    remembered: int = 60  # [period]
 
     def features(self, model: DPMPB, s: Tensor, u: Tensor) -> Tensor:
         """What plans are like, in units of how far an outcome teaches, `[B, D]`.

@@ -18,14 +18,7 @@ from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from tqdm.auto import trange
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_seed,
-    choose,
-    setting,
-    settings_or_default,
-)
+from clothlab._validation import check_array, check_seed, choose, settings_or_default
 from clothlab.method._inputs import check_runs, common_step
 from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
@@ -33,20 +26,20 @@ from clothlab.method.model import DPMPB
 
 
 @dataclass(frozen=True)
-class ModelTraining(Checked):
+class ModelTraining:
     """How W and p are trained together; the defaults are the paper's for simulation."""
 
-    epochs: int = setting(300, at_least=1)
-    batch_size: int = setting(300, at_least=1)  # windows
-    sequence_length: int = setting(30, "step", at_least=1)  # LSTM expansions
-    bias_size: int = setting(2, at_least=0)  # D_p
+    epochs: int = 300
+    batch_size: int = 300  # windows
+    sequence_length: int = 30  # [step] LSTM expansions
+    bias_size: int = 2  # D_p
 
     # The paper stops here; what follows is ours. Windows overlap, so that an epoch has
     # more updates: without, 300 epochs learn too little (notebook 05). Learning rates
     # fall to zero along a cosine. That of p is larger; it need not be (notebook 04).
-    stride: int = setting(5, "step", at_least=1)  # between the starts of two windows
-    learning_rate: float = setting(2e-3, above=0)
-    bias_learning_rate: float = setting(6e-3, above=0)
+    stride: int = 5  # [step] between the starts of two windows
+    learning_rate: float = 2e-3
+    bias_learning_rate: float = 6e-3
 
 
 def train_dpmpb(

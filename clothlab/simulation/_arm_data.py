@@ -46,8 +46,16 @@ def arm_from_data(data: str | dict[str, Any]) -> Arm:
             f"its class of arms {name!r} is unknown; known are {known}. "
             "Import yours before reading the file"
         )
-    fields["camera"] = Camera(**fields["camera"])
-    return classes[name](**fields)
+    fields["camera"] = Camera(**_tuples(fields["camera"]))
+    return classes[name](**_tuples(fields))
+
+
+def _tuples(fields: dict[str, Any]) -> dict[str, Any]:
+    """The same fields, with tuples for JSON's lists."""
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in fields.items()
+    }
 
 
 def _subclasses(parent: type) -> Iterator[type]:

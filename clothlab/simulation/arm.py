@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_array, check_number, setting
+from clothlab._validation import check_array, check_number
 from clothlab.simulation._dimensions import BAR_RADIUS, SHOULDER_POSITION
 from clothlab.simulation._state_layout import StateLayout
 from clothlab.simulation.muscle import MUSCLES, Muscles
@@ -24,12 +24,12 @@ _BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
 
 
 @dataclass(frozen=True)
-class Camera(Checked):
+class Camera:
     """Where the camera stands and what it looks at."""
 
-    position: tuple[float, float, float] = setting(unit="m")
-    target: tuple[float, float, float] = setting(unit="m")
-    fovy: float = setting(unit="degree", above=0, at_most=170)  # vertical field of view
+    position: tuple[float, float, float]  # [m]
+    target: tuple[float, float, float]  # [m]
+    fovy: float  # [degree] vertical field of view
 
     @property
     def axes(self) -> np.ndarray:
@@ -43,7 +43,7 @@ class Camera(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm(Checked, ABC):
+class Arm(ABC):
     """Two links in the sagittal plane, with a bar in the hand for the cloth.
 
     They move by shoulder and elbow pitch. Angles are positive downwards, and zero when
@@ -53,17 +53,17 @@ class Arm(Checked, ABC):
 
     name: str
     camera: Camera
-    link_length: float = setting(0.30, "m", above=0)  # upper arm and forearm each
-    link_masses: tuple[float, float] = setting(unit="kg", above=0)
-    hinge_damping: float = setting(unit="N m s/rad", at_least=0)
-    lower: tuple[float, float] = setting((-0.8, -1.6), "rad")  # θ_ref: shoulder, elbow
-    upper: tuple[float, float] = setting((1.0, 0.0), "rad")
+    link_length: float = 0.30  # [m] upper arm and forearm each
+    link_masses: tuple[float, float]  # [kg]
+    hinge_damping: float  # [N m s/rad]
+    lower: tuple[float, float] = (-0.8, -1.6)  # [rad] θ_ref: shoulder, elbow
+    upper: tuple[float, float] = (1.0, 0.0)  # [rad]
     # Stretched, lowered a little: a scene starts here
-    home: tuple[float, float] = setting((0.4, -0.4), "rad")
+    home: tuple[float, float] = (0.4, -0.4)  # [rad]
     # From the range of θ_ref to the joint's stops
-    stop_margin: float = setting(0.3, "rad", at_least=0)
+    stop_margin: float = 0.3  # [rad]
     # The rod in the hand that holds the cloth
-    bar_length: float = setting(0.44, "m", above=0)
+    bar_length: float = 0.44  # [m]
 
     # What each number of `u` and of the robot state is, with its unit
     command_names: ClassVar[tuple[str, ...]]
@@ -79,7 +79,6 @@ class Arm(Checked, ABC):
     closed_command = slice(0, 0)  # for how much of the period the hand is closed
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for low, home, high in zip(self.lower, self.home, self.upper, strict=True):
             if not low <= home <= high:
                 raise ValueError(
@@ -264,10 +263,10 @@ class TorqueArm(Arm):
     camera: Camera = Camera(
         position=(1.35, -1.35, 1.75), target=(0.42, 0.0, 0.93), fovy=39.0
     )
-    link_masses: tuple[float, float] = setting((1.0, 0.7), "kg", above=0)
-    hinge_damping: float = setting(0.5, "N m s/rad", at_least=0)
-    servo_stiffness: tuple[float, float] = setting((120.0, 60.0), "N m/rad", above=0)
-    servo_damping: tuple[float, float] = setting((8.0, 4.0), "N m s/rad", at_least=0)
+    link_masses: tuple[float, float] = (1.0, 0.7)  # [kg]
+    hinge_damping: float = 0.5  # [N m s/rad]
+    servo_stiffness: tuple[float, float] = (120.0, 60.0)  # [N m/rad]
+    servo_damping: tuple[float, float] = (8.0, 4.0)  # [N m s/rad]
 
     command_names = ("θ_ref shoulder [rad]", "θ_ref elbow [rad]")
     state_names: ClassVar[tuple[str, ...]] = (
@@ -316,12 +315,12 @@ class MuscleArm(Muscles, Arm):
     camera: Camera = Camera(
         position=(-0.05, -0.25, 1.45), target=(0.50, 0.0, 0.90), fovy=75.0
     )
-    link_masses: tuple[float, float] = setting((1.3, 1.2), "kg", above=0)
-    hinge_damping: float = setting(1.0, "N m s/rad", at_least=0)
+    link_masses: tuple[float, float] = (1.3, 1.2)  # [kg]
+    hinge_damping: float = 1.0  # [N m s/rad]
     # Wide, because a soft arm sags
-    stop_margin: float = setting(0.6, "rad", at_least=0)
+    stop_margin: float = 0.6  # [rad]
     # f_const at the start, where the range allows it
-    home_tension: float = setting(30.0, "N", above=0)
+    home_tension: float = 30.0  # [N]
 
     command_names: ClassVar[tuple[str, ...]] = (*TorqueArm.command_names, "f_const [N]")
     state_names = (
@@ -333,7 +332,8 @@ class MuscleArm(Muscles, Arm):
 
     def with_stiffness(self, f_const: float) -> Self:
         u = self.home_command
-        u[self.stiffness_command] = check_number("f_const", f_const)
+        f_const = check_number("f_const", f_const)
+        u[self.stiffness_command] = f_const
         self.check_command(u)
         return replace(self, tension_range=(f_const, f_const))
 

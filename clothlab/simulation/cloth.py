@@ -9,14 +9,14 @@ from itertools import product
 
 import numpy as np
 
-from clothlab._validation import Checked, check_kind, check_number, choose, setting
+from clothlab._validation import check_number, choose
 
 DAMPINGS = (0.03, 0.05, 0.07)  # C_damp [N s/m], the paper's three values
 MASSES = (0.05, 0.10, 0.15)  # C_mass [kg], the paper's three values
 
 
 @dataclass(frozen=True)
-class Cloth(Checked):
+class Cloth:
     """A rectangular cloth: a grid of point masses joined by springs.
 
     Its first row is held by the hand. The paper varies `damping` and `mass`. It does
@@ -24,18 +24,24 @@ class Cloth(Checked):
     """
 
     name: str
-    damping: float = setting(0.05, "N s/m", at_least=0)  # C_damp, drag on each point
-    mass: float = setting(0.10, "kg", at_least=1e-3, at_most=10)  # C_mass, the whole
-    length: float = setting(0.50, "m", above=0)  # from the hand to the free edge
-    width: float = setting(0.40, "m", above=0)  # along the hand bar
-    rows: int = setting(6, at_least=2, at_most=100)  # point masses along the length
-    columns: int = setting(3, at_least=2, at_most=100)  # point masses across the width
-    stiffness: float = setting(100.0, "N/m", above=0)  # structural and shear springs
-    bending: float = setting(0.5, "N/m", at_least=0)  # springs that skip one point
+    damping: float = 0.05  # [N s/m] C_damp, drag on each point
+    mass: float = 0.10  # [kg] C_mass, the whole
+    length: float = 0.50  # [m] from the hand to the free edge
+    width: float = 0.40  # [m] along the hand bar
+    rows: int = 6  # point masses along the length
+    columns: int = 3  # point masses across the width
+    stiffness: float = 100.0  # [N/m] structural and shear springs
+    bending: float = 0.5  # [N/m] springs that skip one point
     # Dashpot beside every spring
-    spring_damping: float = setting(0.2, "N s/m", at_least=0)
-    foam: str = setting("")  # kind of the foam it is made of, if any
-    sheets: int = setting(1, at_least=1)  # of that foam
+    spring_damping: float = 0.2  # [N s/m]
+    foam: str = ""  # kind of the foam it is made of, if any
+    sheets: int = 1  # of that foam
+
+    def __post_init__(self) -> None:
+        check_number("Cloth.damping", self.damping, at_least=0)
+        check_number("Cloth.mass", self.mass, at_least=1e-3, at_most=10)
+        check_number("Cloth.rows", self.rows, int, at_least=2, at_most=100)
+        check_number("Cloth.columns", self.columns, int, at_least=2, at_most=100)
 
     @property
     def point_mass(self) -> float:
@@ -79,16 +85,16 @@ CLOTHS = {cloth.name: cloth for cloth in _paper_cloths()}  # nine, of its simula
 
 
 @dataclass(frozen=True)
-class FoamSheet(Checked):
+class FoamSheet:
     """A sheet of polyethylene foam.
 
     The thickness is the paper's; density and modulus are such as these foams are sold
     with.
     """
 
-    thickness: float = setting(unit="m", above=0)
-    density: float = setting(unit="kg/m³", above=0)
-    modulus: float = setting(unit="Pa", above=0)  # Young's
+    thickness: float  # [m]
+    density: float  # [kg/m³]
+    modulus: float  # [Pa] Young's
 
 
 SHEETS = {
@@ -113,7 +119,6 @@ def foam(kind: str, sheets: int, sheet: FoamSheet | None = None) -> Cloth:
     """
     if sheet is None:
         sheet = choose("foam", kind, SHEETS)
-    check_kind("sheet", sheet, FoamSheet)
     check_number("sheets", sheets, int, at_least=1)
     base = Cloth(f"{kind}-{sheets}", foam=kind, sheets=sheets)
     area = base.length * base.width

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from clothlab._validation import (
     HEIGHT,
     WIDTH,
-    check_flag,
     check_kind,
     check_number,
     check_seed,
@@ -120,7 +119,6 @@ class ClothEnv(gymnasium.Env):
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode without looking at it: `reset` without the observation."""
-        check_flag("random_start", random_start)
         super().reset(seed=None if seed is None else check_seed(seed))
         u = self.arm.home_command
         if random_start:

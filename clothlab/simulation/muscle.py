@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import Checked, check_array, setting
+from clothlab._validation import check_array
 
 MUSCLES = (
     "shoulder flexor",
@@ -25,32 +25,29 @@ MUSCLES = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Muscles(Checked):
+class Muscles:
     """Six muscles that pull on shoulder and elbow.
 
     The paper gives only the range of f_const; the other values are assumptions, whose
     effect notebook 02 shows.
     """
 
-    shoulder_moment_arm: float = setting(0.040, "m", above=0)
-    elbow_moment_arm: float = setting(0.030, "m", above=0)
-    biarticular_moment_arms: tuple[float, float] = setting(
-        (0.030, 0.030), "m", at_least=0
-    )
-    spring_linear: float = setting(456.5, "N/m", above=0)  # k₁
+    shoulder_moment_arm: float = 0.040  # [m]
+    elbow_moment_arm: float = 0.030  # [m]
+    biarticular_moment_arms: tuple[float, float] = (0.030, 0.030)  # [m]
+    spring_linear: float = 456.5  # [N/m] k₁
     # k₃; 0 makes the springs linear
-    spring_cubic: float = setting(7.8e6, "N/m³", at_least=0)
-    motor_stiffness: float = setting(3e4, "N/m", above=0)  # K
-    motor_damping: float = setting(250.0, "N s/m", at_least=0)  # D
-    motor_speed: float = setting(0.10, "m/s", above=0)  # how fast s_send can move
-    rotor_mass: float = setting(4.0, "kg", above=0)  # as felt along the wire
-    tension_bias: float = setting(2.0, "N", at_least=0)  # f_bias, keeps the wire taut
-    tension_max: float = setting(250.0, "N", above=0)  # f_max of the motor
+    spring_cubic: float = 7.8e6  # [N/m³]
+    motor_stiffness: float = 3e4  # [N/m] K
+    motor_damping: float = 250.0  # [N s/m] D
+    motor_speed: float = 0.10  # [m/s] how fast s_send can move
+    rotor_mass: float = 4.0  # [kg] as felt along the wire
+    tension_bias: float = 2.0  # [N] f_bias, keeps the wire taut
+    tension_max: float = 250.0  # [N] f_max of the motor
     # Of f_const, the paper's
-    tension_range: tuple[float, float] = setting((10.0, 70.0), "N", above=0)
+    tension_range: tuple[float, float] = (10.0, 70.0)  # [N]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         low, high = self.tension_range
         if not self.tension_bias < low <= high < self.tension_max:
             raise ValueError(

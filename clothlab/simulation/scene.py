@@ -2,23 +2,23 @@
 
 from dataclasses import dataclass
 
-from clothlab._validation import Checked, setting
+from clothlab._validation import check_number
 from clothlab.simulation.trial import CONTROL_PERIOD
 
 
 @dataclass(frozen=True)
-class Scene(Checked):
+class Scene:
     """Time step and start of a scene, and how large its pictures for people are."""
 
     # Notebook 01 measures what halving it changes
-    time_step: float = setting(0.002, "s", at_least=1e-5)
+    time_step: float = 0.002  # [s]
     # The cloth hangs still before a trial starts
-    settle_time: float = setting(2.0, "s", at_least=0, at_most=60)
+    settle_time: float = 2.0  # [s]
     # Height and width, for people
-    picture_size: tuple[int, int] = setting((480, 640), "pixel", above=0, at_most=4096)
+    picture_size: tuple[int, int] = (480, 640)  # [pixel]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        check_number("Scene.time_step", self.time_step, above=0)
         if abs(self.substeps * self.time_step - CONTROL_PERIOD) > 1e-9:
             raise ValueError(
                 "Scene.time_step must divide the control period of "

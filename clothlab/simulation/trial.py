@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clothlab._validation import Checked, check_array, check_masks
+from clothlab._validation import check_array, check_kind, check_masks, check_seed
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth
@@ -13,7 +13,7 @@ CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
 
 
 @dataclass(frozen=True, eq=False)
-class Trial(Checked):
+class Trial:
     """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}.
 
     It holds the image in place of z: `to_run` encodes it, with any autoencoder.
@@ -44,7 +44,8 @@ class Trial(Checked):
         object.__setattr__(self, "arm", arm)
         self._check_rows("robot", len(arm.state_names))
         self._check_rows("commands", len(arm.command_names))
-        super().__post_init__()
+        check_kind("cloth of a trial", self.cloth, Cloth)
+        object.__setattr__(self, "seed", check_seed(self.seed))
 
     def _check_rows(self, name: str, width: int) -> None:
         """Make an array float64 with one row of this width for each image."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from clothlab._validation import Checked, setting
 from clothlab.simulation._lattice import point_names
 from clothlab.simulation._mjcf import add_camera
 from clothlab.simulation.arm import Arm
@@ -35,7 +34,7 @@ class Basket:
 
 
 @dataclass(frozen=True)
-class Furniture(Checked):
+class Furniture:
     """Where the table stands, and the ranges of what is random.
 
     What is no setting describes table.xml and the robot. The arm, 0.6 m long with its
@@ -46,22 +45,20 @@ class Furniture(Checked):
     """
 
     # The table's edge ahead of the shoulder, with the base at 0
-    near: float = setting(0.35, "m", above=0)
+    near: float = 0.35  # [m]
     # Half ranges from here on. The hand tolerates corners of the edge 3 cm off the bar;
     # these ranges move them by 17 mm.
     # Ahead, aside, up
-    rack_shift: tuple[float, float, float] = setting(
-        (0.05, 0.015, 0.03), "m", at_least=0
-    )
+    rack_shift: tuple[float, float, float] = (0.05, 0.015, 0.03)  # [m]
     # About up; slant from level
-    rack_turn: tuple[float, float] = setting((4.0, 3.0), "degree", at_least=0)
+    rack_turn: tuple[float, float] = (4.0, 3.0)  # [degree]
     # Ahead, aside
-    basket_shift: tuple[float, float] = setting((0.04, 0.015), "m", at_least=0)
-    basket_turn: float = setting(15.0, "degree", at_least=0)
+    basket_shift: tuple[float, float] = (0.04, 0.015)  # [m]
+    basket_turn: float = 15.0  # [degree]
     # Of a cloth that begins in the hand, as one from the rack
-    off_middle: float = setting(0.006, "m", at_least=0)
+    off_middle: float = 0.006  # [m]
     # Before a cloth in the hand begins to move
-    wait: tuple[float, float] = setting((1.0, 5.0), "s", at_least=0)
+    wait: tuple[float, float] = (1.0, 5.0)  # [s]
 
     depth: ClassVar[float] = 0.70  # [m] of the table, from its near edge to its far one
     width: ClassVar[float] = 1.00  # [m] of the table

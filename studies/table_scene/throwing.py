@@ -15,14 +15,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import (
-    Checked,
-    check_array,
-    check_mask,
-    choose,
-    setting,
-    settings_or_default,
-)
+from clothlab._validation import check_array, check_mask, choose, settings_or_default
 from clothlab.masks import Observation
 from clothlab.method._inputs import check_sizes
 from clothlab.method._rollouts import rollout_of
@@ -213,24 +206,24 @@ class OperatorThrow(Policy):
 
 
 @dataclass(frozen=True)
-class ThrowSettings(Checked):
+class ThrowSettings:
     """How a throw is planned."""
 
     # Of a plan: swing, release, and until the cloth lies
-    steps: int = setting(16, "step", at_least=2)
+    steps: int = 16  # [step]
     # Earliest and latest
-    release: tuple[float, float] = setting((2.0, 12.0), "period", at_least=0)
+    release: tuple[float, float] = (2.0, 12.0)  # [period]
     # In the last of them the cloth is let go in any case
-    attempts: int = setting(3, at_least=1)
+    attempts: int = 3
     # In the others only if the distance predicted just before is as small as in all
     # recorded throws that spread hard-1.
-    near: float = setting(1.1, "s.d. of z", above=0)
+    near: float = 1.1  # [s.d. of z]
     # For which the cloth hangs before an attempt until it is still
-    rest: int = setting(20, "step", at_least=1)
+    rest: int = 20  # [step]
     # Weight of the variance of the model's error
-    caution: float = setting(1.0, at_least=0)
+    caution: float = 1.0
     # How far from a foam's p its throws still teach
-    bias_scale: float = setting(0.5, "spread of trained p", above=0)
+    bias_scale: float = 0.5  # [spread of trained p]
 
 
 @dataclass(frozen=True)
