@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-import studies
 from clothlab import analysis, plots
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, train_autoencoder
@@ -109,10 +108,6 @@ MISTAKES = {
     "a target of another size": (
         lambda: nearest_plans([RUN], np.zeros(8)),
         "z_ref has 8 numbers, more than the 7 of a state",
-    ),
-    "a misspelt case of a study": (
-        lambda: studies.EXPERIMENTS["control"].cases(modle=0),
-        "control has no 'modle'; choose from .*model",
     ),
     "an interval of nothing": (
         lambda: analysis.difference_interval(np.zeros((0, 5))),
