@@ -1,9 +1,8 @@
 """Can a robot set a table, and does throwing the cloth beat laying it down slowly?
 
-Four experiments: the whole task, where the method that spreads the cloth varies; which
-foam is in the hand, where the foam varies; how far away the table may be until slow
-laying stops working, and throwing, where the foam and the place of the table vary; and
-what the model throws onto such a table, where what it takes for p varies.
+Two experiments: the whole task, where the method that spreads the cloth varies; and how
+far away the table may be until slow laying stops working, and throwing, where the foam
+and the place of the table vary.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,9 +16,7 @@ from clothlab._validation import choose
 from clothlab.analysis import difference_interval, nearest_material, rate_interval
 from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
-from clothlab.method.gauss_newton import estimate_bias
 from clothlab.policies import ReplayPolicy
-from clothlab.trials import rollout
 from studies._grid import Case, Experiment, Tables, grid, over
 from studies._rows import Row
 from studies._runs import trained
@@ -28,16 +25,13 @@ from studies.table_scene.servoing import RobotDriver, lay_slowly
 from studies.table_scene.table_env import TableEnv
 from studies.table_scene.task import (
     ARM,
-    EXCITATION,
-    excite,
     excite_and_throw,
     run_task,
     spread_target,
     successful_throws,
     throw,
-    throw_policy,
 )
-from studies.table_scene.throwing import ExcitationPolicy, OperatorThrow, ThrowSettings
+from studies.table_scene.throwing import OperatorThrow, ThrowSettings
 
 FIRST_SEED = 500_000
 MARGINS = tuple(round(0.09 + 0.005 * k, 3) for k in range(25))  # [m] of slow laying
@@ -47,10 +41,6 @@ _PLACES = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50)
 _BORDER_THROWS = 200  # of an operator who knows nothing of where the table is
 _CHOOSING = 3  # starts by which the best margin and the best throw are chosen
 _JUDGING = 20  # other starts, which judge them
-# [m] of the table onto which throws were recorded, on which hard-3 cannot be laid, and
-# of one on which three of the four foams cannot be
-_LEARNED_PLACES = (Furniture.near, 0.45)
-_REPLAY = "recorded"  # in place of a p: the foam's own recording, without a network
 _SETTLING = 8  # [step] with the hand open until the cloth lies
 
 _Notes = dict[str, Any]  # columns that only some methods fill
@@ -83,16 +73,13 @@ def _best_recorded(learned: ClothCheckpoint, driver: RobotDriver) -> _Notes:
 _METHODS = {"dynamic": _dynamic, "slow": _slow, "best recorded": _best_recorded}
 
 
-def _commands_of_best(
-    learned: ClothCheckpoint, foam: str, near: float = Furniture.near
-) -> np.ndarray:
+def _commands_of_best(learned: ClothCheckpoint, foam: str) -> np.ndarray:
     """Commands `[T, D_u]` of the recorded throw that spread a foam best.
 
-    It is the one after which the foam lay nearest to the target on a table whose edge
-    is `near` [m], mean of its trials.
+    It is the one after which the foam lay nearest to the target, mean of its trials.
     """
     steps = ThrowSettings.steps
-    z_ref = encode(learned.autoencoder, spread_target(foam, near))
+    z_ref = encode(learned.autoencoder, spread_target(foam))
     runs = [run for run in successful_throws(learned) if run.material == foam]
 
     # A throw was recorded several times: its commands say which one it is
@@ -161,19 +148,6 @@ def _cases(
     return cases
 
 
-def _run_material(foam: str, model: int, repeat: int) -> dict[str, Any]:
-    """Excite a foam in the hand and estimate its p: the `nearest` trained p.
-
-    How it is held, and how long it rests before, is drawn.
-    """
-    learned = trained(f"table-{model}")
-    seed = FIRST_SEED + repeat
-    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
-        trial = rollout(env, ExcitationPolicy(env.arm), EXCITATION, seed=seed)
-    p, _ = estimate_bias(learned.model, learned.to_run(trial), method="newton")
-    return {"nearest": nearest_material(p, learned.biases), "bias": p.round(4)}
-
-
 def _run_border(foam: str, near: float) -> dict[str, Any]:
     """Slow laying and an operator's throws on a table whose edge is `near` [m].
 
@@ -210,63 +184,6 @@ def _run_border(foam: str, near: float) -> dict[str, Any]:
         "best_slow": best_slow,
         "best_thrown": best_thrown,
     }
-
-
-def _run_learned(
-    foam: str, near: float, p: str, model: int, start: int
-) -> dict[str, Any]:
-    """What the model throws onto a table on which foams cannot be laid.
-
-    It learned throws onto the nearer table, and chooses among recordings of these. The
-    target is the cloth always as far behind the table's edge.
-
-    Args:
-        foam: in the hand, by name.
-        near: the table's edge ahead of the shoulder [m].
-        p: what the model takes for the foam's p: the "right" trained one, the "wrong"
-            one, which is the farthest, or what is "estimated" from one motion before;
-            or the foam's own "recorded" throw that came nearest to the target.
-        model: seed of the training.
-        start: its number, one of those that judge the operator's throws.
-    """
-    learned = trained(f"table-{model}")
-    furniture = Furniture(near=near)
-    noted: dict[str, Any] = {"released": True, "predicted": None}
-
-    with closing(TableEnv(ARM, foam, start_in="hand", furniture=furniture)) as env:
-
-        def throw_it() -> None:
-            driver = RobotDriver(env, samples=1)
-            if p == _REPLAY:
-                commands = _commands_of_best(learned, foam, near)
-                throw(driver, ReplayPolicy(commands), len(commands))
-                return
-            known = _known_bias(driver, learned, foam, p)
-            policy = throw_policy(env, learned, spread_target(foam, near), known)
-            throw(driver, policy, done=lambda: policy.done)
-            noted["released"] = policy.released
-            noted["predicted"] = round(policy.attempts[-1].before_release, 4)
-
-        spread = _spreads(env, throw_it, start)
-        pose = env.cloth_pose()
-    return {
-        "spread": spread,
-        "flat": round(pose.flat, 3),
-        "ahead": round(float(pose.centre[0]), 3),  # of the shoulder [m]
-        **noted,  # the distance that was predicted before the hand opened [s.d. of z]
-    }
-
-
-def _known_bias(
-    driver: RobotDriver, learned: ClothCheckpoint, foam: str, p: str
-) -> np.ndarray:
-    """What the model takes for the p of a foam in the hand, `[D_p]`."""
-    if p == "estimated":
-        return excite(driver, learned)
-    right = learned.biases[foam]
-    if p == "right":
-        return right
-    return max(learned.biases.values(), key=lambda each: np.linalg.norm(each - right))
 
 
 def _laid(env: TableEnv, margin: float, starts: range) -> np.ndarray:
@@ -353,13 +270,6 @@ def _rows(tables: Tables) -> list[Row]:
         interval=(low, high),
     )
     rows.append(over_slow)
-
-    # The foam in the hand
-    materials = tables["table_setting_material"]
-    right = materials["nearest"] == materials["foam"]
-    count = materials["foam"].nunique()
-    foam = f"p after the first swing: nearest of {count} foams is the right one"
-    rows.append(_rate("material", foam, right, at_least=75))
     return rows
 
 
@@ -376,51 +286,17 @@ def _rate(key: str, label: str, held: pd.Series, **about: Any) -> Row:
     )
 
 
-def _learned_rows(tables: Tables) -> list[Row]:
-    """The learned throw with the right p, onto the table that it knows and another."""
-    throws = tables["table_setting_learned"].query("p == 'right'")
-    rows = []
-    for near, runs in throws.groupby("near"):
-        label = f"cloth spread by a throw, right p, table's edge at {near:g} m"
-        rows.append(_rate(f"learned/{near:g}", label, runs["spread"]))
-    return rows
-
-
 _ABOUT = """
 Can a robot set a table, and does throwing the cloth beat laying it down slowly?
 
 Three methods spread the cloth in the same episodes, with the same places of rack and
 basket: the throw that the model chooses, a slow hand, and the best recorded throw with
-this very cloth. Besides: which foam is in the hand after one motion of four seconds,
-and how far away the table may be until slow laying stops working, and throwing.
+this very cloth.
 """
-_MATERIAL_CASES = over(foam=_FOAMS, model=range(5), repeat=range(5))
 _BORDER_CASES = over(foam=_FOAMS, near=_PLACES)
-
-
-def _learned_cases(model: int | Iterable[int] = range(5), **same: Any) -> list[Case]:
-    """Each training throws from the first start that judges, and from one of its own.
-
-    A recorded throw that is sent again from one start is always the same throw.
-    """
-    cases = []
-    for training in grid(model=model):
-        own = _CHOOSING + 1 + training["model"]
-        axes = {"start": (_CHOOSING, own), "near": _LEARNED_PLACES, "foam": _FOAMS}
-        known = {"p": ("right", "wrong", "estimated", _REPLAY)}
-        cases += grid(**(training | axes | known | same))
-    return cases
 
 
 EXPERIMENTS = (
     Experiment("table_setting", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
-    Experiment("table_setting_material", _run_material, _MATERIAL_CASES),
     Experiment("table_setting_border", _run_border, _BORDER_CASES, slow=True),
-    Experiment(
-        "table_setting_learned",
-        _run_learned,
-        _learned_cases,
-        rows=_learned_rows,
-        about=_ABOUT,
-    ),
 )

@@ -23,7 +23,7 @@ from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run
 from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import NotVisibleError, find_cloth_centre
-from studies.table_scene.scene import Basket, Furniture
+from studies.table_scene.scene import Basket
 from studies.table_scene.servoing import AHEAD_LOW, CLEAR, RobotDriver, grasp
 from studies.table_scene.table_env import ClothPose, Placement, TableEnv
 from studies.table_scene.throwing import (
@@ -273,15 +273,10 @@ def successful_throws(learned: ClothCheckpoint) -> tuple[Run, ...]:
 
 
 @cache
-def spread_target(foam: str = FOAM, near: float = Furniture.near) -> np.ndarray:
-    """Mask `[H, W]` of the foam as it should lie, laid by hand.
-
-    The table's edge is `near` ahead of the shoulder [m], and the cloth always lies as
-    far behind it.
-    """
-    furniture = Furniture(near=near)
-    with closing(TableEnv(ARM, foam, furniture=furniture, start_in="hand")) as env:
-        return laid_by_hand(env, TARGET_AHEAD + near - Furniture.near)
+def spread_target(foam: str = FOAM) -> np.ndarray:
+    """Mask `[H, W]` of the foam as it should lie, laid by hand."""
+    with closing(TableEnv(ARM, foam, start_in="hand")) as env:
+        return laid_by_hand(env, TARGET_AHEAD)
 
 
 def excite(driver: RobotDriver, learned: ClothCheckpoint) -> np.ndarray:

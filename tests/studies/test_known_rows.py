@@ -166,18 +166,6 @@ def test_foams_are_found_where_they_are(world):
     assert 0.3 < row["place"] < 0.9
 
 
-def test_on_the_table_p_tells_the_foams_apart(world, monkeypatch):
-    world.learned = toy.learned("muscle-hand", FOAMS)
-    monkeypatch.setattr(table_setting, "TableEnv", FakeTable)
-    excite = lambda env, policy, steps, seed: toy.random_trial(  # noqa: E731
-        "muscle-hand", env.cloth, 40, seed
-    )
-    monkeypatch.setattr(table_setting, "rollout", excite)
-    row = table_setting._run_material("hard-3", 0, 0)
-    assert row["nearest"] == "hard-3"
-    assert row["bias"] == pytest.approx(toy.bias_of("hard-3"), abs=0.01)
-
-
 class FakeTable:
     """What a study asks of a table."""
 

@@ -89,7 +89,7 @@ def learned(monkeypatch):
         monkeypatch.setattr(
             module,
             "spread_target",
-            lambda foam="hard-1", near=0.35: recorded("hard-1", 3).images[0],
+            lambda foam="hard-1": recorded("hard-1", 3).images[0],
         )
     return found
 
@@ -153,55 +153,6 @@ def test_the_border_is_tried_with_every_margin_and_every_throw(monkeypatch):
     assert far["thrown"].tolist() == far["best_thrown"].tolist() == [False, False]
 
 
-def test_what_the_model_takes_for_p_is_right_wrong_or_felt(learned, monkeypatch):
-    def known(p):
-        return table_setting._known_bias(None, learned, "hard-1", p).tolist()
-
-    monkeypatch.setattr(table_setting, "excite", lambda *_: np.array([0.3, 0.1]))
-    assert known("right") == [0.5, 0.0]
-    assert known("wrong") == [-0.5, 0.0], "the farthest of all"
-    assert known("estimated") == [0.3, 0.1]
-
-
-def test_each_training_throws_from_a_start_of_its_own():
-    cases = pd.DataFrame(get("table_setting_learned").cases())
-    starts = cases.groupby("model")["start"].unique()
-    assert len(set.intersection(*map(set, starts))) == 1
-    assert len(set.union(*map(set, starts))) == 1 + len(starts)
-    judging = range(table_setting._CHOOSING, 3 + table_setting._JUDGING)
-    assert set(cases["start"]) <= {*judging}, "none of them chose the operator's throw"
-
-
-@pytest.mark.slow
-def test_the_target_moves_with_the_table():
-    near, far = (task.spread_target("hard-1", place) for place in (0.35, 0.45))
-    assert near.sum() > 200 < far.sum()
-    places = [np.argwhere(mask).mean(axis=0) for mask in (near, far)]
-    assert np.linalg.norm(np.subtract(*places)) > 3, "pixels"
-
-
-@pytest.mark.slow
-def test_a_learned_throw_is_judged_where_the_table_is(learned, monkeypatch):
-    tiny = ThrowSettings(steps=4, release=(1.0, 3.0), attempts=1, rest=1)
-    monkeypatch.setattr(task.ThrowPolicy, "__init__", with_settings(tiny))
-    run_one = get("table_setting_learned").run_one
-    row = run_one("hard-1", 0.45, "right", 0, 3)
-    assert row["released"]
-    assert row["predicted"] > 0
-    assert not row["spread"], "nobody learned to throw"
-    assert run_one("hard-1", 0.45, "recorded", 0, 3)["predicted"] is None
-
-
-def with_settings(settings):
-    """The policy's beginning, whatever settings it is given."""
-    begin = task.ThrowPolicy.__init__
-
-    def __init__(self, *given):
-        begin(self, *given[:-1], settings)
-
-    return __init__
-
-
 @pytest.mark.parametrize(
     ("worked", "best"), [([0, 2, 1], 1), ([2, 2, 2, 0], 1), ([1], 0)]
 )
@@ -215,27 +166,10 @@ def test_rows_are_rates_of_a_method_s_episodes():
     )
     runs["spread"] = [True, True, True, True, True, False, False, False]
     runs["placed"], runs["grasped"] = runs["spread"] & (runs["seed"] > 500_000), True
-    materials = pd.DataFrame(
-        {"foam": ["a", "a", "b", "b"], "nearest": ["a", "b", "b", "b"]}
-    )
     mean, low, high = difference(runs, "dynamic", "slow")
     assert low <= mean == 0.25 <= high
-    found = {
-        row.key: row
-        for row in EXPERIMENT.rows(
-            {"table_setting": runs, "table_setting_material": materials}
-        )
-    }
+    rows = EXPERIMENT.rows({"table_setting": runs})
+    found = {row.key: row for row in rows}
     assert found["table_setting/spread"].value == 75
     assert found["table_setting/success"].value == 50
     assert found["table_setting/spread/slow"].value == 50
-    assert found["table_setting/material"].value == 75
-
-
-def test_rows_of_the_learned_throw_are_of_the_right_p_on_each_table():
-    throws = pd.DataFrame(get("table_setting_learned").cases(model=[0]))
-    farther = throws["near"] > 0.4
-    throws["spread"] = (throws["p"] == "right") & ~(farther & (throws["start"] > 3))
-    rows = get("table_setting_learned").rows({"table_setting_learned": throws})
-    assert [row.value for row in rows] == [100, 50]
-    assert [row.interval[1] < 100 for row in rows] == [False, True]
