@@ -213,9 +213,6 @@ TARGET_SETS = (
     TargetSet("held-out", "torque", _TABLES, 3200, varied=10),
     # Methods of control were chosen on these, and no table has them.
     TargetSet("development", "torque", _OTHERS, 3100, varied=2, spread=True),
-    TargetSet(
-        "development", "muscle", ("hard-3", "soft-2"), 13100, varied=2, spread=True
-    ),
 )
 _RUNS = 4  # of the operator with each cloth
 
