@@ -11,7 +11,7 @@ from clothlab._validation import HEIGHT, WIDTH, check_mask
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three
 # numbers could describe.
-_KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+KERNEL = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 # Red beyond both other channels is a hue test that survives shading; 40 of 255 clears
 # the grey of arm and floor.
@@ -41,8 +41,8 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
     mask: np.ndarray = cv2.threshold(redness, _REDNESS, 1, cv2.THRESH_BINARY)[1]
 
     # Holes and slivers go.
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _KERNEL)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
 
     # A pixel of a smaller mask is cloth where more than half of it is.
     if mask.shape != (HEIGHT, WIDTH):
