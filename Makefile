@@ -145,10 +145,11 @@ grades: $(STAMP)  ## FOLDER=... points and words for each student in it; ONLY="0
 
 # What notebooks link to; pages of before are gone.
 define WITH_PAGES
-rm -rf $(RUN)/docs $(RUN)/data $(RUN)/reference $(RUN)/*.md
-mkdir $(RUN)/data
+rm -rf $(RUN)/docs $(RUN)/data $(RUN)/web $(RUN)/reference $(RUN)/*.md
+mkdir $(RUN)/data $(RUN)/web
 cp -R *.md LICENSE docs docs/book/index.md docs/book/reference.rst $(RUN)
 cp data/README.md $(RUN)/data
+cp web/README.md $(RUN)/web
 endef
 
 book: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## the executed series as a web site; SMALL=1 from `make notebooks`
