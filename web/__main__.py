@@ -5,7 +5,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from web.build import PAGE, build
+from web import PAGE
 
 
 def serve(folder: Path, port: int) -> None:
@@ -32,6 +32,8 @@ def main() -> None:
     serving.add_argument("--port", type=int, default=8000)
     arguments = parser.parse_args()
     if arguments.command == "build":
+        from web.build import build  # takes seconds, which serving does not
+
         build(arguments.into)
         print(f"{arguments.into / 'index.html'}: open it in a browser")
     else:

@@ -18,8 +18,6 @@ from web.constants import as_json, method_constants, panel_constants
 from web.method import graphs
 from web.npm import fetch, packages
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "build" / "throw"
 SOURCES = Path(__file__).with_name("page")
 # The page as one file to take along
 ONE_FILE = "throw_a_cloth.html"

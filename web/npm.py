@@ -15,8 +15,9 @@ from typing import NamedTuple
 import pooch
 
 from clothlab._files import write_bytes
+from web import ROOT
 
-NPM = Path(__file__).resolve().parents[1] / "build" / "npm"
+NPM = ROOT / "build" / "npm"
 _LIST = Path(__file__).with_name("npm.toml")
 _REGISTRY = "https://registry.npmjs.org"
 

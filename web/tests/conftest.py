@@ -11,7 +11,8 @@ from pathlib import Path
 import playwright
 import pytest
 
-from web.build import ARMS, PAGE, SOURCES
+from web import PAGE
+from web.build import ARMS, SOURCES
 from web.npm import packages
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
