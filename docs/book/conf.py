@@ -30,7 +30,8 @@ extensions = [
     "sphinx.ext.napoleon",
 ]
 exclude_patterns = ["docs/book", "docs/course/measured.md"]
-templates_path = ["templates"]
+# Autosummary would look for them beside the pages
+templates_path = [str(Path(__file__).parent / "templates")]
 # Types of other packages are named in signatures, and nothing offline could be linked
 # to
 nitpicky = False
