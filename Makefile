@@ -71,10 +71,10 @@ test: doctor tested notebooks  ## linter, types, every test without a browser, e
 
 # What `make check` and `make slow` do, in one run: each process imports everything once.
 tested: $(STAMP)
-	$(call CHECKED,-rs -m 'not browser and not book and not nightly and not container')
+	$(call CHECKED,-rs -m 'not browser and not book')
 
 slow: $(STAMP)  ## only the tests that start kernels and processes of their own
-	$(PYTEST) -m 'slow and not nightly' -rs
+	$(PYTEST) -m slow -rs
 
 # What `make notebooks` leaves, for the site; it is not made anew where it is there.
 build/small:

@@ -299,7 +299,7 @@ def swing_log(damping, seed, seconds=40.0):
     return {name: values[kept] for name, values in log.items()}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_p_of_a_new_log_is_nearest_to_the_right_damping():
     dampings = {"dry": 2.0, "oiled": 0.1, "rusty": 6.0}
 
