@@ -22,22 +22,16 @@ from .method.autoencoder import (
     decode as decode,
     encode as encode,
 )
-from .method.checkpoint import Checkpoint as Checkpoint
 from .method.cloth_task import (
     ControlPolicy as ControlPolicy,
     EstimatingPolicy as EstimatingPolicy,
     observe as observe,
     period_mask as period_mask,
 )
-from .method.control import (
-    Controller as Controller,
-    ControlSettings as ControlSettings,
-    GradientSearch as GradientSearch,
-)
+from .method.control import Controller as Controller, ControlSettings as ControlSettings
 from .method.data import Run as Run
-from .method.estimation import BiasEstimator as BiasEstimator
-from .method.fast_rollout import FastDPMPB as FastDPMPB
-from .method.gauss_newton import (
+from .method.estimation import (
+    BiasEstimator as BiasEstimator,
     NewtonEstimator as NewtonEstimator,
     estimate_bias as estimate_bias,
 )
@@ -60,5 +54,6 @@ from .simulation.env import CONTROL_PERIOD as CONTROL_PERIOD, ClothEnv as ClothE
 from .simulation.scene import Scene as Scene
 from .simulation.vision import chamfer_distance as chamfer_distance
 from .trials import recorded_plans as recorded_plans
+from .weights import Checkpoint as Checkpoint
 
 __version__: str

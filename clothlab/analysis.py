@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
+from scipy.special import chdtri, stdtrit
 
 from clothlab._validation import check_array, check_mask, check_number, check_some
 from clothlab.method.autoencoder import Autoencoder, encode
@@ -23,6 +23,7 @@ _ENDS = (
     ("damp0.07-mass0.05", "damp0.03-mass0.15"),
     ("damp0.03-mass0.05", "damp0.07-mass0.15"),
 )
+SHARE = 0.9  # of the regions of p that are shown
 
 
 def _stacked(biases: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -189,3 +190,31 @@ def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
     found = binomtest(int(values.sum()), len(values))
     low, high = found.proportion_ci(method="wilson")
     return float(found.statistic), float(low), float(high)
+
+
+def inside(
+    p: ArrayLike, centre: ArrayLike, covariance: ArrayLike, share: float = SHARE
+) -> bool:
+    """Whether p `[D_p]` lies in the ellipse around a centre `[D_p]`.
+
+    A normal distribution of this covariance `[D_p, D_p]` has this share in it.
+    """
+    gap = np.asarray(p) - np.asarray(centre)
+    squared = gap @ np.linalg.solve(np.asarray(covariance), gap)
+    return bool(squared <= radius(share, len(gap)) ** 2)
+
+
+def outline(
+    centre: ArrayLike, covariance: ArrayLike, share: float = SHARE, points: int = 48
+) -> np.ndarray:
+    """The edge of that ellipse in a plane, `[points, 2]`, its last point the first."""
+    angle = np.linspace(0, 2 * np.pi, points)
+    lengths, axes = np.linalg.eigh(np.asarray(covariance))
+    halves = axes * np.sqrt(lengths.clip(0))
+    circle = radius(share, 2) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(centre) + circle @ halves.T
+
+
+def radius(share: float, size: int) -> float:
+    """How many standard deviations such a region reaches, in so many dimensions."""
+    return float(np.sqrt(chdtri(size, 1 - share)))  # squared, it is chi-square

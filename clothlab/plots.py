@@ -18,9 +18,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clothlab._certainty import outline
 from clothlab._validation import choose
-from clothlab.analysis import principal_axes
+from clothlab.analysis import outline, principal_axes
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 

@@ -16,7 +16,7 @@ from clothlab.method.data import Run
 from clothlab.method.rollout import rollout
 from clothlab.simulation._arm_data import arm_data, arm_from_data
 from clothlab.simulation.cloth import Cloth
-from clothlab.simulation.trial import Trial
+from clothlab.simulation.trial import CONTROL_PERIOD, Trial
 
 __all__ = ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial", "to_run"]
 
@@ -53,9 +53,13 @@ def recorded_plans(
 def to_run(autoencoder: Autoencoder, trial: Trial) -> Run:
     """States and commands of a recorded trial, encoded with this autoencoder."""
     z = encode(autoencoder, trial.images)
-    s = np.concatenate([z, trial.robot], axis=1)
     return Run(
-        s.astype(np.float32), trial.commands.astype(np.float32), trial.cloth.name
+        np.concatenate([z, trial.robot], axis=1),
+        trial.commands,
+        trial.cloth.name,
+        step=CONTROL_PERIOD,
+        state_names=trial.arm.layout(autoencoder.latent_size).names,
+        command_names=trial.arm.command_names,
     )
 
 

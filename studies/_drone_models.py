@@ -13,14 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab.method._quick_tanh import quicken
-from clothlab.method.data import Run, count_windows, set_normalisation, windows
-from clothlab.method.gauss_newton import best_bias
+from clothlab.method.data import Run, set_normalisation, windows
+from clothlab.method.estimation import NewtonSettings
 from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from studies._grid import shared
 from studies._optimise import minimise, seeded
 from studies.neural_fly import CONTROLLERS, WINDS, load_flight
+from studies.uncertainty import best_bias
 
 DEVELOPMENT = "L1"  # its flights are among those of every training
 TESTED = tuple(name for name in CONTROLLERS if name != DEVELOPMENT)
@@ -102,9 +102,7 @@ def train(kind: str, recordings: Recordings, seed: int) -> Trained:
     if kind in _MEMORIES:
         return train_memory(_MEMORIES[kind], runs, seed)
     settings = with_updates(TRAINING, runs, UPDATES)
-    model, biases, _ = train_dpmpb(
-        runs, settings, seed=seed, device="cpu", progress=False
-    )
+    model, biases, _ = train_dpmpb(runs, settings, seed=seed, progress=False)
     return Trained(model.requires_grad_(False), biases)
 
 
@@ -115,7 +113,6 @@ def train_memory(
     with seeded(seed):
         model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], bias_size=0)
         set_normalisation(model, runs)
-        model = quicken(model)
         _minimise(model, kind, runs, updates)
     return Trained(model.eval().requires_grad_(False), {})
 
@@ -179,15 +176,15 @@ def with_updates(
     settings: ModelTraining, runs: Sequence[Run], updates: int
 ) -> ModelTraining:
     """The same settings, with as many epochs as make so many updates."""
-    length = settings.sequence_length
-    windows = sum(count_windows(run, length, settings.stride) for run in runs)
-    batches = -(-windows // settings.batch_size)
+    s, _, _ = windows(runs, settings.sequence_length, settings.stride)
+    batches = -(-len(s) // settings.batch_size)
     return replace(settings, epochs=max(1, round(updates / batches)))
 
 
 def estimate_at_once(model: DPMPB, run: Run) -> np.ndarray:
     """p `[D_p]` with the lowest loss of a whole run in motion, from zero."""
-    p, _ = best_bias(model, run, np.zeros(model.bias_size), rounds=15, from_rest=False)
+    in_motion = NewtonSettings(from_rest=False)
+    p, _ = best_bias(model, run, np.zeros(model.bias_size), in_motion, rounds=15)
     return p
 
 
@@ -225,5 +222,4 @@ def predicted(model: DPMPB, p: Tensor, kept: Memory | None, given: Forecasts) ->
 
     Its memory is empty, or what was kept.
     """
-    memory = None if kept is None else kept.expand(len(given.start))
-    return predict(model, given.start, given.commands, p, memory)
+    return predict(model, given.start, given.commands, p, kept)

@@ -18,13 +18,11 @@ from torch import Tensor, nn
 from clothlab import data
 from clothlab._validation import HEIGHT, WIDTH, check_array, check_mask, choose
 from clothlab.analysis import best_per_period, spread, target_distance
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
-from clothlab.method.estimation import BiasEstimator, prediction_loss
-from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.estimation import BiasEstimator, estimate_bias, prediction_loss
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
@@ -34,6 +32,7 @@ from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.vision import chamfer_distance
 from clothlab.trials import Trial, rollout, to_run
+from clothlab.weights import ClothCheckpoint
 from studies.training_configs import TRAINING_CONFIGS, TrainingConfig
 
 # The paper's amount

@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import Observation
 from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import observe
@@ -22,8 +21,10 @@ from clothlab.method.iterative import (
     IterativeLearningSettings,
     ResidualModel,
     nearest_plans,
+    plan_features,
 )
 from clothlab.method.rollout import Policy
+from clothlab.weights import ClothCheckpoint
 
 _PERIOD = ControlSettings.period  # [step]
 _LONGER = 1.5  # steps of the evolution grow so after a success,
@@ -209,7 +210,7 @@ class ProcessPolicy(Refining):
         return self._guess + mean
 
     def _features(self, s: Tensor, u: Tensor) -> Tensor:
-        return self._settings.features(self._learned.model, s, u)
+        return plan_features(self._learned.model, s, u, self._settings)
 
 
 def _stretches(runs: Sequence[Run], latent: int) -> list[Outcome]:

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.training import train_dpmpb
+from clothlab.weights import ClothCheckpoint
 from studies._grid import shared
 from studies._runs import config_of, find_cloth, recorded_runs, trained
 

@@ -22,15 +22,14 @@ import torch
 from torch import Tensor, nn
 
 from clothlab._store import write_checksums
-from clothlab.data._writing import save_model
-from clothlab.method._quick_tanh import quicken
-from clothlab.method.checkpoint import Checkpoint
-from clothlab.method.control import Controller, ControlSettings, GradientSearch
+from clothlab.data._writing import save
+from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.gauss_newton import NewtonEstimator, estimate_bias
+from clothlab.method.estimation import NewtonEstimator, estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
+from clothlab.weights import Checkpoint
 from studies._grid import Case, Experiment, grid, over, shared
 from studies._optimise import minimise, seeded
 
@@ -194,7 +193,7 @@ def train_with_context(
     length = context + settings.sequence_length
     s, u, _ = windows(runs, length, settings.stride)
     with seeded(seed):
-        model = quicken(DPMPB(s.shape[-1], u.shape[-1], settings.bias_size))
+        model = DPMPB(s.shape[-1], u.shape[-1], settings.bias_size)
         set_normalisation(model, runs)
         encoder = ContextEncoder(model, context)
 
@@ -409,7 +408,7 @@ class Attempts:
             [-1, -1],
             [1, 1],
             REPLANNING if replan else SETTINGS,
-            search=GradientSearch(plans),
+            plans=plans,
         )
 
     @staticmethod
@@ -577,7 +576,7 @@ EXPERIMENTS = (
 def main() -> None:
     """Train the model that notebook 16 shows, into `data/weights`."""
     shown = train("p", 0)
-    save_model(Checkpoint(name="reacher", model=shown.model, biases=shown.biases))
+    save(Checkpoint(name="reacher", model=shown.model, biases=shown.biases))
     write_checksums()
 
 

@@ -39,7 +39,7 @@ def _train(
     settings = AutoencoderTraining(epochs=epochs, latent_size=latent_size)
     known = _images(train)
     images = _images(test)[::3]
-    model, _ = train_autoencoder(known, settings, device="cpu", progress=False)
+    model, _ = train_autoencoder(known, settings, progress=False)
 
     # By the decoder
     z = encode(model, images)

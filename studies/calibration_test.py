@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from clothlab.analysis import nearest_material
-from clothlab.calibration import Calibration, calibrate, inside
-from clothlab.method.gauss_newton import NewtonEstimator, linearise
+from clothlab.analysis import inside, nearest_material
+from clothlab.method.estimation import NewtonEstimator
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial
@@ -20,6 +19,7 @@ from studies._grid import Case, Experiment, Tables, over, shared
 from studies._rows import Row
 from studies._runs import random_trial, trained
 from studies.estimation import BETWEEN
+from studies.uncertainty import Calibration, calibrate
 
 _ARM = "torque"
 _DEVELOPMENT_RUNS = 4  # with each of the nine cloths
@@ -119,7 +119,7 @@ def _run_one(
         newton.update(s, u)
         if t not in Calibration.looks:
             continue
-        linearisation = linearise(newton)
+        linearisation = newton.linearisation()
         report = calibration.report(linearisation, newton.p)
         if linearisation is None or report is None:
             continue
@@ -206,7 +206,7 @@ Do the regions of estimated p hold the right p as often as they say, and are unk
 cloths noticed?
 
 Gauss-Newton estimates p from 0. What its regions and alarms stand on
-(`clothlab.calibration`) is learned from development runs with the nine cloths, which
+(`studies.uncertainty`) is learned from development runs with the nine cloths, which
 all trainings share; each run of the test has commands of its own.
 """
 EXPERIMENTS = (

@@ -18,9 +18,8 @@ from PIL import Image
 
 from clothlab import data, plots
 from clothlab.analysis import crossed_interval, target_distance
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import NewtonEstimator, linearise
+from clothlab.method.estimation import NewtonEstimator
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
@@ -28,6 +27,7 @@ from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.trials import Trial, recorded_plans, rollout
+from clothlab.weights import ClothCheckpoint
 from studies._grid import Case, Experiment, grid, over
 from studies._runs import (
     RECORDINGS,
@@ -238,7 +238,7 @@ def _run_hidden(seed: int, model: int = 0, steps: int = 100) -> dict[str, Any]:
     newton = NewtonEstimator(learned.model)
     for s, u in zip(run.s, run.u, strict=True):
         newton.update(s, u)
-    seen = linearise(newton)
+    seen = newton.linearisation()
     assert seen is not None, "steps are too few to estimate from"
     return {
         "damping": cloth.damping,

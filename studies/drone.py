@@ -55,7 +55,7 @@ from torch import Tensor
 
 from clothlab.analysis import nearest_material
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import NewtonSettings, estimate_bias
+from clothlab.method.estimation import NewtonSettings, estimate_bias
 from clothlab.method.model import DPMPB, Memory
 from studies import _drone_models as models
 from studies._drone_models import (

@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 
 from clothlab.analysis import spread
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.data import Run
-from clothlab.method.estimation import EstimationSettings
-from clothlab.method.gauss_newton import (
+from clothlab.method.estimation import (
+    EstimationSettings,
     Linearisation,
-    NewtonEstimator,
     NewtonSettings,
-    best_bias,
     estimate_bias,
 )
 from clothlab.method.model import DPMPB
 from clothlab.simulation.cloth import CLOTHS
+from clothlab.weights import ClothCheckpoint
 from studies._grid import Experiment, over
 from studies._runs import random_trial, trained
+from studies.uncertainty import best_bias
 
 MOMENTS = (25, 50)  # steps after which settings are judged: 5 s and 10 s
 LOOKS = (25, 50, 100)  # steps after which an estimate says how sure it is
@@ -50,10 +49,11 @@ def _newton_path(
     model: DPMPB, run: Run, freedom: float, longest: float, warmup: int
 ) -> np.ndarray:
     """Gauss-Newton: p after each step `[T, D_p]`."""
-    settings = NewtonSettings(freedom=freedom, longest=longest, warmup=int(warmup))
-    estimator = NewtonEstimator(model, settings=settings, from_rest=warmup == 0)
-    path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
-    return np.stack(path)
+    settings = NewtonSettings(
+        freedom=freedom, longest=longest, warmup=int(warmup), from_rest=warmup == 0
+    )
+    _, path = estimate_bias(model, run, method="newton", settings=settings)
+    return path
 
 
 def _distance(path: np.ndarray, learned: ClothCheckpoint, cloth: str) -> np.ndarray:

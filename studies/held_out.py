@@ -13,7 +13,6 @@ import torch
 from torch import Tensor, nn
 
 from clothlab import data
-from clothlab.method._quick_tanh import quicken
 from clothlab.method.data import Run, materials_of, set_normalisation, windows
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
@@ -153,12 +152,12 @@ def _network(kind: _Kind, runs: Sequence[Run]) -> DPMPB | Stack:
     lstm = DPMPB(states, commands, kind.bias_size)
     set_normalisation(lstm, runs)
     if not kind.frames:
-        return quicken(lstm)
+        return lstm
 
     # The stack has the same buffers
     stack: Any = Stack(states, commands, kind.bias_size, kind.frames)
     stack.load_state_dict(dict(lstm.named_buffers()), strict=False)
-    return quicken(stack)
+    return stack
 
 
 def _weights(model: DPMPB | Stack) -> Tensor:

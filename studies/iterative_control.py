@@ -21,14 +21,14 @@ from clothlab.analysis import (
     late_median,
     target_distance,
 )
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
-from clothlab.method.iterative import IterativeLearningSettings
+from clothlab.method.iterative import IterativeLearningSettings, IterativePolicy
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
+from clothlab.weights import ClothCheckpoint
 from studies import ablations
 from studies._grid import PAPER, Case, Experiment, Tables, grid
 from studies._rows import Row
@@ -150,13 +150,13 @@ def _run_one(
 
     # Distances are in standard deviations of z
     distance = target_distance(learned.autoencoder, trial, mask)
-    predicted = np.array(getattr(inner, "predicted_distances", []), dtype=np.float64)
+    expected = inner.controller.expected if isinstance(inner, IterativePolicy) else []
     return {
         "seed": seed,
         "still": float(distance[0]),  # of the hanging cloth
         "best": best_per_period(distance).round(4),  # in each period [P]
         "hand_speed": _fastest(watch, steps).round(3),  # in the next of each [P] [m/s]
-        "predicted": predicted.round(4),
+        "predicted": np.round(expected, 4),  # of each period, if it learns [P]
         "bias_ratio": _bias_ratio(policy, start, right),
     }
 

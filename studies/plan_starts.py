@@ -5,7 +5,7 @@ how long it searches, and from where.
 """
 
 from contextlib import closing
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,10 @@ from torch import Tensor
 from clothlab import data
 from clothlab.analysis import target_distance
 from clothlab.method.autoencoder import encode
-from clothlab.method.cloth_task import ControlPolicy, observe
+from clothlab.method.cloth_task import observe
 from clothlab.method.control import (
+    Controller,
     ControlSettings,
-    GradientSearch,
-    Problem,
-    Solution,
     best_step,
     optimise_commands,
     steepest_ascent,
@@ -53,65 +51,64 @@ CHOSEN = ("random 200", "random 2000", "recorded 200")
 PLANS = ("unsearched", "recorded 10", "recorded 100")
 
 
-class NotingSearch(GradientSearch):
-    """The paper's search, which notes what it sees as each period begins.
+class NotingController(Controller):
+    """The paper's controller, which notes what it sees as each period begins."""
 
-    Args:
-        plans: from which a period may start, `[N, T, D_u]`.
-        corrects: whether it searches in each step, or as a period begins only, and
-            sends that plan as it is.
-        seed: of what is drawn.
-    """
+    corrects = True  # whether it searches in each step, or as a period begins only
 
-    def __init__(
-        self, plans: np.ndarray | None = None, *, corrects: bool = True, seed: int = 0
-    ):
-        super().__init__(plans)
-        self._corrects = corrects
-        self._rng = np.random.default_rng(seed)
+    def __init__(self, *arguments: Any, seed: int = 0, **options: Any):
+        self._rng = np.random.default_rng(seed)  # of what is drawn
+        super().__init__(*arguments, **options)
+
+    def reset(self) -> None:
+        """Forget the last run, and what was noted of it."""
+        super().reset()
         self.slopes: list[np.ndarray] = []  # length of each command's gradient [8]
-        self.foreseen: list[Tensor] = []  # state at the end of each period [D_s]
+        self.ends: list[Tensor] = []  # predicted at the end of each period [D_s]
 
-    def __call__(self, problem: Problem, learned: None = None) -> Solution:
+    def search(self, s: Tensor, plan: Tensor, solve: bool = True) -> Tensor:
         """A plan; as a period begins, its slope before and its end are noted."""
-        begins = problem.t % PERIOD == 0
+        begins = self.t % PERIOD == 0
         if begins:
-            plan = problem.plan[None]
-            _, slope = steepest_ascent(problem.loss, plan, problem.limits.scale)
+            loss = partial(self.losses, s)
+            _, slope = steepest_ascent(loss, plan[None], self.limits.scale)
             self.slopes.append(slope[0, :PERIOD].norm(dim=1).numpy())
-        elif not self._corrects:
-            problem = replace(problem, solve=False)
-        found = self._found(problem)
+        found = self._found(s, plan, begins or self.corrects)
         if begins:
             with torch.no_grad():
-                states = problem.predict(found.plan[None])
-            self.foreseen.append(states[0, PERIOD - 1])
+                self.ends.append(self.predict(s, found[None])[0, PERIOD - 1])
         return found
 
-    def _found(self, problem: Problem) -> Solution:
-        return super().__call__(problem)
+    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
+        return super().search(s, plan, solve)
 
 
-class UnsearchedPlans(NotingSearch):
+class OncePlanned(NotingController):
+    """It searches as a period begins only, and sends that plan as it is."""
+
+    corrects = False
+
+
+class UnsearchedPlans(NotingController):
     """Recorded plans one after the other, without any search: what chance predicts."""
 
-    def _found(self, problem: Problem) -> Solution:
+    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
         """The next of the plans as a period begins, and then its commands."""
-        drawn = self._plans[problem.t // PERIOD % len(self._plans)]
-        return Solution(torch.roll(drawn, -(problem.t % PERIOD), 0), None)
+        drawn = self._plans[self.t // PERIOD % len(self._plans)]
+        return torch.roll(drawn, -(self.t % PERIOD), 0)
 
 
-class SamplingSearch(NotingSearch):
+class SamplingController(NotingController):
     """The cross-entropy method, with as many calls of the model as the gradient has.
 
     Three times 32 plans are drawn around a mean, and the mean and spread of the best
     eight are those of the next; the paper's three iterations ask for about as many.
     """
 
-    def _found(self, problem: Problem) -> Solution:
+    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
         """The best of the plans that were drawn."""
-        limits = problem.limits
-        mean = problem.plan
+        limits = self.limits
+        mean = plan
         spread = limits.scale.expand_as(mean)
         kept = mean[None]
         trace = []
@@ -120,13 +117,14 @@ class SamplingSearch(NotingSearch):
             drawn = mean + spread * torch.as_tensor(noise, dtype=mean.dtype)
             plans = torch.cat([kept, drawn.clamp(limits.lower, limits.upper)])
             with torch.no_grad():
-                losses = problem.loss(plans)
+                losses = self.losses(s, plans)
             best = plans[losses.argsort()[:8]]
             mean = best.mean(0)
             spread = best.std(0)
             kept = best[:1]
             trace.append(losses.min().item())
-        return Solution(kept[0], np.array(trace))
+        self.trace.append(np.array(trace))
+        return kept[0]
 
 
 def drawn_starts(name: str, arm: Arm, seed: int) -> np.ndarray:
@@ -157,9 +155,8 @@ def _run_search(
         model: seed of the training.
         steps: control steps.
     """
-    noting = SamplingSearch(seed=model) if search == SAMPLING else NotingSearch()
-    settings = SEARCHES[search]
-    return _followed(target, cloth, model, steps, noting, settings)
+    kind = SamplingController if search == SAMPLING else NotingController
+    return _followed(target, cloth, model, steps, kind, settings=SEARCHES[search])
 
 
 def _run_start(
@@ -176,8 +173,7 @@ def _run_start(
     plans = None
     if start != "last":
         plans = drawn_starts(start, trained(f"torque-{model}").arm, model)
-    search = NotingSearch(plans=plans)
-    return _followed(target, cloth, model, steps, search, ControlSettings())
+    return _followed(target, cloth, model, steps, NotingController, plans)
 
 
 def _run_as_planned(
@@ -193,12 +189,11 @@ def _run_as_planned(
         steps: control steps.
     """
     arm = trained(f"torque-{model}").arm
-    search: NotingSearch
     if plans == "unsearched":
-        search = UnsearchedPlans(plans=drawn_starts("recorded 100", arm, 500 + model))
-    else:
-        search = NotingSearch(plans=drawn_starts(plans, arm, model), corrects=False)
-    return _followed(target, cloth, model, steps, search, ControlSettings())
+        drawn = drawn_starts("recorded 100", arm, 500 + model)
+        return _followed(target, cloth, model, steps, UnsearchedPlans, drawn)
+    drawn = drawn_starts(plans, arm, model)
+    return _followed(target, cloth, model, steps, OncePlanned, drawn)
 
 
 def _followed(
@@ -206,32 +201,38 @@ def _followed(
     cloth: str,
     model: int,
     steps: int,
-    search: NotingSearch,
-    settings: ControlSettings,
+    kind: type[NotingController],
+    plans: np.ndarray | None = None,
+    settings: ControlSettings = ControlSettings(),
 ) -> dict[str, Any]:
-    """Distances, and what was foreseen of each period as it began."""
+    """Distances, and what was predicted of each period as it began."""
     learned = trained(f"torque-{model}")
     mask = data.load_target(target)
-    policy = ControlPolicy(
+    policy = learned.controller(mask, cloth)
+    controller = kind(
         learned.model,
-        learned.autoencoder,
-        learned.arm,
-        mask,
+        policy.loss,
         learned.biases[cloth],
+        learned.arm.command_lower,
+        learned.arm.command_upper,
         settings,
-        search=search,
+        home=learned.arm.home_command,
+        plans=plans,
+        seed=model,
     )
+    policy.controller = controller
     trial = new_trial(policy, learned.arm, cloth, steps, model)
 
-    # What was foreseen, and what was seen, at the end of each whole period [P, 3]
+    # What was predicted, and what was seen, at the end of each whole period [P, 3]
     z_ref = encode(learned.autoencoder, mask)
     seen = encode(learned.autoencoder, trial.images)[PERIOD::PERIOD]
-    foreseen = torch.stack(search.foreseen)[: len(seen), learned.layout.z].numpy()
-    error = seen - foreseen
-    away = foreseen - z_ref
+    predicted = torch.stack(controller.ends)[: len(seen), learned.layout.z].numpy()
+    error = seen - predicted
+    away = predicted - z_ref
     length = np.linalg.norm(away, axis=1)
 
-    slopes = np.mean(search.slopes[1:], axis=0) if search.slopes[1:] else np.zeros(8)
+    later = controller.slopes[1:]
+    slopes = np.mean(later, axis=0) if later else np.zeros(8)
     return {
         "distance": target_distance(learned.autoencoder, trial, mask).round(4),
         "predicted": length.round(4),  # distance [P] [s.d. of z]
@@ -271,22 +272,23 @@ def _run_descents(
     learned = trained(f"torque-{model}")
     controller = learned.controller(data.load_target(target), cloth).controller
     with closing(ClothEnv(learned.arm, cloth)) as env:
-        s = observe(learned.autoencoder, env.reset(seed=0)[0])
-    problem = controller.problem(s)
+        s = torch.as_tensor(observe(learned.autoencoder, env.reset(seed=0)[0]))
+    loss = partial(controller.losses, s)
+    limits = controller.limits
 
     # All descents side by side
     kinds = ("still 10", "random 10", "recorded 10")
     drawn = np.concatenate([drawn_starts(kind, learned.arm, model) for kind in kinds])
     starts = torch.as_tensor(drawn, dtype=torch.float32)
-    plans = torch.cat([problem.plan[None], starts])
-    gamma = problem.settings.step_sizes()[:, None, None, None] * problem.limits.scale
+    plans = torch.cat([controller.plan[None], starts])
+    gamma = controller.settings.step_sizes()[:, None, None, None] * limits.scale
     losses = []
     for _ in range(iterations):
-        before, direction = steepest_ascent(problem.loss, plans, problem.limits.scale)
+        before, direction = steepest_ascent(loss, plans, limits.scale)
         losses.append(before.numpy())
-        plans, _ = best_step(problem.loss, plans, gamma * direction, problem.limits)
+        plans, _ = best_step(loss, plans, gamma * direction, limits)
     with torch.no_grad():
-        losses.append(problem.loss(plans).numpy())
+        losses.append(loss(plans).numpy())
     kept = kept_until(iterations)
     found = np.array(losses)[kept].T.round(4)  # [31, kept]
     return {
@@ -322,17 +324,15 @@ def _run_judged(
     learned = trained(f"torque-{model}")
     mask = data.load_target(target)
     with closing(ClothEnv(learned.arm, cloth)) as env:
-        s = observe(learned.autoencoder, env.reset(seed=0)[0])
+        s = torch.as_tensor(observe(learned.autoencoder, env.reset(seed=0)[0]))
         judges = [trained(f"torque-{k}") for k in range(5)]
-        problems = [
-            each.controller(mask, cloth).controller.problem(s) for each in judges
-        ]
+        controllers = [each.controller(mask, cloth).controller for each in judges]
 
         # Some that nobody chose, then those that this training chooses
         seeds = [1000 * model + draw for draw in range(draws)]
         drawn = [drawn_starts(start, learned.arm, seed) for seed in seeds]
         starts = torch.as_tensor(np.array(drawn), dtype=torch.float32)
-        chosen = [_chosen(problems[model], each) for each in starts]
+        chosen = [_chosen(controllers[model], s, each) for each in starts]
         plans = torch.cat([starts[:, 0], torch.stack(chosen)])
         trials = [_sent(env, plan.double().numpy()) for plan in plans]
 
@@ -340,14 +340,14 @@ def _run_judged(
     ends = np.stack([trial.images[PERIOD] for trial in trials])
     seen = encode(learned.autoencoder, ends)
     with torch.no_grad():
-        states = [each.predict(plans)[:, PERIOD - 1] for each in problems]
-    foreseen = torch.stack(states)[..., learned.layout.z].numpy()
+        states = [each.predict(s, plans)[:, PERIOD - 1] for each in controllers]
+    predicted = torch.stack(states)[..., learned.layout.z].numpy()
 
     # How far from the target, and how wrong
     z_ref = encode(learned.autoencoder, mask)
-    lengths = np.linalg.norm(foreseen[model] - z_ref, axis=1)
-    errors = np.linalg.norm(seen - foreseen, axis=2)
-    others = np.arange(len(judges)) != model
+    lengths = np.linalg.norm(predicted[model] - z_ref, axis=1)
+    errors = np.linalg.norm(seen - predicted, axis=2)
+    others = np.arange(len(controllers)) != model
     return {
         "predicted": lengths[draws:].round(4),  # distance [draws] [s.d. of z]
         "seen": np.linalg.norm(seen - z_ref, axis=1)[draws:].round(4),
@@ -357,11 +357,12 @@ def _run_judged(
     }
 
 
-def _chosen(problem: Problem, starts: Tensor) -> Tensor:
+def _chosen(controller: Controller, s: Tensor, starts: Tensor) -> Tensor:
     """The plan that the paper's descent finds from the best predicted start."""
+    loss = partial(controller.losses, s)
     with torch.no_grad():
-        best = starts[problem.loss(starts).argmin()]
-    plan, _ = optimise_commands(problem.loss, best, problem.limits, ControlSettings())
+        best = starts[loss(starts).argmin()]
+    plan, _ = optimise_commands(loss, best, controller.limits, controller.settings)
     return plan
 
 

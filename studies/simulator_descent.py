@@ -1,7 +1,7 @@
 """Is the valley in which a plan ends the model's alone, or the cloth's, too?
 
 The paper's descent, but with slopes that are measured: each number of a plan is nudged
-up and down, and each nudged plan is thrown in the simulator. No network foresees
+up and down, and each nudged plan is thrown in the simulator. No network predicts
 anything; the autoencoder alone is left, since the loss is a distance of images in z.
 """
 
@@ -109,22 +109,22 @@ def _run_both(
     by_model = []
     ends = []
     with closing(ClothEnv(learned.arm, cloth)) as env:
-        # What a plan comes to, as it is thrown and as the model foresees it
-        s = observe(learned.autoencoder, env.reset(seed=0)[0])
-        problem = learned.controller(mask, cloth).controller.problem(s)
-        limits = problem.limits
+        # What a plan comes to, as it is thrown and as the model predicts it
+        s = torch.as_tensor(observe(learned.autoencoder, env.reset(seed=0)[0]))
+        controller = learned.controller(mask, cloth).controller
+        limits = controller.limits
         thrown = _Throws(env, learned, mask, limits)
 
-        def foreseen(plans: Tensor) -> Tensor:
+        def predicted(plans: Tensor) -> Tensor:
             with torch.no_grad():
-                return problem.loss(plans)
+                return controller.losses(s, plans)
 
         # From each start twice; and what the model found is thrown
         with closing(thrown):
             for plan in plans:
                 _, losses = descend(thrown, plan, limits, iterations)
                 by_cloth.append(losses[kept])
-                end, losses = descend(foreseen, plan, limits, iterations)
+                end, losses = descend(predicted, plan, limits, iterations)
                 by_model.append(losses[kept])
                 ends.append(thrown(end[None]).item())
     return {

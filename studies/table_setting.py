@@ -14,9 +14,9 @@ import pandas as pd
 
 from clothlab._validation import choose
 from clothlab.analysis import difference_interval, nearest_material, rate_interval
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import encode
 from clothlab.policies import ReplayPolicy
+from clothlab.weights import ClothCheckpoint
 from studies._grid import Case, Experiment, Tables, grid, over
 from studies._rows import Row
 from studies._runs import trained

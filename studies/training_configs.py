@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothlab import data
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
@@ -15,6 +14,7 @@ from clothlab.method.data import Run
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import Trial, to_run
+from clothlab.weights import ClothCheckpoint
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,13 @@ from clothlab.analysis import (
     late_median,
     target_distance,
 )
-from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method._drawable import known_target
+from clothlab.lab._targets import known_target
 from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
-from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.estimation import estimate_bias
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.rollout import Policy
+from clothlab.weights import ClothCheckpoint
 from studies import ablations
 from studies._grid import Case, Experiment, Tables, grid, shared
 from studies._rows import Row

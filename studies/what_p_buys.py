@@ -75,7 +75,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from torch import nn
+from torch import Tensor, nn
 
 from clothlab import data
 from clothlab.analysis import (
@@ -84,17 +84,20 @@ from clothlab.analysis import (
     nearest_material,
     target_distance,
 )
-from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method.cloth_task import ControlPolicy
-from clothlab.method.control import ControlSettings, Problem
+from clothlab.method.control import ControlSettings, optimise_commands
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import estimate_bias
-from clothlab.method.iterative import IterativeLearningSettings, IterativeSearch
+from clothlab.method.estimation import estimate_bias
+from clothlab.method.iterative import (
+    IterativeController,
+    IterativeLearningSettings,
+    IterativePolicy,
+)
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial
+from clothlab.weights import ClothCheckpoint
 from studies import ablations, transfer
 from studies._grid import PAPER, Case, Experiment, Tables, grid, shared
 from studies._rows import Row
@@ -160,14 +163,21 @@ KNOWLEDGE = {
 }
 
 
-class _ImprovingSearch(IterativeSearch):
+class _ImprovingController(IterativeController):
     """Improves the recorded plan by the network before it is thrown."""
 
-    def _recorded_plan(self, problem: Problem) -> Any:
-        chosen = super()._recorded_plan(problem)
-        loss = self.forecast(problem).distance
-        plans = chosen.u[None]
-        return self._improved(problem, loss, plans, loss(plans).detach())
+    def _recorded_plan(self, s: Tensor) -> tuple[Tensor, float]:
+        plan, _ = super()._recorded_plan(s)
+        few = replace(
+            self.settings,
+            iterations=self.learning.iterations,
+            candidates=self.learning.candidates,
+            smallest_step=10**-2.5,
+        )
+        expected = self.forecast(s).distance
+        plan, trace = optimise_commands(expected, plan, self.limits, few)
+        self.trace[-1] = trace
+        return plan, float(trace[-1])
 
 
 # How far a step of the evolution goes, and how the Gaussian process is set
@@ -287,11 +297,30 @@ def _controller(method: str, sending: str, hand: _Hand, without: DPMPB) -> Polic
     learned = hand.learned
     knowledge = KNOWLEDGE[method]
     model = learned.model if knowledge.in_prediction else without
-    kind = _ImprovingSearch if sending == IMPROVED else IterativeSearch
-    search = kind(hand.runs, knowledge.settings, biases=learned.biases)
-    return ControlPolicy(
-        model, learned.autoencoder, learned.arm, hand.aim, hand.p, search=search
+    arm = learned.arm
+    policy = IterativePolicy(
+        model,
+        learned.autoencoder,
+        arm,
+        hand.aim,
+        hand.p,
+        hand.runs,
+        knowledge.settings,
+        biases=learned.biases,
     )
+    if sending == IMPROVED:
+        policy.controller = _ImprovingController(
+            model,
+            policy.z_ref,
+            hand.p,
+            arm.command_lower,
+            arm.command_upper,
+            hand.runs,
+            knowledge.settings,
+            biases=learned.biases,
+            home=arm.home_command,
+        )
+    return policy
 
 
 def _nearest_runs(hand: _Hand) -> list[Run]:
@@ -347,7 +376,7 @@ def _first_plan(policy: Policy, hand: _Hand) -> np.ndarray:
         return policy.commands[:_PERIOD]
     controller = policy.controller  # type: ignore[attr-defined]
     controller.act(hand.s)
-    plan = controller.learned.under_way.u
+    plan = controller.under_way.u
     controller.reset()
     return plan.double().numpy()
 

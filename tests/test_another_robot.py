@@ -11,12 +11,12 @@ import torch
 
 from clothlab import data
 from clothlab.data import _writing
-from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.control import Controller, ControlSettings
-from clothlab.method.gauss_newton import estimate_bias
+from clothlab.method.estimation import estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import EpisodeEnded, rollout
 from clothlab.method.training import ModelTraining, train_dpmpb
+from clothlab.weights import Checkpoint
 
 PROPERTIES = list(itertools.product((1.0, 2.0, 4.0), (0.5, 1.0, 2.0)))
 
@@ -80,12 +80,12 @@ def test_an_episode_that_ends_too_early_says_what_to_do():
     with pytest.raises(
         EpisodeEnded,
         match=r"time limit .* reached after 20 of 30 steps.*max_episode_steps",
-    ) as told:
+    ) as ended:
         pushed(1.0, 0.5, steps=30, longest=20)
-    assert len(told.value.run) == 20, "what was recorded is not lost"
+    assert len(ended.value.run) == 20, "what was recorded is not lost"
 
 
-def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
+def test_a_robot_that_falls_is_not_one_whose_time_is_up():
     class Falls(gymnasium.Env):
         def reset(self, *, seed=None, options=None):
             return np.zeros(1), {}
@@ -95,10 +95,10 @@ def test_a_robot_that_falls_is_told_from_one_whose_time_is_up():
 
     with pytest.raises(
         EpisodeEnded, match="the robot's task was over after 1 of 5 steps"
-    ) as told:
+    ) as ended:
         rollout(Falls(), lambda s: np.zeros(1), 5, material="any")
-    assert "max_episode_steps" not in str(told.value)
-    assert len(told.value.run) == 1
+    assert "max_episode_steps" not in str(ended.value)
+    assert len(ended.value.run) == 1
 
 
 @pytest.mark.slow
@@ -135,11 +135,11 @@ def test_the_controller_brings_the_cart_to_a_place(learned, properties):
 
 
 def test_memory_follows_commands_of_others():
-    """Two controllers that can send but one command foresee what their memory says."""
-    model, foreseen = DPMPB(2, 1), []
+    """Two controllers that can send but one command predict what their memory says."""
+    model, predicted = DPMPB(2, 1), []
 
     def noted(states, commands, t):
-        foreseen.append(states[0].detach())
+        predicted.append(states[0].detach())
         return squares(states, commands, t)
 
     watching, acting, fresh = (
@@ -150,12 +150,12 @@ def test_memory_follows_commands_of_others():
     acting.follow([0.2, 0.3], [-0.5])
     watching.follow([0.2, 0.3], [-0.5])
 
-    def foresight(controller):
+    def prediction(controller):
         controller.act([0.0, 1.0])
-        return foreseen[-1]
+        return predicted[-1]
 
-    assert torch.allclose(foresight(watching), foresight(acting), atol=1e-6)
-    assert not torch.allclose(foresight(fresh), foresight(acting), atol=1e-4)
+    assert torch.allclose(prediction(watching), prediction(acting), atol=1e-6)
+    assert not torch.allclose(prediction(fresh), prediction(acting), atol=1e-4)
 
 
 def squares(states, commands, t):
@@ -201,7 +201,7 @@ def test_a_model_comes_back_from_its_file(tmp_path):
     }
     model = DPMPB(3, 2).eval()
     trained = Checkpoint(name="toy", model=model, biases=biases)
-    _writing.save_model(trained, data=tmp_path)
+    _writing.save(trained, data=tmp_path)
     read = data.load_model("toy", data=tmp_path)
     loaded = read.model
     p = read.biases

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab._certainty import inside, outline
-from clothlab.calibration import _likeliest_floor, calibrate
+from clothlab.analysis import inside, outline
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import Linearisation, NewtonSettings, best_bias
+from clothlab.method.estimation import Linearisation, NewtonSettings
+from studies.uncertainty import _likeliest_floor, best_bias, calibrate
 
 ENDLESS = NewtonSettings(freedom=1e9)
 BIASES = {
@@ -25,6 +25,7 @@ class Toy:
     """s[t+1] = MIX (u[t] * (p + 1)): linear in p, and so its regions can be known."""
 
     state_size, command_size, bias_size, s_std = 3, 2, 2, torch.ones(3)
+    step, state_names, command_names = None, (), ()
 
     def __call__(self, s, u, p):
         return (u * (p[:, None] + 1)) @ MIX.T, None

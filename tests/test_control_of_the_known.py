@@ -1,4 +1,4 @@
-"""The paper's controller where the model is right: what it foresees comes."""
+"""The paper's controller where the model is right: what it predicts comes."""
 
 from dataclasses import replace
 
@@ -7,19 +7,19 @@ import pytest
 import torch
 import toy
 
-from clothlab.method.control import Controller, ControlSettings, Solution
+from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, nearest_plans
 
 LEARNED = toy.learned()
 
 
-def test_what_is_foreseen_of_the_end_of_a_period_is_what_comes():
+def test_what_is_predicted_of_the_end_of_a_period_is_what_comes():
     """z there, and its distance to a target that no command reaches."""
     cloth = "damp0.05-mass0.10"
     aim = np.array([0.3, -0.9, 0.7])
     policy = LEARNED.controller(toy.image_of(aim), cloth)
-    assert policy.foreseen is None
+    assert policy.predicted_z is None
     assert policy.predicted_distance is None
 
     z = np.zeros(3)
@@ -27,10 +27,10 @@ def test_what_is_foreseen_of_the_end_of_a_period_is_what_comes():
         for _ in range(8):
             observation = {"image": toy.image_of(z), "robot": np.zeros(4)}
             command = policy(observation)
-            foreseen, distance = policy.foreseen, policy.predicted_distance
+            predicted, distance = policy.predicted_z, policy.predicted_distance
             z = np.append((1 + toy.bias_of(cloth)) * command, 0.0)
         assert policy.controller.period_ended
-        assert foreseen == pytest.approx(z, abs=1e-5)
+        assert predicted == pytest.approx(z, abs=1e-5)
         assert distance == pytest.approx(np.linalg.norm(z - aim), abs=2e-3)
         assert distance == pytest.approx(0.7, abs=0.01)  # as near as commands lead
 
@@ -38,24 +38,18 @@ def test_what_is_foreseen_of_the_end_of_a_period_is_what_comes():
 def test_the_first_plan_repeats_the_middle_between_the_limits_or_home():
     """A search that goes on with what it is given sends it."""
 
-    class Nothing:
-        name = "nothing"
-
-        def begin(self, home, settings, learned=None):
-            return None
-
-        def __call__(self, problem, learned):
-            return Solution(problem.plan, None)
+    class Still(Controller):
+        def search(self, s, plan, solve=True):
+            return plan
 
     for home, first in ((None, [0.5, -2.0]), ([0.25, -1.0], [0.25, -1.0])):
-        controller = Controller(
+        controller = Still(
             LEARNED.model,
             lambda states, commands, t: states[:, 0, 0],
             np.zeros(2),
             [0.0, -3.0],
             [1.0, -1.0],
             home=home,
-            search=Nothing(),
         )
         for _ in range(3):
             assert controller.act(np.zeros(7)) == pytest.approx(first)
@@ -67,17 +61,13 @@ def test_plans_are_looked_for_only_where_a_recording_holds_one():
         nearest_plans([run], np.zeros(3))
 
 
-class Counting:
-    """A search whose n-th plan has n tenths in each step."""
+class Counting(Controller):
+    """Its n-th plan has n tenths in each step."""
 
-    name = "counting"
-
-    def begin(self, home, settings, learned=None):
-        return None
-
-    def __call__(self, problem, learned):
-        plan = torch.full_like(problem.plan, problem.t / 10)
-        return Solution(plan, np.zeros(1))
+    def search(self, s, plan, solve=True):
+        assert solve
+        self.ends.append(float(plan[-1, 0]))
+        return torch.full_like(plan, self.t / 10)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +78,7 @@ def test_at_its_end_a_plan_goes_on_with_its_last_command_or_that_of_a_period_ago
     warm_start, added
 ):
     settings = ControlSettings(horizon=4, period=3, warm_start=warm_start)
-    controller = Controller(
+    controller = Counting(
         LEARNED.model,
         lambda states, commands, t: states[:, 0, 0],
         np.zeros(2),
@@ -96,15 +86,11 @@ def test_at_its_end_a_plan_goes_on_with_its_last_command_or_that_of_a_period_ago
         [1.0, 1.0],
         settings,
         home=[0.9, 0.9],
-        search=Counting(),
     )
-    ends = []
+    controller.ends = []
     for _ in range(5):
-        problem = controller.problem(np.zeros(7))
-        assert problem.solve
-        ends.append(float(problem.plan[-1, 0]))
         controller.act(np.zeros(7))
-    assert ends == pytest.approx(added)
+    assert controller.ends == pytest.approx(added)
 
 
 def test_recorded_plans_may_overlap_by_half_and_no_more():

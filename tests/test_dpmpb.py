@@ -7,7 +7,7 @@ import torch
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run, set_normalisation, windows
-from clothlab.method.gauss_newton import NewtonSettings, estimate_bias
+from clothlab.method.estimation import NewtonSettings, estimate_bias
 from clothlab.method.model import DPMPB, predict
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.trials import to_run
@@ -91,9 +91,9 @@ def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, con
         s = np.column_stack([run.s, np.full(len(run), constant)])
         u = np.column_stack([run.u, np.full(len(run), constant)])
         runs.append(Run(s, u, run.material))
-    with pytest.warns(UserWarning, match="never changes") as told:
-        model, biases, _ = train_dpmpb(runs, BRIEF, device="cpu", progress=False)
-    assert [str(each.message)[:9] for each in told] == ["state 7 (", "command 2"]
+    with pytest.warns(UserWarning, match="never changes") as warned:
+        model, biases, _ = train_dpmpb(runs, BRIEF, progress=False)
+    assert [str(each.message)[:9] for each in warned] == ["state 7 (", "command 2"]
 
     run = runs[0]
     p, _ = estimate_bias(
@@ -116,35 +116,14 @@ def test_a_sensor_and_a_command_that_never_change_are_left_out(made_up_runs, con
     assert predicted[0, :, -1].tolist() == pytest.approx([constant] * 5)
 
 
-def test_a_seed_is_a_whole_number(made_up_runs):
-    for seed in (1.5, "3", -1):
-        with pytest.raises(
-            ValueError, match=r"seed (is a whole number|must be at least 0)"
-        ):
-            train_dpmpb(made_up_runs, BRIEF, seed=seed, progress=False)
-
-
-def test_settings_are_an_object_and_runs_are_runs(made_up_runs, trial):
-    with pytest.raises(
-        ValueError,
-        match=r"settings is a ModelTraining, got dict .*ModelTraining\(name=value\)",
-    ):
-        train_dpmpb(made_up_runs, {"epochs": 3}, progress=False)
-    with pytest.raises(
-        ValueError, match=r"runs is a Run, got Trial .*learned.to_run\(trial\)"
-    ):
-        train_dpmpb([trial], progress=False)
-    with pytest.raises(ValueError, match=r"runs are a list of Run, got Run"):
-        train_dpmpb(made_up_runs[0], progress=False)
+def test_a_trial_is_no_run(made_up_runs, trial):
+    with pytest.raises(ValueError, match=r"learned.to_run\(trial\)"):
+        train_dpmpb([*made_up_runs, trial], progress=False)
 
 
 def test_training_separates_materials_and_is_reproducible(made_up_runs):
-    trained, found, losses = train_dpmpb(
-        made_up_runs, BRIEF, device="cpu", progress=False
-    )
-    again, found_again, _ = train_dpmpb(
-        made_up_runs, BRIEF, device="cpu", progress=False
-    )
+    trained, found, losses = train_dpmpb(made_up_runs, BRIEF, progress=False)
+    again, found_again, _ = train_dpmpb(made_up_runs, BRIEF, progress=False)
     assert losses[-1] < losses[0]
     assert np.linalg.norm(found["a"] - found["b"]) > 0.01
     assert np.array_equal(found["a"], found_again["a"])
@@ -157,9 +136,7 @@ def test_training_separates_materials_and_is_reproducible(made_up_runs):
 
 def test_a_p_that_is_known_is_used_as_it_is(made_up_runs):
     known = {"b": [-0.5, 0.25], "a": [0.5, 0.0]}
-    _, biases, _ = train_dpmpb(
-        made_up_runs, BRIEF, known=known, device="cpu", progress=False
-    )
+    _, biases, _ = train_dpmpb(made_up_runs, BRIEF, known=known, progress=False)
     for name, p in known.items():
         assert np.array_equal(biases[name], np.float32(p))
     with pytest.raises(KeyError, match="b"):
@@ -199,11 +176,7 @@ def test_states_of_a_trial_are_z_and_robot(trial):
     ("s", "u", "message"),
     [
         (GOOD.s + np.nan, GOOD.u, r"s of a run of a is nan in step 0"),
-        (
-            GOOD.s,
-            GOOD.u[0],
-            r"u of a run of a is \[T, D_u\] and finite, got the shape \[2\]",
-        ),
+        (GOOD.s, GOOD.u[0], r"u of a run of a is \[T, D_u\], got \[2\]"),
         (GOOD.s[:5], GOOD.u, "as many states as commands, and some, got 5 and 40"),
         (GOOD.s[:0], GOOD.u[:0], "got 0 and 0"),
     ],
@@ -217,8 +190,9 @@ def test_runs_that_no_model_can_learn_are_refused():
     with pytest.raises(ValueError, match=r"no runs"):
         train_dpmpb([])
     with pytest.raises(
-        ValueError, match=r"more steps than the 30 of a sequence, and one of \w+ has 20"
+        ValueError,
+        match=r"a window predicts 30 steps, and the shortest run has only 20",
     ):
         train_dpmpb([GOOD, GOOD[:20]])
-    with pytest.raises(ValueError, match=r"of the same sizes"):
+    with pytest.raises(ValueError, match=r"it is of another robot"):
         train_dpmpb([GOOD, Run(np.zeros((40, 9)), GOOD.u, "b")])

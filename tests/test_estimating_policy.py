@@ -5,7 +5,7 @@ import pytest
 import toy
 
 from clothlab.method.cloth_task import EstimatingPolicy
-from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.estimation import NewtonEstimator
 from clothlab.policies import RandomPolicy
 
 RIGHT = toy.bias_of("damp0.03-mass0.15")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.method.gauss_newton import Linearisation
+from clothlab.method.estimation import Linearisation
 
 ENDLESS = 1e12  # degrees of freedom: every weight is one
 

@@ -2,27 +2,25 @@
 with it.
 """
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from clothlab.method import control
-from clothlab.method._experience import Attempt, Experience
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.cloth_task import ControlPolicy, observe
+from clothlab.method.cloth_task import observe
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import (
+    Attempt,
+    IterativeController,
     IterativeLearningSettings,
-    IterativeSearch,
+    IterativePolicy,
     ResidualModel,
     nearest_plans,
 )
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.simulation._arm_data import get_arm
 from clothlab.trials import rollout
 
@@ -38,25 +36,21 @@ RUN = Run(
 def iterative(square):
     def make(runs=(RUN,), biases=None, **change):
         torch.manual_seed(0)
-        settings = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
-        search = IterativeSearch(runs, settings, biases=biases)
+        learning = replace(IterativeLearningSettings(iterations=2, starts=2), **change)
         model = DPMPB(7, 2).eval()
         arm = get_arm("torque")
         eyes = Autoencoder().eval()
-        return ControlPolicy(model, eyes, arm, square, (0.0, 0.0), search=search)
+        return IterativePolicy(
+            model, eyes, arm, square, (0.0, 0.0), runs, learning, biases=biases
+        )
 
     return make
 
 
-def known(policy):
-    """What a policy has learned in its run."""
-    return policy.controller.learned
-
-
-def attempts_of(problem, residual, count=3):
+def attempts_of(controller, residual, count=3):
     """Periods from random states, whose outcomes are the predictions plus `residual`."""
     generator = torch.Generator().manual_seed(1)
-    limits, model = problem.limits, problem.model
+    limits, model = controller.limits, controller.model
     made = []
     for _ in range(count):
         s = torch.randn(7, generator=generator)
@@ -65,18 +59,19 @@ def attempts_of(problem, residual, count=3):
         share = torch.rand(8, 2, generator=generator)
         u = limits.lower + (limits.upper - limits.lower) * share
         with torch.no_grad():
-            z = problem.rollout(s, u[None], memory)[0, :, :3]
-        made.append(Attempt(s, memory, u, problem.p, z + torch.as_tensor(residual)))
+            z = predict(model, s, u[None], controller.p, memory)[0, :, :3]
+        z = z + torch.as_tensor(residual)
+        made.append(Attempt(s, memory, u, controller.p, controller.z_ref, z))
     return made
 
 
 def test_where_a_plan_was_tried_its_outcome_is_expected_and_far_away_the_prediction(
     iterative,
 ):
-    policy = iterative(noise=1e-4)
-    problem = policy.controller.problem(np.zeros(7))
-    attempts = attempts_of(problem, [0.5, -0.3, 0.2])
-    forecast = policy.controller.search.forecast(problem, attempts)
+    controller = iterative(noise=1e-4).controller
+    attempts = attempts_of(controller, [0.5, -0.3, 0.2])
+    controller.attempts = attempts
+    forecast = controller.forecast(torch.zeros(7))
     first, residuals = attempts[0], forecast.residuals
     mean, variance = residuals(forecast.features(first.s[None], first.u[None]))
     assert torch.allclose(mean[0, -1], torch.tensor([0.5, -0.3, 0.2]), atol=0.01)
@@ -106,17 +101,14 @@ def test_the_residual_model_says_what_a_textbook_says():
 
 
 def test_without_exploring_the_best_known_plan_is_repeated(iterative):
-    policy = iterative(noise=1e-4, lookahead=1)
-    search = policy.controller.search
-    problem = policy.controller.problem(np.zeros(7))
-    attempts = attempts_of(problem, 3.0)
+    controller = iterative(noise=1e-4, lookahead=1).controller
+    attempts = attempts_of(controller, 3.0)
     best = attempts[1]
-    attempts[1] = replace(best, z=policy.loss.z_ref.expand(8, -1))
-    search.exploring = False
-    here = replace(problem, s=best.s)
-    solution = search(here, Experience(attempts=tuple(attempts)))
-    assert torch.equal(solution.plan, best.u)
-    assert solution.learned.expected[-1] < 0.2
+    attempts[1] = replace(best, z=controller.z_ref.expand(8, -1))
+    controller.attempts = attempts
+    controller.exploring = False
+    assert torch.equal(controller.search(best.s, controller.plan), best.u)
+    assert controller.expected[-1] < 0.2
 
 
 @pytest.mark.slow
@@ -126,8 +118,8 @@ def test_a_plan_is_sent_unchanged_for_a_period_and_the_same_seed_gives_the_same_
     policy = iterative(remembered=1)
     first, second = (rollout(env, policy, 25, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.commands, second.commands)
-    assert len(known(policy).expected) == 4
-    (last,) = known(policy).attempts  # as many as are remembered
+    assert len(policy.controller.expected) == 4
+    (last,) = policy.controller.attempts  # as many as are remembered
     np.testing.assert_allclose(first.commands[16:24], last.u, atol=1e-6)
     lower, upper, _ = policy.controller.limits
     assert ((last.u >= lower) & (last.u <= upper)).all()
@@ -140,23 +132,21 @@ def test_a_step_without_solving_at_the_start_of_a_period_sends_the_plan_once_mor
     policy, commands = iterative(), []
     for k in range(25):
         observation = env.observe()
-        if k == 8:
-            s = observe(policy.autoencoder, observation)
-            problem = policy.controller.problem(s)
         solve = k not in (0, 3, 8, 13, 14, 15)
         commands.append(policy(observation, solve=solve))
         env.advance(commands[-1])
         if k == 8:
-            attempts = known(policy).attempts
-            forecast = policy.controller.search.forecast(problem, attempts)
-            expected = float(forecast.distance(attempts[0].u[None]).detach())
+            s = torch.as_tensor(observe(policy.autoencoder, observation))
+            forecast = policy.controller.forecast(s)
+            plan = policy.controller.attempts[0].u[None]
+            expected = float(forecast.distance(plan).detach())
             assert policy.predicted_distance == pytest.approx(expected)
-            assert policy.predicted_distance == known(policy).expected[1]
+            assert policy.predicted_distance == policy.controller.expected[1]
 
     np.testing.assert_array_equal(commands[:8], commands[8:16])
     # The start and two iterations, in three of four periods.
     assert [len(trace) for trace in policy.controller.trace] == [3, 3, 3]
-    learned = known(policy)
+    learned = policy.controller
     assert len(learned.expected) == 4
     assert len(learned.attempts) == 3
     for k, attempt in enumerate(learned.attempts):
@@ -172,13 +162,13 @@ def test_after_the_arm_was_moved_a_period_begins_anew_and_what_was_learned_stays
     policy = iterative()
     for _ in range(11):
         env.advance(policy(env.observe()))
-    learned = known(policy).attempts
+    learned = policy.controller.attempts
     policy.controller.resume()
     assert policy.predicted_distance is None
     for _ in range(9):
         env.advance(policy(env.observe()))
-    assert known(policy).attempts[0] is learned[0]
-    assert [len(each.z) for each in known(policy).attempts] == [8, 8]
+    assert policy.controller.attempts[0] is learned[0]
+    assert [len(each.z) for each in policy.controller.attempts] == [8, 8]
 
 
 def test_after_the_arm_was_moved_a_plan_that_is_repeated_is_gone_on_with(
@@ -199,50 +189,47 @@ def test_a_new_target_has_other_starts_and_no_prediction_and_what_was_learned_st
     policy = iterative(recorded=2, iterations=0)
     for _ in range(9):
         env.advance(policy(env.observe()))
-    assert policy.predicted_distance == known(policy).expected[-1] > 0
-    learned = known(policy).attempts
+    assert policy.predicted_distance == policy.controller.expected[-1] > 0
+    learned = policy.controller.attempts
     policy.set_target(np.roll(square, 30, axis=1))
     assert policy.predicted_distance is None
-    assert known(policy).attempts is learned
-    nearest = nearest_plans([RUN], policy.loss.z_ref, count=2)
-    problem = policy.controller.problem(np.zeros(7))
-    assert np.array_equal(policy.controller.search.recorded(problem).u, nearest.u)
+    assert policy.controller.attempts is learned
+    nearest = nearest_plans([RUN], policy.z_ref, count=2)
+    assert np.array_equal(policy.controller.recorded().u, nearest.u)
     policy.reset()
-    assert known(policy).attempts == ()
+    assert policy.controller.attempts == []
 
 
 def test_caution_grows_when_outcomes_get_better(iterative):
     """Where nothing was tried, what is expected is the doubt alone, weighed so."""
-    policy = iterative(recent=1, lookahead=1, least_caution=0.05)
-    search = policy.controller.search
-    problem = policy.controller.problem(np.zeros(7))
-    plan = problem.plan[None]
+    controller = iterative(recent=1, lookahead=1, least_caution=0.05).controller
+    s = torch.zeros(7)
+    plan = controller.plan[None]
     weights = []
     for distance in (2.0, 0.2, 0.05):
-        attempt = attempts_of(problem, 0.0, count=1)[0]
-        z = policy.loss.z_ref + torch.tensor([distance, 0.0, 0.0]).expand(8, 3)
-        far = replace(attempt, z=z, s=attempt.s + 1000)
-        forecast = search.forecast(problem, [far])
+        attempt = attempts_of(controller, 0.0, count=1)[0]
+        z = controller.z_ref + torch.tensor([distance, 0.0, 0.0]).expand(8, 3)
+        controller.attempts = [replace(attempt, z=z, s=attempt.s + 1000)]
+        forecast = controller.forecast(s)
         with torch.no_grad():
-            predicted = problem.predict(plan)[0, :, :3]
-            nearest = (predicted - policy.loss.z_ref).square().sum(-1).min()
+            predicted = controller.predict(s, plan)[0, :, :3]
+            nearest = (predicted - controller.z_ref).square().sum(-1).min()
             doubt = forecast.distance(plan) ** 2 - nearest
         weights.append(float(doubt) / (3 * float(forecast.residuals.variance)))
     assert weights == pytest.approx([0.05, 0.25, 1.0], rel=1e-3)
 
 
 @pytest.mark.parametrize("runs", [(), (RUN[:8],)])
-def test_there_must_be_something_to_begin_with(iterative, runs):
+def test_there_must_be_something_to_begin_with(iterative, env, runs):
     with pytest.raises(ValueError, match="need recorded runs that are longer"):
-        iterative(runs=runs)
+        iterative(runs=runs)(env.observe())
 
 
-def test_a_plan_is_as_long_as_a_period(square):
+def test_a_plan_is_as_long_as_a_period():
     settings = ControlSettings(horizon=8, period=5)
-    model, eyes, arm = DPMPB(7, 2).eval(), Autoencoder().eval(), get_arm("torque")
-    search = IterativeSearch([RUN])
+    task = (DPMPB(7, 2).eval(), np.zeros(3), (0, 0), (-1, -1), (1, 1), [RUN])
     with pytest.raises(ValueError, match="of 8 steps must be the period of 5"):
-        ControlPolicy(model, eyes, arm, square, (0, 0), settings, search=search)
+        IterativeController(*task, settings=settings)
 
 
 BIASES = {"a": np.array([1.0, 0.0]), "b": np.array([-1.0, 0.0])}
@@ -261,7 +248,7 @@ def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice
         sent = rollout(env, policy, 17).commands
         assert (sent[:8] == sent[8:16]).all()
         own = nearest_plans(
-            [run for run in runs if run.material == material], policy.loss.z_ref
+            [run for run in runs if run.material == material], policy.z_ref
         )
         assert np.isclose(own.u, sent[:8], atol=1e-5).all(axis=(1, 2)).any()
 
@@ -273,70 +260,12 @@ def test_attempts_with_another_material_are_forgotten(iterative, env):
         policy.set_bias((moved, 0.0))
         for _ in range(8):
             policy(env.observe())
-        assert len(known(policy).attempts) == left
+        assert len(policy.controller.attempts) == left
 
 
 def test_without_trust_or_biases_the_model_alone_chooses(iterative, env):
     alone, unknown = iterative(biases=BIASES, trust=0), iterative()
     assert (rollout(env, alone, 9).commands == rollout(env, unknown, 9).commands).all()
-
-
-class Interrupt:
-    """Raises a KeyboardInterrupt at the n-th call within `clothlab.method`, as Ctrl-C
-    might.
-    """
-
-    folder = str(Path(control.__file__).parent)
-
-    def __init__(self, n):
-        self.left = n
-
-    def __call__(self, frame, event, argument):
-        if event == "call" and frame.f_code.co_filename.startswith(self.folder):
-            self.left -= 1
-            if self.left == 0:
-                raise KeyboardInterrupt
-
-    def __enter__(self):
-        sys.setprofile(self)
-
-    def __exit__(self, *error):
-        sys.setprofile(None)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("biases", [None, BIASES])
-def test_an_interrupt_at_any_call_leaves_it_as_it_was(iterative, env, biases):
-    """At the steps that begin a period, which do most, and at one within.
-
-    A step has some thousand calls: each is interrupted at every 17th, from another one
-    on.
-    """
-    quick = {"recorded": 4, "starts": 1, "iterations": 1}
-    policy, reference = (
-        iterative((RUN, replace(RUN, material="b")), biases, **quick) for _ in range(2)
-    )
-    interrupted = 0
-    for step in range(26):
-        observation = env.observe()
-        expected = reference(observation)
-        for n in range(1 + step, 5000, 17):
-            if step not in (0, 5, 8, 16, 24):
-                break
-            try:
-                with Interrupt(n):
-                    found = policy(observation)
-                break
-            except KeyboardInterrupt:
-                interrupted += 1
-        else:
-            pytest.fail("the step has more calls than were tried")
-        if step not in (0, 5, 8, 16, 24):
-            found = policy(observation)
-        assert np.array_equal(found, expected), f"step {step}"
-        env.advance(expected)
-    assert interrupted > 50
-    assert len(known(policy).attempts) == len(known(reference).attempts) == 3
 
 
 def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
@@ -345,5 +274,5 @@ def test_a_plan_goes_on_where_its_attempt_was_forgotten(iterative, env):
     # So far that the attempt which now ends is of another material
     policy.set_bias((9.0, 0.0))
     again = [policy(env.observe(), solve=False) for _ in range(8)]
-    assert known(policy).attempts == ()
+    assert policy.controller.attempts == []
     assert np.array_equal(again, sent)

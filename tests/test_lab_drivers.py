@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.lab._drivers import DRIVERS, Choice, Drivers
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import TorqueArm
 from clothlab.trials import recorded_plans
+from clothlab.weights import ClothCheckpoint
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def drive(drivers, env, driver, steps, **options):
 
 def learned(drivers):
     policy = drivers._controllers["iterative"]
-    return policy.controller.learned.attempts
+    return policy.controller.attempts
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
@@ -76,7 +76,7 @@ def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(
     ].solved  # a period begins, and there is no plan for it
     assert len(learned(drivers)) == 1
     drivers.reset(0)
-    assert learned(drivers) == ()
+    assert learned(drivers) == []
 
 
 def periods(drivers, driver, predictions, distances):

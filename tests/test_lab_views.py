@@ -10,7 +10,7 @@ import pytest
 
 import studies
 from clothlab import data
-from clothlab._certainty import EstimateReport, inside
+from clothlab.analysis import inside
 from clothlab.lab import _views as views
 from clothlab.lab._drivers import Period
 from clothlab.lab._equipment import SETUPS
@@ -76,24 +76,22 @@ def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
     assert not any(inside(plane.p(at), BIASES["a"], 0.99 * covariance) for at in edge)
 
 
+class KnownTracker:
+    covariance = 0.01 * np.eye(2)
+    is_strange = False
+
+
 def test_warnings_are_shown_while_p_is_estimated(session, shown):
-    known, nothing = (
-        EstimateReport(0.01 * np.eye(2), 0.1, False, False),
-        {"region": [], "warning": ""},
-    )
-    session.tracker.report = known
+    nothing = {"region": [], "warning": ""}
+    session.tracker = KnownTracker()
     assert shown._estimate_report() == nothing
     session.estimating = True
     report = plain(shown._estimate_report())
     assert len(report["region"]) > 10
     assert report["warning"] == ""
-    session.tracker.report = known._replace(outside_hull=True)
-    assert "outside the trained ones" in shown._estimate_report()["warning"]
-    session.tracker.report = known._replace(
-        out_of_distribution=True, log_error_ratio=np.log(2)
-    )
-    assert "2.0 times the usual" in shown._estimate_report()["warning"]
-    session.tracker.report = None
+    session.tracker.is_strange = True
+    assert "unlike the trained ones" in shown._estimate_report()["warning"]
+    session.tracker.covariance = None
     assert shown._estimate_report() == nothing
     session.estimating = False
 

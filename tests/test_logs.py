@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from clothlab.logs import runs_from_table
-from clothlab.method.checkpoint import Checkpoint
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import best_bias, estimate_bias
+from clothlab.method.estimation import estimate_bias
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
+from clothlab.weights import Checkpoint
 
 COLUMNS = {"time": "t", "states": ["x", "v"], "commands": ["push"]}
 
@@ -232,12 +232,12 @@ QUICK = ModelTraining(epochs=1, batch_size=20)
         (
             {"step": 0.05},
             {"step": 0.1},
-            r"steps of 0\.05 s and of 0\.1 s: bring all to",
+            r"steps of 0\.1 s, others have 0\.05 s: resample it",
         ),
         (
             {"state_names": ("x", "v")},
             {"state_names": ("v", "x")},
-            r"differ in their state_names: \(x, v\) and \(v, x\)",
+            r"state_names \(v, x\), others have \(x, v\): give the same",
         ),
     ],
 )
@@ -269,15 +269,20 @@ def at_twenty_hertz():
 
 
 def test_a_run_at_another_rate_is_not_estimated_from(at_twenty_hertz):
-    for use in (estimate_bias, lambda model, run: best_bias(model, run, [0, 0])):
+    for step in (0.1, 0.02):
         with pytest.raises(
-            ValueError, match=r"has 0\.1 s, and nothing was measured in"
+            ValueError, match=rf"steps of {step} s, .*runs_from_table\(..., step=0.05"
         ):
-            use(at_twenty_hertz, plain(step=0.1))
-        with pytest.raises(ValueError, match=r"0\.02 s: resample it, runs_from_table"):
-            use(at_twenty_hertz, plain(step=0.02))
-        use(at_twenty_hertz, plain(step=0.0502))
-        use(at_twenty_hertz, plain())
+            estimate_bias(at_twenty_hertz, plain(step=step))
+    estimate_bias(at_twenty_hertz, plain(step=0.0502))
+    estimate_bias(at_twenty_hertz, plain())
+
+
+def test_a_run_in_another_order_is_not_estimated_from(at_twenty_hertz):
+    at_twenty_hertz.state_names = ("x", "v")
+    with pytest.raises(ValueError, match=r"state_names \(v, x\), others have"):
+        estimate_bias(at_twenty_hertz, plain(state_names=("v", "x")))
+    estimate_bias(at_twenty_hertz, plain(state_names=("x", "v")))
 
 
 # Logs of a swing, as a stranger has them

@@ -2,19 +2,21 @@
 
 Its camera says z plainly: each number is a count of pixels in a third of the image. Its
 cloth obeys at once: z[t+1] = ((1 + p) u[t], 0), where p follows from the material. Its
-model knows all of that but p.
+model knows all of that but p. It is no network: where control predicts with it, its own
+`forward` is asked.
 """
 
 import numpy as np
 import torch
 from torch import nn
 
-from clothlab.cloth_checkpoint import ClothCheckpoint
+from clothlab.method import control, iterative
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import CLOTHS, get_cloth
 from clothlab.trials import Trial
+from clothlab.weights import ClothCheckpoint
 
 PIXELS = 32 * 128  # of a third of the image
 UNIT = 512  # pixels for 1 s.d. of z; PIXELS / 2 of them are z = 0
@@ -62,6 +64,17 @@ class Obedient(DPMPB):
         predicted = nn.functional.pad(angles, (0, self.state_size - 2))
         zeros = torch.zeros(2, len(u), 30)
         return predicted, Memory(zeros, zeros) if memory is None else memory
+
+
+def _predict(model, s, u, p, memory=None):
+    if not isinstance(model, Obedient):
+        return predict(model, s, u, p, memory)
+    predicted, _ = model(s, u, p, memory)
+    return predicted
+
+
+control.predict = _predict
+iterative.predict = _predict
 
 
 def bias_of(cloth):

@@ -13,7 +13,7 @@ from clothlab import ControlSettings, OperatorPolicy, Policy, RandomPolicy, plot
 from clothlab.analysis import principal_axes, spread
 from clothlab.lab import LivePanel, LiveSession
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import NewtonSettings
+from clothlab.method.estimation import NewtonSettings
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.simulation.arm import JOINTS, MuscleArm
 from clothlab.simulation.stiffness import static_posture
@@ -27,6 +27,8 @@ _PLAYED = 2000
 # Squared distance in p, in units of the trained spread, from which on iterative
 # learning takes a material for another one
 _SAME_MATERIAL = 0.25
+# Predictions to judge before the estimated p moves
+_LEAST = 5
 # IoU of a target and the recorded image most like it, from which on the arm is able to
 # show it
 _REACHABLE = 0.5
@@ -63,7 +65,7 @@ def method_constants(session: LiveSession) -> dict[str, Any]:
         "images": _pixels(session.equipment.images),
         "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
         "control": asdict(ControlSettings()),
-        "estimation": asdict(NewtonSettings()),
+        "estimation": asdict(NewtonSettings()) | {"least": _LEAST},
         "learning": asdict(IterativeLearningSettings())
         | {"same_material": _SAME_MATERIAL},
     }

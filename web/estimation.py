@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from clothlab import DPMPB
-from clothlab.method.gauss_newton import NewtonSettings
+from clothlab.method.estimation import NewtonSettings
 
 _NUDGE = 0.03  # of p, by which its neighbours differ
 

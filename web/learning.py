@@ -1,7 +1,7 @@
 """Iterative learning control, in tensors alone, for graphs.
 
 A Gaussian process over plans learns from attempts how predictions err; a plan is good
-whose corrected prediction is near the target. It is what `IterativeSearch` computes.
+whose corrected prediction is near the target. `IterativeController` computes the same.
 """
 
 from typing import NamedTuple

@@ -13,9 +13,9 @@ from onnx.external_data_helper import set_external_data
 from torch import Tensor
 
 from clothlab import ControlSettings
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import control_loss
 from clothlab.method.iterative import IterativeLearningSettings
+from clothlab.weights import ClothCheckpoint
 from web import estimation
 from web.control import improve, limits_of, step_sizes
 from web.images import HEIGHT, SAMPLES, WIDTH, Images

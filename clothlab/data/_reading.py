@@ -18,15 +18,17 @@ from clothlab._store import (
     sets,
 )
 from clothlab._validation import choose
-from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method._quick_tanh import quicken
-from clothlab.method._weights import SUFFIX, filled, named_biases, unpacked
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.checkpoint import Checkpoint
-from clothlab.method.model import DPMPB
-from clothlab.simulation._arm_data import arm_from_data
 from clothlab.simulation._mask_files import mask_from_file
 from clothlab.trials import Trial, load_trial
+from clothlab.weights import (
+    SUFFIX,
+    Checkpoint,
+    ClothCheckpoint,
+    filled,
+    fingerprint,
+    read_tensors,
+)
 
 
 def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoint:
@@ -39,46 +41,25 @@ def load(name: str | Path = "torque-0", *, data: Folder = None) -> ClothCheckpoi
     if isinstance(name, Path) or str(name).endswith(SUFFIX):
         return ClothCheckpoint.load(name)
 
-    # What the model's file says of what belongs to it.
-    path, about, tensors = _load_weights("dpmpb", name, data)
-    with reading(path, "dpmpb weights"):
-        arm = arm_from_data(about["arm"])
-        autoencoder_name = about["sees_with"]
-        fingerprint = about["autoencoder"]
-
     # A model is nothing without the autoencoder whose z it was trained on.
-    autoencoder, _ = load_autoencoder(autoencoder_name, data=data)
-    if autoencoder.fingerprint() != fingerprint:
+    _, about, tensors = _load_weights("model", name, data)
+    if "autoencoder" not in about:
+        raise ValueError(f"{name} is no model of a cloth: `load_model` reads it")
+    _, _, layers = _load_weights("autoencoder", about["autoencoder_name"], data)
+    loaded = ClothCheckpoint.from_contents(about, layers | tensors)
+    if fingerprint(loaded.autoencoder) != about["autoencoder"]:
         raise ValueError(
             f"the weights {name!r} were trained with another autoencoder than the"
-            f" {autoencoder_name!r} that lies here: train them again with `make train`,"
-            " or restore the files with `git checkout data/weights`"
+            f" {about['autoencoder_name']!r} that lies here: train them again with "
+            "`make train`, or restore the files with `git checkout data/weights`"
         )
-
-    # What is left in the file are the layers.
-    with reading(path, "dpmpb weights"):
-        losses = tensors.pop("losses").double().numpy()
-        p = tensors.pop("p")
-        state_size = arm.layout(autoencoder.latent_size).size
-        model = quicken(DPMPB(state_size, len(arm.command_names), p.shape[1]))
-        return ClothCheckpoint(
-            name=name,
-            arm=arm,
-            autoencoder=autoencoder,
-            model=filled(model, tensors),
-            biases=named_biases(about["materials"], p),
-            losses=losses,
-            autoencoder_name=autoencoder_name,
-        )
+    return loaded
 
 
 def load_model(name: str, *, data: Folder = None) -> Checkpoint:
-    """Load such a model and p of each material."""
-    path, about, tensors = _load_weights("model", name, data)
-    with reading(path, "model weights"):
-        biases = named_biases(about["materials"], tensors.pop("p"))
-        model = filled(quicken(DPMPB(*about["sizes"])), tensors)
-        return Checkpoint(name=name, model=model, biases=biases)
+    """Load a model without arm and autoencoder, and p of each material."""
+    _, about, tensors = _load_weights("model", name, data)
+    return Checkpoint.from_contents(about, tensors)
 
 
 def load_autoencoder(
@@ -88,10 +69,9 @@ def load_autoencoder(
 
     The curve is the training's loss of each epoch `[epochs]` [nat per pixel].
     """
-    path, about, tensors = _load_weights("autoencoder", name, data)
-    with reading(path, "autoencoder weights"):
-        losses = tensors.pop("losses").double().numpy()
-        return filled(Autoencoder(about["latent_size"]), tensors), losses
+    _, about, tensors = _load_weights("autoencoder", name, data)
+    autoencoder = filled(Autoencoder(about["latent_size"]), tensors, "autoencoder.")
+    return autoencoder, tensors["losses"].double().numpy()
 
 
 def load_trials(name: str, *, data: Folder = None) -> list[Trial]:
@@ -146,6 +126,5 @@ def _load_weights(
     kind: str, name: str, data: Folder
 ) -> tuple[Path, dict[str, Any], dict[str, Tensor]]:
     """Path of a file of weights, what it says, and its tensors."""
-    title = f"{kind} weights"
-    path = find(title, f"weights/{kind}-*{SUFFIX}", name, data)
-    return path, *unpacked(path, kind, title)
+    path = find(f"{kind} weights", f"weights/{kind}-*{SUFFIX}", name, data)
+    return path, *read_tensors(path)

@@ -4,17 +4,18 @@ The controllers among them predict, and what they predict is kept with each comm
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.masks import Observation
+from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.data import Run
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import Arm
+from clothlab.weights import ClothCheckpoint
 
 DRIVERS = ("control", "iterative", "manual", "random", "operator")
 
@@ -64,8 +65,8 @@ class Drivers:
         # Those that predict, and all but the person
         self._arm = arm
         iterative = trained.iterative_controller(target, p, runs, arm=arm)
-        self._learning: Any = iterative.controller.search
-        self._controllers = {
+        self._learning = iterative.controller
+        self._controllers: dict[str, ControlPolicy] = {
             "control": trained.controller(target, p, plans=plans, arm=arm),
             "iterative": iterative,
         }
@@ -135,17 +136,14 @@ class Drivers:
         policy = self._controllers[driver]
         controller = policy.controller
         self._learning.exploring = exploring
-        solves = controller.solves
+        solves = len(controller.trace)
         u = policy(observation, solve=solve)
-        basis = ""
-        if controller.learned is not None:
-            basis = self._learning.basis(controller.learned)
         return Choice(
             command=u,
-            solved=controller.solves > solves,
+            solved=len(controller.trace) > solves,
             predicted=policy.predicted_distance,
             period_ended=controller.period_ended,
-            basis=basis,
+            basis=self._learning.basis if controller is self._learning else "",
         )
 
     def close_period(

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from clothlab import data
 from clothlab._validation import choose
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.lab._drivers import Drivers
 from clothlab.lab._targets import (
     Aim,
@@ -21,6 +20,7 @@ from clothlab.lab._tracker import BiasTracker
 from clothlab.method.data import Run
 from clothlab.simulation.arm import Arm
 from clothlab.trials import recorded_plans
+from clothlab.weights import ClothCheckpoint
 
 
 class _Setup(NamedTuple):
@@ -28,25 +28,16 @@ class _Setup(NamedTuple):
 
     weights: str
     trials: str  # that the weights learned from
-    known: str  # others, for the calibration of the estimate
     cloth: str
     target: str
 
 
 SETUPS = {
     "torque": _Setup(
-        weights="torque-0",
-        trials="train",
-        known="evaluation",
-        cloth="damp0.05-mass0.10",
-        target="target-2",
+        weights="torque-0", trials="train", cloth="damp0.05-mass0.10", target="target-2"
     ),
     "muscle": _Setup(
-        weights="muscle-0",
-        trials="muscle-train",
-        known="muscle-evaluation",
-        cloth="soft-1",
-        target="muscle",
+        weights="muscle-0", trials="muscle-train", cloth="soft-1", target="muscle"
     ),
 }
 
@@ -104,4 +95,4 @@ class Equipment:
 
     def tracker(self, p: ArrayLike) -> BiasTracker:
         """An estimation that begins with this p `[D_p]`."""
-        return BiasTracker(self.trained, self.setup.known, p)
+        return BiasTracker(self.trained, p)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab.analysis import principal_axes
-from clothlab.calibration import outline
+from clothlab.analysis import outline, principal_axes
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_mask
 from clothlab.masks import iou
-from clothlab.method._drawable import known_target
 from clothlab.method.autoencoder import Autoencoder, decode, encode
 from clothlab.simulation._mask_files import mask_from_file
 from clothlab.simulation.vision import chamfer_distance
@@ -19,6 +18,24 @@ REFERENCE_EVERY = 20
 # [byte] of an upload; the server would take messages of up to 10 MB
 LARGEST_FILE = 1 << 20
 _RECORDED_TARGETS = 7  # how many recorded images the gallery has
+
+_CANNOT_DRAW = 0.6  # IoU with its reconstruction below which an image is not drawn
+
+
+def known_target(model: Autoencoder, mask: ArrayLike, images: ArrayLike) -> np.ndarray:
+    """An image `[H, W]` to aim at that the autoencoder can draw.
+
+    That is the target mask `[H, W]` itself where it can be drawn. If its reconstruction
+    has little in common with it, its z is that of another shape; then the most similar
+    of recorded images `[B, H, W]` takes its place, where that is more like it.
+    """
+    drawn = decode(model, encode(model, mask)) > 0.5
+    own = iou(drawn, mask)
+    if own < _CANNOT_DRAW:
+        overlap = iou(images, mask)
+        if overlap.max() > own:
+            return np.asarray(images)[overlap.argmax()]
+    return np.asarray(mask, bool)
 
 
 class Aim(NamedTuple):

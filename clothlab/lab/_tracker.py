@@ -1,66 +1,49 @@
-"""Estimation of p in a live run, with a report of how sure it is."""
-
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cache
+"""Estimation of p in a live run, and whether its material is like any trained on."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import data
-from clothlab.calibration import Calibration, EstimateReport, calibrate
-from clothlab.cloth_checkpoint import ClothCheckpoint
-from clothlab.method.gauss_newton import NewtonEstimator, linearise
+from clothlab.method.estimation import Linearisation, NewtonEstimator, NewtonSettings
+from clothlab.weights import ClothCheckpoint
 
-_REPORT_EVERY = 5  # steps; a report costs about as much as an update
-
-
-@cache
-def _calibration(weights: str, known: str) -> "Future[Calibration]":
-    """Calibrate by recorded trials that the weights were not trained on.
-
-    In a thread, so that no control step waits for it.
-    """
-    learned = data.load(weights)
-    trials = data.load_trials(known)
-
-    def compute() -> Calibration:
-        runs = [learned.to_run(trial) for trial in trials]
-        return calibrate(learned.model, learned.biases, runs)
-
-    worker = ThreadPoolExecutor(1, "calibration")
-    future = worker.submit(compute)
-    worker.shutdown(wait=False)
-    return future
+# How many times the loss of the training that of a run may be. With trained cloths it
+# stays below 3.
+_STRANGE = 5.0
 
 
 class BiasTracker:
-    """Follows p by Gauss-Newton, from `p` `[D_p]` on.
+    """Follows p by Gauss-Newton, from `p` `[D_p]` on."""
 
-    `known` are trials that the model was not trained on, for calibration.
-    """
-
-    def __init__(self, trained: ClothCheckpoint, known: str, p: ArrayLike):
-        self._trained = trained
-        self._known = known
+    def __init__(self, trained: ClothCheckpoint, p: ArrayLike):
+        self._model = trained.model
+        self._usual = trained.losses[-1] if len(trained.losses) else np.inf
         self._p = p
-        self._estimator = NewtonEstimator(trained.model, p)
-        self._count = 0  # steps taken in
-        # How sure the estimate is; None at first
-        self.report: EstimateReport | None = None
+        self._estimator: NewtonEstimator | None = None  # made in the first step
+        self._seen: Linearisation | None = None  # how p predicts what was observed
 
     def update(self, s: ArrayLike, u: ArrayLike, *, at_rest: bool) -> np.ndarray:
         """Take in state `[D_s]` and command `[D_u]`; the new p `[D_p]`.
 
-        `at_rest`: the cloth hung still before.
+        `at_rest`: the cloth hung still before the first of them.
         """
-        if not self._count:
-            model = self._trained.model
-            self._estimator = NewtonEstimator(model, self._p, from_rest=at_rest)
+        if self._estimator is None:
+            settings = NewtonSettings(from_rest=at_rest)
+            self._estimator = NewtonEstimator(self._model, self._p, settings)
         p = self._estimator.update(s, u)
-        self._count += 1
-
-        calibration = _calibration(self._trained.name, self._known)
-        if calibration.done() and self._count % _REPORT_EVERY == 0:
-            fit = linearise(self._estimator)
-            self.report = calibration.result().report(fit, p)
+        self._seen = self._estimator.linearisation()
         return p
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """How far the estimate scatters, `[D_p, D_p]`; None before it can be said."""
+        if self._seen is None:
+            return None
+        try:
+            return self._seen.covariance()
+        except np.linalg.LinAlgError:
+            return None
+
+    @property
+    def is_strange(self) -> bool:
+        """Whether it is predicted much worse than what the model was trained on."""
+        return self._seen is not None and self._seen.loss > _STRANGE * self._usual

@@ -182,24 +182,21 @@ class Views:
         return encoded(ellipse_at_hand(cast(MuscleArm, arm), theta, f_const))
 
     def _estimate_report(self) -> dict[str, Any]:
-        """While p is estimated: its 90 % region, and a warning.
+        """While p is estimated: how far that scatters, and a warning.
 
         The warning is of a material that is unlike the trained ones.
         """
-        report = self._session.tracker.report
-        if report is None or not self._session.estimating:
+        tracker = self._session.tracker
+        covariance = tracker.covariance
+        if covariance is None or not self._session.estimating:
             return {"region": [], "warning": ""}
-        warning = ""
-        if report.out_of_distribution:
-            times = np.exp(report.log_error_ratio)
-            warning = (
-                "The material is unlike the trained ones: squared prediction error "
-                f"{times:.1f} times the usual."
-            )
-        elif report.outside_hull:
-            warning = "p lies outside the trained ones."
-        region = self.plane.region(self._session.p, report.covariance)
-        return {"region": region, "warning": warning}
+        strange = (
+            "The material is unlike the trained ones: its motion is predicted badly."
+        )
+        return {
+            "region": self.plane.region(self._session.p, covariance),
+            "warning": strange if tracker.is_strange else "",
+        }
 
 
 def _verdict(aim: Aim, usual: float) -> str:

@@ -3,7 +3,6 @@
 Source: the paper, "Network Structure of DPMPB".
 """
 
-import hashlib
 import itertools
 from dataclasses import dataclass
 from typing import Any
@@ -16,22 +15,16 @@ from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from tqdm.auto import trange
 
-from clothlab._validation import (
-    HEIGHT,
-    WIDTH,
-    check_array,
-    check_masks,
-    check_number,
-    check_seed,
-    settings_or_default,
-)
+from clothlab.method.model import numbers, one_thread
 
+# Of a cloth image [pixel]: the paper's 128×96.
+HEIGHT = 96
+WIDTH = 128
 # Five 3×3 convolutions of stride 2; the paper does not give their widths.
 _CHANNELS = (1, 8, 16, 32, 64, 128)
 _HIDDEN = 256
 _SMALL = (HEIGHT // 32, WIDTH // 32)  # the image after five convolutions [pixel]
 _FLAT = _CHANNELS[-1] * _SMALL[0] * _SMALL[1]
-
 _AT_ONCE = 256  # images that are encoded or decoded together
 
 
@@ -46,24 +39,13 @@ class Autoencoder(nn.Module):
 
     def __init__(self, latent_size: int = 3):
         super().__init__()
-        self.latent_size = check_number("latent_size", latent_size, int, at_least=1)
+        self.latent_size = latent_size
         self.encoder = _encoder(latent_size)
         self.decoder = _decoder(latent_size)
 
     def forward(self, images: Tensor) -> Tensor:
         """Reconstruct images `[B, 1, H, W]`, 0 or 1: logits of the same shape."""
         return self.decoder(self.encoder(images))
-
-    def fingerprint(self) -> str:
-        """Hash of the weights.
-
-        Files of a model name the autoencoder by it, on whose z the model was trained.
-        """
-        digest = hashlib.sha256()
-        for name, tensor in self.state_dict().items():
-            digest.update(name.encode())
-            digest.update(tensor.numpy().tobytes())
-        return digest.hexdigest()[:16]
 
 
 def _encoder(latent_size: int) -> nn.Sequential:
@@ -120,10 +102,7 @@ def _enlarge(inputs: int, outputs: int, *, bias: bool) -> nn.Module:
 
 @dataclass(frozen=True)
 class AutoencoderTraining:
-    """How the autoencoder is trained.
-
-    The paper gives Adam and no more; the rest is this project's choice.
-    """
+    """How it is trained. The paper gives Adam and no more; the rest is our choice."""
 
     epochs: int = 60
     batch_size: int = 64  # images
@@ -132,11 +111,10 @@ class AutoencoderTraining:
 
 
 def train_autoencoder(
-    images: ArrayLike,
-    settings: AutoencoderTraining | None = None,
+    images: np.ndarray,
+    settings: AutoencoderTraining = AutoencoderTraining(),
     *,
     seed: int = 0,
-    device: str | None = None,
     progress: bool = True,
 ) -> tuple[Autoencoder, list[float]]:
     """Train on cloth masks, empty ones included: a cloth may show its back.
@@ -145,44 +123,35 @@ def train_autoencoder(
         images: masks, `[B, H, W]`, at least a batch of them.
         settings: of the training.
         seed: of the first weights and of the order of the images.
-        device: by default a GPU, where torch sees one.
         progress: show a progress bar.
 
     Returns:
-        The model, on the processor and in evaluation mode, and the mean binary cross
-        entropy of each epoch [nat per pixel].
-    """
-    settings = settings_or_default(settings, AutoencoderTraining)
-    check_seed(seed)
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    images = check_masks(images)
-    size = settings.batch_size
-    if images.ndim != 3 or len(images) < size:
-        raise ValueError(
-            f"training takes images [B, H, W], one batch of {size} or more, got "
-            f"{list(images.shape)}"
-        )
+        The model in evaluation mode, and the mean binary cross entropy of each epoch
+        [nat per pixel].
 
-    with torch.random.fork_rng():
+    Raises:
+        ValueError: there are too few images, or some are no masks.
+    """
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    data = torch.as_tensor(_masks(images)).unsqueeze(1).to(device)
+    if len(data) < settings.batch_size:
+        raise ValueError(
+            f"training takes a batch of {settings.batch_size} images or more, got "
+            f"{len(data)}"
+        )
+    with torch.random.fork_rng(), one_thread():
         torch.manual_seed(seed)
-        model = Autoencoder(settings.latent_size).to(device)
         # On a processor convolutions are faster with the channels last.
         last: Any = {"memory_format": torch.channels_last}
-        model = model.to(**last)
-        losses = _train(model, images, settings, device, progress)
+        model = Autoencoder(settings.latent_size).to(device).to(**last)
+        losses = _descend(model, data, settings, progress)
     return model.cpu().eval(), losses
 
 
-def _train(
-    model: Autoencoder,
-    images: np.ndarray,
-    settings: AutoencoderTraining,
-    device: str,
-    progress: bool,
+def _descend(
+    model: Autoencoder, data: Tensor, settings: AutoencoderTraining, progress: bool
 ) -> list[float]:
-    """Train in place: the mean loss of each epoch."""
-    data = torch.as_tensor(images).unsqueeze(1).to(device)
-
+    """Train on images `[B, 1, H, W]` in place: the mean loss of each epoch."""
     # Full batches only: what is left over waits for another epoch.
     batches = len(data) // settings.batch_size
     whole = batches * settings.batch_size
@@ -190,14 +159,11 @@ def _train(
     schedule = CosineAnnealingLR(optimizer, settings.epochs * batches)
 
     losses = []
-    epochs = trange(
-        settings.epochs, desc="autoencoder", unit="epoch", disable=not progress
-    )
-    for _ in epochs:
+    bar = trange(settings.epochs, unit="epoch", disable=not progress)
+    for _ in bar:
         total = 0.0
         for index in torch.randperm(len(data))[:whole].split(settings.batch_size):
-            # Cross entropy of some images and their reconstructions.
-            batch = data[index.to(device)].float()
+            batch = data[index].float()
             loss = nn.functional.binary_cross_entropy_with_logits(model(batch), batch)
             optimizer.zero_grad()
             loss.backward()
@@ -205,31 +171,41 @@ def _train(
             schedule.step()
             total += loss.item()
         losses.append(total / batches)
-        epochs.set_postfix(loss=f"{losses[-1]:.4f}")
+        bar.set_postfix(loss=f"{losses[-1]:.4f}")
     return losses
 
 
 @torch.inference_mode()
 def encode(model: Autoencoder, images: ArrayLike) -> np.ndarray:
-    """Compress one mask `[H, W]`, or several `[B, H, W]`.
-
-    z is `[D_z]` or `[B, D_z]`, float32.
-    """
-    images = check_masks(images)
-    flat = images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32)
-    parts = torch.as_tensor(flat).split(_AT_ONCE)
-    z = torch.cat([model.encoder(part) for part in parts])
+    """Compress one mask `[H, W]`, or several `[B, H, W]`: z `[D_z]` or `[B, D_z]`."""
+    images = _masks(images)
+    flat = torch.as_tensor(images.reshape(-1, 1, HEIGHT, WIDTH).astype(np.float32))
+    with one_thread():
+        z = torch.cat([model.encoder(part) for part in flat.split(_AT_ONCE)])
     return z.reshape(*images.shape[:-2], model.latent_size).numpy()
 
 
 @torch.inference_mode()
 def decode(model: Autoencoder, z: ArrayLike) -> np.ndarray:
-    """Probability of cloth at each pixel, from z `[D_z]` or `[B, D_z]`.
-
-    An image is `[H, W]`, several are `[B, H, W]`, float32.
-    """
-    shape = (model.latent_size,) if np.ndim(z) == 1 else ("B", model.latent_size)
-    z = check_array("z", z, shape, np.float32)
-    flat = torch.as_tensor(z.reshape(-1, model.latent_size))
-    logits = torch.cat([model.decoder(part) for part in flat.split(_AT_ONCE)])
+    """Probability of cloth at each pixel `[..., H, W]`, from z `[..., D_z]`."""
+    z = numbers("z", z, (*np.shape(z)[:-1], model.latent_size))
+    flat = z.reshape(-1, model.latent_size).split(_AT_ONCE)
+    with one_thread():
+        logits = torch.cat([model.decoder(part) for part in flat])
     return logits.sigmoid().reshape(*z.shape[:-1], HEIGHT, WIDTH).numpy()
+
+
+def _masks(images: ArrayLike) -> np.ndarray:
+    """Masks `[..., H, W]`, refused if they have another size or shades of grey."""
+    images = np.asarray(images)
+    if images.shape[-2:] != (HEIGHT, WIDTH):
+        raise ValueError(
+            f"cloth images are [..., {HEIGHT}, {WIDTH}], got the shape "
+            f"{list(images.shape)}"
+        )
+    if images.dtype != bool and not np.isin(images, (0, 1)).all():
+        raise ValueError(
+            "a cloth image holds 0 and 1 only: `picture > 127` makes one of a grey "
+            "picture, `image > 0.5` of a reconstruction"
+        )
+    return images

@@ -3,20 +3,21 @@
 Source: the paper's section on control, eq. 8.
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_mask, check_number, settings_or_default
-from clothlab.masks import Observation
-from clothlab.method._arm import ControlledArm
-from clothlab.method._inputs import check_sizes
 from clothlab.method.autoencoder import Autoencoder, encode
-from clothlab.method.control import Controller, ControlSettings, GradientSearch, Search
+from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.estimation import Estimator
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
+
+# {"image": cloth mask [H, W], "robot": robot state [D_r]}
+Observation = dict[str, np.ndarray]
 
 
 def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
@@ -28,14 +29,12 @@ def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
     return np.concatenate([z, observation["robot"]]).astype(np.float32)
 
 
-def period_mask(t: int, settings: ControlSettings | None = None) -> np.ndarray:
+def period_mask(t: int, settings: ControlSettings = ControlSettings()) -> np.ndarray:
     """The mask m_t `[T]`: 1 where a predicted step ends a period, else 0.
 
     The predicted steps are t + 1, …, t + horizon. Periods end at the multiples of
     `settings.period`.
     """
-    settings = settings_or_default(settings, ControlSettings)
-    t = check_number("t", t, int, at_least=-1)
     steps = t + 1 + np.arange(settings.horizon)
     return (steps % settings.period == 0).astype(np.float32)
 
@@ -63,44 +62,10 @@ def control_loss(
     return loss
 
 
-class ImageLoss:
-    """What the cloth's controller wants: to look like a target image once a period.
-
-    Args:
-        autoencoder: by whose z images are compared.
-        target: mask `[H, W]`.
-        tensions: where the muscle tensions lie in the state, perhaps nowhere.
-        settings: with the horizon, the period and w_loss.
-    """
-
-    def __init__(
-        self,
-        autoencoder: Autoencoder,
-        target: ArrayLike,
-        tensions: slice,
-        settings: ControlSettings,
-    ):
-        self._autoencoder = autoencoder
-        self._tensions = tensions
-        self._settings = settings
-        self.z_ref = self.latent(target)
-
-    def latent(self, mask: ArrayLike) -> Tensor:
-        """What an image `[H, W]` is compared by, `[D_z]`."""
-        return torch.as_tensor(encode(self._autoencoder, check_mask(mask)))
-
-    def __call__(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
-        """Loss `[B]` of predicted states `[B, T, D_s]` from control step t on."""
-        mask = torch.as_tensor(period_mask(t, self._settings))
-        weight = self._settings.tension_weight
-        return control_loss(states, self.z_ref, mask, self._tensions, weight)
-
-
 class ControlPolicy(Policy):
     """Realises a target image again and again, once a period.
 
-    It looks through the autoencoder, and leaves the rest to its `controller`, whose
-    loss is an `ImageLoss`.
+    It looks through the autoencoder, and leaves the rest to its `controller`.
 
     Args:
         model: trained on the z of this autoencoder.
@@ -109,32 +74,27 @@ class ControlPolicy(Policy):
         target: mask `[H, W]`.
         p: parametric bias of the cloth, `[D_p]`.
         settings: the constants of the control.
-        search: how commands are looked for; by default the paper's `GradientSearch()`.
+        plans: recorded ones from which a period may start, `[N, T, D_u]`.
+
+    Raises:
+        ValueError: the model belongs to another arm, or something doesn't fit it.
     """
+
+    name = "control"
+    controller: Controller
 
     def __init__(
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: ControlledArm,
+        arm: Any,
         target: ArrayLike,
         p: ArrayLike,
-        settings: ControlSettings | None = None,
+        settings: ControlSettings = ControlSettings(),
         *,
-        search: Search | None = None,
+        plans: ArrayLike | None = None,
     ):
-        settings = settings_or_default(settings, ControlSettings)
-        search = GradientSearch() if search is None else search
-        self.name = search.name
-
-        # The eyes and the arm, and whether the model belongs to them.
-        self.autoencoder = autoencoder
-        self.arm = arm
-        self.layout = arm.layout(autoencoder.latent_size)
-        check_sizes(model, arm, self.layout)
-
-        # What is wanted, and the controller that wants it.
-        self.loss = ImageLoss(autoencoder, target, self.layout.tensions, settings)
+        self._look(model, autoencoder, arm, target)
         self.controller = Controller(
             model,
             self.loss,
@@ -143,18 +103,45 @@ class ControlPolicy(Policy):
             arm.command_upper,
             settings,
             home=arm.home_command,
-            search=search,
+            plans=plans,
         )
+
+    def _look(
+        self, model: DPMPB, autoencoder: Autoencoder, arm: Any, target: ArrayLike
+    ) -> None:
+        """Get to know the arm, and what is wanted of the cloth."""
+        self.autoencoder = autoencoder
+        self.arm = arm
+        self.layout = arm.layout(autoencoder.latent_size)
+        sizes = (self.layout.size, len(arm.command_lower))
+        if (model.state_size, model.command_size) != sizes:
+            raise ValueError(
+                f"the model has {model.state_size} states and {model.command_size} "
+                f"commands, the {arm.name} arm has {sizes[0]} and {sizes[1]}: load the "
+                "weights of this arm"
+            )
+        self.z_ref = self._latent(target)
+
+    def _latent(self, mask: ArrayLike) -> Tensor:
+        """What an image `[H, W]` is compared by, `[D_z]`."""
+        if not np.any(mask):
+            raise ValueError("no cloth in the image: the mask is empty")
+        return torch.as_tensor(encode(self.autoencoder, mask))
+
+    def loss(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
+        """Loss `[B]` of predicted states `[B, T, D_s]` from control step t on."""
+        settings = self.controller.settings
+        mask = torch.as_tensor(period_mask(t, settings))
+        weight = settings.tension_weight
+        return control_loss(states, self.z_ref, mask, self.layout.tensions, weight)
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and what was learned in it."""
-        self.controller.reset(seed)
+        self.controller.reset()
 
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]` from the next solve on."""
-        z_ref = self.loss.latent(mask)
-        with self.controller.between_steps():
-            self.loss.z_ref = z_ref
+        self.z_ref = self._latent(mask)
 
     def set_bias(self, p: ArrayLike) -> None:
         """Use another parametric bias `[D_p]` from the next solve on."""
@@ -166,46 +153,29 @@ class ControlPolicy(Policy):
         return self.controller.act(s, solve=solve)
 
     @property
-    def foreseen(self) -> np.ndarray | None:
+    def predicted_z(self) -> np.ndarray | None:
         """The z to which the plan leads at the end of its period, `[D_z]`.
 
         None before the first command, and where the end lies beyond the horizon.
         """
-        steps = self.controller.steps_left + 1
-        if steps > self.controller.settings.horizon:
+        controller = self.controller
+        steps = -controller.t % controller.settings.period + 1
+        states = controller.predicted()
+        if states is None or steps > len(states):
             return None
-        states = self.controller.foresee(steps)
-        return None if states is None else states[-1, self.layout.z].numpy()
+        return states[steps - 1, self.layout.z].numpy()
 
     @property
     def predicted_distance(self) -> float | None:
-        """Distance to the target that is expected of the plan [s.d. of z].
-
-        A search that learns says itself what it expects. Otherwise it is that of the z
-        which is foreseen. None where there is neither.
-        """
-        learned = self.controller.learned
-        if learned is not None:
-            return learned.expected_for(self.loss.z_ref)
-        z = self.foreseen
-        if z is None:
-            return None
-        return float(np.linalg.norm(self.loss.z_ref.numpy() - z))
-
-    @property
-    def predicted_distances(self) -> list[float]:
-        """What a search that learns expected of each period's plan [s.d. of z].
-
-        Empty for a search that learns nothing.
-        """
-        learned = self.controller.learned
-        return [] if learned is None else list(learned.expected)
+        """Distance to the target that is expected of the plan [s.d. of z], or None."""
+        z = self.predicted_z
+        return None if z is None else float(np.linalg.norm(self.z_ref.numpy() - z))
 
 
 class EstimatingPolicy(Policy):
     """Any policy, while p is estimated from what it does and given to it.
 
-    `trace` has p `[D_p]` after each step, of the last `ControlSettings.traced`.
+    `trace` has p `[D_p]` after each step.
     """
 
     def __init__(self, policy: Policy, estimator: Estimator, autoencoder: Autoencoder):
@@ -213,24 +183,23 @@ class EstimatingPolicy(Policy):
         self.name = policy.name
         self.estimator = estimator
         self.autoencoder = autoencoder
-        self.trace: list[np.ndarray] = []
-        self.policy.set_bias(estimator.p)
+        self.reset()
 
     def reset(self, seed: int = 0) -> None:
         """Forget the last run, and begin with the p that the estimator started from."""
         self.policy.reset(seed)
         self.estimator.reset()
         self.policy.set_bias(self.estimator.p)
-        self.trace = []
+        self.trace: list[np.ndarray] = []
 
     def set_target(self, mask: ArrayLike) -> None:
-        """Let the policy aim at another image `[H, W]` from now on."""
+        """Aim at another image `[H, W]`."""
         self.policy.set_target(mask)
 
     def __call__(self, observation: Observation) -> np.ndarray:
+        """The command of the policy, from which p is then estimated."""
         u = self.policy(observation)
-        s = observe(self.autoencoder, observation)
-        p = self.estimator.update(s, u)
-        self.trace = [*self.trace, p][-ControlSettings.traced :]
+        p = self.estimator.update(observe(self.autoencoder, observation), u)
+        self.trace.append(p)
         self.policy.set_bias(p)
         return u

@@ -6,10 +6,8 @@ from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_array, check_kind, check_names, check_number
 from clothlab.method.model import DPMPB
 
 
@@ -17,34 +15,37 @@ from clothlab.method.model import DPMPB
 class Run:
     """One run of a robot, as the model sees it; runs of one material share one p."""
 
-    s: np.ndarray  # states [T, D_s]; of a cloth, z first
-    u: np.ndarray  # commands [T, D_u]; u[t] is sent in state s[t]
+    s: np.ndarray  # states [T, D_s], float32; of a cloth, z first
+    u: np.ndarray  # commands [T, D_u], float32; u[t] is sent in state s[t]
     material: str
     _: KW_ONLY
-    step: float | None = None  # [s] between two states, where it is known
+    step: float | None = None  # between two states [s], where it is known
     state_names: tuple[str, ...] = ()  # what each number of s is, with its unit
     command_names: tuple[str, ...] = ()  # what each number of u is, with its unit
 
     def __post_init__(self) -> None:
-        s = _record(f"s of a run of {self.material}", self.s, ("T", "D_s"))
-        u = _record(f"u of a run of {self.material}", self.u, ("T", "D_u"))
-        if not len(s) == len(u) > 0:
+        for name in ("s", "u"):
+            what = f"{name} of a run of {self.material}"
+            array = np.array(getattr(self, name), np.float32)
+            if array.ndim != 2:
+                raise ValueError(f"{what} is [T, D_{name}], got {list(array.shape)}")
+            missing = np.argwhere(~np.isfinite(array))
+            if len(missing):
+                t, k = missing[0]
+                raise ValueError(
+                    f"{what} is {array[t, k]} in step {t}, number {k} (both counted "
+                    "from 0): `runs_from_table` makes runs of a log"
+                )
+            object.__setattr__(self, name, array)
+        if not len(self.s) == len(self.u) > 0:
             raise ValueError(
                 "a run has as many states as commands, and some, got "
-                f"{len(s)} and {len(u)}"
+                f"{len(self.s)} and {len(self.u)}"
             )
-        object.__setattr__(self, "s", s)
-        object.__setattr__(self, "u", u)
-        check_kind("material of a run", self.material, str)
-
-        # What may be left out
-        if self.step is not None:
-            step = check_number("step of a run", self.step, above=0)
-            object.__setattr__(self, "step", step)
-        check_names("states", self.state_names, s.shape[1])
-        check_names("commands", self.command_names, u.shape[1])
-        object.__setattr__(self, "state_names", tuple(self.state_names))
-        object.__setattr__(self, "command_names", tuple(self.command_names))
+        if self.step is not None and not self.step > 0:
+            raise ValueError(f"step of a run must be above 0, got {self.step}")
+        _check_names("states", self.state_names, self.s.shape[1])
+        _check_names("commands", self.command_names, self.u.shape[1])
 
     def __len__(self) -> int:
         """Return the number of steps T."""
@@ -59,26 +60,63 @@ class Run:
             )
         return replace(self, s=self.s[steps], u=self.u[steps])
 
+    def __repr__(self) -> str:
+        """Return one line, such as "Run of cotton: 200 steps, 7 states, 2 commands"."""
+        of = f" of {self.step:g} s" if self.step else ""
+        sizes = f"{self.s.shape[1]} states, {self.u.shape[1]} commands"
+        return f"Run of {self.material}: {len(self)} steps{of}, {sizes}"
 
-def _record(what: str, value: ArrayLike, shape: tuple[str, str]) -> np.ndarray:
-    """Return numbers `[T, D]` in single precision.
 
-    A ValueError as of `check_array`, and where a number is missing, if one is.
+def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
+    if names and len(names) != size:
+        raise ValueError(
+            f"{size} {what} need as many names, or none, got {len(names)}: "
+            f"{', '.join(names)}"
+        )
+
+
+def materials_of(runs: Sequence[Run]) -> list[str]:
+    """Each material once, in the order in which they first occur."""
+    return list(dict.fromkeys(run.material for run in runs))
+
+
+def check_run(run: Run) -> None:
+    """Refuse what is no run, such as a recorded trial."""
+    if not isinstance(run, Run):
+        raise ValueError(
+            f"a run is a Run, got a {type(run).__name__}: `learned.to_run(trial)` "
+            "makes one of a trial"
+        )
+
+
+def check_fits(model: DPMPB, run: Run) -> None:
+    """Refuse a run of another robot, in another order or at another rate.
+
+    Raises:
+        ValueError: sizes, names or steps differ from those that the model knows.
     """
-    if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind == "f":
-        holes = ~np.isfinite(value)
-        if holes.any():
-            step, number = np.argwhere(holes)[0]
+    check_run(run)
+    sizes = (run.s.shape[1], run.u.shape[1])
+    if sizes != (model.state_size, model.command_size):
+        raise ValueError(
+            f"the model has {model.state_size} states and {model.command_size} "
+            f"commands, a run of {run.material} has {sizes[0]} and {sizes[1]}: it is "
+            "of another robot"
+        )
+    for kind in ("state_names", "command_names"):
+        known = getattr(model, kind)
+        given = getattr(run, kind)
+        if known and given and known != given:
             raise ValueError(
-                f"{what} is {value[step, number]} in step {step}, number {number} "
-                "(both counted from 0): `runs_from_table` makes runs of a log"
+                f"a run of {run.material} has the {kind} ({', '.join(given)}), others "
+                f"have ({', '.join(known)}): give the same numbers in the same order"
             )
-    return check_array(what, value, shape, np.float32)
-
-
-def count_windows(run: Run, length: int, stride: int) -> int:
-    """How many windows of so many predicted steps a run has."""
-    return (len(run) - length - 1) // stride + 1
+    if run.step and model.step and abs(run.step / model.step - 1) > _JITTER:
+        raise ValueError(
+            f"a run of {run.material} has steps of {run.step:g} s, others have "
+            f"{model.step:g} s: resample it (`runs_from_table(..., "
+            f"step={model.step:g})`), or record it at that rate"
+        )
 
 
 def windows(
@@ -87,14 +125,23 @@ def windows(
     """Overlapping windows of runs, from which a training learns.
 
     Args:
-        runs: all of the same robot.
+        runs: all of the same robot, each longer than a window.
         length: steps that are predicted in a window.
         stride: steps between the starts of two windows of a run.
 
     Returns:
         States `[N, length + 1, D_s]`, commands `[N, length, D_u]`, and which of
         `materials_of(runs)` each window belongs to, `[N]`.
+
+    Raises:
+        ValueError: a run is too short.
     """
+    shortest = min(len(run) for run in runs)
+    if shortest <= length:
+        raise ValueError(
+            f"a window predicts {length} steps, and the shortest run has only "
+            f"{shortest}: leave it out, or train on shorter sequences"
+        )
     materials = materials_of(runs)
     states = []
     commands = []
@@ -108,59 +155,49 @@ def windows(
     return torch.cat(states), torch.cat(commands), torch.cat(which)
 
 
-def materials_of(runs: Sequence[Run]) -> list[str]:
-    """Each material once, in the order in which they first occur."""
-    return list(dict.fromkeys(run.material for run in runs))
-
-
+_JITTER = 0.02  # share of a step by which two may differ and count as the same
 # A sensor counts as constant where it varies by no more than single precision rounds,
 # relative to its size.
 _ROUNDING = 1e-6
-# The standard deviation that such a sensor gets, in units of its size: so large that no
-# reading of it means anything.
-_UNHEARD = 1e6
+_CONSTANT = 1e6  # the deviation of such a sensor, in units of its size
 
 
+@torch.no_grad()
 def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
     """Set the model's means and standard deviations from all the data.
 
-    What never varies in the data teaches nothing, and dividing by its deviation would
-    turn the first other reading into the largest signal of all. So a constant sensor or
-    command is left out, with a warning: it gets a deviation that nothing reaches, and
-    the model is deaf to it (`DPMPB.leave_out`). Source: the paper, "Network
-    Structure of DPMPB".
+    What never varies teaches nothing, and dividing by its deviation would make the
+    first other reading the largest signal of all. So it is left out, with a warning:
+    its weights are zero, which they stay since their gradient is, its mean is
+    predicted, and its deviation is so large that no error of it counts.
     """
-    constant_s = _measure([run.s for run in runs], model.s_mean, model.s_std)
-    constant_u = _measure([run.u for run in runs], model.u_mean, model.u_std)
+    constant = {}
+    for kind, word in (("s", "state"), ("u", "command")):
+        values = torch.tensor(np.concatenate([getattr(run, kind) for run in runs]))
+        size = values.abs().amax(0)
+        constant[kind] = values.amax(0) - values.amin(0) <= _ROUNDING * size
+        mean = torch.where(constant[kind], values[0], values.mean(0))
+        huge = _CONSTANT * size.clamp_min(1)
+        std = torch.where(constant[kind], huge, values.std(0))
+        getattr(model, f"{kind}_mean").copy_(mean)
+        getattr(model, f"{kind}_std").copy_(std)
+        _warn_of_constants(word, constant[kind], getattr(runs[0], f"{word}_names"))
 
-    if constant_s.any() or constant_u.any():
-        model.leave_out(constant_s, constant_u)
-    _warn_of_constants("state", constant_s, runs[0].state_names)
-    _warn_of_constants("command", constant_u, runs[0].command_names)
-
-
-def _measure(records: Sequence[np.ndarray], mean: Tensor, std: Tensor) -> Tensor:
-    """Write mean and deviation `[D]` of records `[T, D]`; which are constant `[D]`."""
-    values = torch.as_tensor(np.concatenate(records))
-    low = values.amin(0)
-    high = values.amax(0)
-    size = torch.maximum(low.abs(), high.abs())
-    constant = high - low <= _ROUNDING * size
-    # Of a constant the value itself: its mean may be off by a last digit, of which Adam
-    # would make a signal.
-    mean.copy_(torch.where(constant, values[0], values.mean(0)))
-    std.copy_(torch.where(constant, _UNHEARD * size.clamp_min(1), values.std(0)))
-    return constant
+    # The first layer takes commands, then states; the last one gives states.
+    inputs = torch.cat([constant["u"], constant["s"]]).nonzero().flatten()
+    next(model.fc_in[0].parameters())[:, inputs] = 0
+    for values in model.fc_out[-1].parameters():
+        values[constant["s"]] = 0
 
 
 def _warn_of_constants(kind: str, constant: Tensor, names: tuple[str, ...]) -> None:
     if not constant.any():
         return
     places = constant.nonzero().flatten().tolist()
-    listed = f"{', '.join(map(str, places))} (counted from 0)"
-    if names:
-        listed = ", ".join(names[k] for k in places)
+    listed = ", ".join(names[k] if names else str(k) for k in places)
+    counted = "" if names else " (counted from 0)"
     warnings.warn(
-        f"{kind} {listed} never changes in these runs: the model leaves it out",
+        f"{kind} {listed}{counted} never changes in these runs: the model leaves it "
+        "out",
         stacklevel=4,
     )

@@ -1,44 +1,27 @@
 """Online estimation of the parametric bias of an unknown material.
 
 W stays as it was trained, and only p moves, so that the model predicts what is observed
-here and now. `BiasEstimator` is the paper's rule, momentum SGD; `gauss_newton` has
-another one. Source: the paper, "Online Estimation".
+here and now. Source: the paper, "Online Estimation". `BiasEstimator` is the paper's
+rule, momentum SGD. `NewtonEstimator` is ours: around an estimate, predictions are
+nearly linear in p, and the least squares of such a line say where the lowest loss lies.
 """
 
+import warnings
+from collections import deque
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_array, check_number, settings_or_default
-from clothlab.method._inputs import check_model
-from clothlab.method._rule import LARGEST_LOSS, Moved, Rule, Window
-from clothlab.method.model import DPMPB
-
-
-@dataclass(frozen=True)
-class EstimationSettings:
-    """Momentum SGD on p.
-
-    The paper names the rule and no numbers; these are this project's, see notebook 06.
-    """
-
-    rate: float = 0.1
-    momentum: float = 0.9
-    window: int = 200  # [step] how far back the data reach
-    # First steps of the window, which only fill the memory and are not in the loss.
-    warmup: int = 10  # [step]
+from clothlab.method.data import Run, check_fits
+from clothlab.method.model import DPMPB, check_model, numbers, one_thread
 
 
 def prediction_loss(
-    model: DPMPB,
-    s: Tensor,
-    u: Tensor,
-    p: Tensor,
-    warmup: int = EstimationSettings.warmup,
+    model: DPMPB, s: Tensor, u: Tensor, p: Tensor, warmup: int = 10
 ) -> Tensor:
     """L(p): how far predicted next states are from those seen (eq. 4, W fixed).
 
@@ -52,101 +35,140 @@ def prediction_loss(
     Returns:
         Mean squared error in standard deviations, `[]` or `[B]`.
     """
-    check_number("warmup", warmup, int, at_least=0, at_most=len(s) - 2)
+    if not 0 <= warmup <= len(s) - 2:
+        raise ValueError(
+            f"a warmup of {warmup} leaves none of {len(s) - 1} predictions"
+        )
     several = p if p.ndim > 1 else p[None]
-    count = len(several)
-    before = s[:-1].expand(count, -1, -1)
-    sent = u[:-1].expand(count, -1, -1)
+    before = s[:-1].expand(len(several), -1, -1)
+    sent = u[:-1].expand(len(several), -1, -1)
     predicted, _ = model(before, sent, several)
-
-    seen = s[1 + warmup :]
-    losses = [model.loss(each[warmup:], seen) for each in predicted]
-    return torch.stack(losses).reshape(p.shape[:-1])
-
-
-class _State(NamedTuple):
-    """Where an estimation is.
-
-    It is replaced as a whole, so that no step is half taken.
-    """
-
-    p: np.ndarray  # the estimate [D_p]
-    carried: Any = None  # by the rule
-    seen: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # states and commands
+    errors = (predicted - s[1:]) / model.s_std
+    return errors[:, warmup:].square().mean(dim=(1, 2)).reshape(p.shape[:-1])
 
 
 class Estimator:
-    """Moves p whenever a control step has been observed, by some rule.
+    """Moves p whenever a control step has been observed; subclasses say how.
 
     Args:
         model: whose weights stay as they are.
         p: where the estimate starts, `[D_p]`; zeros by default.
-        rule: how it moves.
+        settings: with the window, the steps that the data reach back, and the warm-up.
+
+    Raises:
+        ValueError: p has another size than the model's, or the window is too short.
     """
 
-    def __init__(self, model: DPMPB, p: ArrayLike | None, rule: Rule):
-        self.model = check_model(model)
-        self._rule = rule
-        if rule.warmup(rule.window + 1) is None:
+    _least = 1  # predictions to judge before p moves
+
+    def __init__(
+        self,
+        model: DPMPB,
+        p: ArrayLike | None,
+        settings: "EstimationSettings | NewtonSettings",
+    ):
+        check_model(model)
+        if settings.window - settings.warmup < self._least:
             raise ValueError(
-                f"a window of {rule.window} steps is too short for the warm-up, and p "
-                "would never move"
+                f"a window of {settings.window} steps is too short for the warm-up of "
+                f"{settings.warmup}, and p would never move"
             )
         p = np.zeros(model.bias_size) if p is None else p
-        self._first = _State(check_array("p", p, (model.bias_size,), np.float32))
-        self._state = self._first
+        self.model = model
+        self._start = numbers("p", p, (model.bias_size,))
+        # One more than the window: the last state is only predicted.
+        self._length = settings.window + 1
+        self.reset()
 
     def reset(self) -> None:
         """Go back to the p it started from, and forget what was seen."""
-        self._state = self._first
+        self.forget()
+        self._p = self._start
+        self._is_start = True  # whether the window begins where the run does
+
+    def forget(self) -> None:
+        """Forget what was seen, and keep p: for a gap in what is observed."""
+        self._seen: deque[tuple[Tensor, Tensor]] = deque(maxlen=self._length)
+        self._is_start = False
 
     @property
     def p(self) -> np.ndarray:
         """The current estimate, `[D_p]`."""
-        return self._state.p.copy()
+        return self._p.numpy().copy()
 
     @property
-    def window(self) -> Window | None:
-        """What the present p is judged by; None before there is anything to judge."""
-        return self._window(self._state)
+    def window(self) -> tuple[Tensor, Tensor, int] | None:
+        """What p is judged by: states `[T, D_s]`, commands `[T, D_u]`, and the warm-up.
+
+        None before there is anything to judge.
+        """
+        warmup = self._warmup()
+        if len(self._seen) - 1 - warmup < self._least:
+            return None
+        states, commands = zip(*self._seen, strict=True)
+        return torch.stack(states), torch.stack(commands), warmup
 
     def update(self, s: ArrayLike, u: ArrayLike) -> np.ndarray:
         """Take in one step: the new estimate `[D_p]`.
 
-        The state s `[D_s]` before a command, and the command u `[D_u]`. A step that is
-        refused, since it does not fit or has no finite loss, leaves the estimate as it
-        is.
-        """
-        s = check_array("s", s, (self.model.state_size,), np.float32)
-        u = check_array("u", u, (self.model.command_size,), np.float32)
-        # One more than the window: the last state is only predicted.
-        seen = (*self._state.seen, (s, u))[-self._rule.window - 1 :]
-        now = self._state._replace(seen=seen)
+        Args:
+            s: the state before a command, `[D_s]`.
+            u: the command, `[D_u]`.
 
-        window = self._window(now)
-        if window is None:
-            self._state = now
+        Raises:
+            ValueError: the state is so far from the trained ones that p has no loss.
+        """
+        state = numbers("s", s, (self.model.state_size,))
+        command = numbers("u", u, (self.model.command_size,))
+        before = self._seen.copy(), self._is_start
+        self._seen.append((state, command))
+        self._is_start = self._is_start and len(self._seen) < self._length
+        if self.window is None:
             return self.p
-        moved = self._rule.move(self.model, window, now.p, now.carried)
-        if not (moved.loss < LARGEST_LOSS and np.isfinite(moved.p).all()):
+
+        with one_thread(), torch.inference_mode(False), torch.enable_grad():
+            p = self._moved(*self.window)
+        if not p.isfinite().all():
+            self._seen, self._is_start = before
             raise ValueError(
-                "this step is so far from what the model was trained on that there is "
-                "no loss"
+                f"the state {state.tolist()} is so far from what the model was trained "
+                "on that there is no loss: is it in the same units?"
             )
-        self._state = now._replace(p=moved.p, carried=moved.carried)
+        self._p = p
         return self.p
 
-    def _window(self, now: _State) -> Window | None:
-        warmup = self._rule.warmup(len(now.seen))
-        if warmup is None:
+    def linearisation(self) -> "Linearisation | None":
+        """How the present p predicts the window, and what a change of p would do.
+
+        None before there is anything to judge.
+        """
+        window = self.window
+        if window is None:
             return None
-        s = torch.as_tensor(np.stack([state for state, _ in now.seen]))
-        u = torch.as_tensor(np.stack([command for _, command in now.seen]))
-        return Window(s, u, warmup)
+        s, u, warmup = window
+        return Linearisation.of(self.model, s, u, self._p, warmup)
+
+    def _warmup(self) -> int:
+        """First steps of the present window, which only fill the memory."""
+        raise NotImplementedError
+
+    def _moved(self, s: Tensor, u: Tensor, warmup: int) -> Tensor:
+        """p after a step that is judged by this window."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class EstimationSettings:
+    """Of momentum SGD; the paper names the rule and no numbers (notebook 06)."""
+
+    rate: float = 0.1
+    momentum: float = 0.9
+    window: int = 200  # steps that the data reach back
+    warmup: int = 10  # first steps of the window, which only fill the memory
 
 
 class BiasEstimator(Estimator):
-    """The paper's rule: a step of momentum SGD on p for each control step observed.
+    """The paper's rule: momentum SGD on p, a step for each control step observed.
 
     Args:
         model: whose weights stay as they are.
@@ -158,33 +180,214 @@ class BiasEstimator(Estimator):
         self,
         model: DPMPB,
         p: ArrayLike | None = None,
-        settings: EstimationSettings | None = None,
+        settings: EstimationSettings = EstimationSettings(),
     ):
-        settings = settings_or_default(settings, EstimationSettings)
-        super().__init__(model, p, _MomentumSGD(settings))
+        self.settings = settings
+        super().__init__(model, p, settings)
+
+    def reset(self) -> None:
+        """Go back to the p it started from, at rest, and forget what was seen."""
+        super().reset()
+        self._velocity = torch.zeros_like(self._p)
+
+    def _warmup(self) -> int:
+        return self.settings.warmup
+
+    def _moved(self, s: Tensor, u: Tensor, warmup: int) -> Tensor:
+        """v ← momentum v + ∂L/∂p, then p ← p - rate v."""
+        p = self._p.clone().requires_grad_()
+        loss = prediction_loss(self.model, s, u, p, warmup)
+        (gradient,) = torch.autograd.grad(loss, p)
+        velocity = self.settings.momentum * self._velocity + gradient
+        moved = self._p - self.settings.rate * velocity
+        if moved.isfinite().all():
+            self._velocity = velocity
+        return moved
 
 
-class _MomentumSGD:
-    """v ← momentum v + ∂L/∂p, then p ← p - rate v."""
+_LARGEST_LOSS = 1e38  # nearly the largest number in single precision
 
-    def __init__(self, settings: EstimationSettings):
-        self.window = settings.window
-        self._settings = settings
 
-    def warmup(self, count: int) -> int | None:
-        """As set, once there is at least one step more to predict."""
-        warmup = self._settings.warmup
-        return warmup if count > warmup + 1 else None
+@dataclass(frozen=True)
+class NewtonSettings:
+    """Of Gauss-Newton on p, chosen on development runs."""
 
-    def move(
-        self, model: DPMPB, window: Window, p: np.ndarray, carried: Tensor | None
-    ) -> Moved:
-        """One step down the gradient; what is carried is the velocity v `[D_p]`."""
-        before = torch.tensor(p, requires_grad=True)
-        loss = prediction_loss(model, window.s, window.u, before, window.warmup)
-        (gradient,) = torch.autograd.grad(loss, before)
+    window: int = 200  # steps that the data reach back
+    warmup: int = 10  # first steps of a window that begins in the middle of a motion
+    # Whether all is at rest before the first step. Then an empty memory is the right
+    # one, and the first steps, in which the arm swings up, say most.
+    from_rest: bool = True
+    longest: float = 0.5  # largest step of p
+    freedom: float = 10.0  # of Student's t: with few degrees, outliers weigh little
 
-        velocity = torch.zeros_like(gradient) if carried is None else carried
-        velocity = velocity.mul(self._settings.momentum).add(gradient)
-        after = before.detach().add(velocity, alpha=-self._settings.rate)
-        return Moved(after.numpy(), loss.item(), velocity)
+
+class NewtonEstimator(Estimator):
+    """A Gauss-Newton step on p for each control step observed; it needs no rate.
+
+    Args:
+        model: whose weights stay as they are.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        settings: of the rule.
+    """
+
+    _least = 5
+
+    def __init__(
+        self,
+        model: DPMPB,
+        p: ArrayLike | None = None,
+        settings: NewtonSettings = NewtonSettings(),
+    ):
+        self.settings = settings
+        super().__init__(model, p, settings)
+
+    def _warmup(self) -> int:
+        at_rest = self.settings.from_rest and self._is_start
+        return 0 if at_rest else self.settings.warmup
+
+    def _moved(self, s: Tensor, u: Tensor, warmup: int) -> Tensor:
+        """p ← p + the step to the lowest loss, at most so long."""
+        settings = self.settings
+        seen = Linearisation.of(self.model, s, u, self._p, warmup)
+        if not seen.loss < _LARGEST_LOSS:
+            return torch.full_like(self._p, torch.nan)
+        step = seen.step(settings.freedom, settings.longest)
+        return self._p + torch.tensor(step, dtype=torch.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """How one p predicts a window, and what a small change of p would do."""
+
+    errors: np.ndarray  # seen minus predicted next states [T, D_s] [s.d. of the state]
+    jacobian: np.ndarray  # of the predictions with respect to p [T, D_s, D_p]
+
+    @classmethod
+    @torch.no_grad()
+    def of(
+        cls, model: DPMPB, s: Tensor, u: Tensor, p: ArrayLike, warmup: int = 0
+    ) -> "Linearisation":
+        """Predict with p and its neighbours in one pass.
+
+        Args:
+            model: a trained one.
+            s: states, `[T + 1, D_s]`.
+            u: commands, `[T + 1, D_u]`.
+            p: where predictions are linearised, `[D_p]`.
+            warmup: first steps, which only fill the memory.
+        """
+        # p itself, and a step up and down in each of its numbers
+        nudge = 0.03
+        centre = torch.as_tensor(p, dtype=torch.float64)
+        size = len(centre)
+        nudges = nudge * torch.eye(size, dtype=torch.float64)
+        around = torch.cat([centre[None], centre + nudges, centre - nudges]).float()
+
+        before = s[:-1].expand(len(around), -1, -1)
+        sent = u[:-1].expand(len(around), -1, -1)
+        predicted, _ = model(before, sent, around)
+        scaled = (predicted / model.s_std)[:, warmup:].double()
+        seen = (s[1:] / model.s_std)[warmup:].double()
+
+        # Central differences
+        jacobian = (scaled[1 : 1 + size] - scaled[1 + size :]) / (2 * nudge)
+        return cls((seen - scaled[0]).numpy(), jacobian.movedim(0, -1).numpy())
+
+    @property
+    def loss(self) -> float:
+        """Mean squared error in standard deviations, as `prediction_loss` has it."""
+        return float((self.errors**2).mean())
+
+    def step(
+        self, freedom: float = NewtonSettings.freedom, longest: float = np.inf
+    ) -> np.ndarray:
+        """Gauss-Newton step `[D_p]` to the lowest loss, at most so long.
+
+        Errors are weighed as by Student's t with this freedom: outliers count little.
+        """
+        weight = (freedom + 1) / (freedom + self._sizes)
+        curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, weight, self.jacobian)
+        gradient = np.einsum("tdi,td,td->i", self.jacobian, weight, self.errors)
+        step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
+        length = float(np.linalg.norm(step))
+        return step * min(1, longest / max(length, 1e-12))
+
+    def covariance(
+        self, freedom: float = NewtonSettings.freedom, lag: int = 5
+    ) -> np.ndarray:
+        """Covariance of p at the lowest loss, `[D_p, D_p]`.
+
+        Curvature alone would be right if all errors were independent, equally large,
+        and the model true. Between two curvatures stands by how much gradients really
+        scattered, together with those up to `lag` steps later (Newey and West, 1987). A
+        LinAlgError says that the predictions do not depend on every direction of p.
+        """
+        weight = (freedom + 1) / (freedom + self._sizes)
+        # The derivative of weight times error.
+        slope = weight * (freedom - self._sizes) / (freedom + self._sizes)
+        curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, slope, self.jacobian)
+        inverse = np.linalg.inv(curvature)
+
+        gradients = np.einsum("tdi,td,td->ti", self.jacobian, weight, self.errors)
+        scatter = gradients.T @ gradients
+        for k in range(1, min(lag, len(gradients) - 1) + 1):
+            both = gradients[k:].T @ gradients[:-k]
+            scatter += (1 - k / (lag + 1)) * (both + both.T)
+        return inverse @ scatter @ inverse
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """Squared errors over their mean."""
+        return self.errors**2 / max(self.loss, 1e-12)
+
+
+def estimate_bias(
+    model: DPMPB,
+    run: Run,
+    p: ArrayLike | None = None,
+    *,
+    method: Literal["sgd", "newton"] = "sgd",
+    settings: Any = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run the online estimation over a recorded run.
+
+    Args:
+        model: whose weights stay as they are.
+        run: states and commands of one material.
+        p: where the estimate starts, `[D_p]`; zeros by default.
+        method: "sgd" for the paper's momentum SGD, "newton" for Gauss-Newton.
+        settings: of that method, `EstimationSettings` or `NewtonSettings`.
+
+    Returns:
+        The final p `[D_p]`, and p after each step `[T, D_p]`. If the run is too short
+        for p to move at all, there is a warning.
+
+    Raises:
+        ValueError: the run doesn't fit the model, or there is no such method.
+    """
+    methods: dict[str, Any] = {
+        "sgd": (BiasEstimator, EstimationSettings),
+        "newton": (NewtonEstimator, NewtonSettings),
+    }
+    if method not in methods:
+        raise ValueError(f"unknown method {method!r}; choose from sgd, newton")
+    make, kind = methods[method]
+    settings = kind() if settings is None else settings
+    if not isinstance(settings, kind):
+        raise ValueError(
+            f'settings with method="{method}" is a {kind.__name__}, got '
+            f"{type(settings).__name__}: write {kind.__name__}(name=value)"
+        )
+    check_fits(model, run)
+    estimator = make(model, p, settings)
+    path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
+
+    # A p that nothing has moved looks like any other.
+    if estimator.window is None:
+        warnings.warn(
+            f"a run of {len(run)} steps is too short for this estimation: p is where "
+            "it started, and says nothing of the material. Record more steps, or set "
+            "a smaller `warmup`",
+            stacklevel=2,
+        )
+    return path[-1], np.stack(path)

@@ -7,12 +7,14 @@ together with the weights W. Source: the paper, eqs. 1, 3 and 4.
 """
 
 import itertools
-from typing import NamedTuple, cast
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
-
-from clothlab._validation import check_number
 
 
 class Memory(NamedTuple):
@@ -20,11 +22,6 @@ class Memory(NamedTuple):
 
     h: Tensor
     c: Tensor
-
-    def expand(self, batch: int) -> "Memory":
-        """The same for each of a batch, from that of batch 1 or B."""
-        h, c = (part.expand(-1, batch, -1).contiguous() for part in self)
-        return Memory(h, c)
 
 
 class DPMPB(nn.Module):
@@ -45,17 +42,20 @@ class DPMPB(nn.Module):
     s_std: Tensor
     u_mean: Tensor
     u_std: Tensor
-    step: float | None = None  # of the runs it was trained on [s], where it is known
+
+    # Of the runs it was trained on, where they know it; see `data.check_fits`.
+    step: float | None = None  # [s]
+    state_names: tuple[str, ...] = ()
+    command_names: tuple[str, ...] = ()
 
     def __init__(self, state_size: int, command_size: int, bias_size: int = 2):
         super().__init__()
-        self.state_size = check_number("state_size", state_size, int, at_least=1)
-        self.command_size = check_number("command_size", command_size, int, at_least=1)
-        self.bias_size = check_number("bias_size", bias_size, int, at_least=0)
-        self.register_buffer("s_mean", torch.zeros(state_size))
-        self.register_buffer("s_std", torch.ones(state_size))
-        self.register_buffer("u_mean", torch.zeros(command_size))
-        self.register_buffer("u_std", torch.ones(command_size))
+        self.state_size = state_size
+        self.command_size = command_size
+        self.bias_size = bias_size
+        for name, size in (("s", state_size), ("u", command_size)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_std", torch.ones(size))
 
         self.fc_in = _tanh_layers(command_size + state_size + bias_size, 300, 100, 30)
         self.lstm = nn.LSTM(30, 30, num_layers=2, batch_first=True)
@@ -87,31 +87,13 @@ class DPMPB(nn.Module):
         return following * self.s_std + self.s_mean, Memory(*memory)
 
     def loss(self, predicted: Tensor, s: Tensor) -> Tensor:
-        """Mean squared error of states `[..., D_s]` in standard deviations.
-
-        So every sensor counts alike.
-        """
+        """Mean squared error in standard deviations, so that every sensor counts."""
         return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
 
     def initial_memory(self) -> Memory:
         """The recurrent state before the first step of one run: zeros."""
-        zeros = torch.zeros(self.lstm.num_layers, 1, self.lstm.hidden_size)
+        zeros = self.s_mean.new_zeros(self.lstm.num_layers, 1, self.lstm.hidden_size)
         return Memory(zeros, zeros)
-
-    @torch.no_grad()
-    def leave_out(self, states: Tensor, commands: Tensor) -> None:
-        """Be deaf to some states `[D_s]` and commands `[D_u]`, bool; these never vary.
-
-        The mean of such a state is predicted. Their weights are zero, and stay so in
-        the training, since their gradient is.
-        """
-        first_layer = cast(nn.Linear, self.fc_in[0])
-        last_layer = cast(nn.Linear, self.fc_out[-1])
-        first_layer.weight[:, commands.nonzero().flatten()] = 0
-        columns = self.command_size + states.nonzero().flatten()
-        first_layer.weight[:, columns] = 0
-        last_layer.weight[states] = 0
-        last_layer.bias[states] = 0
 
 
 def _tanh_layers(*sizes: int) -> nn.Sequential:
@@ -127,7 +109,8 @@ def predict(
 ) -> Tensor:
     """Predict states over many steps, each from the prediction before.
 
-    This is the plain version of `FastDPMPB`: to read, and to test that against.
+    It computes what `model` would, called with one step after the other, in half the
+    time: what stays the same over all steps is computed once.
 
     Args:
         model: a trained one.
@@ -140,11 +123,83 @@ def predict(
         The states after each command, `[B, T, D_s]`.
     """
     batch, steps, _ = u.shape
-    if memory is not None:
-        memory = memory.expand(batch)
-    s = s.unsqueeze(-2).expand(batch, 1, -1)
+    first, *more_in = _weights(model.fc_in)
+    *more_out, last = _weights(model.fc_out)
+
+    # The first layer in three parts: p's is a constant, the commands' is known for all
+    # steps, and only that of the state has to wait for the step before.
+    bias, weight = first
+    sizes = [model.command_size, model.state_size, model.bias_size]
+    w_u, w_s, w_p = weight.split(sizes)
+    u = ((u - model.u_mean) / model.u_std).flatten(0, 1)
+    from_commands = torch.addmm(bias + p @ w_p, u, w_u).reshape(batch, -1)
+
+    # The loop; states stay normalised while they go round.
+    cells = [(a.T, b.T, c + d) for a, b, c, d in model.lstm.all_weights]
+    memory = model.initial_memory() if memory is None else memory
+    h = list(memory.h.expand(-1, batch, -1))
+    c = list(memory.c.expand(-1, batch, -1))
+    s = ((s - model.s_mean) / model.s_std).expand(batch, -1)
     states = []
-    for t in range(steps):
-        s, memory = model(s, u[:, t : t + 1], p, memory)
+    for x in from_commands.chunk(steps, dim=1):
+        x = torch.addmm(x, s, w_s).tanh_()
+        for bias, weight in more_in:
+            x = torch.addmm(bias, x, weight).tanh_()
+        for k, (w_below, w_own, bias) in enumerate(cells):
+            gates = torch.addmm(torch.addmm(bias, x, w_below), h[k], w_own)
+            i, f, g, o = gates.chunk(4, dim=1)
+            c[k] = torch.addcmul(f.sigmoid() * c[k], i.sigmoid(), g.tanh())
+            h[k] = o.sigmoid() * c[k].tanh()
+            x = h[k]
+        for bias, weight in more_out:
+            x = torch.addmm(bias, x, weight).tanh_()
+        s = torch.addmm(last[0], x, last[1])
         states.append(s)
-    return torch.cat(states, dim=1)
+    return torch.stack(states, dim=1) * model.s_std + model.s_mean
+
+
+def _weights(layers: nn.Sequential) -> list[tuple[Tensor, Tensor]]:
+    """Bias `[out]` and weight `[in, out]` of each linear layer."""
+    return [
+        (layer.bias, layer.weight.T) for layer in layers if isinstance(layer, nn.Linear)
+    ]
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let torch compute on one thread, and afterwards on as many as before.
+
+    The matrices of a control step are so small that a second thread costs more than it
+    brings, and on a busy machine ten times as much: each waits for the other.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def check_model(model: DPMPB) -> None:
+    """Refuse what is no model, such as a checkpoint that holds one."""
+    if not isinstance(model, DPMPB):
+        raise ValueError(
+            f"model is a DPMPB, got {type(model).__name__}: a checkpoint has it as "
+            "`learned.model`"
+        )
+
+
+def numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Tensor:
+    """Finite numbers of this shape, in single precision.
+
+    Raises:
+        ValueError: the shape is another one, or something is missing.
+    """
+    array = np.asarray(values, np.float32)
+    wanted = f"{name} is {list(shape)} and finite"
+    if array.shape != shape:
+        raise ValueError(f"{wanted}, got the shape {list(array.shape)}")
+    finite = np.isfinite(array)
+    if not finite.all():
+        raise ValueError(f"{wanted}, got {array[~finite][0]}")
+    return torch.tensor(array)

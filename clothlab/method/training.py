@@ -12,17 +12,20 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from tqdm.auto import trange
 
-from clothlab._validation import check_array, check_seed, choose, settings_or_default
-from clothlab.method._inputs import check_runs, common_step
-from clothlab.method._quick_tanh import quicken
-from clothlab.method.data import Run, materials_of, set_normalisation, windows
-from clothlab.method.model import DPMPB
+from clothlab.method.data import (
+    Run,
+    check_fits,
+    check_run,
+    materials_of,
+    set_normalisation,
+    windows,
+)
+from clothlab.method.model import DPMPB, one_thread
 
 
 @dataclass(frozen=True)
@@ -31,24 +34,23 @@ class ModelTraining:
 
     epochs: int = 300
     batch_size: int = 300  # windows
-    sequence_length: int = 30  # [step] LSTM expansions
+    sequence_length: int = 30  # steps, LSTM expansions
     bias_size: int = 2  # D_p
 
     # The paper stops here; what follows is ours. Windows overlap, so that an epoch has
     # more updates: without, 300 epochs learn too little (notebook 05). Learning rates
     # fall to zero along a cosine. That of p is larger; it need not be (notebook 04).
-    stride: int = 5  # [step] between the starts of two windows
+    stride: int = 5  # steps between the starts of two windows
     learning_rate: float = 2e-3
     bias_learning_rate: float = 6e-3
 
 
 def train_dpmpb(
     runs: Sequence[Run],
-    settings: ModelTraining | None = None,
+    settings: ModelTraining = ModelTraining(),
     *,
-    known: Mapping[str, ArrayLike] | None = None,
+    known: Mapping[str, np.ndarray] | None = None,
     seed: int = 0,
-    device: str | None = None,
     progress: bool = True,
 ) -> tuple[DPMPB, dict[str, np.ndarray], np.ndarray]:
     """Train the weights W and one p for each material together, p from zero.
@@ -59,62 +61,73 @@ def train_dpmpb(
         settings: of the training.
         known: p of each material, `{name: [D_p]}`, if only W is to be trained.
         seed: of the first weights and of the order of the windows.
-        device: by default a GPU, where torch sees one.
         progress: show a progress bar.
 
     Returns:
-        The model, on the processor and in evaluation mode; p of each material,
-        `{name: [D_p]}`; and the mean squared error of each epoch `[epochs]` [s.d.²].
-    """
-    settings = settings_or_default(settings, ModelTraining)
-    check_seed(seed)
-    runs = check_runs(runs)
-    _check_lengths(runs, settings.sequence_length)
-    step = common_step(runs)
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    materials = materials_of(runs)
-    p = _first_biases(materials, settings.bias_size, known).to(device)
-    p.requires_grad_(not known)
+        The model, in evaluation mode; p of each material, `{name: [D_p]}`; and the
+        mean loss of each epoch.
 
-    # W from a seed, p beside it; the caller's random numbers go on as they were.
-    with torch.random.fork_rng():
+    Raises:
+        ValueError: there is no run, one is too short, or they are of different robots.
+        KeyError: `known` lacks a material.
+    """
+    if not runs:
+        raise ValueError("there are no runs to train on")
+    for run in runs:
+        check_run(run)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    materials = materials_of(runs)
+    p = torch.zeros(len(materials), settings.bias_size)
+    if known is not None:
+        p = torch.tensor(np.stack([known[name] for name in materials]))
+    p = p.float().to(device).requires_grad_(known is None)
+
+    with torch.random.fork_rng(), one_thread():
         torch.manual_seed(seed)
-        model = DPMPB(runs[0].s.shape[1], runs[0].u.shape[1], settings.bias_size)
+        model = _model_of(runs, settings.bias_size)
+        s, u, k = windows(runs, settings.sequence_length, settings.stride)
         set_normalisation(model, runs)
-        quicken(model).to(device)
-        losses = _train(model, p, runs, settings, progress)
-    model.step = step
+        model.to(device)
+        data = (s.to(device), u.to(device), k.to(device))
+        losses = _descend(model, p, data, settings, progress)
     biases = dict(zip(materials, p.detach().cpu().numpy(), strict=True))
     return model.cpu().eval(), biases, losses
 
 
-def _train(
+def _model_of(runs: Sequence[Run], bias_size: int) -> DPMPB:
+    """A network with first weights that knows what these runs have in common."""
+    first = runs[0]
+    model = DPMPB(first.s.shape[1], first.u.shape[1], bias_size)
+    for name in ("step", "state_names", "command_names"):
+        known = [getattr(run, name) for run in runs if getattr(run, name)]
+        if known:
+            setattr(model, name, known[0])
+    for run in runs:
+        check_fits(model, run)
+    return model
+
+
+def _descend(
     model: DPMPB,
     p: Tensor,
-    runs: Sequence[Run],
+    data: tuple[Tensor, Tensor, Tensor],
     settings: ModelTraining,
     progress: bool,
 ) -> np.ndarray:
-    """Train W and p `[K, D_p]` in place, where p lies: the mean loss of each epoch."""
-    # All windows of all runs, and which material each is of.
-    stretches = windows(runs, settings.sequence_length, settings.stride)
-    s, u, k = (each.to(p.device) for each in stretches)
-
-    # W and p are moved by the same gradient, each at its own rate.
+    """Move W and p `[K, D_p]` by the same gradient: the mean loss of each epoch."""
+    s, u, k = data
+    batches = -(-len(s) // settings.batch_size)
     groups: list[dict[str, Any]] = [{"params": list(model.parameters())}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
     optimizer = Adam(groups, lr=settings.learning_rate, fused=True)
-    batches = -(-len(s) // settings.batch_size)
     schedule = CosineAnnealingLR(optimizer, settings.epochs * batches)
 
     losses = []
-    epochs = trange(settings.epochs, desc="DPMPB", unit="epoch", disable=not progress)
-    for _ in epochs:
-        # The order is drawn on the processor, so that every device learns in the same.
+    bar = trange(settings.epochs, unit="epoch", disable=not progress)
+    for _ in bar:
         total = 0.0
         for index in torch.randperm(len(s)).split(settings.batch_size):
-            # L(W, p) of some windows: each next state, predicted from the true ones.
             predicted, _ = model(s[index, :-1], u[index], p[k[index]])
             loss = model.loss(predicted, s[index, 1:])
             optimizer.zero_grad()
@@ -122,40 +135,6 @@ def _train(
             optimizer.step()
             schedule.step()
             total += loss.item() * len(index)
-
-        # The mean over all windows, and not over batches of different sizes.
         losses.append(total / len(s))
-        epochs.set_postfix(loss=f"{losses[-1]:.4f}")
+        bar.set_postfix(loss=f"{losses[-1]:.4f}")
     return np.array(losses)
-
-
-def _first_biases(
-    materials: list[str], size: int, known: Mapping[str, ArrayLike] | None
-) -> Tensor:
-    """Zeros, or what is known, `[K, D_p]`."""
-    biases = torch.zeros(len(materials), size)
-    for k, name in enumerate(materials if known else ()):
-        p = choose("material", name, known or {})
-        p = check_array(f"p of {name}", p, (size,), np.float32)
-        biases[k] = torch.as_tensor(p)
-    return biases
-
-
-def _check_lengths(runs: Sequence[Run], length: int) -> None:
-    """A ValueError if runs are too short, or not of one robot."""
-    if not runs:
-        raise ValueError("no runs to train on")
-    for run in runs:
-        if len(run) <= length:
-            raise ValueError(
-                f"a run needs more steps than the {length} of a sequence, and one of "
-                f"{run.material} has {len(run)}: leave it out, or set a shorter "
-                "`sequence_length`"
-            )
-        states_differ = run.s.shape[1] != runs[0].s.shape[1]
-        commands_differ = run.u.shape[1] != runs[0].u.shape[1]
-        if states_differ or commands_differ:
-            raise ValueError(
-                "all runs must have states and commands of the same sizes: was each "
-                "recorded with the same robot?"
-            )

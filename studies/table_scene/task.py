@@ -13,14 +13,14 @@ import numpy as np
 
 from clothlab import data
 from clothlab.analysis import nearest_material
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
-from clothlab.method.gauss_newton import NewtonEstimator
+from clothlab.method.estimation import NewtonEstimator
 from clothlab.method.rollout import Policy
 from clothlab.simulation._dimensions import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run
+from clothlab.weights import ClothCheckpoint
 from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import NotVisibleError, find_cloth_centre
 from studies.table_scene.scene import Basket
@@ -293,7 +293,7 @@ def throw_policy(
     learned: ClothCheckpoint,
     target: np.ndarray,
     p: np.ndarray,
-    settings: ThrowSettings | None = None,
+    settings: ThrowSettings = ThrowSettings(),
 ) -> ThrowPolicy:
     """Throws a cloth like recorded ones, so that it comes to lie as a mask shows.
 
@@ -317,7 +317,9 @@ def throw_policy(
 
 
 def excite_and_throw(
-    driver: RobotDriver, learned: ClothCheckpoint, settings: ThrowSettings | None = None
+    driver: RobotDriver,
+    learned: ClothCheckpoint,
+    settings: ThrowSettings = ThrowSettings(),
 ) -> tuple[np.ndarray, ThrowPolicy]:
     """Estimate p of the cloth in the hand, then throw it with the nearest trained p.
 

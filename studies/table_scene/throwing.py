@@ -15,15 +15,17 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab._validation import check_array, check_mask, choose, settings_or_default
+from clothlab._validation import check_array, check_mask, choose
 from clothlab.masks import Observation
-from clothlab.method._inputs import check_sizes
-from clothlab.method._rollouts import rollout_of
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
-from clothlab.method.iterative import IterativeLearningSettings, ResidualModel
-from clothlab.method.model import DPMPB, Memory
+from clothlab.method.iterative import (
+    IterativeLearningSettings,
+    ResidualModel,
+    plan_features,
+)
+from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
 from clothlab.simulation._arm_data import get_arm
@@ -298,10 +300,10 @@ class ThrowPolicy(Policy):
         p: ArrayLike,
         runs: Sequence[Run],
         biases: Mapping[str, ArrayLike],
-        settings: ThrowSettings | None = None,
+        settings: ThrowSettings = ThrowSettings(),
     ):
         # How a throw is planned, and how far its outcome teaches
-        self.settings = settings_or_default(settings, ThrowSettings)
+        self.settings = settings
         self.learning = IterativeLearningSettings()
 
         # What predicts and sees, and the arm that throws
@@ -309,8 +311,7 @@ class ThrowPolicy(Policy):
         self.autoencoder = autoencoder
         self.arm = _arm_with_hand(arm)
         self.layout = self.arm.layout(autoencoder.latent_size)
-        check_sizes(model, self.arm, self.layout)
-        self._rollout_of_model = rollout_of(model)
+        self._check_sizes()
 
         # Limits of plans: in the last column is the release time
         self.lower = torch.as_tensor(self.arm.command_lower, dtype=torch.float32)
@@ -344,7 +345,6 @@ class ThrowPolicy(Policy):
         """Use another parametric bias `[D_p]` from now on."""
         p = check_array("p", p, (self.model.bias_size,), np.float32)
         self._p = torch.as_tensor(p)
-        self._predict = self._rollout_of_model(self.model, self._p)
 
     @property
     def p(self) -> np.ndarray:
@@ -355,6 +355,16 @@ class ThrowPolicy(Policy):
     def released(self) -> bool:
         """Whether the cloth was let go."""
         return bool(self.attempts) and self.attempts[-1].released
+
+    def _check_sizes(self) -> None:
+        """Refuse a model that was trained on another arm."""
+        sizes = (self.layout.size, len(self.arm.command_lower))
+        if (self.model.state_size, self.model.command_size) != sizes:
+            raise ValueError(
+                f"the model has {self.model.state_size} states and "
+                f"{self.model.command_size} commands, the {self.arm.name} arm has "
+                f"{sizes[0]} and {sizes[1]}: load the weights of this arm"
+            )
 
     def commands(self, plans: Tensor) -> Tensor:
         """What plans send, `[B, T, D_u]`.
@@ -371,7 +381,7 @@ class ThrowPolicy(Policy):
         correction of the model's errors is uncertain.
         """
         u = self.commands(plans)
-        states = self._predict(s, u, self.model.initial_memory())
+        states = predict(self.model, s, u, self._p)
         z = states[:, -1, self.layout.z]
         error, variance = correction(self._features(s, u, self._p))
         squares = (z + error[:, 0] - self.z_ref).square().sum(-1)
@@ -405,7 +415,9 @@ class ThrowPolicy(Policy):
                 self._begun = None
                 self._resting = self.settings.rest - 1
                 return self._home(closed=True)
-        self._memory = self._predict.follow(s, u, self._memory)
+        with torch.no_grad():
+            once = (s[None, None], u[None, None])
+            _, self._memory = self.model(*once, self._p, self._memory)
         self._step += 1
         self.done = self._step == self.settings.steps
         return u.double().numpy()
@@ -431,8 +443,8 @@ class ThrowPolicy(Policy):
         """
         u = self.commands(begun.plan[None])
         with torch.no_grad():
-            before = self._predict(begun.s, u, self.model.initial_memory())
-            now = self._predict(s, u[:, self._step :], self._memory)
+            before = predict(self.model, begun.s, u, self._p)
+            now = predict(self.model, s, u[:, self._step :], self._p, self._memory)
         z_before = before[0, -1, self.layout.z]
         z_now = now[0, -1, self.layout.z]
 
@@ -462,9 +474,8 @@ class ThrowPolicy(Policy):
         features = []
         predicted = []
         for s, u, p in zip(throws.start, throws.u, throws.p, strict=True):
-            rollout = self._rollout_of_model(self.model, p)
             with torch.no_grad():
-                states = rollout(s, u[None], self.model.initial_memory())
+                states = predict(self.model, s, u[None], p)
             predicted.append(states[:, -1, self.layout.z])
             features.append(self._features(s, u[None], p))
         errors = throws.end[:, self.layout.z] - torch.cat(predicted)
@@ -476,7 +487,7 @@ class ThrowPolicy(Policy):
         A throw teaches little about another foam; a stiff one lands where a soft one
         folds.
         """
-        throw = self.learning.features(self.model, s, u)
+        throw = plan_features(self.model, s, u, self.learning)
         bias = (p / self._bias_unit).expand(len(u), -1)
         return torch.cat([throw, bias], dim=1)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from clothlab.calibration import Calibration
 from clothlab.simulation.cloth import CLOTHS
 from studies import calibration_test, get, load
 from studies._runs import trained
 from studies.calibration_test import coverage
+from studies.uncertainty import Calibration
 
 NAME = "damp0.03-mass0.15"
 

@@ -8,12 +8,12 @@ import pytest
 import torch
 
 from clothlab import data
-from clothlab.cloth_checkpoint import ClothCheckpoint
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB
 from clothlab.simulation._arm_data import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial
+from clothlab.weights import ClothCheckpoint
 from studies import get, table_setting
 from studies.table_scene import task
 from studies.table_scene.servoing import RobotDriver

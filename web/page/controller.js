@@ -1,4 +1,4 @@
-// Model predictive control, step after step of a run: Python's `Controller` with its `GradientSearch`.
+// Model predictive control, step after step of a run: Python's `Controller`.
 // A plan holds the T commands of D_u numbers one after the other.
 const joined = (...parts) => Float32Array.from(parts.flatMap((part) => [...part]));
 

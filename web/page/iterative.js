@@ -1,4 +1,4 @@
-// Iterative learning control: a search that learns from each period how the predictions err. Python: `IterativeSearch`.
+// Iterative learning control: a search that learns from each period how the predictions err. Python: `IterativeController`.
 // An attempt is a period that is over: the state and memory it began with, its plan u, the p in use, and the z seen.
 
 // Stretches of recorded commands after which z was seen nearest to the target, best first.
