@@ -63,7 +63,7 @@ check: $(STAMP)  ## linter, types and unit tests, in parallel
 define CHECKED
 $(BIN)/ruff check .
 $(BIN)/ruff format --check .
-$(BIN)/lint-imports
+$(BIN)/lint-imports --no-logo
 $(BIN)/mypy & types=$$!; $(PYTEST) $(1); tests=$$?; wait $$types && exit $$tests
 endef
 
