@@ -123,11 +123,12 @@ class Estimator:
         before = self._seen.copy(), self._is_start
         self._seen.append((state, command))
         self._is_start = self._is_start and len(self._seen) < self._length
-        if self.window is None:
+        window = self.window
+        if window is None:
             return self.p
 
         with one_thread(), torch.inference_mode(False), torch.enable_grad():
-            p = self._moved(*self.window)
+            p = self._moved(*window)
         if not p.isfinite().all():
             self._seen, self._is_start = before
             raise ValueError(
