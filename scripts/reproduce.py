@@ -142,7 +142,7 @@ def train(
     # And several DPMPBs on top of each
     calls = []
     for config, seed in product(configs, seeds):
-        if missing(f"dpmpb-{config.name}-{seed}"):
+        if missing(f"model-{config.name}-{seed}"):
             calls.append({"self": config, "seed": seed})
     function = TrainingConfig.train_model
     for trained in side_by_side(function, calls, "models", **options):

@@ -127,6 +127,20 @@ def test_what_a_command_does_not_know_is_refused(words, reason, monkeypatch, cap
     assert reason in capsys.readouterr().err
 
 
+def test_weights_that_are_there_are_not_trained_again(monkeypatch):
+    calls = []
+
+    def noted(function, cases, *_, **__):
+        calls.extend(cases)
+        return []
+
+    monkeypatch.setattr(reproduce, "side_by_side", noted)
+    monkeypatch.setattr(reproduce._store, "write_checksums", lambda: None)
+    config = reproduce.TRAINING_CONFIGS["torque-paper"]
+    reproduce.train([config], range(5), anew=False)
+    assert calls == []
+
+
 def test_an_unknown_name_lists_the_choices(monkeypatch):
     monkeypatch.setattr("sys.argv", ["reproduce.py", "train", "torqe"])
     choices = "unknown 'torqe'; choose from torque-paper, "
