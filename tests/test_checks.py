@@ -19,7 +19,9 @@ from threadpoolctl import threadpool_limits
 
 import clothlab
 from clothlab import checks
-from clothlab.checks._check import Unanswered, array, check, expect, number
+from clothlab.checks import ask
+from clothlab.checks._check import array, check, expect, number
+from clothlab.checks.ask import Unanswered
 from clothlab.simulation.cloth import get_cloth, hanging_points
 
 NOTEBOOKS = sorted((Path(clothlab.__file__).parents[1] / "notebooks").glob("*.ipynb"))
@@ -429,6 +431,9 @@ def replaced(name, old, new):
     return define(name, solution.replace(old, new))
 
 
+COMPARE = ask.compare
+
+
 class Comparisons:
     """Stands where a check compares numbers, and keeps what it compares with."""
 
@@ -438,6 +443,25 @@ class Comparisons:
         module = sys.modules[getattr(checks, name).__module__]
         if hasattr(module, "expect"):
             monkeypatch.setattr(module, "expect", self)
+        else:
+            monkeypatch.setattr(ask, "compare", self.of_question)
+
+    def of_question(self, found, question, rtol, atol):
+        otherwise = question.otherwise
+        if callable(otherwise):
+            otherwise = otherwise(question.truth + 1000.0)
+
+        def said_of(value):
+            try:
+                COMPARE(value, question, rtol, atol)
+            except checks.CheckFailed as refused:
+                return str(refused)
+            return ""
+
+        self.kept.append(
+            (np.asarray(question.truth), otherwise, question.slips, said_of)
+        )
+        assert not said_of(found)
 
     def __call__(self, found, truth, otherwise, slips=None, *bounds, **tolerance):
         def said_of(value):

@@ -14,7 +14,6 @@ from clothlab.checks._beat_the_controller import (
     next_plan,
     score_interval,
 )
-from clothlab.checks._check import CheckFailed
 from clothlab.checks._cloth_simulation import (
     cloth_energy,
     count_springs,
@@ -81,5 +80,6 @@ from clothlab.checks._variable_stiffness import (
     two_link_jacobian,
 )
 from clothlab.checks._why_the_plan_fails import beyond_time, optimism, separates_all
+from clothlab.checks.ask import CheckFailed
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

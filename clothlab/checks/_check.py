@@ -1,23 +1,14 @@
-"""What all checks have in common: how an answer is called, read and refused.
+"""How an exercise is asked that compares more than numbers with numbers.
 
-An answer may do anything: raise an error, return None, a string or an array of any
-shape, change what it was given. All that ends here, in one sentence, so that a check
-compares numbers only. An error in a check itself stays what it is.
-
-Each run of a check draws its inputs anew, so that outputs written down in one run are
-wrong in the next. What fails is repeated by its seed: `checks.NAME(NAME, seed=123)`, or
-the environment variable CLOTHLAB_CHECK_SEED for all checks.
+`check` turns a function that asserts what is true of an answer into a check, where
+`ask.exercise` needs only a question with its truth.
 """
 
-import ast
 import copy
 import functools
 import inspect
 import os
-import reprlib
 import secrets
-import textwrap
-import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
@@ -25,36 +16,20 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
+from clothlab.checks.ask import (
+    DRAWS,
+    SEED,
+    CheckFailed,
+    _described,
+    _same,
+    _shown,
+    refuse_no_answer,
+)
+
 # (who returned it, what was returned) -> the same as a check wants it
 Read = Callable[[str, object], object]
 # Asserts what is true of the reader's function, with inputs from the generator
 Compare = Callable[[Callable, np.random.Generator], None]
-# In the environment: the seed of every check that is not given one
-SEED = "CLOTHLAB_CHECK_SEED"
-DRAWS = 1000  # after so many a check that finds no inputs for itself is wrong
-
-
-class CheckFailed(AssertionError):
-    """The answer is wrong; the text says in what."""
-
-    again = ""  # the call that repeats it with the same inputs
-
-    def _render_traceback_(self) -> list[str]:
-        """Show a notebook's reader this sentence alone.
-
-        The lines of the check would give the answer away.
-        """
-        shown = [f"Not yet: {self}"]
-        if self.again:
-            shown.append(f"(the same inputs again: {self.again})")
-        return shown
-
-
-class Unanswered(CheckFailed):
-    """The dots of the stub are still there."""
-
-    def _render_traceback_(self) -> list[str]:
-        return [str(self)]
 
 
 def check(
@@ -74,7 +49,7 @@ def check(
 
         @functools.wraps(compare)
         def run(answer: Callable, seed: int | None = None) -> None:
-            _refuse_what_is_no_answer(name, answer)
+            refuse_no_answer(name, answer)
             if seed is None:
                 seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
             rng = np.random.default_rng(seed)
@@ -90,50 +65,12 @@ def check(
     return decorate
 
 
-def _refuse_what_is_no_answer(name: str, answer: Callable) -> None:
-    """Raise CheckFailed for no function, Unanswered for a stub with its dots."""
-    if not callable(answer):
-        raise CheckFailed(
-            f"this is no function: run the cell that defines {name}, and hand over "
-            f"the function {name} itself, without calling it"
-        )
-    line = _blank(answer)
-    if line:
-        raise Unanswered(f"unanswered: the dots of {name} are still there, in `{line}`")
-
-
 def _refuse(failure: AssertionError, again: str) -> NoReturn:
     """Raise a failure as a CheckFailed that knows the call which repeats it."""
     if not isinstance(failure, CheckFailed):
         failure = CheckFailed(str(failure))
     failure.again = again
     raise failure from failure.__cause__
-
-
-def _blank(answer: Callable) -> str:
-    """The first line of a function in which dots stand for what is asked for, or "".
-
-    Dots in brackets, such as in `x[..., 0]`, are an index.
-    """
-    try:
-        lines = textwrap.dedent(inspect.getsource(answer)).splitlines()
-        nodes = list(ast.walk(ast.parse("\n".join(lines))))
-    except (OSError, TypeError, SyntaxError):
-        return ""  # a built-in, or a lambda in the middle of a line
-
-    # Every node within the brackets of an index
-    indices: set[int] = set()
-    for node in nodes:
-        if isinstance(node, ast.Subscript):
-            indices.update(id(part) for part in ast.walk(node.slice))
-
-    # The other dots
-    constants = [node for node in nodes if isinstance(node, ast.Constant)]
-    dots = [each for each in constants if each.value is ... and id(each) not in indices]
-    if not dots:
-        return ""
-    first = lines[min(each.lineno for each in dots) - 1]
-    return first.split("#")[0].strip()
 
 
 def drawn(draw: Callable[[], Any], holds: Callable[[Any], bool]) -> Any:
@@ -293,19 +230,6 @@ def _data(answer: Callable, args: tuple, kwargs: dict) -> dict[str, object]:
     }
 
 
-def _same(a: Any, b: Any) -> bool:
-    """Whether nothing has changed: both of one kind, with equal contents."""
-    if isinstance(a, dict):
-        return list(a) == list(b) and all(_same(a[key], b[key]) for key in a)
-    if isinstance(a, list):
-        return len(a) == len(b) and all(map(_same, a, b))
-    if isinstance(a, torch.Tensor):
-        return torch.equal(a.detach(), b)
-    # Where nothing was seen, an input has no number
-    gaps = np.asarray(a).dtype.kind == "f"
-    return np.array_equal(a, b, equal_nan=gaps)
-
-
 def _real(name: str, found: object, what: str) -> np.ndarray:
     """What was returned, as an array of finite numbers."""
     try:
@@ -332,24 +256,3 @@ def _as_array(found: Any) -> np.ndarray:
     # By Python's float, which refuses None; numpy would take it for nan
     numbers = [float(part) for part in value.ravel()]
     return np.array(numbers).reshape(value.shape)
-
-
-def _described(error: Exception) -> str:
-    """An error in one line, with the line of the answer where it came up, if known."""
-    words = [type(error).__name__, *str(error).strip().splitlines()[:1]]
-    described = ": ".join(words)
-    frames = traceback.extract_tb(error.__traceback__)[1:]  # the first is the call here
-    if frames and frames[0].line:
-        described += f", in the line `{frames[0].line}`"
-    return described
-
-
-def _shown(found: object) -> str:
-    """What was returned, short and in one line."""
-    if isinstance(found, np.ndarray | np.generic | torch.Tensor):
-        if found.ndim:
-            return f"an array of shape {tuple(found.shape)}"
-        return str(found.item())
-    if inspect.isfunction(found):
-        return "a function"
-    return " ".join(reprlib.repr(found).split())
