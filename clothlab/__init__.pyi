@@ -4,6 +4,7 @@ from . import (
     analysis as analysis,
     checks as checks,
     lab as lab,
+    mine as mine,
     plots as plots,
     tables as tables,
 )

@@ -110,6 +110,24 @@ def best_per_period(
     return after[:whole].reshape(-1, period).min(axis=1)
 
 
+def period_ends(
+    distances: ArrayLike, period: int = ControlSettings.period
+) -> np.ndarray:
+    """The distance at the end of each whole period of distances `[T]`: `[P]`."""
+    distances = check_array("distances", distances, ("T",))
+    return distances[period::period]
+
+
+def points(distance: ArrayLike, still: float) -> np.ndarray:
+    """Points of a throw: 0 where it ends as far away as the still cloth, 100 at the target.
+
+    Args:
+        distance: at the end of a period, of any shape [s.d. of z].
+        still: of the cloth that hangs still [s.d. of z].
+    """
+    return 100 * (1 - np.asarray(distance, float) / still)
+
+
 def late_median(best: ArrayLike) -> float:
     """Median of the last ten periods of `best_per_period` `[P]`."""
     best = check_some("best", check_array("best", best, ("P",)))

@@ -40,7 +40,8 @@ def student_edition(notebook: NotebookNode) -> NotebookNode:
 def executed(notebook: NotebookNode, folder: Path) -> NotebookNode:
     """The notebook itself after a run in a folder.
 
-    Its kernel finds no recordings or tries of whoever makes it, and leaves none.
+    Its kernel finds nothing of whoever makes it, no recordings, tries or networks, and
+    leaves none.
 
     Raises:
         nbclient.exceptions.CellExecutionError: an error in a cell without the tag
@@ -51,7 +52,10 @@ def executed(notebook: NotebookNode, folder: Path) -> NotebookNode:
         notebook, timeout=CELL_SECONDS, resources=resources, extra_arguments=QUIET
     )
     with tempfile.TemporaryDirectory() as recordings:
-        environment = os.environ | {"CLOTHLAB_RECORDINGS": recordings}
+        environment = os.environ | {
+            "CLOTHLAB_RECORDINGS": recordings,
+            "CLOTHLAB_MINE": "",
+        }
         return run.execute(env=environment)
 
 

@@ -1,5 +1,6 @@
 """Loads what tests share, in the processes that run them."""
 
+import os
 import sys
 
 import pytest
@@ -7,6 +8,8 @@ import pytest
 # Nbformat's jsonschema would take a second, in each process, to build a grammar of web
 # addresses that no notebook is judged by; without this module it does not.
 sys.modules.setdefault("rfc3987_syntax", None)
+# What a developer made in the notebooks is no part of any test
+os.environ["CLOTHLAB_MINE"] = ""
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -12,6 +12,8 @@ from clothlab.analysis import (
     crossed_interval,
     difference_interval,
     nearest_material,
+    period_ends,
+    points,
     principal_axes,
     rate_interval,
     spread,
@@ -218,3 +220,11 @@ def test_a_rate_of_all_or_none_is_not_sure():
     # Wilson's, solved for all of fifty
     assert low == pytest.approx(50 / (50 + 1.96**2), abs=1e-3)
     assert rate_interval(np.zeros(50, bool))[2] == pytest.approx(1 - low)
+
+
+def test_points_of_a_throw_are_of_its_end():
+    distances = [2.0, *[0.5] * 7, 1.0, *[0.1] * 7, 3.0, 0.0]
+    ends = period_ends(distances)
+    assert list(ends) == [1.0, 3.0]
+    assert list(points(ends, still=2.0)) == [50.0, -50.0]
+    assert points(0.0, still=2.0) == 100.0

@@ -1,0 +1,122 @@
+"""What you make in one notebook and take up in the next, in the folder `mine/`.
+
+`mine.autoencoder()` is the one that you trained in 03, `mine.checkpoint()` your model of
+04 with it, `mine.functions("controller")` what you wrote in 07. Where nothing of yours
+is there, the stored one takes its place, and a printed line says so.
+
+The folder lies beside `notebooks/`; the environment variable `CLOTHLAB_MINE` names
+another one. Where it is empty, nothing is kept: so notebooks run in tests.
+"""
+
+import inspect
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+from safetensors.torch import load_model, save_model
+
+from clothlab import data
+from clothlab.method.autoencoder import Autoencoder
+from clothlab.weights import ClothCheckpoint
+
+# The paper's amount of recordings, as a reader's own have
+STORED = "torque-paper-0"
+
+
+def folder() -> Path | None:
+    """The folder, or None where nothing is kept."""
+    named = os.environ.get("CLOTHLAB_MINE")
+    if named == "":
+        return None
+    return Path(named) if named else Path(__file__).resolve().parents[1] / "mine"
+
+
+def keep_checkpoint(checkpoint: ClothCheckpoint) -> None:
+    """Keep your model, with p of each cloth and the autoencoder that it goes with."""
+    path = _place("checkpoint.safetensors")
+    if path is not None:
+        checkpoint.save(path)
+
+
+def checkpoint() -> ClothCheckpoint:
+    """Your model of 04, or the stored one."""
+    path = _found("checkpoint.safetensors", "model (04)", f"the stored {STORED}")
+    return data.load(STORED if path is None else path)
+
+
+def keep_autoencoder(autoencoder: Autoencoder) -> None:
+    """Keep your autoencoder."""
+    path = _place("autoencoder.safetensors")
+    if path is not None:
+        save_model(autoencoder, str(path))
+
+
+def autoencoder() -> Autoencoder:
+    """Your autoencoder of 03, in evaluation mode, or the stored one."""
+    stored = data.load(STORED).autoencoder
+    path = _found("autoencoder.safetensors", "autoencoder (03)", f"that of {STORED}")
+    if path is None:
+        return stored
+    own = Autoencoder(stored.latent_size)
+    load_model(own, str(path))
+    return own.eval()
+
+
+def keep_functions(name: str, *made: Callable, imports: str) -> None:
+    """Keep functions and classes of yours as a file of Python.
+
+    Args:
+        name: of the file, without `.py`.
+        made: in the order in which they are defined.
+        imports: the lines of import that they need.
+    """
+    path = _place(f"{name}.py")
+    if path is not None:
+        parts = [imports.strip(), *(inspect.getsource(each).strip() for each in made)]
+        path.write_text("\n\n\n".join(parts) + "\n")
+
+
+def functions(name: str) -> SimpleNamespace | None:
+    """What you kept with `keep_functions`, by its names; None if there is nothing."""
+    path = _found(f"{name}.py", name, "the package's")
+    if path is None:
+        return None
+    namespace: dict[str, object] = {"__name__": f"mine.{name}"}
+    exec(compile(path.read_text(), str(path), "exec"), namespace)
+    return SimpleNamespace(**namespace)
+
+
+def note(what: str, **numbers: float) -> None:
+    """Add a line to your log, or change the one that is there."""
+    path = _place("log.json")
+    if path is not None:
+        path.write_text(json.dumps(log() | {what: numbers}, indent=1))
+
+
+def log() -> dict[str, dict[str, float]]:
+    """Your log: `{what: {name: number}}`, in the order in which it was noted."""
+    path = _place("log.json")
+    if path is None or not path.exists():
+        return {}
+    return json.loads(path.read_text())
+
+
+def _place(name: str) -> Path | None:
+    """Where a file goes; None where nothing is kept."""
+    own = folder()
+    if own is None:
+        return None
+    own.mkdir(parents=True, exist_ok=True)
+    return own / name
+
+
+def _found(name: str, what: str, stored: str) -> Path | None:
+    """A file of yours, or None with a printed line."""
+    path = _place(name)
+    if path is not None and path.exists():
+        print(f"your own {what}, from {path.parent.name}/{name}")
+        return path
+    print(f"no {what} of your own in mine/: {stored} takes its place")
+    return None
