@@ -96,7 +96,7 @@ site-tested:
 
 notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
 	rm -rf build/small && $(BIN)/python scripts/solutions.py solve --into build/small/notebooks $(NOTEBOOKS)
-	CLOTHLAB_MINE= $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/notebooks/*.ipynb)
+	CLOTHLAB_MINE= CLOTHLAB_SMALL=1 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/notebooks/*.ipynb)
 
 findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
 	$(BIN)/python scripts/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)

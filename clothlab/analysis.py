@@ -119,7 +119,7 @@ def period_ends(
 
 
 def points(distance: ArrayLike, still: float) -> np.ndarray:
-    """Points of a throw: 0 where it ends as far away as the still cloth, 100 at the target.
+    """Points of a throw: 0 if it ends as far as the still cloth, 100 at the target.
 
     Args:
         distance: at the end of a period, of any shape [s.d. of z].

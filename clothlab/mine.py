@@ -1,8 +1,8 @@
 """What you make in one notebook and take up in the next, in the folder `mine/`.
 
-`mine.autoencoder()` is the one that you trained in 03, `mine.checkpoint()` your model of
-04 with it, `mine.functions("controller")` what you wrote in 07. Where nothing of yours
-is there, the stored one takes its place, and a printed line says so.
+`mine.autoencoder()` is the one that you trained in 03, `mine.checkpoint()` your model
+of 04 with it, `mine.functions("controller")` what you wrote in 07. Where nothing of
+yours is there, the stored one takes its place, and a printed line says so.
 
 The folder lies beside `notebooks/`; the environment variable `CLOTHLAB_MINE` names
 another one. Where it is empty, nothing is kept: so notebooks run in tests.

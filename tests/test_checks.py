@@ -157,7 +157,7 @@ def test_an_exercise_has_stub_solution_and_check(path):
 
 
 def test_every_check_belongs_to_an_exercise():
-    assert set(checks.__all__) - {"CheckFailed"} == set(EXERCISES)
+    assert set(checks.__all__) - {"CheckFailed", "if_open"} == set(EXERCISES)
 
 
 @pytest.mark.parametrize("name", EXERCISES)
@@ -522,6 +522,13 @@ def test_another_way_to_be_right_is_accepted(name, old, new, capsys):
 def test_a_check_wants_the_function_itself():
     with pytest.raises(checks.CheckFailed, match="the function bce_loss itself"):
         checks.bce_loss(None)
+
+
+def test_an_open_exercise_is_replaced_by_ours():
+    _, stub, solution = EXERCISES["my_mask"]
+    answered = define("my_mask", solution)
+    assert checks.if_open(define("my_mask", stub), len) is len
+    assert checks.if_open(answered, len) is answered
 
 
 def test_dots_of_an_index_are_an_answer_and_dots_in_one_line_are_none():

@@ -3,8 +3,9 @@
 A check takes the reader's function. It prints "correct", or raises CheckFailed with a
 sentence that says what is wrong (Unanswered, of a stub with its dots). What it compares
 with, it makes itself, of other inputs in each run: it needs neither the notebook's
-variables nor `data/`, and `seed=` repeats a run. Each notebook's checks stand in the
-file of its name, after an underscore.
+variables nor `data/`, and `seed=` repeats a run. `checks.if_open(NAME, ours)` is the
+reader's function once it is written, and ours until then: so "Run all" gets to the end.
+Each notebook's checks stand in the file of its name, after an underscore.
 """
 
 from clothlab.checks._beat_the_controller import (
@@ -80,6 +81,6 @@ from clothlab.checks._variable_stiffness import (
     two_link_jacobian,
 )
 from clothlab.checks._why_the_plan_fails import beyond_time, optimism, separates_all
-from clothlab.checks.ask import CheckFailed
+from clothlab.checks.ask import CheckFailed, if_open
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))
