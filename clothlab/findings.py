@@ -1,7 +1,7 @@
 """The conditions of a notebook's findings, in its last cell.
 
-A finding is a sentence of the text. Its condition is a number with its bounds, so that a
-run in which the sentence is no longer true stops with an error.
+A finding is a sentence of the text. Its condition is a number with its bounds, so that
+a run in which the sentence is no longer true stops with an error.
 """
 
 import os
