@@ -17,7 +17,6 @@ from .data import (
     load_trials as load_trials,
 )
 from .logs import runs_from_table as runs_from_table
-from .masks import iou as iou
 from .method.autoencoder import (
     AutoencoderTraining as AutoencoderTraining,
     decode as decode,
@@ -53,7 +52,7 @@ from .simulation.cloth import (
 )
 from .simulation.env import CONTROL_PERIOD as CONTROL_PERIOD, ClothEnv as ClothEnv
 from .simulation.scene import Scene as Scene
-from .simulation.vision import chamfer_distance as chamfer_distance
+from .simulation.vision import chamfer_distance as chamfer_distance, iou as iou
 from .trials import recorded_plans as recorded_plans
 from .weights import Checkpoint as Checkpoint
 

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, check_seed
-from clothlab.masks import Observation
 from clothlab.method.rollout import Policy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
+from clothlab.simulation.vision import Observation
 
 
 class ReplayPolicy(Policy):

@@ -14,7 +14,7 @@ from clothlab._validation import check_each, check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
 from clothlab.method.rollout import rollout
-from clothlab.simulation._arm_data import arm_data, arm_from_data
+from clothlab.simulation.arm import arm_data, arm_from_data
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.trial import CONTROL_PERIOD, Trial
 

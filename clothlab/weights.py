@@ -29,9 +29,7 @@ from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, IterativePolicy
 from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining
-from clothlab.simulation._arm_data import arm_data, arm_from_data
-from clothlab.simulation._state_layout import StateLayout
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, StateLayout, arm_data, arm_from_data
 from clothlab.trials import Trial, to_run
 
 SUFFIX = ".safetensors"

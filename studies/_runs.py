@@ -18,7 +18,6 @@ from torch import Tensor, nn
 from clothlab import data
 from clothlab._validation import HEIGHT, WIDTH, check_array, check_mask, choose
 from clothlab.analysis import best_per_period, spread, target_distance
-from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
@@ -30,7 +29,7 @@ from clothlab.policies import RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import SHEETS, Cloth, cloth_name, foam, get_cloth
 from clothlab.simulation.env import ClothEnv
-from clothlab.simulation.vision import chamfer_distance
+from clothlab.simulation.vision import chamfer_distance, iou
 from clothlab.trials import Trial, rollout, to_run
 from clothlab.weights import ClothCheckpoint
 from studies.training_configs import TRAINING_CONFIGS, TrainingConfig

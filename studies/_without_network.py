@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from clothlab.masks import Observation
 from clothlab.method.autoencoder import encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.control import ControlSettings
@@ -24,6 +23,7 @@ from clothlab.method.iterative import (
     plan_features,
 )
 from clothlab.method.rollout import Policy
+from clothlab.simulation.vision import Observation
 from clothlab.weights import ClothCheckpoint
 
 _PERIOD = ControlSettings.period  # [step]

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from clothlab import data
-from clothlab.masks import iou
 from clothlab.method.autoencoder import (
     AutoencoderTraining,
     decode,
     encode,
     train_autoencoder,
 )
+from clothlab.simulation.vision import iou
 from studies._grid import Experiment, Tables, over
 from studies._rows import Row
 from studies._runs import MIDDLE, chamfer_against_z, random_trial

@@ -16,7 +16,7 @@ from clothlab._validation import check_seed, choose
 from clothlab.data._writing import save_target
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, cloth_name
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, rollout, save_trial

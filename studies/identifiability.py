@@ -29,7 +29,6 @@ from clothlab._validation import HEIGHT, choose
 from clothlab.method.autoencoder import encode
 from clothlab.method.estimation import EstimationSettings
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation._pinhole import focal_length
 from clothlab.simulation.arm import Arm, Camera, TorqueArm
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
@@ -139,7 +138,8 @@ def _varied_trials(
 def _turned(camera: Camera, across: float, up: float) -> Camera:
     """The camera turned by parts of a pixel of its image."""
     distance = np.linalg.norm(np.subtract(camera.target, camera.position))
-    pixel = distance / focal_length(camera.fovy, HEIGHT)  # [m] at the target
+    focal_length = 0.5 * HEIGHT / np.tan(np.deg2rad(camera.fovy) / 2)  # [pixel]
+    pixel = distance / focal_length  # [m] at the target
     moved = camera.target + pixel * np.array([across, up]) @ camera.axes[:2]
     return replace(camera, target=tuple(moved))
 

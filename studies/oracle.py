@@ -19,15 +19,14 @@ from numpy.typing import ArrayLike
 
 from clothlab import data
 from clothlab.analysis import best_per_period, late_median, target_distance
-from clothlab.masks import Observation, iou
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.vision import Observation, iou
 from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Case, Experiment, grid, over
 from studies._runs import (

@@ -12,7 +12,7 @@ from clothlab.method.autoencoder import (
 )
 from clothlab.method.data import Run
 from clothlab.method.training import ModelTraining, train_dpmpb
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.trials import Trial, to_run
 from clothlab.weights import ClothCheckpoint
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm
+from clothlab.simulation.arm import ARMS, JOINTS, Arm, MuscleArm, TorqueArm, get_arm
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.muscle import MUSCLES
 
@@ -42,6 +41,24 @@ def test_names_sizes_and_places_of_an_arm_belong_together(name):
     assert len(arm.command_names[arm.angle_command]) == len(JOINTS)
     assert arm.has_stiffness == bool(arm.command_names[arm.stiffness_command])
     assert model.nu == len(model.actuator_ctrlrange)
+
+
+def test_an_arm_shows_in_one_line_what_it_is():
+    assert repr(MUSCLE) == "MuscleArm('muscle', ...)"
+    assert repr(TorqueArm()) == "TorqueArm('torque', ...)"
+
+
+@pytest.mark.parametrize("arm", [TorqueArm(gripper=True), MuscleArm(gripper=True)])
+def test_a_gripper_is_one_number_more_in_a_command(arm):
+    without = replace(arm, gripper=False)
+    last = len(without.command_names)
+    assert arm.command_names == (*without.command_names, "hand closed [period]")
+    assert arm.closed_command == slice(last, last + 1)
+    assert without.closed_command == slice(last, last)
+    assert (arm.command_lower[-1], arm.command_upper[-1]) == (0, 1)
+    _, data = bare(arm)
+    arm.reset(data, arm.home_command)
+    assert arm.angles(data) == pytest.approx(arm.home)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -225,9 +242,10 @@ def test_a_command_off_by_rounding_is_moved_into_the_range_and_the_original_is_k
     assert u[0] != checked[0]
 
 
-def test_a_range_that_does_not_rise_through_home_is_refused():
+@pytest.mark.parametrize("arm", ARMS.values(), ids=str)
+def test_a_range_that_does_not_rise_through_home_is_refused(arm):
     with pytest.raises(ValueError, match="home, lower and upper"):
-        replace(TorqueArm(), home=(0.4, 0.1))
+        replace(arm, home=(0.4, 0.1))
 
 
 def test_a_camera_s_axes_are_those_of_the_simulation():

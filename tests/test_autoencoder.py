@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from clothlab.lab._targets import known_target
-from clothlab.masks import iou
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
@@ -13,6 +12,7 @@ from clothlab.method.autoencoder import (
     encode,
     train_autoencoder,
 )
+from clothlab.simulation.vision import iou
 from clothlab.weights import fingerprint
 
 BRIEF = AutoencoderTraining(epochs=2, batch_size=12)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from clothlab.policies import RandomPolicy
-from clothlab.simulation._lattice import point_names, springs
 from clothlab.simulation.cloth import (
     CLOTHS,
     FOAMS,
@@ -16,7 +15,7 @@ from clothlab.simulation.cloth import (
     cloth_name,
     get_cloth,
 )
-from clothlab.simulation.cloth_elements import add_cloth
+from clothlab.simulation.cloth_elements import add_cloth, point_names, springs
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from studies._runs import NEW
@@ -53,6 +52,12 @@ def test_terminal_speed_is_weight_over_drag(name):
     assert cloth.terminal_speed == pytest.approx(
         cloth.point_mass * GRAVITY / cloth.damping
     )
+
+
+def test_a_cloth_shows_in_one_line_what_it_is():
+    shown = "Cloth('damp0.03-mass0.05', damping=0.03, mass=0.05, ...)"
+    assert repr(get_cloth("damp0.03-mass0.05")) == shown
+    assert max(len(repr(cloth)) for cloth in (CLOTHS | FOAMS).values()) <= 80
 
 
 @pytest.mark.parametrize("name", [*CLOTHS, *FOAMS])

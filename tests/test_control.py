@@ -27,8 +27,7 @@ from clothlab.method.data import Run
 from clothlab.method.estimation import BiasEstimator, EstimationSettings
 from clothlab.method.iterative import nearest_plans
 from clothlab.method.model import DPMPB, predict
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.arm import MuscleArm, get_arm
 from clothlab.trials import recorded_plans, rollout, to_run
 
 LOWER, UPPER = torch.tensor([-0.8, -1.6]), torch.tensor([1.0, 0.0])

@@ -19,7 +19,7 @@ from clothlab.data import _writing
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.model import DPMPB
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.trials import load_trial, save_trial
 from clothlab.weights import ClothCheckpoint, fingerprint
 

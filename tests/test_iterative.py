@@ -21,7 +21,7 @@ from clothlab.method.iterative import (
     nearest_plans,
 )
 from clothlab.method.model import DPMPB, Memory, predict
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.trials import rollout
 
 RNG = np.random.default_rng(0)

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from clothlab import analysis, plots
-from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
@@ -16,6 +15,7 @@ from clothlab.method.iterative import IterativeController
 from clothlab.method.model import DPMPB
 from clothlab.simulation.cloth import Cloth, cloth_name, foam
 from clothlab.simulation.scene import Scene
+from clothlab.simulation.vision import iou
 from clothlab.trials import recorded_plans
 
 MODEL = DPMPB(7, 2).eval()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import ARMS
+from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.trials import rollout
 
 POLICIES = {"random": RandomPolicy, "operator": OperatorPolicy}

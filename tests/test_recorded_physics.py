@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from clothlab import data
-from clothlab.masks import iou
 from clothlab.simulation.arm import ARMS
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.vision import iou
 
 STEPS = 8
 recorded = cache(data.load_trials)

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from clothlab._validation import check_mask, check_masks
-from clothlab.masks import iou
-from clothlab.simulation._mask_files import mask_from_file
-from clothlab.simulation.vision import chamfer_distance, cloth_mask
+from clothlab.simulation.vision import chamfer_distance, cloth_mask, iou, mask_from_file
 
 RED, BLUE, GREY = (200, 30, 40), (25, 60, 165), (128, 128, 128)
 

@@ -13,7 +13,7 @@ from torch import nn
 from clothlab.method import control, iterative
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB, Memory, predict
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import CLOTHS, get_cloth
 from clothlab.trials import Trial
 from clothlab.weights import ClothCheckpoint

@@ -8,13 +8,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from clothlab.simulation._lattice import point_names, springs
-from clothlab.simulation._mjcf import build_spec, onlooker
 from clothlab.simulation.arm import JOINTS, Arm, MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, Cloth
+from clothlab.simulation.cloth_elements import point_names, springs
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.muscle import MUSCLES
-from clothlab.simulation.scene import Scene
+from clothlab.simulation.rendering import onlooker
+from clothlab.simulation.scene import Scene, build_spec
 from web.images import HEIGHT, SAMPLES, WIDTH
 
 # Of a cloth, what the page puts into the MJCF

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from clothlab.checks._check import array, check, expect, number
-from clothlab.simulation._lattice import springs
 from clothlab.simulation.cloth import Cloth, get_cloth, hanging_points
+from clothlab.simulation.cloth_elements import springs
 
 _CLOTH = get_cloth("damp0.05-mass0.10")  # in the middle of the trained ones
 

@@ -19,7 +19,7 @@ from clothlab._store import (
 )
 from clothlab._validation import choose
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.simulation._mask_files import mask_from_file
+from clothlab.simulation.vision import mask_from_file
 from clothlab.trials import Trial, load_trial
 from clothlab.weights import (
     SUFFIX,

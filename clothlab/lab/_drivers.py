@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab.masks import Observation
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.data import Run
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import Arm
+from clothlab.simulation.vision import Observation
 from clothlab.weights import ClothCheckpoint
 
 DRIVERS = ("control", "iterative", "manual", "random", "operator")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothlab._validation import check_name
-from clothlab.masks import Observation
+from clothlab.simulation.vision import Observation
 from clothlab.trials import Trial, save_trial
 
 _EVERY = 25  # control steps between two writes, five seconds

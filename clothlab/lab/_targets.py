@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_mask
-from clothlab.masks import iou
 from clothlab.method.autoencoder import Autoencoder, decode, encode
-from clothlab.simulation._mask_files import mask_from_file
-from clothlab.simulation.vision import chamfer_distance
+from clothlab.simulation.vision import chamfer_distance, iou, mask_from_file
 from clothlab.trials import Trial
 
 # Of the recorded images, one in so many is compared with drawn ones

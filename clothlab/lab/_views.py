@@ -18,10 +18,10 @@ from clothlab.lab._session import LiveSession, StepInfo
 from clothlab.lab._targets import LARGEST_FILE, Aim
 from clothlab.lab._traces import traces
 from clothlab.method.autoencoder import decode, encode
-from clothlab.simulation._mjcf import onlooker
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.cloth import CLOTHS, FOAMS, get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD
+from clothlab.simulation.rendering import onlooker
 
 HISTORY = 150  # steps that the traces show, 30 s
 # Lowest, highest, step. Measured with random swinging at the lowest C_damp: below 0.042

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from clothlab.masks import Observation
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.trial import Trial
+from clothlab.simulation.vision import Observation
 
 
 @dataclass

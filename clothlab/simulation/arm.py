@@ -6,19 +6,20 @@ camera stands.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number
-from clothlab.simulation._dimensions import BAR_RADIUS, SHOULDER_POSITION
-from clothlab.simulation._state_layout import StateLayout
+from clothlab._validation import check_array, check_number, choose
 from clothlab.simulation.muscle import MUSCLES, Muscles
 
 JOINTS = ("shoulder", "elbow")
+SHOULDER_POSITION = np.array([0.0, 0.0, 1.0])  # [m]
+BAR_RADIUS = 0.008  # [m] of the bar in the hand
+_ANGLES = ("θ_ref shoulder [rad]", "θ_ref elbow [rad]")
 _SKIN_RGBA = (0.75, 0.76, 0.78, 1.0)
 _BAR_RGBA = (0.2, 0.2, 0.2, 1.0)
 
@@ -42,7 +43,22 @@ class Camera:
         return np.array([right, up, backward])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
+class StateLayout:
+    """Where things lie in the state `s = (z, robot state)` of an arm."""
+
+    names: tuple[str, ...]  # what each number of `s` is, with its unit
+    z: slice  # the latent image
+    robot: slice  # the robot state
+    tensions: slice  # the muscle tensions [N]; empty for an arm without muscles
+
+    @property
+    def size(self) -> int:
+        """D_s."""
+        return len(self.names)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Arm(ABC):
     """Two links in the sagittal plane, with a bar in the hand for the cloth.
 
@@ -65,18 +81,20 @@ class Arm(ABC):
     # The rod in the hand that holds the cloth
     bar_length: float = 0.44  # [m]
 
-    # What each number of `u` and of the robot state is, with its unit
-    command_names: ClassVar[tuple[str, ...]]
+    # Whether the hand opens on command. One more number in `u` then says for how much
+    # of the control period it is closed. A throw is a plan that ends in
+    # 1, …, 1, 0.4, 0, …, 0: it lets go after 0.4 of a period.
+    gripper: bool = False
+
+    # What each number of the robot state is, with its unit
     state_names: ClassVar[tuple[str, ...]]
 
     # Where things lie in the robot state; empty where the arm does not sense them
     tensions = slice(0, 0)  # of the muscles [N]
     sensed_angles = slice(0, 0)  # of the joints [rad]
 
-    # Where things lie in `u`; empty where they cannot be commanded
-    angle_command = slice(0, len(JOINTS))  # θ_ref [rad]
-    stiffness_command = slice(len(JOINTS), len(JOINTS))  # f_const [N]
-    closed_command = slice(0, 0)  # for how much of the period the hand is closed
+    # Where θ_ref lies in `u` [rad]
+    angle_command = slice(0, len(JOINTS))
 
     def __post_init__(self) -> None:
         for low, home, high in zip(self.lower, self.home, self.upper, strict=True):
@@ -86,10 +104,8 @@ class Arm(ABC):
                     "lower and upper of an arm"
                 )
 
-    @property
-    def has_stiffness(self) -> bool:
-        """Whether the arm takes a stiffness command."""
-        return self.stiffness_command.stop > self.stiffness_command.start
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, ...)"
 
     def with_stiffness(self, f_const: float) -> Self:
         """The same arm with its stiffness command fixed at `f_const` [N]."""
@@ -109,15 +125,28 @@ class Arm(ABC):
         )
 
     @property
-    def _beyond_angles(self) -> list[tuple[float, float, float]]:
-        """Lower bound, home and upper bound of the commands after θ_ref."""
-        return []
+    def _stiffness_ranges(self) -> dict[str, tuple[float, float, float]]:
+        """The part of `_ranges` that commands stiffness; none without muscles."""
+        return {}
+
+    @property
+    def _ranges(self) -> dict[str, tuple[float, float, float]]:
+        """Lower bound, home and upper bound of each number in `u`, by its name."""
+        angles = zip(self.lower, self.home, self.upper, strict=True)
+        ranges = dict(zip(_ANGLES, angles, strict=True)) | self._stiffness_ranges
+        if self.gripper:
+            ranges["hand closed [period]"] = (0.0, 1.0, 1.0)
+        return ranges
+
+    @property
+    def command_names(self) -> tuple[str, ...]:
+        """What each number in `u` is, with its unit."""
+        return tuple(self._ranges)
 
     @property
     def command_lower(self) -> np.ndarray:
         """Smallest command, `[D_u]`."""
-        beyond = [lower for lower, _, _ in self._beyond_angles]
-        return np.array([*self.lower, *beyond])
+        return np.array([lower for lower, _, _ in self._ranges.values()])
 
     @property
     def home_command(self) -> np.ndarray:
@@ -125,14 +154,28 @@ class Arm(ABC):
 
         The cloth then hangs in front of the camera.
         """
-        beyond = [home for _, home, _ in self._beyond_angles]
-        return np.array([*self.home, *beyond])
+        return np.array([home for _, home, _ in self._ranges.values()])
 
     @property
     def command_upper(self) -> np.ndarray:
         """Largest command, `[D_u]`."""
-        beyond = [upper for _, _, upper in self._beyond_angles]
-        return np.array([*self.upper, *beyond])
+        return np.array([upper for _, _, upper in self._ranges.values()])
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether the arm takes a stiffness command."""
+        return bool(self._stiffness_ranges)
+
+    @property
+    def stiffness_command(self) -> slice:
+        """Where f_const [N] lies in `u`; empty where it cannot be commanded."""
+        return slice(len(JOINTS), len(JOINTS) + len(self._stiffness_ranges))
+
+    @property
+    def closed_command(self) -> slice:
+        """Where in `u` the hand is closed [period]; empty where it always is."""
+        first = self.stiffness_command.stop
+        return slice(first, first + int(self.gripper))
 
     def check_command(self, u: ArrayLike) -> np.ndarray:
         """Return a copy of `u` as float64 `[D_u]`, moved into the arm's range.
@@ -252,7 +295,7 @@ class Arm(ABC):
         return self.link_length * np.array(columns).T
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class TorqueArm(Arm):
     """The paper's simulated arm: position servos.
 
@@ -268,8 +311,7 @@ class TorqueArm(Arm):
     servo_stiffness: tuple[float, float] = (120.0, 60.0)  # [N m/rad]
     servo_damping: tuple[float, float] = (8.0, 4.0)  # [N m s/rad]
 
-    command_names = ("θ_ref shoulder [rad]", "θ_ref elbow [rad]")
-    state_names: ClassVar[tuple[str, ...]] = (
+    state_names = (
         "θ shoulder [rad]",
         "θ elbow [rad]",
         "θ' shoulder [rad/s]",
@@ -289,12 +331,12 @@ class TorqueArm(Arm):
             servo.set_to_position(kp=self.servo_stiffness[i], kv=self.servo_damping[i])
 
     def reset(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        for joint, angle in zip(JOINTS, u, strict=True):
+        for joint, angle in zip(JOINTS, u[self.angle_command], strict=True):
             data.joint(joint).qpos[0] = angle
         self.command(data, u)
 
     def command(self, data: mujoco.MjData, u: np.ndarray) -> None:
-        for joint, angle in zip(JOINTS, u, strict=True):
+        for joint, angle in zip(JOINTS, u[self.angle_command], strict=True):
             data.actuator(joint).ctrl[0] = angle
 
     def state(self, data: mujoco.MjData) -> np.ndarray:
@@ -303,8 +345,8 @@ class TorqueArm(Arm):
         return np.concatenate([self.angles(data), velocities])
 
 
-@dataclass(frozen=True, kw_only=True)
-class MuscleArm(Muscles, Arm):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class MuscleArm(Arm, Muscles):
     """An arm pulled by six muscles: `u = (θ_ref [2], f_const)`.
 
     It senses tensions and muscle lengths only.
@@ -322,13 +364,15 @@ class MuscleArm(Muscles, Arm):
     # f_const at the start, where the range allows it
     home_tension: float = 30.0  # [N]
 
-    command_names: ClassVar[tuple[str, ...]] = (*TorqueArm.command_names, "f_const [N]")
     state_names = (
         *(f"f {name} [N]" for name in MUSCLES),
         *(f"l {name} [m]" for name in MUSCLES),
     )
     tensions = slice(0, len(MUSCLES))
-    stiffness_command = slice(len(JOINTS), len(JOINTS) + 1)
+
+    def __post_init__(self) -> None:
+        Arm.__post_init__(self)
+        Muscles.__post_init__(self)
 
     def with_stiffness(self, f_const: float) -> Self:
         u = self.home_command
@@ -338,9 +382,10 @@ class MuscleArm(Muscles, Arm):
         return replace(self, tension_range=(f_const, f_const))
 
     @property
-    def _beyond_angles(self) -> list[tuple[float, float, float]]:
+    def _stiffness_ranges(self) -> dict[str, tuple[float, float, float]]:
         low, high = self.tension_range
-        return [(low, min(max(self.home_tension, low), high), high)]
+        home = min(max(self.home_tension, low), high)
+        return {"f_const [N]": (low, home, high)}
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         # A scene may have a place for the rotors among its coordinates.
@@ -431,26 +476,41 @@ class MuscleArm(Muscles, Arm):
         return np.concatenate([self.tension(np.array(stretch)), lengths])
 
 
-@dataclass(frozen=True, kw_only=True)
-class GripperArm(MuscleArm):
-    """The muscle arm with a gripper.
+# To add an arm, add one here.
+_ARMS = [TorqueArm(), MuscleArm(), MuscleArm(name="muscle-hand", gripper=True)]
+ARMS: dict[str, Arm] = {arm.name: arm for arm in _ARMS}
 
-    One more number in `u` says for how much of the control period it is closed. A throw
-    is a plan that ends in 1, …, 1, 0.4, 0, …, 0: it lets go after 0.4 of a period.
+
+def get_arm(arm: Arm | str) -> Arm:
+    """Return the arm of that name; an arm is returned as it is."""
+    return arm if isinstance(arm, Arm) else choose("arm", arm, ARMS)
+
+
+def arm_data(arm: Arm) -> str | dict[str, Any]:
+    """Return what a file says of an arm: its class and fields.
+
+    One of `ARMS` is only named. A changed arm is written as what it is, even where it
+    has kept its name.
     """
-
-    name: str = "muscle-hand"
-
-    command_names = (*MuscleArm.command_names, "hand closed [period]")
-    closed_command = slice(
-        len(MuscleArm.command_names), len(MuscleArm.command_names) + 1
-    )
-
-    @property
-    def _beyond_angles(self) -> list[tuple[float, float, float]]:
-        return [*super()._beyond_angles, (0.0, 1.0, 1.0)]
+    if arm in ARMS.values():
+        return arm.name
+    return {"class": type(arm).__name__, **asdict(arm)}
 
 
-ARMS: dict[str, Arm] = {
-    arm.name: arm for arm in (TorqueArm(), MuscleArm(), GripperArm())
-}
+def arm_from_data(data: str | dict[str, Any]) -> Arm:
+    """Return the arm of which a file says this; a KeyError if it is unknown."""
+    if isinstance(data, str):
+        return get_arm(data)
+    classes = {each.__name__: each for each in (TorqueArm, MuscleArm)}
+    fields = _with_tuples(data)
+    chosen = choose("class of arms", fields.pop("class"), classes)
+    fields["camera"] = Camera(**_with_tuples(fields["camera"]))
+    return chosen(**fields)
+
+
+def _with_tuples(fields: dict[str, Any]) -> dict[str, Any]:
+    """The same fields, with tuples for JSON's lists."""
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in fields.items()
+    }

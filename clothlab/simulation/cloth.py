@@ -43,6 +43,10 @@ class Cloth:
         check_number("Cloth.rows", self.rows, int, at_least=2, at_most=100)
         check_number("Cloth.columns", self.columns, int, at_least=2, at_most=100)
 
+    def __repr__(self) -> str:
+        materials = f"damping={self.damping:.3g}, mass={self.mass:.3g}"
+        return f"Cloth({self.name!r}, {materials}, ...)"
+
     @property
     def point_mass(self) -> float:
         """Mass of one point [kg]."""

@@ -10,27 +10,18 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from clothlab._validation import (
-    HEIGHT,
-    WIDTH,
-    check_kind,
-    check_number,
-    check_seed,
-    choose,
-)
-from clothlab.masks import Observation
-from clothlab.simulation import vision
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation._lattice import point_names
-from clothlab.simulation._mjcf import build_spec
+from clothlab._validation import HEIGHT, WIDTH, check_number, check_seed, choose
 from clothlab.simulation._recording import Recording
-from clothlab.simulation._rendering import Renderers, draw
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth
-from clothlab.simulation.scene import Scene
-from clothlab.simulation.trial import CONTROL_PERIOD, Trial
+from clothlab.simulation.cloth_elements import point_names
+from clothlab.simulation.rendering import draw, make_renderer
+from clothlab.simulation.scene import CONTROL_PERIOD, Scene, build_spec
+from clothlab.simulation.trial import Trial
+from clothlab.simulation.vision import Observation, cloth_mask
 
 _DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -41,10 +32,6 @@ _DIVERGED = (
 
 class SimulationError(RuntimeError):
     """The physics diverged: a coordinate became infinite, NaN or absurdly large."""
-
-
-# The options of `reset`, and what each of them does.
-_RESET_OPTIONS = {"random_start": "begin in a posture drawn from the command range"}
 
 
 class ClothEnv(gymnasium.Env):
@@ -59,7 +46,7 @@ class ClothEnv(gymnasium.Env):
     Args:
         arm: An arm, or the name of one of `ARMS`.
         cloth: A cloth, or the name of one of `CLOTHS` or `FOAMS`.
-        scene: Time step, start and size of pictures; `Scene()` by default.
+        scene: Time step, start and size of pictures.
         render_mode: `"rgb_array"` makes `render` draw a picture for people, which is
             what Gymnasium's `RecordVideo` asks for.
     """
@@ -78,44 +65,48 @@ class ClothEnv(gymnasium.Env):
         arm: Arm | str = "torque",
         cloth: Cloth | str = "damp0.05-mass0.10",
         *,
-        scene: Scene | None = None,
+        scene: Scene = Scene(),
         render_mode: str | None = None,
     ):
         if render_mode is not None:
-            modes = self.metadata["render_modes"]
-            choose("render mode", render_mode, {mode: mode for mode in modes})
+            choose("render mode", render_mode, dict.fromkeys(["rgb_array"]))
         self.render_mode = render_mode
         self.arm = get_arm(arm)
-        self.scene = Scene() if scene is None else scene
-        self._renderers = Renderers()
+        self.cloth = get_cloth(cloth)
+        self.scene = scene
+        # MuJoCo's renderers, by height and width of their pictures [pixel]
+        self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
         self._recording: Recording | None = None
         self._sensed: Observation = {}
         self.hold(cloth)
 
-        self.action_space = _action_space(self.arm)
-        self.observation_space = _observation_space(self.arm)
+        # What Gymnasium is told of commands and observations
+        low = self.arm.command_lower
+        high = self.arm.command_upper
+        self.action_space = spaces.Box(low, high, dtype=np.float64)
+        sensors = (len(self.arm.state_names),)
+        self.observation_space = spaces.Dict(
+            {
+                "image": spaces.MultiBinary((HEIGHT, WIDTH)),
+                "robot": spaces.Box(-np.inf, np.inf, sensors, np.float64),
+            }
+        )
 
     def hold(self, cloth: Cloth | str) -> None:
         """Put another cloth into the hand, hanging still at the arm's home.
 
-        `reset` comes next. The cloth before stays in the hand if this one is unknown,
-        or diverges with this time step (`SimulationError`).
+        `reset` comes next; after a `SimulationError`, another cloth.
         """
-        before = {name: vars(self).get(name) for name in ("cloth", "model", "data")}
-        cloth = get_cloth(cloth)
-        try:
-            self.cloth = cloth
-            self.model = self._spec().compile()
-            self.data = mujoco.MjData(self.model)
-            self.start()
-        except Exception:
-            vars(self).update(before)
-            raise
+        before = self.cloth
+        self.cloth = get_cloth(cloth)
+        self.model = self._spec().compile()
+        self.data = mujoco.MjData(self.model)
 
         # The renderers know the surface of the last one. Only another shape needs new
         # ones: making them takes longer than a step.
-        if before["cloth"] is not None and _shape(cloth) != _shape(before["cloth"]):
+        if _shape(before) != _shape(self.cloth):
             self.close()
+        self.start()
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode without looking at it: `reset` without the observation."""
@@ -157,9 +148,9 @@ class ClothEnv(gymnasium.Env):
         The option `{"random_start": True}` draws the posture from the command range; a
         seed repeats it, bit for bit.
         """
-        options = {} if options is None else check_kind("options", options, dict)
+        options = {} if options is None else options
         for name in options:
-            choose("option of reset", name, _RESET_OPTIONS)
+            choose("option of reset", name, dict.fromkeys(["random_start"]))
         self.start(seed=seed, **options)
         return self._sense(), {}
 
@@ -202,7 +193,7 @@ class ClothEnv(gymnasium.Env):
         `{"image": cloth mask [H, W] of 0 and 1, "robot": robot state [D_r]}`
         """
         return {
-            "image": vision.cloth_mask(self.camera_picture()).astype(np.int8),
+            "image": cloth_mask(self.camera_picture()).astype(np.int8),
             "robot": self.arm.state(self.data),
         }
 
@@ -258,14 +249,12 @@ class ClothEnv(gymnasium.Env):
         """What the camera sees, `[height, width, 3]` uint8.
 
         With `depth`, how far away that is, `[height, width]` float32 [m]. A `view` is
-        another camera of the scene by its name, or one placed for this picture. A
-        ValueError if the picture is larger than `scene.picture_size`.
+        another camera of the scene by its name, or one placed for this picture.
         """
-        return draw(self.renderer(height, width), self.data, view, depth)
-
-    def renderer(self, height: int, width: int) -> mujoco.Renderer:
-        """MuJoCo's renderer of that size [pixel], made when it is first asked for."""
-        return self._renderers.get(self.model, height, width)
+        size = (height, width)
+        if size not in self._renderers:
+            self._renderers[size] = make_renderer(self.model, height, width)
+        return draw(self._renderers[size], self.data, view, depth)
 
     def cloth_points(self) -> np.ndarray:
         """Positions of the point masses in the world, `[rows, columns, 3]` [m].
@@ -277,7 +266,9 @@ class ClothEnv(gymnasium.Env):
 
     def close(self) -> None:
         """Release the OpenGL contexts."""
-        self._renderers.close()
+        while self._renderers:
+            _, renderer = self._renderers.popitem()
+            renderer.close()
 
     def _simulate(self, steps: int) -> None:
         mujoco.mj_step(self.model, self.data, steps)
@@ -287,21 +278,6 @@ class ClothEnv(gymnasium.Env):
                 f"time_step than {self.scene.time_step} s, a heavier cloth or a softer "
                 "one"
             )
-
-
-def _action_space(arm: Arm) -> gymnasium.spaces.Box:
-    """The commands of an arm, as Gymnasium wants them described."""
-    lower = arm.command_lower
-    upper = arm.command_upper
-    return gymnasium.spaces.Box(lower, upper, dtype=np.float64)
-
-
-def _observation_space(arm: Arm) -> gymnasium.spaces.Dict:
-    """What is observed, likewise."""
-    size = len(arm.state_names)
-    image = gymnasium.spaces.MultiBinary((HEIGHT, WIDTH))
-    robot = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
-    return gymnasium.spaces.Dict({"image": image, "robot": robot})
 
 
 def _shape(cloth: Cloth) -> tuple:

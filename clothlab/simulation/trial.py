@@ -5,11 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothlab._validation import check_array, check_kind, check_masks, check_seed
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth
-
-CONTROL_PERIOD = 0.2  # [s], the paper's 5 Hz
+from clothlab.simulation.scene import CONTROL_PERIOD
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,16 @@
-"""From a camera picture to a cloth mask, and the distance between two masks.
+"""Cloth masks: from camera pictures or files, and how much two of them differ.
 
-Both are the paper's: section "Experimental Setup".
+Colour extraction and chamfer distance are the paper's: section "Experimental Setup".
 """
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import HEIGHT, WIDTH, check_mask
+from clothlab._validation import HEIGHT, WIDTH, check_mask, check_masks
+
+# {"image": cloth mask [H, W], "robot": robot state [D_r]}
+Observation = dict[str, np.ndarray]
 
 # Removes slivers a few pixels wide, which a cloth seen edge-on leaves and no three
 # numbers could describe.
@@ -51,6 +54,34 @@ def cloth_mask(rgb: np.ndarray) -> np.ndarray:
         smaller = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
         return np.asarray(smaller > 127)
     return mask.astype(bool)
+
+
+def mask_from_file(content: bytes) -> np.ndarray:
+    """Read a target `[H, W]` from a picture file of that size: bright is cloth."""
+    picture = None
+    if content:
+        array = np.frombuffer(content, np.uint8)
+        picture = cv2.imdecode(array, cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise ValueError("this file is not a picture: use PNG or JPEG")
+    height, width = picture.shape
+    if (height, width) != (HEIGHT, WIDTH):
+        raise ValueError(
+            f"a target has {WIDTH}×{HEIGHT} pixels, this picture {width}×{height}"
+        )
+    return check_mask(picture > 127)
+
+
+def iou(a: ArrayLike, b: ArrayLike) -> np.ndarray:
+    """Intersection over union `[...]`, float64, of masks `[..., H, W]`.
+
+    1 where both are empty.
+    """
+    a = check_masks(a)
+    b = check_masks(b)
+    union = (a | b).sum(axis=(-2, -1))
+    common = (a & b).sum(axis=(-2, -1))
+    return np.where(union == 0, 1.0, common / np.maximum(union, 1))
 
 
 def chamfer_distance(a: ArrayLike, b: ArrayLike) -> float:

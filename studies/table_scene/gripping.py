@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from clothlab._validation import choose
-from clothlab.simulation._lattice import point_names
 from clothlab.simulation.cloth import Cloth
+from clothlab.simulation.cloth_elements import point_names
 
 
 class GraspError(RuntimeError):

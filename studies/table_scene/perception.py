@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from clothlab._validation import check_number
-from clothlab.simulation._dimensions import BAR_RADIUS
-from clothlab.simulation._pinhole import focal_length
+from clothlab.simulation.arm import BAR_RADIUS
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from studies.table_scene.scene import Basket
@@ -126,7 +125,7 @@ def _depth_points(
     Depths are `[h, w]` [m], places `[h, w, 3]` [m].
     """
     height, width = depth.shape
-    focal = focal_length(fovy, height)  # [pixel]
+    focal = 0.5 * height / np.tan(np.deg2rad(fovy) / 2)  # [pixel]
 
     # The line of sight of each pixel in the camera's frame, which looks along -z
     rays = np.empty((height, width, 3))

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from clothlab.simulation._lattice import point_names
-from clothlab.simulation._mjcf import add_camera
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth, hanging_points
-from clothlab.simulation.cloth_elements import add_cloth
-from clothlab.simulation.scene import Scene
+from clothlab.simulation.cloth_elements import add_cloth, point_names
+from clothlab.simulation.scene import Scene, add_camera
 
 # Red for a mask too: a cloth swung forward lies with its back up
 _UNDERSIDE_RGBA = (0.65, 0.05, 0.20, 1.0)
@@ -91,7 +89,6 @@ def build_spec(
     """
     spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("table.xml")))
     spec.option.timestep = scene.time_step
-    spec.visual.global_.offheight, spec.visual.global_.offwidth = scene.picture_size
 
     # The table between its edges
     spec.frame("table_legs").pos[0] = furniture.near

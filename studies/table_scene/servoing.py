@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, choose
-from clothlab.simulation._dimensions import SHOULDER_POSITION
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import SHOULDER_POSITION, Arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies.table_scene.gripping import GraspError
 from studies.table_scene.perception import (

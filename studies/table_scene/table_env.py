@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, check_number, choose, settings_or_default
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation._lattice import point_names
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, hanging_points
+from clothlab.simulation.cloth_elements import point_names
 from clothlab.simulation.env import CONTROL_PERIOD, ClothEnv
 from clothlab.simulation.scene import Scene
 from studies.table_scene.gripping import Grip
@@ -112,7 +111,7 @@ class TableEnv(ClothEnv):
         *,
         furniture: Furniture | None = None,
         start_in: str = "rack",
-        scene: Scene | None = None,
+        scene: Scene = Scene(),
         render_mode: str | None = None,
     ):
         self.furniture = settings_or_default(furniture, Furniture)

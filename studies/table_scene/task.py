@@ -17,7 +17,7 @@ from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.data import Run
 from clothlab.method.estimation import NewtonEstimator
 from clothlab.method.rollout import Policy
-from clothlab.simulation._dimensions import SHOULDER_POSITION
+from clothlab.simulation.arm import SHOULDER_POSITION
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import Trial, to_run
 from clothlab.weights import ClothCheckpoint

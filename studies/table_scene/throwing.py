@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from clothlab._validation import check_array, check_mask, choose
-from clothlab.masks import Observation
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import observe
 from clothlab.method.data import Run
@@ -28,9 +27,9 @@ from clothlab.method.iterative import (
 from clothlab.method.model import DPMPB, Memory, predict
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import Arm
+from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import hanging_points
+from clothlab.simulation.vision import Observation
 from clothlab.trials import Trial
 from studies.table_scene.perception import (
     NotVisibleError,
@@ -91,7 +90,7 @@ def see_cloth_pose(
 
 def _arm_with_hand(arm: Arm | str) -> Arm:
     arm = get_arm(arm)
-    if arm.closed_command.stop != len(arm.command_names):
+    if not arm.gripper:
         raise ValueError(
             f"the hand of the {arm.name} arm does not open on command; "
             "use the arm muscle-hand"

@@ -12,8 +12,7 @@ from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.autoencoder import encode
 from clothlab.policies import ReplayPolicy
-from clothlab.simulation._arm_data import get_arm
-from clothlab.simulation.arm import MuscleArm
+from clothlab.simulation.arm import MuscleArm, get_arm
 from clothlab.simulation.cloth import CLOTHS, FOAMS
 from clothlab.simulation.env import ClothEnv
 from studies import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from studies import plan_starts
 from studies.plan_starts import PERIOD
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.scene import Scene
 from studies.table_scene.scene import Basket, Furniture, build_spec, place_furniture

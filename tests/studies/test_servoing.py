@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.simulation.env import CONTROL_PERIOD
 from studies.table_scene import servoing
 from studies.table_scene.gripping import GraspError

@@ -10,7 +10,7 @@ import torch
 from clothlab import data
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.model import DPMPB
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import Trial
 from clothlab.weights import ClothCheckpoint

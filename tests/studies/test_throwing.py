@@ -11,7 +11,7 @@ import torch
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB
-from clothlab.simulation._arm_data import get_arm
+from clothlab.simulation.arm import get_arm
 from studies.table_scene.table_env import TableEnv
 from studies.table_scene.throwing import (
     ExcitationPolicy,

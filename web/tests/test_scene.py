@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from clothlab import CLOTHS, ClothEnv
-from clothlab.simulation._mjcf import build_spec
 from clothlab.simulation.arm import ARMS
 from clothlab.simulation.cloth import FOAMS, Cloth
+from clothlab.simulation.scene import build_spec
 from web.scene import any_cloth_scene, portable_mjcf
 
 PERIODS = 2

@@ -1,0 +1,85 @@
+"""Drawing a scene, and from where people look at it."""
+
+import os
+
+import mujoco
+import numpy as np
+
+from clothlab._validation import HEIGHT, check_number
+from clothlab.simulation.arm import JOINTS, SHOULDER_POSITION, Arm
+from clothlab.simulation.cloth import Cloth
+
+
+def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
+    """Make a renderer for pictures of one size [pixel].
+
+    It keeps the surface of the cloth that the model has now. A RuntimeError names the
+    packages to install where there is no OpenGL.
+    """
+    # The model says how large a picture may be.
+    model.vis.global_.offheight = check_number("height", height, int, at_least=1)
+    model.vis.global_.offwidth = check_number("width", width, int, at_least=1)
+    try:
+        renderer = mujoco.Renderer(model, height, width)
+    except Exception as error:  # each back end raises its own kind
+        raise RuntimeError(
+            "no OpenGL for drawing: install one with `apt-get install libegl1 "
+            "libopengl0 libgl1-mesa-dri` and restart Python; `python -m clothlab "
+            "doctor` tests it"
+        ) from error
+
+    # Shadows and reflections cost a third of the time and only disturb the colour
+    # extraction.
+    if height <= HEIGHT:
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    return renderer
+
+
+def draw(
+    renderer: mujoco.Renderer,
+    data: mujoco.MjData,
+    view: str | mujoco.MjvCamera,
+    depth: bool = False,
+) -> np.ndarray:
+    """A picture `[height, width, 3]` uint8; depth `[height, width]` float32 [m]."""
+    renderer.update_scene(data, view)
+    if depth:
+        renderer.enable_depth_rendering()
+    try:
+        return renderer.render()
+    finally:
+        renderer.disable_depth_rendering()
+        _release_opengl()
+
+
+def _release_opengl() -> None:
+    """Let go of this thread's OpenGL context.
+
+    EGL refuses it to others as long as one thread holds it, and JupyterLab runs cells
+    in one thread and calls widgets in another.
+    """
+    if os.environ.get("MUJOCO_GL") == "egl":
+        from mujoco.egl import EGL
+
+        EGL.eglReleaseThread()
+
+
+def onlooker(arm: Arm) -> str | mujoco.MjvCamera:
+    """A view for people that shows robot and cloth.
+
+    It is the arm's own camera, unless that stands too near to see both. A camera at the
+    robot's head sees what the robot needs, and half of the robot. Then this view is
+    from beside and behind it, where the front of the cloth shows, too.
+    """
+    reach = len(JOINTS) * arm.link_length + Cloth("").length
+    from_shoulder = np.subtract(arm.camera.position, SHOULDER_POSITION)
+    if np.linalg.norm(from_shoulder) > reach:
+        return "camera"
+
+    view = mujoco.MjvCamera()
+    view.lookat[:] = np.add(SHOULDER_POSITION, [arm.link_length, 0.0, -0.1])
+    view.distance = 2 * reach
+    view.azimuth = -50.0  # [degree] from the x axis
+    view.elevation = -18.0  # [degree]
+    return view
