@@ -34,9 +34,17 @@ RULES: dict[str, dict[str, Any]] = {
     "sgd, as in 06": {"rate": 0.1, "momentum": 0.9, "warmup": 10},
     "sgd, tuned, warm-up 10": {"rate": 16.0, "momentum": 0.0, "warmup": 10},
     "sgd, tuned": {"rate": 16.0, "momentum": 0.7, "warmup": 0},
-    "newton, warm-up 10": {"freedom": 3.0, "longest": 0.5, "warmup": 10},
-    "newton": {"freedom": 10.0, "longest": 0.5, "warmup": 0},
-    "newton, all errors alike": {"freedom": 1e6, "longest": 0.5, "warmup": 0},
+    "newton, warm-up 10": {
+        "degrees_of_freedom": 3.0,
+        "largest_step": 0.5,
+        "warmup": 10,
+    },
+    "newton": {"degrees_of_freedom": 10.0, "largest_step": 0.5, "warmup": 0},
+    "newton, all errors alike": {
+        "degrees_of_freedom": 1e6,
+        "largest_step": 0.5,
+        "warmup": 0,
+    },
 }
 
 
@@ -46,11 +54,14 @@ def _recorded(learned: ClothCheckpoint, cloth: str, steps: int, seed: int) -> Ru
 
 
 def _newton_path(
-    model: DPMPB, run: Run, freedom: float, longest: float, warmup: int
+    model: DPMPB, run: Run, degrees_of_freedom: float, largest_step: float, warmup: int
 ) -> np.ndarray:
     """Gauss-Newton: p after each step `[T, D_p]`."""
     settings = NewtonSettings(
-        freedom=freedom, longest=longest, warmup=int(warmup), from_rest=warmup == 0
+        degrees_of_freedom=degrees_of_freedom,
+        largest_step=largest_step,
+        warmup=int(warmup),
+        from_rest=warmup == 0,
     )
     _, path = estimate_bias(model, run, method="newton", settings=settings)
     return path

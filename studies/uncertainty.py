@@ -59,7 +59,7 @@ def best_bias(
     warmup = 0 if settings.from_rest else settings.warmup
     seen = Linearisation.of(model, s, u, found, warmup)
     for _ in range(rounds):
-        found = found + seen.step(settings.freedom, settings.longest)
+        found = found + seen.step(settings.degrees_of_freedom, settings.largest_step)
         seen = Linearisation.of(model, s, u, found, warmup)
     return found, seen
 

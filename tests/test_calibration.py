@@ -11,7 +11,7 @@ from clothlab.method.data import Run
 from clothlab.method.estimation import Linearisation, NewtonSettings
 from studies.uncertainty import _likeliest_floor, best_bias, calibrate
 
-ENDLESS = NewtonSettings(freedom=1e9)
+ENDLESS = NewtonSettings(degrees_of_freedom=1e9)
 BIASES = {
     "a": np.array([1.0, 0.0]),
     "b": np.array([-1.0, 0.5]),

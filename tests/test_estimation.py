@@ -137,7 +137,7 @@ def test_newton_finds_the_p_that_generated_the_data_while_momentum_is_on_its_way
     moved = np.linalg.norm(np.diff(newton, axis=0), axis=1)
     # With two predictions there is nothing to judge
     assert moved[:4].tolist() == [0] * 4
-    assert moved.max() <= NewtonSettings.longest + 1e-6
+    assert moved.max() <= NewtonSettings.largest_step + 1e-6
 
 
 def test_the_jacobian_gives_the_gradient_and_the_loss_is_the_loss(listening, run):

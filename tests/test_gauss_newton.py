@@ -39,7 +39,7 @@ def test_a_step_is_that_of_least_squares(window):
     rows, seen = window.jacobian.reshape(-1, 2), window.errors.ravel()
     expected = np.linalg.lstsq(rows, seen, rcond=None)[0]
     assert window.step(ENDLESS) == pytest.approx(expected, rel=1e-6)
-    short = window.step(ENDLESS, longest=0.01)
+    short = window.step(ENDLESS, largest=0.01)
     assert np.linalg.norm(short) == pytest.approx(0.01)
     assert short / 0.01 == pytest.approx(expected / np.linalg.norm(expected))
 

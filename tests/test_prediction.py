@@ -77,3 +77,13 @@ def test_sequences_may_have_starts_of_their_own_and_do_not_see_each_other(model)
     assert torch.allclose(together, torch.cat(alone), rtol=0, atol=1e-12)
     first = Memory(*(part[:, :1] for part in memory))
     assert not torch.allclose(alone[0], predict(model, s[1], u[:1], P, first))
+
+
+def test_a_model_with_a_forward_of_its_own_is_refused():
+    class Other(DPMPB):
+        def forward(self, s, u, p, memory=None):
+            return s, self.initial_memory()
+
+    model = Other(3, 2)
+    with pytest.raises(TypeError, match="Other has a `forward` of its own"):
+        predict(model, torch.zeros(3), torch.zeros(1, 4, 2), torch.zeros(2))

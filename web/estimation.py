@@ -31,13 +31,17 @@ def step(model: DPMPB, s: Tensor, u: Tensor, p: Tensor, judged: Tensor) -> Tenso
     # By Student's t, outliers weigh little
     mean = errors.square().mean(1).sum() / judged.sum()
     sizes = errors.square() / mean.clamp_min(1e-12)
-    weight = judged * (settings.freedom + 1) / (settings.freedom + sizes)
+    weight = (
+        judged
+        * (settings.degrees_of_freedom + 1)
+        / (settings.degrees_of_freedom + sizes)
+    )
 
     # The lowest loss, were predictions linear in p
     curvature = torch.einsum("tdi,tdj->ij", jacobian * weight[..., None], jacobian)
     gradient = torch.einsum("tdi,td->i", jacobian, weight * errors)
     whole = _pseudo_inverse(curvature) @ gradient
-    longest = settings.longest / whole.norm().clamp_min(1e-12)
+    longest = settings.largest_step / whole.norm().clamp_min(1e-12)
     return whole * longest.clamp_max(1)
 
 

@@ -94,7 +94,7 @@ class ControlPolicy(Policy):
         *,
         plans: ArrayLike | None = None,
     ):
-        self._look(model, autoencoder, arm, target)
+        self._set_task(model, autoencoder, arm, target)
         self.controller = Controller(
             model,
             self.loss,
@@ -106,10 +106,10 @@ class ControlPolicy(Policy):
             plans=plans,
         )
 
-    def _look(
+    def _set_task(
         self, model: DPMPB, autoencoder: Autoencoder, arm: Any, target: ArrayLike
     ) -> None:
-        """Get to know the arm, and what is wanted of the cloth."""
+        """Keep what the loss needs: the arm's layout of states, and z of the target."""
         self.autoencoder = autoencoder
         self.arm = arm
         self.layout = arm.layout(autoencoder.latent_size)
@@ -159,6 +159,8 @@ class ControlPolicy(Policy):
         None before the first command, and where the end lies beyond the horizon.
         """
         controller = self.controller
+        # After a period's first command (t = 1), its end is 8 steps from the state that
+        # the plan began in; after its last (t = 8), it is one.
         steps = -controller.t % controller.settings.period + 1
         states = controller.predicted()
         if states is None or steps > len(states):

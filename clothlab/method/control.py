@@ -3,6 +3,7 @@
 Source: the paper's section on control, eqs. 5 to 7.
 """
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,9 +15,11 @@ from torch import Tensor
 
 from clothlab.method.model import DPMPB, check_model, numbers, one_thread, predict
 
-# The loss [B] of predicted states [B, T, D_s] and the commands [B, T, D_u] that lead to
-# them, sent from control step t on.
+# What a controller is given: the loss [B] of predicted states [B, T, D_s] and of the
+# commands [B, T, D_u] that lead to them, sent from control step t on.
 Loss = Callable[[Tensor, Tensor, int], Tensor]
+# What is descended: the loss [B] of plans, which are commands [B, T, D_u].
+PlanLoss = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,8 @@ class ControlSettings:
     # A logarithmic scale of step sizes needs a lower end; the paper gives none.
     smallest_step: float = 1e-3
     # The command that a plan gets at its end when it moves on by a step: its "last"
-    # once more, as in the paper, or "earlier": those of the last period come again,
-    # each one step earlier in this one.
+    # once more, as in the paper; or that which was sent one "earlier" period ago, so
+    # that a good throw comes again.
     warm_start: str = "last"
     tension_weight: float = 0.001  # w_loss, the price of muscle tensions [1/N]
 
@@ -65,18 +68,18 @@ class Limits(NamedTuple):
 
     lower: Tensor  # [D_u]
     upper: Tensor  # [D_u]
-    # One unit of gamma [D_u]: a standard deviation of u, and 0 for a command whose
-    # range is a point, which the descent leaves out (the paper's "w/o stiffness").
+    # One unit of gamma [D_u]: a standard deviation of u. It is 0 for a command with
+    # equal limits, which no plan moves: so a stiffness is held (the paper's "w/o
+    # stiffness").
     scale: Tensor
 
 
-def steepest_ascent(
-    loss: Callable[[Tensor], Tensor], u: Tensor, scale: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Losses of plans, and the direction in which each rises (eq. 6).
+def steepest_ascent(loss: PlanLoss, u: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
+    """Losses of plans, and the direction in which each rises most (eq. 6).
 
     From plans u `[B, T, D_u]` and one unit of each command, `scale` `[D_u]`: the losses
-    `[B]`, and their gradients `[B, T, D_u]` in these units, each of length one.
+    `[B]`, and their gradients `[B, T, D_u]` with respect to v = u / scale, each of
+    length one. A step of gamma in v is one of gamma times scale in u.
     """
     with torch.enable_grad():
         u = u.detach().requires_grad_()
@@ -89,14 +92,14 @@ def steepest_ascent(
 
 @torch.no_grad()
 def best_step(
-    loss: Callable[[Tensor], Tensor], u: Tensor, steps: Tensor, limits: Limits
+    loss: PlanLoss, u: Tensor, moves: Tensor, limits: Limits
 ) -> tuple[Tensor, Tensor]:
-    """The best of several steps from each plan, and its loss (eq. 7).
+    """The best of several moves of each plan, and its loss (eq. 7).
 
-    From plans u `[B, T, D_u]` and steps back from them `[K, B, T, D_u]`: the best
-    candidate of each plan, `[B, T, D_u]`, and the losses of these, `[B]`.
+    From plans u `[B, T, D_u]` and moves `[K, B, T, D_u]`, which are subtracted: the
+    best candidate of each plan, `[B, T, D_u]`, and the losses of these, `[B]`.
     """
-    candidates = (u - steps).clamp(limits.lower, limits.upper)
+    candidates = (u - moves).clamp(limits.lower, limits.upper)
     count, plans = candidates.shape[:2]
     losses = loss(candidates.flatten(0, 1)).unflatten(0, (count, plans))
     losses = losses.masked_fill(losses.isnan(), torch.inf)  # argmin would choose these
@@ -105,10 +108,7 @@ def best_step(
 
 
 def optimise_commands(
-    loss: Callable[[Tensor], Tensor],
-    u: Tensor,
-    limits: Limits,
-    settings: ControlSettings,
+    loss: PlanLoss, u: Tensor, limits: Limits, settings: ControlSettings
 ) -> tuple[Tensor, np.ndarray]:
     """Descend the gradient of the loss on the commands (eqs. 5 to 7).
 
@@ -124,12 +124,12 @@ def optimise_commands(
         The best plan `[T, D_u]`, and its loss at the start and after each iteration,
         `[iterations + 1]`.
     """
-    gamma = settings.step_sizes()[:, None, None, None] * limits.scale
+    sizes = settings.step_sizes()[:, None, None, None] * limits.scale
     plan = u.clamp(limits.lower, limits.upper)[None]
     trace = []
     for _ in range(settings.iterations):
         before, direction = steepest_ascent(loss, plan, limits.scale)
-        plan, after = best_step(loss, plan, gamma * direction, limits)
+        plan, after = best_step(loss, plan, sizes * direction, limits)
         trace.append(before)
     trace.append(after)
     return plan[0], torch.cat(trace).double().numpy()
@@ -186,10 +186,11 @@ class Controller:
         middle = (low + high) / 2
         home = middle if home is None else numbers("home", home, command)
         self._home = home.expand(settings.horizon, -1)
-        none = torch.empty(0, *self._home.shape)
-        plans = none if plans is None else np.asarray(plans)
-        shape = (len(plans), *self._home.shape)
-        self._plans = numbers("plans", plans, shape).clamp(low, high)
+        recorded = np.asarray([] if plans is None else plans)
+        if not len(recorded):
+            recorded = np.empty((0, *self._home.shape))
+        shape = (len(recorded), *self._home.shape)
+        self._plans = numbers("plans", recorded, shape).clamp(low, high)
         self.reset()
 
     def set_bias(self, p: ArrayLike) -> None:
@@ -200,9 +201,10 @@ class Controller:
         """Forget the last run: phase, memory and plan."""
         self.t = 0  # control steps since the reset
         self.plan = self._home  # being sent [T, D_u]
-        self.memory = self.model.initial_memory()  # before the last step
+        self.memory = self.model.initial_memory()  # up to the state of the last search
         self.trace: list[np.ndarray] = []  # of each solve, its losses on the way
-        self._sent: list[Tensor] = []  # commands of this run
+        # Commands of the last period
+        self._sent: deque[Tensor] = deque(maxlen=self.settings.period)
         self._last: tuple[Tensor, Tensor] | None = None  # state and command
 
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
@@ -217,8 +219,8 @@ class Controller:
             plan = self.search(state, self._moved_on(), solve)
             if not plan.isfinite().all():
                 raise ValueError(
-                    "the gradient of the loss is not finite, as that of `sqrt` at 0; "
-                    "try `vector_norm`"
+                    "the gradient of the loss is not finite, as that of `sqrt` is not "
+                    "at 0: `torch.linalg.vector_norm` has one there"
                 )
 
             self._last = (state, plan[0])
@@ -254,10 +256,10 @@ class Controller:
             with torch.no_grad():
                 plan = starts[self.losses(s, starts).argmin()]
 
-        def loss(plans: Tensor) -> Tensor:
+        def plan_loss(plans: Tensor) -> Tensor:
             return self.losses(s, plans)
 
-        plan, trace = optimise_commands(loss, plan, self.limits, self.settings)
+        plan, trace = optimise_commands(plan_loss, plan, self.limits, self.settings)
         self.trace.append(trace)
         return plan
 
@@ -296,9 +298,8 @@ class Controller:
         """The plan `[T, D_u]` after a step: one command was sent, and one is added."""
         if not self.t:
             return self.plan
-        period = self.settings.period
         added = self.plan[-1:]
-        if self.settings.warm_start == "earlier" and len(self._sent) >= period:
-            # At the phase of what was just sent, so one step earlier in its period
-            added = self._sent[-period][None]
+        repeats = self.settings.warm_start == "earlier"
+        if repeats and len(self._sent) == self.settings.period:
+            added = self._sent[0][None]
         return torch.cat([self.plan[1:], added])

@@ -10,6 +10,12 @@ from torch import Tensor
 
 from clothlab.method.model import DPMPB
 
+_JITTER = 0.02  # share of a step by which two may differ and count as the same
+# A sensor counts as constant where it varies by no more than single precision rounds,
+# relative to its size.
+_ROUNDING = 1e-6
+_CONSTANT = 1e6  # the deviation of such a sensor, in units of its size
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -81,7 +87,7 @@ def materials_of(runs: Sequence[Run]) -> list[str]:
 
 
 def check_run(run: Run) -> None:
-    """Refuse what is no run, such as a recorded trial."""
+    """Refuse anything but a run, such as a recorded trial."""
     if not isinstance(run, Run):
         raise ValueError(
             f"a run is a Run, got a {type(run).__name__}: `learned.to_run(trial)` "
@@ -147,6 +153,7 @@ def windows(
     commands = []
     which = []
     for run in runs:
+        # `unfold` puts the steps of a window last: [N, D, steps]
         s = torch.tensor(run.s).unfold(0, length + 1, stride).transpose(1, 2)
         u = torch.tensor(run.u[:-1]).unfold(0, length, stride).transpose(1, 2)
         states.append(s)
@@ -155,21 +162,14 @@ def windows(
     return torch.cat(states), torch.cat(commands), torch.cat(which)
 
 
-_JITTER = 0.02  # share of a step by which two may differ and count as the same
-# A sensor counts as constant where it varies by no more than single precision rounds,
-# relative to its size.
-_ROUNDING = 1e-6
-_CONSTANT = 1e6  # the deviation of such a sensor, in units of its size
-
-
 @torch.no_grad()
 def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
     """Set the model's means and standard deviations from all the data.
 
     What never varies teaches nothing, and dividing by its deviation would make the
-    first other reading the largest signal of all. So it is left out, with a warning:
-    its weights are zero, which they stay since their gradient is, its mean is
-    predicted, and its deviation is so large that no error of it counts.
+    first other reading the largest signal of all. So it is left out, with a warning.
+    Its deviation becomes huge, so that no error of it counts and its weights have no
+    gradient; these start at zero, and stay there. What is predicted is its mean.
     """
     constant = {}
     for kind, word in (("s", "state"), ("u", "command")):
@@ -184,8 +184,8 @@ def set_normalisation(model: DPMPB, runs: Sequence[Run]) -> None:
         _warn_of_constants(word, constant[kind], getattr(runs[0], f"{word}_names"))
 
     # The first layer takes commands, then states; the last one gives states.
-    inputs = torch.cat([constant["u"], constant["s"]]).nonzero().flatten()
-    next(model.fc_in[0].parameters())[:, inputs] = 0
+    unused = torch.cat([constant["u"], constant["s"]]).nonzero().flatten()
+    model.fc_in.get_parameter("0.weight")[:, unused] = 0
     for values in model.fc_out[-1].parameters():
         values[constant["s"]] = 0
 

@@ -84,12 +84,12 @@ class Estimator:
         """Go back to the p it started from, and forget what was seen."""
         self.forget()
         self._p = self._start
-        self._is_start = True  # whether the window begins where the run does
+        self._from_start = True  # whether the window begins where the run does
 
     def forget(self) -> None:
         """Forget what was seen, and keep p: for a gap in what is observed."""
         self._seen: deque[tuple[Tensor, Tensor]] = deque(maxlen=self._length)
-        self._is_start = False
+        self._from_start = False
 
     @property
     def p(self) -> np.ndarray:
@@ -120,17 +120,18 @@ class Estimator:
         """
         state = numbers("s", s, (self.model.state_size,))
         command = numbers("u", u, (self.model.command_size,))
-        before = self._seen.copy(), self._is_start
+        undo = self._seen.copy(), self._from_start
         self._seen.append((state, command))
-        self._is_start = self._is_start and len(self._seen) < self._length
+        self._from_start = self._from_start and len(self._seen) < self._length
         window = self.window
         if window is None:
             return self.p
 
+        # A caller may have switched gradients off.
         with one_thread(), torch.inference_mode(False), torch.enable_grad():
             p = self._moved(*window)
         if not p.isfinite().all():
-            self._seen, self._is_start = before
+            self._seen, self._from_start = undo
             raise ValueError(
                 f"the state {state.tolist()} is so far from what the model was trained "
                 "on that there is no loss: is it in the same units?"
@@ -218,8 +219,9 @@ class NewtonSettings:
     # Whether all is at rest before the first step. Then an empty memory is the right
     # one, and the first steps, in which the arm swings up, say most.
     from_rest: bool = True
-    longest: float = 0.5  # largest step of p
-    freedom: float = 10.0  # of Student's t: with few degrees, outliers weigh little
+    largest_step: float = 0.5  # of p, where predictions are still nearly linear
+    # Of Student's t, which errors are taken to follow: with few, outliers weigh little.
+    degrees_of_freedom: float = 10.0
 
 
 class NewtonEstimator(Estimator):
@@ -231,7 +233,7 @@ class NewtonEstimator(Estimator):
         settings: of the rule.
     """
 
-    _least = 5
+    _least = 5  # a step from fewer would mostly follow noise
 
     def __init__(
         self,
@@ -243,7 +245,7 @@ class NewtonEstimator(Estimator):
         super().__init__(model, p, settings)
 
     def _warmup(self) -> int:
-        at_rest = self.settings.from_rest and self._is_start
+        at_rest = self.settings.from_rest and self._from_start
         return 0 if at_rest else self.settings.warmup
 
     def _moved(self, s: Tensor, u: Tensor, warmup: int) -> Tensor:
@@ -252,7 +254,7 @@ class NewtonEstimator(Estimator):
         seen = Linearisation.of(self.model, s, u, self._p, warmup)
         if not seen.loss < _LARGEST_LOSS:
             return torch.full_like(self._p, torch.nan)
-        step = seen.step(settings.freedom, settings.longest)
+        step = seen.step(settings.degrees_of_freedom, settings.largest_step)
         return self._p + torch.tensor(step, dtype=torch.float32)
 
 
@@ -277,8 +279,9 @@ class Linearisation:
             p: where predictions are linearised, `[D_p]`.
             warmup: first steps, which only fill the memory.
         """
-        # p itself, and a step up and down in each of its numbers
-        nudge = 0.03
+        # p itself, and a nudge up and down in each of its numbers: one pass of a batch
+        # is faster than a gradient of each prediction.
+        nudge = 0.03  # small beside trained p, large beside rounding
         centre = torch.as_tensor(p, dtype=torch.float64)
         size = len(centre)
         nudges = nudge * torch.eye(size, dtype=torch.float64)
@@ -300,32 +303,40 @@ class Linearisation:
         return float((self.errors**2).mean())
 
     def step(
-        self, freedom: float = NewtonSettings.freedom, longest: float = np.inf
+        self,
+        degrees_of_freedom: float = NewtonSettings.degrees_of_freedom,
+        largest: float = np.inf,
     ) -> np.ndarray:
         """Gauss-Newton step `[D_p]` to the lowest loss, at most so long.
 
-        Errors are weighed as by Student's t with this freedom: outliers count little.
+        Errors are weighed as by Student's t, on the scale of their mean square.
         """
-        weight = (freedom + 1) / (freedom + self._sizes)
+        weight = (degrees_of_freedom + 1) / (degrees_of_freedom + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, weight, self.jacobian)
         gradient = np.einsum("tdi,td,td->i", self.jacobian, weight, self.errors)
         step = np.linalg.pinv(curvature, rcond=1e-6, hermitian=True) @ gradient
         length = float(np.linalg.norm(step))
-        return step * min(1, longest / max(length, 1e-12))
+        return step * min(1, largest / max(length, 1e-12))
 
     def covariance(
-        self, freedom: float = NewtonSettings.freedom, lag: int = 5
+        self,
+        degrees_of_freedom: float = NewtonSettings.degrees_of_freedom,
+        lag: int = 5,
     ) -> np.ndarray:
-        """Covariance of p at the lowest loss, `[D_p, D_p]`.
+        """Covariance of p at the lowest loss, `[D_p, D_p]`, by the sandwich estimator.
 
         Curvature alone would be right if all errors were independent, equally large,
-        and the model true. Between two curvatures stands by how much gradients really
-        scattered, together with those up to `lag` steps later (Newey and West, 1987). A
-        LinAlgError says that the predictions do not depend on every direction of p.
+        and the model true. So the scatter of the gradients as it was stands between two
+        inverse curvatures, correlations over up to `lag` steps included (Newey and
+        West, 1987).
+
+        Raises:
+            numpy.linalg.LinAlgError: no prediction depends on some direction of p.
         """
-        weight = (freedom + 1) / (freedom + self._sizes)
+        dof = degrees_of_freedom
+        weight = (dof + 1) / (dof + self._sizes)
         # The derivative of weight times error.
-        slope = weight * (freedom - self._sizes) / (freedom + self._sizes)
+        slope = weight * (dof - self._sizes) / (dof + self._sizes)
         curvature = np.einsum("tdi,td,tdj->ij", self.jacobian, slope, self.jacobian)
         inverse = np.linalg.inv(curvature)
 
@@ -372,15 +383,15 @@ def estimate_bias(
     }
     if method not in methods:
         raise ValueError(f"unknown method {method!r}; choose from sgd, newton")
-    make, kind = methods[method]
-    settings = kind() if settings is None else settings
-    if not isinstance(settings, kind):
+    estimator_class, settings_class = methods[method]
+    settings = settings_class() if settings is None else settings
+    if not isinstance(settings, settings_class):
         raise ValueError(
-            f'settings with method="{method}" is a {kind.__name__}, got '
-            f"{type(settings).__name__}: write {kind.__name__}(name=value)"
+            f'settings with method="{method}" is a {settings_class.__name__}, got '
+            f"{type(settings).__name__}: write {settings_class.__name__}(name=value)"
         )
     check_fits(model, run)
-    estimator = make(model, p, settings)
+    estimator = estimator_class(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
 
     # A p that nothing has moved looks like any other.

@@ -276,10 +276,12 @@ class IterativeController(Controller):
             self.attempts.append(self.under_way)
         before = self.attempts[-1] if self.attempts else None
         self.attempts = self._still_true(self.attempts)
-        unknown = bool(self._biases) and len(self.attempts) < 2
-        if before and (not solve or (unknown and self.attempts)):
+        # Two attempts with one plan, from rest and from a swing, come before a search.
+        too_few = bool(self._biases) and len(self.attempts) < 2
+        again = not solve or (too_few and len(self.attempts) == 1)
+        if before and again:
             plan, expected = before.u, self._expected_again(s, before.u)
-        elif unknown:
+        elif too_few:
             plan, expected = self._recorded_plan(s)
         else:
             plan, expected = self._best_plan(s, plan)
@@ -318,7 +320,8 @@ class IterativeController(Controller):
         """Squared distance of p from the one in use, over the spread of the biases."""
         squares = float(np.square(np.asarray(p) - self.p.numpy()).sum())
         spread = float(np.var(list(self._biases.values()), axis=0).sum())
-        return squares / max(spread, 1e-12)
+        # One material has no spread, and every p is its own.
+        return squares / spread if spread else 0.0
 
     def _expected_again(self, s: Tensor, plan: Tensor) -> float:
         """What is expected of a plan `[T, D_u]` that is sent once more, from here."""
@@ -492,7 +495,7 @@ class IterativePolicy(ControlPolicy):
         *,
         biases: Mapping[str, np.ndarray] | None = None,
     ):
-        self._look(model, autoencoder, arm, target)
+        self._set_task(model, autoencoder, arm, target)
         self.controller = IterativeController(
             model,
             self.z_ref,

@@ -3,7 +3,7 @@
     s[t+1] = h(s[t], u[t], p)
 
 The parametric bias p says what a material is like: a few numbers for each, learned
-together with the weights W. Source: the paper, eqs. 1, 3 and 4.
+together with the weights W (`training`). Source: the paper, eq. 1.
 """
 
 import itertools
@@ -25,7 +25,7 @@ class Memory(NamedTuple):
 
 
 class DPMPB(nn.Module):
-    """The paper's network of ten layers, with tanh between them.
+    """The paper's network of ten layers, the input among them, with tanh between them.
 
         (u, s, p) → 300 → 100 → 30 → LSTM 30 → LSTM 30 → 30 → 100 → 300 → D_s
 
@@ -83,11 +83,14 @@ class DPMPB(nn.Module):
 
         x = self.fc_in(torch.cat([u, s, p], dim=-1))
         x, memory = self.lstm(x, memory)
-        following = self.fc_out(x)
-        return following * self.s_std + self.s_mean, Memory(*memory)
+        next_s = self.fc_out(x) * self.s_std + self.s_mean
+        return next_s, Memory(*memory)
 
     def loss(self, predicted: Tensor, s: Tensor) -> Tensor:
-        """Mean squared error in standard deviations, so that every sensor counts."""
+        """Mean squared error in standard deviations, so that every sensor counts.
+
+        The mean of s, which both would lose, cancels.
+        """
         return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
 
     def initial_memory(self) -> Memory:
@@ -110,7 +113,8 @@ def predict(
     """Predict states over many steps, each from the prediction before.
 
     It computes what `model` would, called with one step after the other, in half the
-    time: what stays the same over all steps is computed once.
+    time (a test compares the two): the layers are written out, so that what stays the
+    same over all steps is computed once.
 
     Args:
         model: a trained one.
@@ -121,44 +125,57 @@ def predict(
 
     Returns:
         The states after each command, `[B, T, D_s]`.
+
+    Raises:
+        TypeError: the model computes something else than these layers.
     """
+    if type(model).forward is not DPMPB.forward:
+        raise TypeError(
+            f"{type(model).__name__} has a `forward` of its own, and `predict` knows "
+            "that of DPMPB alone: call the model step by step"
+        )
     batch, steps, _ = u.shape
-    first, *more_in = _weights(model.fc_in)
-    *more_out, last = _weights(model.fc_out)
+    (bias, weight), *more_in = _layers(model.fc_in)
+    *more_out, (bias_out, weight_out) = _layers(model.fc_out)
 
     # The first layer in three parts: p's is a constant, the commands' is known for all
     # steps, and only that of the state has to wait for the step before.
-    bias, weight = first
     sizes = [model.command_size, model.state_size, model.bias_size]
-    w_u, w_s, w_p = weight.split(sizes)
-    u = ((u - model.u_mean) / model.u_std).flatten(0, 1)
-    from_commands = torch.addmm(bias + p @ w_p, u, w_u).reshape(batch, -1)
+    from_u, from_s, from_p = weight.split(sizes)
+    commands = ((u - model.u_mean) / model.u_std).flatten(0, 1)  # [B T, D_u]
+    constant = torch.addmm(bias + p @ from_p, commands, from_u)  # [B T, 300]
 
-    # The loop; states stay normalised while they go round.
-    cells = [(a.T, b.T, c + d) for a, b, c, d in model.lstm.all_weights]
+    # The two cells of the LSTM: weights of what comes from below and from the own
+    # memory, and both biases as one.
+    cells = [
+        (w_ih.T, w_hh.T, b_ih + b_hh)
+        for w_ih, w_hh, b_ih, b_hh in model.lstm.all_weights
+    ]
     memory = model.initial_memory() if memory is None else memory
     h = list(memory.h.expand(-1, batch, -1))
     c = list(memory.c.expand(-1, batch, -1))
+
+    # The loop; states stay normalised while they go round.
     s = ((s - model.s_mean) / model.s_std).expand(batch, -1)
     states = []
-    for x in from_commands.chunk(steps, dim=1):
-        x = torch.addmm(x, s, w_s).tanh_()
+    for x in constant.unflatten(0, (batch, steps)).unbind(1):  # [B, 300] each
+        x = torch.addmm(x, s, from_s).tanh_()
         for bias, weight in more_in:
             x = torch.addmm(bias, x, weight).tanh_()
-        for k, (w_below, w_own, bias) in enumerate(cells):
-            gates = torch.addmm(torch.addmm(bias, x, w_below), h[k], w_own)
-            i, f, g, o = gates.chunk(4, dim=1)
+        for k, (below, own, bias) in enumerate(cells):
+            gates = torch.addmm(torch.addmm(bias, x, below), h[k], own)
+            i, f, g, o = gates.chunk(4, dim=1)  # in torch's order
             c[k] = torch.addcmul(f.sigmoid() * c[k], i.sigmoid(), g.tanh())
             h[k] = o.sigmoid() * c[k].tanh()
             x = h[k]
         for bias, weight in more_out:
             x = torch.addmm(bias, x, weight).tanh_()
-        s = torch.addmm(last[0], x, last[1])
+        s = torch.addmm(bias_out, x, weight_out)
         states.append(s)
     return torch.stack(states, dim=1) * model.s_std + model.s_mean
 
 
-def _weights(layers: nn.Sequential) -> list[tuple[Tensor, Tensor]]:
+def _layers(layers: nn.Sequential) -> list[tuple[Tensor, Tensor]]:
     """Bias `[out]` and weight `[in, out]` of each linear layer."""
     return [
         (layer.bias, layer.weight.T) for layer in layers if isinstance(layer, nn.Linear)
@@ -181,7 +198,7 @@ def one_thread() -> Iterator[None]:
 
 
 def check_model(model: DPMPB) -> None:
-    """Refuse what is no model, such as a checkpoint that holds one."""
+    """Refuse anything but a model, such as a checkpoint that holds one."""
     if not isinstance(model, DPMPB):
         raise ValueError(
             f"model is a DPMPB, got {type(model).__name__}: a checkpoint has it as "

@@ -2,10 +2,12 @@
 
 There is one model for all materials, and nobody tells it what a material is like. p of
 each material starts at zero and is moved by the same gradient as the weights W: what
-the weights can't explain, since it differs between materials, goes into p. Each window
-of a run is predicted from an empty memory, each next state from the true ones.
+the weights can't explain, since it differs between materials, goes into p. The paper
+has a p for each trial; here all runs of one material share one. Each window of a run is
+predicted from an empty memory, each next state from the true ones.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,9 +39,9 @@ class ModelTraining:
     sequence_length: int = 30  # steps, LSTM expansions
     bias_size: int = 2  # D_p
 
-    # The paper stops here; what follows is ours. Windows overlap, so that an epoch has
-    # more updates: without, 300 epochs learn too little (notebook 05). Learning rates
-    # fall to zero along a cosine. That of p is larger; it need not be (notebook 04).
+    # The paper says no more; what follows is ours. Windows overlap, so that an epoch
+    # has more updates: side by side, 300 epochs learn too little. Learning rates fall
+    # to zero along a cosine.
     stride: int = 5  # steps between the starts of two windows
     learning_rate: float = 2e-3
     bias_learning_rate: float = 6e-3
@@ -95,7 +97,7 @@ def train_dpmpb(
 
 
 def _model_of(runs: Sequence[Run], bias_size: int) -> DPMPB:
-    """A network with first weights that knows what these runs have in common."""
+    """A new network that knows the step and the names of these runs."""
     first = runs[0]
     model = DPMPB(first.s.shape[1], first.u.shape[1], bias_size)
     for name in ("step", "state_names", "command_names"):
@@ -116,7 +118,7 @@ def _descend(
 ) -> np.ndarray:
     """Move W and p `[K, D_p]` by the same gradient: the mean loss of each epoch."""
     s, u, k = data
-    batches = -(-len(s) // settings.batch_size)
+    batches = math.ceil(len(s) / settings.batch_size)
     groups: list[dict[str, Any]] = [{"params": list(model.parameters())}]
     if p.requires_grad:
         groups.append({"params": [p], "lr": settings.bias_learning_rate})
@@ -128,6 +130,7 @@ def _descend(
     for _ in bar:
         total = 0.0
         for index in torch.randperm(len(s)).split(settings.batch_size):
+            # Each window gets the row of p of its material, and gives it its gradient.
             predicted, _ = model(s[index, :-1], u[index], p[k[index]])
             loss = model.loss(predicted, s[index, 1:])
             optimizer.zero_grad()
