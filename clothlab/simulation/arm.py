@@ -49,7 +49,6 @@ class StateLayout:
 
     names: tuple[str, ...]  # what each number of `s` is, with its unit
     z: slice  # the latent image
-    robot: slice  # the robot state
     tensions: slice  # the muscle tensions [N]; empty for an arm without muscles
 
     @property
@@ -89,10 +88,8 @@ class Arm(ABC):
     # What each number of the robot state is, with its unit
     state_names: ClassVar[tuple[str, ...]]
 
-    # Where things lie in the robot state; empty where the arm does not sense them
-    tensions = slice(0, 0)  # of the muscles [N]
-    sensed_angles = slice(0, 0)  # of the joints [rad]
-
+    # Where the muscles' tensions [N] lie in the robot state; empty without muscles
+    tensions = slice(0, 0)
     # Where θ_ref lies in `u` [rad]
     angle_command = slice(0, len(JOINTS))
 
@@ -117,12 +114,7 @@ class Arm(ABC):
         names = (*z_names, *self.state_names)
         first = latent_size + self.tensions.start
         last = latent_size + self.tensions.stop
-        return StateLayout(
-            names,
-            z=slice(0, latent_size),
-            robot=slice(latent_size, len(names)),
-            tensions=slice(first, last),
-        )
+        return StateLayout(names, z=slice(0, latent_size), tensions=slice(first, last))
 
     @property
     def _stiffness_ranges(self) -> dict[str, tuple[float, float, float]]:
@@ -206,6 +198,10 @@ class Arm(ABC):
         """What the robot's own sensors say, `[D_r]`."""
 
     @abstractmethod
+    def estimate_angles(self, robot: ArrayLike) -> np.ndarray:
+        """Joint angles θ `[..., 2]` [rad], as they follow from `robot` `[..., D_r]`."""
+
+    @abstractmethod
     def _add_actuators(self, spec: mujoco.MjSpec) -> None: ...
 
     def add_to(
@@ -264,10 +260,6 @@ class Arm(ABC):
             parent = body
         return parent
 
-    def felt_angles(self, robot: ArrayLike) -> np.ndarray:
-        """Joint angles θ `[..., 2]` [rad], as they follow from `robot` `[..., D_r]`."""
-        return np.asarray(robot)[..., self.sensed_angles]
-
     def angles(self, data: mujoco.MjData) -> np.ndarray:
         """Joint angles θ, `[2]` [rad].
 
@@ -317,7 +309,6 @@ class TorqueArm(Arm):
         "θ' shoulder [rad/s]",
         "θ' elbow [rad/s]",
     )
-    sensed_angles = slice(0, len(JOINTS))
 
     def _add_actuators(self, spec: mujoco.MjSpec) -> None:
         for i, joint in enumerate(JOINTS):
@@ -343,6 +334,9 @@ class TorqueArm(Arm):
         """Joint angles and velocities, `[4]` [rad] [rad/s]."""
         velocities = [data.joint(joint).qvel[0] for joint in JOINTS]
         return np.concatenate([self.angles(data), velocities])
+
+    def estimate_angles(self, robot: ArrayLike) -> np.ndarray:
+        return np.asarray(robot)[..., : len(JOINTS)]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -458,7 +452,7 @@ class MuscleArm(Arm, Muscles):
         for name, length in zip(MUSCLES, self.sent_length(u), strict=True):
             data.actuator(name).ctrl[:] = -length, self.tension_bias
 
-    def felt_angles(self, robot: ArrayLike) -> np.ndarray:
+    def estimate_angles(self, robot: ArrayLike) -> np.ndarray:
         # The body image, read backwards, by least squares over the muscles that pull: a
         # slack one says nothing.
         f, lengths = np.split(np.asarray(robot), 2, axis=-1)

@@ -80,7 +80,7 @@ class ClothEnv(gymnasium.Env):
         self._sensed: Observation = {}
         self.hold(cloth)
 
-        # What Gymnasium is told of commands and observations
+        # Commands and observations, as Gymnasium describes them
         low = self.arm.command_lower
         high = self.arm.command_upper
         self.action_space = spaces.Box(low, high, dtype=np.float64)
@@ -216,8 +216,6 @@ class ClothEnv(gymnasium.Env):
         the policy and the seed. `rollout` calls this. Since the environment itself
         keeps the record, it is in the arm's units, whatever wrappers do on the way.
         """
-        substeps = self.scene.substeps
-        check_number("samples", samples, int, at_least=1, at_most=substeps)
         kept = Recording(watch, samples)
         self._sense()
         before = self._recording

@@ -121,7 +121,7 @@ class RobotDriver:
     @property
     def _angles(self) -> np.ndarray:
         """Joint angles θ by what the robot senses of itself, `[2]` [rad]."""
-        return self.env.arm.felt_angles(self.env.arm.state(self.env.data))
+        return self.env.arm.estimate_angles(self.env.arm.state(self.env.data))
 
     @property
     def proprioceptive_place(self) -> np.ndarray:
