@@ -393,3 +393,14 @@ def test_a_caller_without_gradients_gets_the_same_command(controller, without):
     with without():
         found = inside.act(np.ones(7))
     assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("name", ["horizon", "period", "iterations"])
+def test_settings_without_a_step_are_refused(name):
+    with pytest.raises(ValueError, match=f"{name} is at least 1, got 0"):
+        ControlSettings(**{name: 0})
+
+
+def test_one_candidate_would_never_move_a_plan():
+    with pytest.raises(ValueError, match="candidates are at least 2"):
+        ControlSettings(candidates=1)

@@ -177,7 +177,7 @@ def test_states_of_a_trial_are_z_and_robot(trial):
     [
         (GOOD.s + np.nan, GOOD.u, r"s of a run of a is nan in step 0"),
         (GOOD.s, GOOD.u[0], r"u of a run of a is \[T, D_u\], got \[2\]"),
-        (GOOD.s[:5], GOOD.u, "as many states as commands, and some, got 5 and 40"),
+        (GOOD.s[:5], GOOD.u, "as many states as commands, at least one, got 5 and 40"),
         (GOOD.s[:0], GOOD.u[:0], "got 0 and 0"),
     ],
 )

@@ -6,6 +6,8 @@ Material Change Using Deep Predictive Model with Parametric Bias".
 To be read in this order: `model`, `data`, `training`, `estimation`, `control`,
 `rollout`, `autoencoder`, `cloth_task`. All of it in six lines:
 
+    from clothlab import Controller, estimate_bias, rollout, train_dpmpb
+
     run = rollout(env, policy, 500, material="heavy")  # one of many
     model, biases, _ = train_dpmpb(runs)  # W, and p of each material
     p, _ = estimate_bias(model, new_run)  # W stays, p moves

@@ -3,7 +3,7 @@
 Source: the paper's section on control, eq. 8.
 """
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -20,11 +20,31 @@ from clothlab.method.rollout import Policy
 Observation = dict[str, np.ndarray]
 
 
-def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
-    """State s = (z, robot state) of one observation, `[D_s]`.
+class Arm(Protocol):
+    """What a policy has to know of a robot; `clothlab.simulation.arm` has two."""
 
-    Here physics in float64 becomes learning in float32.
-    """
+    @property
+    def name(self) -> str:
+        """The arm's name, for messages."""
+
+    @property
+    def command_lower(self) -> np.ndarray:
+        """Smallest commands `[D_u]`."""
+
+    @property
+    def command_upper(self) -> np.ndarray:
+        """Largest commands `[D_u]`; a command with equal limits is held."""
+
+    @property
+    def home_command(self) -> np.ndarray:
+        """The command at rest `[D_u]`, which the first plan repeats."""
+
+    def layout(self, latent_size: int) -> Any:
+        """Where parts of a state lie: its `size` D_s, and slices `z` and `tensions`."""
+
+
+def observe(autoencoder: Autoencoder, observation: Observation) -> np.ndarray:
+    """State s = (z, robot state) of one observation, `[D_s]`, float32."""
     z = encode(autoencoder, observation["image"])
     return np.concatenate([z, observation["robot"]]).astype(np.float32)
 
@@ -87,7 +107,7 @@ class ControlPolicy(Policy):
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: Any,
+        arm: Arm,
         target: ArrayLike,
         p: ArrayLike,
         settings: ControlSettings = ControlSettings(),
@@ -107,7 +127,7 @@ class ControlPolicy(Policy):
         )
 
     def _set_task(
-        self, model: DPMPB, autoencoder: Autoencoder, arm: Any, target: ArrayLike
+        self, model: DPMPB, autoencoder: Autoencoder, arm: Arm, target: ArrayLike
     ) -> None:
         """Keep what the loss needs: the arm's layout of states, and z of the target."""
         self.autoencoder = autoencoder
@@ -197,6 +217,10 @@ class EstimatingPolicy(Policy):
     def set_target(self, mask: ArrayLike) -> None:
         """Aim at another image `[H, W]`."""
         self.policy.set_target(mask)
+
+    def set_bias(self, p: ArrayLike) -> None:
+        """Use another parametric bias `[D_p]`, until the next estimate."""
+        self.policy.set_bias(p)
 
     def __call__(self, observation: Observation) -> np.ndarray:
         """The command of the policy, from which p is then estimated."""

@@ -30,7 +30,8 @@ class ControlSettings:
     candidates: int = 30  # N_batch, step sizes tried at once
     iterations: int = 3  # N_iter
     period: int = 8  # N_periodic [step]
-    # gamma_max: how far a whole plan moves at most, in standard deviations of u.
+    # gamma_max: how far a whole plan moves at most in one iteration, in standard
+    # deviations of u.
     largest_step: float = 1.0
     # A logarithmic scale of step sizes needs a lower end; the paper gives none.
     smallest_step: float = 1e-3
@@ -44,6 +45,17 @@ class ControlSettings:
         if self.warm_start not in ("last", "earlier"):
             raise ValueError(
                 f"unknown warm_start {self.warm_start!r}; choose from last, earlier"
+            )
+
+        for name, least in (("horizon", 1), ("period", 1), ("iterations", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"{name} is at least {least}, got {getattr(self, name)}"
+                )
+        if self.candidates < 2:
+            raise ValueError(
+                "candidates are at least 2, since the first step is of size 0, got "
+                f"{self.candidates}"
             )
 
         if not 0 < self.smallest_step <= self.largest_step:
@@ -213,10 +225,11 @@ class Controller:
         Without a solve it is that of the plan, where there is one already.
         """
         state = numbers("s", s, (self.model.state_size,))
+        # A caller's inference mode would leave the plan without a gradient.
         with one_thread(), torch.inference_mode(False):
             self._advance_memory()
             solve = solve or not self.t  # a first plan needs a solve
-            plan = self.search(state, self._moved_on(), solve)
+            plan = self.search(state, self._plan_moved_on(), solve)
             if not plan.isfinite().all():
                 raise ValueError(
                     "the gradient of the loss is not finite, as that of `sqrt` is not "
@@ -294,7 +307,7 @@ class Controller:
                 _, self.memory = self.model(s, u, self.p, self.memory)
             self._last = None
 
-    def _moved_on(self) -> Tensor:
+    def _plan_moved_on(self) -> Tensor:
         """The plan `[T, D_u]` after a step: one command was sent, and one is added."""
         if not self.t:
             return self.plan

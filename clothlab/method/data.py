@@ -45,7 +45,7 @@ class Run:
             object.__setattr__(self, name, array)
         if not len(self.s) == len(self.u) > 0:
             raise ValueError(
-                "a run has as many states as commands, and some, got "
+                "a run has as many states as commands, at least one, got "
                 f"{len(self.s)} and {len(self.u)}"
             )
         if self.step is not None and not self.step > 0:
@@ -114,12 +114,12 @@ def check_fits(model: DPMPB, run: Run) -> None:
         given = getattr(run, kind)
         if known and given and known != given:
             raise ValueError(
-                f"a run of {run.material} has the {kind} ({', '.join(given)}), others "
-                f"have ({', '.join(known)}): give the same numbers in the same order"
+                f"a run of {run.material} has the {kind} ({', '.join(given)}), the "
+                f"model ({', '.join(known)}): give the same numbers in the same order"
             )
     if run.step and model.step and abs(run.step / model.step - 1) > _JITTER:
         raise ValueError(
-            f"a run of {run.material} has steps of {run.step:g} s, others have "
+            f"a run of {run.material} has steps of {run.step:g} s, the model has "
             f"{model.step:g} s: resample it (`runs_from_table(..., "
             f"step={model.step:g})`), or record it at that rate"
         )
@@ -146,7 +146,7 @@ def windows(
     if shortest <= length:
         raise ValueError(
             f"a window predicts {length} steps, and the shortest run has only "
-            f"{shortest}: leave it out, or train on shorter sequences"
+            f"{shortest}: leave it out, or set a smaller `sequence_length`"
         )
     materials = materials_of(runs)
     states = []

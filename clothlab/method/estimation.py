@@ -37,7 +37,8 @@ def prediction_loss(
     """
     if not 0 <= warmup <= len(s) - 2:
         raise ValueError(
-            f"a warmup of {warmup} leaves none of {len(s) - 1} predictions"
+            f"warmup is from 0 to {len(s) - 2}, or no prediction is left to judge, got "
+            f"{warmup}"
         )
     several = p if p.ndim > 1 else p[None]
     before = s[:-1].expand(len(several), -1, -1)
@@ -262,7 +263,8 @@ class NewtonEstimator(Estimator):
 class Linearisation:
     """How one p predicts a window, and what a small change of p would do."""
 
-    errors: np.ndarray  # seen minus predicted next states [T, D_s] [s.d. of the state]
+    # Seen minus predicted next states after the warm-up [T, D_s] [s.d. of the state]
+    errors: np.ndarray
     jacobian: np.ndarray  # of the predictions with respect to p [T, D_s, D_p]
 
     @classmethod

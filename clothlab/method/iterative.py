@@ -16,7 +16,7 @@ that needs no setting. Not in the paper.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from clothlab.method.autoencoder import Autoencoder
-from clothlab.method.cloth_task import ControlPolicy
+from clothlab.method.cloth_task import Arm, ControlPolicy
 from clothlab.method.control import (
     Controller,
     ControlSettings,
@@ -487,7 +487,7 @@ class IterativePolicy(ControlPolicy):
         self,
         model: DPMPB,
         autoencoder: Autoencoder,
-        arm: Any,
+        arm: Arm,
         target: ArrayLike,
         p: ArrayLike,
         runs: Sequence[Run],

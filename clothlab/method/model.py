@@ -207,7 +207,7 @@ def check_model(model: DPMPB) -> None:
 
 
 def numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Tensor:
-    """Finite numbers of this shape, in single precision.
+    """A tensor of finite numbers of this shape, in single precision.
 
     Raises:
         ValueError: the shape is another one, or something is missing.

@@ -1,7 +1,7 @@
 """Training W and one p for each material together (paper, eqs. 3 and 4).
 
 There is one model for all materials, and nobody tells it what a material is like. p of
-each material starts at zero and is moved by the same gradient as the weights W: what
+each material starts at zero and follows the gradient of the same loss as W: what
 the weights can't explain, since it differs between materials, goes into p. The paper
 has a p for each trial; here all runs of one material share one. Each window of a run is
 predicted from an empty memory, each next state from the true ones.
@@ -37,7 +37,7 @@ class ModelTraining:
     epochs: int = 300
     batch_size: int = 300  # windows
     sequence_length: int = 30  # steps, LSTM expansions
-    bias_size: int = 2  # D_p
+    bias_size: int = 2  # D_p, smaller than the number of materials
 
     # The paper says no more; what follows is ours. Windows overlap, so that an epoch
     # has more updates: side by side, 300 epochs learn too little. Learning rates fall
