@@ -232,12 +232,12 @@ QUICK = ModelTraining(epochs=1, batch_size=20)
         (
             {"step": 0.05},
             {"step": 0.1},
-            r"steps of 0\.1 s, others have 0\.05 s: resample it",
+            r"steps of 0\.1 s, the model has 0\.05 s: resample it",
         ),
         (
             {"state_names": ("x", "v")},
             {"state_names": ("v", "x")},
-            r"state_names \(v, x\), others have \(x, v\): give the same",
+            r"state_names \(v, x\), the model \(x, v\): give the same",
         ),
     ],
 )
@@ -280,7 +280,7 @@ def test_a_run_at_another_rate_is_not_estimated_from(at_twenty_hertz):
 
 def test_a_run_in_another_order_is_not_estimated_from(at_twenty_hertz):
     at_twenty_hertz.state_names = ("x", "v")
-    with pytest.raises(ValueError, match=r"state_names \(v, x\), others have"):
+    with pytest.raises(ValueError, match=r"state_names \(v, x\), the model"):
         estimate_bias(at_twenty_hertz, plain(state_names=("v", "x")))
     estimate_bias(at_twenty_hertz, plain(state_names=("x", "v")))
 
