@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data train results reproduce worlds findings picture editions grades slides book format doctor lock
+.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data checksums train results reproduce worlds findings picture editions grades slides book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -118,6 +118,9 @@ chromium: $(STAMP)
 
 data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
 	$(BIN)/python scripts/reproduce.py record $(NAMES)
+
+checksums: $(STAMP)  ## record the hashes of the files in data/ after a change to them
+	$(BIN)/python -c "from clothlab import data; data.write_checksums()"
 
 train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
 	$(BIN)/python scripts/reproduce.py train $(NAMES)

@@ -31,6 +31,9 @@ __version__ = "0.5.0"
 # asked for, so that the method runs without the simulation.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
+# The OpenGL back end that the user chose, if any
+opengl_named = os.environ.get("MUJOCO_GL")
+
 
 def _choose_opengl() -> None:
     """Pick the OpenGL back end, unless the user already has.

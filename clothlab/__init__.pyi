@@ -6,12 +6,12 @@ from . import (
     lab as lab,
     mine as mine,
     plots as plots,
-    tables as tables,
 )
 from .data import (
     load as load,
     load_autoencoder as load_autoencoder,
     load_model as load_model,
+    load_table as load_table,
     load_target as load_target,
     load_targets as load_targets,
     load_trials as load_trials,
@@ -57,3 +57,4 @@ from .trials import recorded_plans as recorded_plans
 from .weights import Checkpoint as Checkpoint
 
 __version__: str
+opengl_named: str | None

@@ -20,8 +20,8 @@ import IPython
 import numpy as np
 from IPython.display import DisplayHandle, display
 
-from clothlab._files import reading
-from clothlab._store import Folder, load_results, save_results
+from clothlab._files import reading, write_bytes
+from clothlab.data import Folder, data_folder
 
 _DRAWS = 40  # of noise
 _REFUSED = 0.25  # the smallest share of them that a condition must refuse
@@ -56,7 +56,7 @@ class Findings:
 
     def __init__(self, notebook: str, *, data: Folder = None, **parameters: Any):
         self.name = f"findings-{notebook}"
-        self._data = data
+        self._path = data_folder(data) / "results" / f"{self.name}.json"
         self.parameters = _plain(parameters)
         self.recording = bool(os.environ.get(self.RECORD))
         self._held = _Held()
@@ -65,7 +65,7 @@ class Findings:
         stored: dict[str, Any] = {"parameters": None, "figures": {}}
         if not self.recording:
             # Where nothing was recorded yet, claims about stored tables need nothing
-            with contextlib.suppress(KeyError):
+            with contextlib.suppress(FileNotFoundError):
                 stored = self._load()
         self._figures: dict[str, dict[str, Any]] = stored["figures"]
         self.full_size = self.recording or stored["parameters"] == self.parameters
@@ -119,10 +119,9 @@ class Findings:
             self._shown.update(self._held)
 
     def _load(self) -> dict[str, Any]:
-        content = load_results(self.name, ".json", data=self._data)
         kind = "findings; record them with `make findings RECORD=1`"
-        with reading(f"data/results/{self.name}.json", kind):
-            stored = json.loads(content)
+        with reading(self._path, kind):
+            stored = json.loads(self._path.read_bytes())
             return {name: stored[name] for name in ("parameters", "figures")}
 
     def _save(self) -> None:
@@ -130,7 +129,7 @@ class Findings:
         text = json.dumps(stored, indent=1, allow_nan=False)
         # A row of numbers on one line
         text = re.sub(r'\[[^][{}"]*\]', lambda row: " ".join(row[0].split()), text)
-        save_results(text.encode() + b"\n", self.name, ".json", data=self._data)
+        write_bytes(self._path, text.encode() + b"\n")
 
 
 class _Held:

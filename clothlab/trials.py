@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from clothlab._files import OtherKindError, reading, write_bytes
+from clothlab._files import reading, write_bytes
 from clothlab._validation import check_each, check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
@@ -20,10 +20,7 @@ from clothlab.simulation.trial import CONTROL_PERIOD, Trial
 
 __all__ = ["Trial", "load_trial", "recorded_plans", "rollout", "save_trial", "to_run"]
 
-# Of trial files: 1 has the name of an arm, 2 an arm of one's own, 3 an outcome.
-_FORMATS = (1, 2, 3)
-# With that the policy's name ended in older files when the cloth lay spread afterwards.
-_SPREAD = ", spread"
+_FORMAT = 1
 
 
 def recorded_plans(
@@ -71,19 +68,18 @@ def save_trial(trial: Trial, path: str | Path) -> None:
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
 
-    # All but the arrays, as JSON.
-    arm = arm_data(trial.arm)
+    # All but the arrays, as JSON
     about = {
-        "format": 1 if isinstance(arm, str) else 2,
+        "format": _FORMAT,
         "cloth": asdict(trial.cloth),
-        "arm": arm,
+        "arm": arm_data(trial.arm),
         "policy": trial.policy,
         "seed": trial.seed,
     }
     if trial.outcome:
-        about |= {"format": 3, "outcome": trial.outcome}
+        about["outcome"] = trial.outcome
 
-    # The arrays, images eight pixels to a byte.
+    # The arrays, images eight pixels to a byte
     content = io.BytesIO()
     np.savez_compressed(
         content,
@@ -98,22 +94,16 @@ def save_trial(trial: Trial, path: str | Path) -> None:
 def load_trial(path: str | Path) -> Trial:
     """Read a trial.
 
-    A ValueError names the file if it is damaged, is no trial, or of a newer version.
+    A ValueError names the file if it is damaged, is no trial, or of another version.
     """
     with reading(path, "trial"):
         content = io.BytesIO(Path(path).read_bytes())
         with np.load(content, allow_pickle=False) as file:
             arrays = dict(file)
         about = json.loads(str(arrays["about"]))
-        file_format = about.pop("format")
-        if file_format not in _FORMATS:
-            known = f"{_FORMATS[0]} to {_FORMATS[-1]}"
-            raise OtherKindError(
-                f"its format is {file_format}, this version reads {known}"
-            )
-        if file_format < 3 and about["policy"].endswith(_SPREAD):
-            about["policy"] = about["policy"].removesuffix(_SPREAD)
-            about["outcome"] = "spread"
+        found = about.pop("format")
+        if found != _FORMAT:
+            raise ValueError(f"its format is {found}, this version reads {_FORMAT}")
         about["cloth"] = Cloth(**about["cloth"])
         about["arm"] = arm_from_data(about["arm"])
         images = np.unpackbits(arrays["images"], axis=-1).view(bool)

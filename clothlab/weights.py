@@ -47,9 +47,12 @@ class Checkpoint:
     losses: np.ndarray = field(default_factory=lambda: np.zeros(0))
     settings: ModelTraining | None = None  # of the training, where they are known
 
-    def save(self, path: str | Path) -> None:
-        """Write one file, whole or not at all; its name ends in `.safetensors`."""
-        about, tensors = self.contents()
+    def save(self, path: str | Path, *, whole: bool = True) -> None:
+        """Write one file; its name ends in `.safetensors`.
+
+        If not `whole`, an autoencoder is only named: it lies in a file of its own.
+        """
+        about, tensors = self.contents(whole=whole)
         write_tensors(path, about, tensors)
 
     @classmethod
@@ -72,10 +75,7 @@ class Checkpoint:
     def contents(
         self, *, whole: bool = True
     ) -> tuple[dict[str, Any], dict[str, Tensor]]:
-        """What a file says in words, and what it holds in numbers.
-
-        If not `whole`, an autoencoder is only named: it lies in a file of its own.
-        """
+        """What a file says in words, and what it holds in numbers."""
         model = self.model
         about = {
             "name": self.name,
@@ -208,6 +208,24 @@ class ClothCheckpoint(Checkpoint):
             "autoencoder": filled(autoencoder, tensors, "autoencoder."),
             "autoencoder_name": about["autoencoder_name"],
         }
+
+
+def save_autoencoder(
+    autoencoder: Autoencoder, losses: ArrayLike, path: str | Path
+) -> None:
+    """Write an autoencoder and its losses of each epoch, `[epochs]` [nat per pixel]."""
+    tensors = prefixed("autoencoder.", autoencoder)
+    tensors["losses"] = torch.as_tensor(np.asarray(losses, np.float32))
+    write_tensors(path, {"latent_size": autoencoder.latent_size}, tensors)
+
+
+def load_autoencoder(path: str | Path) -> tuple[Autoencoder, np.ndarray]:
+    """Read an autoencoder, in evaluation mode, and its losses `[epochs]`."""
+    about, tensors = read_tensors(path)
+    with reading(path, "autoencoder"):
+        empty = Autoencoder(about["latent_size"])
+        autoencoder = filled(empty, tensors, "autoencoder.")
+        return autoencoder, tensors["losses"].double().numpy()
 
 
 def fingerprint(autoencoder: Autoencoder) -> str:

@@ -19,7 +19,7 @@ from nbformat import NotebookNode
 from repository import ROOT, portable
 from solutions import solved, unsolved, without
 
-from clothlab import _store
+from clothlab import data
 from clothlab._files import write_bytes
 from clothlab.claims import Findings
 
@@ -99,7 +99,7 @@ def main() -> None:
         write_editions(path.resolve(), BUILD)
         print(f"{path.stem}: {time.perf_counter() - start:.0f} s", flush=True)
     if arguments.record:
-        _store.write_checksums()
+        data.write_checksums()
 
 
 if __name__ == "__main__":

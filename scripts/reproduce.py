@@ -33,8 +33,8 @@ import joblib
 import pandas as pd
 
 import studies
-from clothlab import _store
-from clothlab.data import _writing
+from clothlab import data
+from clothlab.weights import save_autoencoder
 from studies import PAPER, report
 from studies._parallel import KEPT, side_by_side
 from studies.datasets import (
@@ -125,10 +125,13 @@ def train(
         anew: whether weights are trained that are there already.
         options: those of `side_by_side`.
     """
-    weights = _store.data_folder() / "weights"
+    weights = data.data_folder() / "weights"
+
+    def path(name: str) -> Path:
+        return weights / f"{name}.safetensors"
 
     def missing(name: str) -> bool:
-        return anew or not (weights / f"{name}.safetensors").exists()
+        return anew or not path(name).exists()
 
     # Autoencoders first: DPMPBs learn from what they see
     chosen = [each for each in configs if missing(f"autoencoder-{each.name}")]
@@ -136,8 +139,8 @@ def train(
     function: Callable[..., Any] = TrainingConfig.train_autoencoder
     done = side_by_side(function, calls, "autoencoders", **options)
     for config, (model, losses) in zip(chosen, done, strict=True):
-        _writing.save_autoencoder(model, losses, config.name)
-    _store.write_checksums()
+        save_autoencoder(model, losses, path(f"autoencoder-{config.name}"))
+    data.write_checksums()
 
     # And several DPMPBs on top of each
     calls = []
@@ -146,8 +149,9 @@ def train(
             calls.append({"self": config, "seed": seed})
     function = TrainingConfig.train_model
     for trained in side_by_side(function, calls, "models", **options):
-        _writing.save(trained)
-    _store.write_checksums()
+        # Five share an autoencoder, which is ten times as large
+        trained.save(path(f"model-{trained.name}"), whole=False)
+    data.write_checksums()
 
 
 def reproduce(plan: Plan, **options: Any) -> None:
@@ -156,21 +160,21 @@ def reproduce(plan: Plan, **options: Any) -> None:
     Options are those of `side_by_side`.
     """
     # Recordings and targets
-    data = _store.data_folder()
+    folder = data.data_folder()
     for dataset in plan.datasets():
         record(dataset, anew=False, **options)
-    if not (data / "targets" / "target-1.png").exists():
+    if not (folder / "targets" / "target-1.png").exists():
         save_targets(find_targets())
-    _store.write_checksums()
+    data.write_checksums()
 
     # What learns from them, and is put to the test
     train(plan.configs(), range(plan.seeds), anew=False, **options)
     for name in plan.tables():
-        if not (data / "results" / f"{name}.csv").exists():
+        if not (folder / "results" / f"{name}.csv").exists():
             table = studies.get(name).run(plan.cases(name), **options)
             studies.save(table, name)
-    _store.write_checksums()
-    (data.parent / "results.md").write_text(results())
+    data.write_checksums()
+    (folder.parent / "results.md").write_text(results())
 
 
 def results() -> str:
@@ -216,7 +220,7 @@ def record_again(names: Sequence[str], **options: Any) -> None:
         save_targets(find_targets())
         for targets in TARGET_SETS:
             save_targets(find_target_set(targets))
-    _store.write_checksums()
+    data.write_checksums()
 
 
 def train_again(names: Sequence[str], **options: Any) -> None:
@@ -240,7 +244,7 @@ def run_again(names: Sequence[str], **options: Any) -> None:
         for ending in ("", PAPER) if name in stored else ("",):
             table = studies.run(name + ending, **options)
             studies.save(table, name + ending)
-            _store.write_checksums()
+            data.write_checksums()
     shutil.rmtree(keep, ignore_errors=True)  # the next time all is computed again
     marks = {True: "✓", False: "✗", None: " "}
     for row in report.publish(ROOT):
@@ -276,7 +280,7 @@ def worlds(arguments: argparse.Namespace) -> int:
     of all, with a column `world`, goes into `data/results`; what it has of other worlds
     stays. Returned is the exit status.
     """
-    home = _store.data_folder()
+    home = data.data_folder()
     numbers = range(arguments.first, arguments.first + arguments.count)
     folders = {k: ROOT / "build" / "worlds" / str(k) for k in numbers}
     for k, folder in folders.items():
@@ -295,10 +299,10 @@ def save_side_by_side(worlds: Mapping[int, Path], home: Path) -> None:
 
     It is called `worlds-NAME`, and keeps the rows that it has of other worlds.
     """
-    folders = [data / "results" for data in worlds.values()]
+    folders = [each / "results" for each in worlds.values()]
     named = [{path.stem for path in folder.glob("*.csv")} for folder in folders]
     for name in sorted(set.intersection(*named)):
-        parts = {k: studies.load(name, data=data) for k, data in worlds.items()}
+        parts = {k: studies.load(name, data=each) for k, each in worlds.items()}
         for k, part in parts.items():
             part.insert(0, "world", k)
 
@@ -311,7 +315,7 @@ def save_side_by_side(worlds: Mapping[int, Path], home: Path) -> None:
         in_order = [parts[k] for k in sorted(parts)]
         table = pd.concat(in_order, ignore_index=True)
         studies.save(table, f"worlds-{name}", data=home)
-    _store.write_checksums(home)
+    data.write_checksums(home)
 
 
 def command_line() -> argparse.ArgumentParser:

@@ -24,9 +24,8 @@ from typing import Any
 
 import pandas as pd
 
-from clothlab._store import Folder
 from clothlab._validation import choose
-from clothlab.tables import load, save
+from clothlab.data import Folder, load_table as load, save_table as save
 from studies import (
     another_robot,
     autoencoder_quality,

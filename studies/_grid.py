@@ -22,8 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
-from clothlab._store import Folder
-from clothlab.tables import load
+from clothlab.data import Folder, load_table
 from studies._parallel import kept, side_by_side
 from studies._rows import Row
 
@@ -110,7 +109,7 @@ class Experiment:
 
     def recompute(self, *, data: Folder = None, **which: Any) -> pd.DataFrame:
         """Make one stored row anew: a table of two rows, "stored" and "here"."""
-        table = self._find(load(self.name, data=data), which)
+        table = self._find(load_table(self.name, data=data), which)
         case = {key: _as_parameter(table.iloc[0][key]) for key in self.keys}
         (row,) = side_by_side(self.run_one, [case], self.name)
         here = pd.DataFrame([case | row])

@@ -21,8 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from clothlab._store import write_checksums
-from clothlab.data._writing import save
+from clothlab.data import data_folder, write_checksums
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run, set_normalisation, windows
 from clothlab.method.estimation import NewtonEstimator, estimate_bias
@@ -576,7 +575,8 @@ EXPERIMENTS = (
 def main() -> None:
     """Train the model that notebook 16 shows, into `data/weights`."""
     shown = train("p", 0)
-    save(Checkpoint(name="reacher", model=shown.model, biases=shown.biases))
+    trained = Checkpoint(name="reacher", model=shown.model, biases=shown.biases)
+    trained.save(data_folder() / "weights" / "model-reacher.safetensors")
     write_checksums()
 
 

@@ -24,12 +24,11 @@ import numpy as np
 import pandas as pd
 from scipy.stats import spearmanr, t as student
 
-from clothlab._store import Folder
 from clothlab._validation import choose
 from clothlab.analysis import best_per_period, crossed_interval, rate_interval
 from clothlab.claims import Findings
+from clothlab.data import Folder, load_table
 from clothlab.simulation.cloth import get_cloth
-from clothlab.tables import load
 from studies._grid import PAPER
 from studies._runs import HEAVY, LIGHT
 from studies.joint_estimation_control import ESTIMATED, RIGHT, WRONG, thirds
@@ -161,7 +160,7 @@ class Evidence:
 
     def _stored(self, name: str) -> pd.DataFrame | None:
         with contextlib.suppress(KeyError):
-            return load(name, data=self._data)
+            return load_table(name, data=self._data)
         return None
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
-from clothlab._store import Folder, data_folder
+from clothlab._files import write_bytes
 from clothlab._validation import check_seed, choose
-from clothlab.data._writing import save_target
+from clothlab.data import Folder, data_folder
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
 from clothlab.simulation.arm import get_arm
@@ -220,7 +221,8 @@ _RUNS = 4  # of the operator with each cloth
 def save_targets(found: Mapping[str, np.ndarray]) -> list[str]:
     """Save targets by their names; returned are the files, from the data folder."""
     for name, mask in found.items():
-        save_target(mask, name)
+        _, content = cv2.imencode(".png", mask.astype(np.uint8) * 255)
+        write_bytes(data_folder() / "targets" / f"{name}.png", content.tobytes())
     return [f"targets/{name}.png" for name in found]
 
 

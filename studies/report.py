@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 
-from clothlab._store import Folder, data_folder
+from clothlab.data import Folder, data_folder
 from studies import EXPERIMENTS, PAPER, Row, _pages, claims, figures, load
 from studies._grid import Tables
 from studies.claims import Claim, Evidence, Judged

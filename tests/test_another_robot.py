@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from clothlab import data
-from clothlab.data import _writing
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.estimation import estimate_bias
 from clothlab.method.model import DPMPB
@@ -194,15 +193,16 @@ def test_the_four_calls_import_nothing_of_cloth():
     assert not {"mujoco", "gymnasium", "cv2", "clothlab.simulation"} & set(loaded)
 
 
-def test_a_model_comes_back_from_its_file(tmp_path):
+def test_a_model_comes_back_from_its_file(tmp_path, monkeypatch):
     biases = {
         "light": np.array([0.5, 1.0], np.float32),
         "heavy": np.zeros(2, np.float32),
     }
     model = DPMPB(3, 2).eval()
     trained = Checkpoint(name="toy", model=model, biases=biases)
-    _writing.save(trained, data=tmp_path)
-    read = data.load_model("toy", data=tmp_path)
+    trained.save(tmp_path / "weights" / "model-toy.safetensors")
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
+    read = data.load_model("toy")
     loaded = read.model
     p = read.biases
     assert p.keys() == biases.keys()

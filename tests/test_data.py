@@ -5,38 +5,41 @@ silently something else.
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
 import clothlab
-from clothlab import _store, data as stored
-from clothlab.data import _writing
+from clothlab import data as stored
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.model import DPMPB
 from clothlab.simulation.arm import get_arm
 from clothlab.trials import load_trial, save_trial
-from clothlab.weights import ClothCheckpoint, fingerprint
+from clothlab.weights import ClothCheckpoint, save_autoencoder
 
-FILES: dict[str, Callable[[Path], object]] = {
-    "trials/train/one.npz": lambda data: stored.load_trials("train", data=data),
-    "targets/drawn/bar.png": lambda data: stored.load_target("drawn/bar", data=data),
-    "targets/target-1.png": lambda data: stored.load_target("target-1", data=data),
-    "weights/autoencoder-torque.safetensors": lambda data: stored.load_autoencoder(
-        "torque", data=data
-    ),
-    "weights/model-torque-0.safetensors": lambda data: stored.load(
-        "torque-0", data=data
-    ),
-    "results/simulation.csv": lambda data: _store.load_results(
-        "simulation", ".csv", data=data
-    ),
+FILES: dict[str, Callable[[], object]] = {
+    "trials/train/one.npz": lambda: stored.load_trials("train"),
+    "targets/drawn/bar.png": lambda: stored.load_target("drawn/bar"),
+    "targets/target-1.png": lambda: stored.load_target("target-1"),
+    "weights/autoencoder-torque.safetensors": lambda: stored.load_autoencoder("torque"),
+    "weights/model-torque-0.safetensors": lambda: stored.load("torque-0"),
+    "results/simulation.csv": lambda: stored.load_table("simulation"),
 }
+TABLE = pd.DataFrame({"iou": [0.8], "p": [np.array([1.0, 2.0])]})
+
+
+def save_target(mask: np.ndarray, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), mask.astype(np.uint8) * 255)
+
+
+def save_weights(trained: ClothCheckpoint, data: Path) -> None:
+    trained.save(data / f"weights/model-{trained.name}.safetensors", whole=False)
 
 
 def shaken(module: torch.nn.Module) -> torch.nn.Module:
@@ -70,18 +73,24 @@ def _data(tmp_path_factory, trial, trained) -> Path:
     mask = np.zeros((96, 128), bool)
     mask[30:50, 40:70] = True
     save_trial(trial, data / "trials" / "train" / "one.npz")
-    _writing.save_target(mask, "target-1", data=data)
-    _writing.save_target(np.roll(mask, 9, axis=0), "drawn/bar", data=data)
-    _writing.save_autoencoder(trained.autoencoder, [0.5, 0.4], "torque", data=data)
-    _writing.save(trained, data=data)
-    _store.save_results(b"iou\n0.8", "simulation", ".csv", data=data)
-    _store.write_checksums(data)
+    save_target(mask, data / "targets" / "target-1.png")
+    save_target(np.roll(mask, 9, axis=0), data / "targets" / "drawn" / "bar.png")
+    autoencoder = data / "weights" / "autoencoder-torque.safetensors"
+    save_autoencoder(trained.autoencoder, [0.5, 0.4], autoencoder)
+    save_weights(trained, data)
+    stored.save_table(TABLE, "simulation", data=data)
+    stored.write_checksums(data)
     return data
 
 
 @pytest.fixture
-def data(_data, tmp_path) -> Path:
-    """A small `data/` with one file of each kind, to spoil."""
+def data(_data, tmp_path, monkeypatch) -> Path:
+    """A small `data/` with one file of each kind, to spoil; it is in a clone, whose
+    repository can't be reached.
+    """
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path / "data"))
+    monkeypatch.setenv("CLOTHLAB_DATA_URL", "http://127.0.0.1:9")
+    (tmp_path / ".git").mkdir()
     return Path(shutil.copytree(_data, tmp_path / "data"))
 
 
@@ -94,7 +103,7 @@ def contents(data: Path) -> dict[str, bytes]:
 
 
 def test_weights_survive_the_round_trip(data, trained, trial):
-    read = stored.load("torque-0", data=str(data))
+    read = stored.load("torque-0")
     for ours, theirs in (
         (read.model, trained.model),
         (read.autoencoder, trained.autoencoder),
@@ -122,12 +131,14 @@ def test_weights_survive_the_round_trip(data, trained, trial):
 
 
 def test_everything_else_survives_too(data, square, trial):
-    assert np.array_equal(stored.load_target("target-1", data=data), square)
-    assert list(stored.load_targets(data=data)) == ["target-1"]
-    assert _store.load_results("simulation", ".csv", data=data) == b"iou\n0.8"
-    (read,) = stored.load_trials("train", data=data)
+    assert np.array_equal(stored.load_target("target-1"), square)
+    assert list(stored.load_targets()) == ["target-1"]
+    table = stored.load_table("simulation")
+    assert table["iou"].tolist() == [0.8]
+    assert table["p"][0].tolist() == [1.0, 2.0]
+    (read,) = stored.load_trials("train")
     assert np.array_equal(read.commands, trial.commands)
-    _, losses = stored.load_autoencoder("torque", data=data)
+    _, losses = stored.load_autoencoder("torque")
     assert losses == pytest.approx([0.5, 0.4])
 
 
@@ -148,7 +159,7 @@ def test_what_belongs_together_makes_runs_and_controllers(trained, trial, square
 
 
 def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
-    assert _store.check_data(data) == dict.fromkeys(sorted(FILES), "ok")
+    assert stored.faults() == []
     lines = (data / "SHA256SUMS").read_text().splitlines()
     assert [line[64:] for line in lines] == [f"  {name}" for name in sorted(FILES)]
 
@@ -161,51 +172,34 @@ def test_all_files_are_as_recorded_and_sha256sum_agrees(data):
         (stored.load_target, "target-1"),
         (stored.load_targets, "drawn"),
         (stored.load_trials, "train, mine"),
-        (partial(_store.load_results, suffix=".csv"), "simulation"),
+        (stored.load_table, "simulation"),
     ],
 )
 def test_unknown_names_list_the_choices(data, load, choices):
     with pytest.raises(
         KeyError, match=rf"unknown .*'target-9'; choose from {choices}['\"]"
     ):
-        load("target-9", data=data)
+        load("target-9")
 
 
 def test_sets_of_targets_are_kept_apart(data, square):
-    _writing.save_target(np.roll(square, 5, axis=0), "drawn/target-1", data=data)
-    assert list(stored.load_targets(data=data)) == ["target-1"]
-    drawn = stored.load_targets("drawn", data=data)
+    save_target(np.roll(square, 5, axis=0), data / "targets" / "drawn" / "target-1.png")
+    assert list(stored.load_targets()) == ["target-1"]
+    drawn = stored.load_targets("drawn")
     assert list(drawn) == ["drawn/bar", "drawn/target-1"]
     assert np.array_equal(drawn["drawn/target-1"], np.roll(square, 5, axis=0))
-    assert np.array_equal(stored.load_target("target-1", data=data), square)
+    assert np.array_equal(stored.load_target("target-1"), square)
 
 
-def test_where_nothing_was_made_yet_that_is_said(tmp_path):
+def test_where_nothing_was_made_yet_that_is_said(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
     with pytest.raises(
         KeyError, match=r"choose from \(none yet: run `make data train`\)"
     ):
-        stored.load("torque-0", data=tmp_path)
-    assert stored.load_trials("mine", data=tmp_path) == []
-    assert stored.load_targets(data=tmp_path) == {}
-    assert _store.check_data(tmp_path) == {}
-
-
-@pytest.mark.parametrize("name", ["../../x", "/tmp/x", ""])
-def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(
-    data, trained, square, name
-):
-    before = contents(data.parent)
-    for save in (
-        lambda: _writing.save(replace(trained, name=name), data=data),
-        lambda: _writing.save_autoencoder(trained.autoencoder, [0.1], name, data=data),
-        lambda: _writing.save_target(square, name, data=data),
-        lambda: _store.save_results(b"", name, ".csv", data=data),
-    ):
-        with pytest.raises(
-            ValueError, match=r"the name of a \w+ has letters, digits, - and _ only"
-        ):
-            save()
-    assert contents(data.parent) == before
+        stored.load("torque-0")
+    assert stored.load_trials("mine") == []
+    assert stored.load_targets() == {}
+    assert stored.faults() == []
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -214,7 +208,9 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
     (data / file).write_bytes(
         (data / file).read_bytes()[: (data / file).stat().st_size // 2]
     )
-    assert _store.check_data(data)[file] == "altered"
+    assert [fault.split(":")[0] for fault in stored.faults()] == [
+        f"data/{file} is damaged or was altered"
+    ]
     if not recorded:
         (data / "SHA256SUMS").unlink()
         if file.endswith(".csv"):
@@ -225,32 +221,60 @@ def test_a_damaged_file_is_refused_with_its_hash_and_without(data, file, recorde
         else "is damaged or"
     )
     with pytest.raises(ValueError, match=words):
-        FILES[file](data)
+        FILES[file]()
 
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_that_is_gone_is_noticed(data, file):
     (data / file).unlink()
-    assert _store.check_data(data)[file] == "missing"
-    with pytest.raises(
-        ValueError,
-        match=rf"data/{file} is missing: restore it with `git checkout data/{file}`",
-    ):
-        FILES[file](data)
+    sentence = f"data/{file} is missing: restore it with `git checkout data/{file}`"
+    assert stored.faults() == [sentence]
+    with pytest.raises(ValueError, match=sentence):
+        FILES[file]()
 
 
-def test_a_file_that_nobody_recorded_is_read_and_reported(data, square):
-    _writing.save_target(np.roll(square, 3, axis=0), "mine", data=data)
-    assert list(stored.load_targets(data=data)) == ["mine", "target-1"]
-    assert _store.check_data(data)["targets/mine.png"] == "not recorded"
+@pytest.mark.parametrize("file", FILES)
+def test_a_download_without_git_is_told_where_its_files_lie(data, file):
+    (data.parent / ".git").rmdir()
+    (data / file).unlink()
+    address = f"http://127.0.0.1:9/{file}"
+    assert stored.faults() == [f"data/{file} is missing: download it from {address}"]
+
+
+def test_an_altered_file_is_refused_and_kept(data):
+    target = data / "targets" / "target-1.png"
+    save_target(~stored.load_target("target-1"), target)
+    before = contents(data)
+    advice = (
+        "restore it with `git checkout data/targets/target-1.png`, or record a change "
+        "that you made by `make checksums`"
+    )
+    with pytest.raises(ValueError, match=f"target-1.png is damaged or .*: {advice}"):
+        stored.load_target("target-1")
+    assert contents(data) == before
+    stored.write_checksums()
+    assert stored.load_target("target-1").any()
+
+
+def test_a_file_that_nobody_recorded_is_read(data, square):
+    save_target(np.roll(square, 3, axis=0), data / "targets" / "mine.png")
+    assert list(stored.load_targets()) == ["mine", "target-1"]
+
+
+def test_copies_that_jupyterlab_keeps_are_no_data(data, square):
+    save_target(square, data / "targets" / ".ipynb_checkpoints" / "a-checkpoint.png")
+    stored.write_checksums()
+    assert "checkpoint" not in (data / "SHA256SUMS").read_text()
+    with pytest.raises(KeyError, match=r"choose from drawn['\"]"):
+        stored.load_targets(".ipynb_checkpoints")
 
 
 def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
-    save_trial(trial, data / _store.OWN_TRIALS / "b.npz")
-    save_trial(trial[:3], data / _store.OWN_TRIALS / "a.npz")
-    _store.write_checksums(data)
-    assert [len(each) for each in stored.load_trials("mine", data=data)] == [3, 12]
-    assert not any("mine" in name for name in _store.check_data(data))
+    save_trial(trial, data / stored.OWN_TRIALS / "b.npz")
+    save_trial(trial[:3], data / stored.OWN_TRIALS / "a.npz")
+    stored.write_checksums()
+    assert [len(each) for each in stored.load_trials("mine")] == [3, 12]
+    assert "mine" not in (data / "SHA256SUMS").read_text()
 
 
 @pytest.fixture
@@ -259,7 +283,7 @@ def left_out(data, trial) -> Path:
     folder = data / "trials" / "train-more"
     save_trial(trial, folder / "00.npz")
     save_trial(trial[:5], folder / "01.npz")
-    _store.write_checksums(data)
+    stored.write_checksums(data)
     return folder
 
 
@@ -267,40 +291,32 @@ def test_git_ignores_what_is_left_to_make_data():
     ignored = (
         (Path(clothlab.__file__).parents[1] / ".gitignore").read_text().splitlines()
     )
-    assert f"data/{_store.LEFT_OUT.removesuffix('*')}" in ignored
+    assert f"data/{stored.LEFT_OUT.removesuffix('*')}" in ignored
 
 
 def test_recordings_that_are_left_to_make_data_are_no_fault_where_they_are_not(
     data, left_out
 ):
-    assert set(_store.check_data(data).values()) == {"ok"}
-    assert [len(trial) for trial in stored.load_trials("train-more", data=data)] == [
-        12,
-        5,
-    ]
+    assert [len(trial) for trial in stored.load_trials("train-more")] == [12, 5]
     (left_out / "01.npz").unlink()
-    verdict = _store.check_data(data)
-    assert {name: word for name, word in verdict.items() if word != "ok"} == {
-        "trials/train-more/01.npz": _store.Verdict.LEFT_TO_MAKE
-    }
+    assert stored.faults() == []
     with pytest.raises(
         ValueError,
         match=r"data/trials/train-more/01.npz is missing: record it with `make data`$",
     ):
-        stored.load_trials("train-more", data=data)
+        stored.load_trials("train-more")
+    stored.write_checksums()
+    assert "train-more/01.npz" in (data / "SHA256SUMS").read_text()
 
 
 def test_a_full_disk_is_an_error_that_names_the_file_and_loses_nothing(
-    data, trained, square, full_disk
+    data, trained, full_disk
 ):
     before = contents(data)
     for name, save in {
-        "model-torque-0.safetensors": lambda: _writing.save(trained, data=data),
-        "target-1.png": lambda: _writing.save_target(~square, "target-1", data=data),
-        "simulation.csv": lambda: _store.save_results(
-            b"iou\n0.9", "simulation", ".csv", data=data
-        ),
-        "SHA256SUMS": lambda: _store.write_checksums(data),
+        "model-torque-0.safetensors": lambda: save_weights(trained, data),
+        "simulation.csv": lambda: stored.save_table(TABLE, "simulation"),
+        "SHA256SUMS": stored.write_checksums,
     }.items():
         with (
             full_disk(),
@@ -318,32 +334,20 @@ def test_a_changed_arm_is_saved_and_loaded_as_itself(data, trained):
         "shorter": replace(trained.arm, link_length=0.35),  # which has kept its name
         "own": replace(trained.arm, name="mine", camera=elsewhere),
     }.items():
-        _writing.save(replace(trained, name=name, arm=arm), data=data)
-        assert stored.load(name, data=data).arm == arm
-    assert stored.load("torque-0", data=data).arm == trained.arm
-
-
-def test_what_is_saved_is_loaded_at_once_with_its_autoencoder(trained, tmp_path):
-    _writing.save(trained, data=tmp_path)
-    read = stored.load(trained.name, data=tmp_path)
-    assert fingerprint(read.autoencoder) == fingerprint(trained.autoencoder)
-
-
-def test_weights_that_are_saved_again_have_their_new_hash(data, trained):
-    other = replace(trained, model=shaken(DPMPB(7, 2)))
-    other.model.s_mean += 1
-    _writing.save(other, data=data)
-    read = stored.load("torque-0", data=data)  # whose recorded hash has followed
-    assert torch.equal(read.model.s_mean, other.model.s_mean)
+        save_weights(replace(trained, name=name, arm=arm), data)
+        assert stored.load(name).arm == arm
+    assert stored.load("torque-0").arm == trained.arm
 
 
 def test_a_model_with_another_autoencoder_is_refused_and_both_are_named(data):
-    _writing.save_autoencoder(Autoencoder(), [0.5], "torque", data=data)
+    path = data / "weights" / "autoencoder-torque.safetensors"
+    save_autoencoder(Autoencoder(), [0.5], path)
+    stored.write_checksums()
     with pytest.raises(
         ValueError,
         match=r"'torque-0' were trained with another autoencoder than the 'torque' that lies",
     ):
-        stored.load("torque-0", data=data)
+        stored.load("torque-0")
 
 
 def test_a_training_that_diverged_is_not_saved(data, trained):
@@ -351,51 +355,35 @@ def test_a_training_that_diverged_is_not_saved(data, trained):
     diverged = Autoencoder()
     torch.nn.init.constant_(diverged.decoder[-1].bias, torch.nan)
     with pytest.raises(ValueError, match=r"numbers of .* are not finite"):
-        _writing.save_autoencoder(diverged, [0.5], "torque", data=data)
+        save_autoencoder(diverged, [0.5], data / "weights" / "a.safetensors")
     with pytest.raises(ValueError, match=r"numbers of losses are not finite"):
-        _writing.save(replace(trained, losses=np.array([0.3, np.nan])), data=data)
+        save_weights(replace(trained, losses=np.array([0.3, np.nan])), data)
     assert contents(data) == before
 
 
-def test_a_target_is_a_mask_of_the_right_size_with_cloth_in_it(data):
-    before = contents(data)
-    for wrong in (
-        np.zeros((96, 128), bool),
-        np.ones((48, 64)),
-        np.full((96, 128), 0.3),
-    ):
-        with pytest.raises(ValueError, match=r"cloth image|no cloth"):
-            _writing.save_target(wrong, "target-1", data=data)
-    assert contents(data) == before
+def test_a_target_has_the_size_of_an_image(data):
     cv2.imwrite(str(data / "targets" / "small.png"), np.full((48, 64), 255, np.uint8))
     with pytest.raises(
         ValueError,
         match=r"small.png is damaged or holds no target: a target has 128×96 pixels",
     ):
-        stored.load_target("small", data=data)
+        stored.load_target("small")
 
 
 def test_the_folder_is_the_one_that_is_named(data, monkeypatch, tmp_path):
-    monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert _store.data_folder() == data
+    assert stored.data_folder() == data
     assert stored.load("torque-0").name == "torque-0"
-    assert _store.data_folder(tmp_path) == tmp_path, (
+    assert stored.data_folder(tmp_path) == tmp_path, (
         "an argument goes before the environment"
     )
     monkeypatch.setenv("CLOTHLAB_DATA", "")
-    assert _store.data_folder().name == "data"
+    assert stored.data_folder().name == "data"
 
 
 @pytest.mark.parametrize("where", ["nowhere", "results/simulation.csv"])
-def test_a_missing_folder_is_named_with_what_would_help(
-    data, monkeypatch, where, square
-):
+def test_a_missing_folder_is_named_with_what_would_help(data, monkeypatch, where):
     monkeypatch.setenv("CLOTHLAB_DATA", str(data / where))
-    for use in (
-        stored.load,
-        _store.check_data,
-        lambda: _writing.save_target(square, "x"),
-    ):
+    for use in (stored.load, stored.faults, stored.write_checksums):
         with pytest.raises(
             FileNotFoundError,
             match=rf"no data in .*{where}.*: clone .* or set CLOTHLAB_DATA",
@@ -407,17 +395,12 @@ def test_recordings_go_where_the_environment_says_and_are_read_from_there(
     data, trial, tmp_path, monkeypatch
 ):
     home = tmp_path / "home"
-    monkeypatch.setenv("CLOTHLAB_DATA", str(data))
-    assert _store.own_trials() == data / _store.OWN_TRIALS
+    assert stored.own_trials() == data / stored.OWN_TRIALS
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("CLOTHLAB_RECORDINGS", "~/recordings")
-    assert _store.own_trials() == home / "recordings"
-    assert _store.own_trials(data) == data / _store.OWN_TRIALS, (
-        "whoever names a folder gets it"
-    )
+    assert stored.own_trials() == home / "recordings"
     save_trial(trial[:3], home / "recordings" / "first.npz")
     assert [len(each) for each in stored.load_trials("mine")] == [3]
-    assert stored.load_trials("mine", data=data) == []
     assert np.array_equal(
         load_trial(home / "recordings" / "first.npz").images, trial[:3].images
     )

@@ -19,8 +19,37 @@ def test_what_is_written_can_be_read_in_folders_that_were_not_there(tmp_path):
     path = tmp_path / "a" / "b" / "c.json"
     write_bytes(str(path), b"new")
     assert path.read_bytes() == b"new"
-    assert path.stat().st_mode & 0o777 == 0o644
     assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such permissions")
+def test_permissions_are_those_of_the_file_before_or_of_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write_bytes(tmp_path / "new", b"new")
+        (tmp_path / "old").touch(mode=0o600)
+        write_bytes(tmp_path / "old", b"new")
+    finally:
+        os.umask(before)
+    modes = [(tmp_path / name).stat().st_mode & 0o777 for name in ("new", "old")]
+    assert modes == [0o640, 0o600]
+
+
+def test_a_file_system_without_permissions_is_written_to(path, monkeypatch):
+    def refused(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "chmod", refused)
+    write_bytes(path, b"new")
+    assert path.read_bytes() == b"new"
+
+
+def test_what_a_link_leads_to_is_written(path):
+    link = path.with_name("link")
+    link.symlink_to(path)
+    write_bytes(link, b"new")
+    assert link.is_symlink()
+    assert path.read_bytes() == b"new"
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(path, monkeypatch):

@@ -1,57 +1,75 @@
-"""The doctor's look at `data/`: one line of advice for each fault, none for what is no
-fault.
-"""
+"""The doctor: what it says of a machine, also where something is missing."""
 
-import shutil
+import ctypes.util
+import os
+import subprocess
+import sys
 
 import pytest
 
-from clothlab import _store
-from clothlab.__main__ import check_files, pins_of
-from clothlab.data import _writing
+from clothlab import data
 
 
-@pytest.fixture
-def data(tmp_path, square, monkeypatch):
-    """A small `data/` that `CLOTHLAB_DATA` names, with recordings that the repository
-    leaves out.
-    """
-    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    _writing.save_target(square, "a")
-    _writing.save_target(square, "drawn/b")
-    (tmp_path / "trials" / "train-more").mkdir(parents=True)
-    (tmp_path / "trials" / "train-more" / "00.npz").write_bytes(b"00")
-    _store.write_checksums()
-    return tmp_path
-
-
-def test_what_is_left_to_make_data_is_counted_and_is_no_fault(data, capsys):
-    shutil.rmtree(data / "trials")
-    assert check_files() == []
-    assert capsys.readouterr().out.endswith(f"{data}: 2 ok, 1 left to `make data`\n")
-
-
-def test_each_fault_comes_with_its_cure(data, square, capsys):
-    (data / "trials" / "train-more" / "00.npz").write_bytes(b"other")
-    (data / "targets" / "a.png").unlink()
-    _writing.save_target(square, "c")
-    assert check_files() == [
-        "data/targets/a.png is missing: restore it with `git checkout data/targets/a.png`",
-        "data/targets/c.png is not recorded: record its hash with `python -m clothlab checksums`",
-        "data/trials/train-more/00.npz is altered: record it with `make data`",
-    ]
-    assert capsys.readouterr().out.endswith(
-        ": 1 ok, 1 missing, 1 not recorded, 1 altered\n"
+def doctor(**environment: str) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(
+        [sys.executable, "-m", "clothlab", "doctor"],
+        env=os.environ | environment,
+        capture_output=True,
     )
 
 
-def test_a_folder_that_is_not_there_or_empty_is_said(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path))
-    assert check_files() == ["data/ is empty: git checkout data, or make data train"]
-    monkeypatch.setenv("CLOTHLAB_DATA", str(tmp_path / "nowhere"))
-    assert "no data in" in check_files()[0]
+@pytest.fixture
+def folder(tmp_path, square, monkeypatch):
+    """A folder `data/` with one file, under a name that few code pages have."""
+    folder = tmp_path / "Ōta" / "data"
+    (folder / "results").mkdir(parents=True)
+    (folder / "results" / "a.csv").write_text("iou\n0.8\n")
+    data.write_checksums(folder)
+    monkeypatch.setenv("CLOTHLAB_DATA", str(folder))
+    monkeypatch.setenv("CLOTHLAB_DATA_URL", "https://example.com/data")
+    return folder
 
 
-def test_a_pin_of_another_platform_or_python_is_none_of_this_machine():
-    lock = "# a lock: x==1\nA_b==1.0\nc==2 ; sys_platform == 'none'\nd==3 ; python_full_version >= '3.11'\n-e .\n"
-    assert pins_of(lock) == {"a-b": "1.0", "d": "3"}
+@pytest.mark.slow
+def test_all_is_well_also_where_the_output_is_not_utf_8(folder):
+    done = doctor(PYTHONUTF8="0", PYTHONIOENCODING="cp1252")
+    assert (done.returncode, done.stderr) == (0, b"")
+    words = done.stdout.decode("cp1252").split()
+    assert words[-3:] == ["all", "is", "well"]
+    for package in ("clothlab", "torch", "mujoco"):
+        assert package in words
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    ctypes.util.find_library("OSMesa") is not None or sys.platform != "linux",
+    reason="OSMesa is there, or nothing that draws with it",
+)
+def test_a_back_end_that_is_not_installed_is_named_and_the_rest_is_checked(folder):
+    (folder / "results" / "a.csv").unlink()
+    done = doctor(MUJOCO_GL="osmesa")
+    assert (done.returncode, done.stderr) == (1, b"")
+    advice = done.stdout.decode(errors="replace").splitlines()[-2:]
+    assert advice == [
+        "  - MUJOCO_GL=osmesa is set, and does not draw here: unset it, and clothlab "
+        "chooses what does",
+        "  - data/results/a.csv is missing: download it from "
+        "https://example.com/data/results/a.csv",
+    ]
+
+
+@pytest.mark.parametrize("git", [True, False])
+def test_what_is_missing_has_a_remedy_that_works_there(folder, git, monkeypatch):
+    if git:
+        (folder.parent / ".git").mkdir()
+    (folder / "results" / "a.csv").unlink()
+    (fault,) = data.faults()
+    assert ("git checkout data/results/a.csv" in fault) == git
+    assert ("download it from https://example.com/data/" in fault) != git
+
+
+@pytest.mark.slow
+def test_a_folder_that_is_not_there_is_said(folder, tmp_path):
+    done = doctor(CLOTHLAB_DATA=str(tmp_path / "nowhere"))
+    assert done.returncode == 1
+    assert b"no data in" in done.stdout

@@ -96,12 +96,6 @@ def test_what_came_of_a_trial_is_stored_apart_from_its_policy(trial, tmp_path):
     spread = replace(trial, outcome="spread", policy="mine, spread")
     save_trial(spread, path)
     assert_equal(load_trial(path), spread)
-    # Older files said it behind the policy's name
-    rewritten(trial, path, about=about(trial, policy="throw, spread"))
-    old = load_trial(path)
-    assert (old.policy, old.outcome) == ("throw", "spread")
-    rewritten(trial, path, about=about(trial, policy="throw"))
-    assert load_trial(path).outcome == ""
 
 
 def test_a_trial_is_saved_where_it_is_looked_for(trial, tmp_path):
@@ -140,11 +134,10 @@ def test_a_file_that_holds_something_else_is_no_trial(trial, tmp_path):
         load_trial(path)
 
 
-def test_a_trial_of_a_newer_version_is_not_called_damaged(trial, tmp_path):
+def test_a_trial_of_another_version_says_so(trial, tmp_path):
     rewritten(trial, tmp_path / "trial.npz", about=about(trial, format=4))
-    reason = "its format is 4, this version reads 1 to 3"
     with pytest.raises(
-        ValueError, match=rf"trial.npz is no trial that can be read here: {reason}"
+        ValueError, match=r"trial.npz .*: its format is 4, this version reads 1"
     ):
         load_trial(tmp_path / "trial.npz")
 

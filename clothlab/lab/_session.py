@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab import _store
+from clothlab import data
 from clothlab._validation import check_array, choose
 from clothlab.lab._drivers import DRIVERS, Period
 from clothlab.lab._equipment import Equipment
@@ -78,7 +78,7 @@ class LiveSession:
         self.exploring = True
         self.estimating = False  # whether p follows what is observed
         self.seed = 0  # of the random numbers since the last reset
-        self.recorder = Recorder(recordings or _store.own_trials())
+        self.recorder = Recorder(recordings or data.own_trials())
         self.set_arm(arm)
 
     def set_arm(self, name: str) -> None:

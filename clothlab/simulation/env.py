@@ -14,13 +14,12 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from clothlab._validation import HEIGHT, WIDTH, check_number, check_seed, choose
-from clothlab.simulation._recording import Recording
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.cloth_elements import point_names
 from clothlab.simulation.rendering import draw, make_renderer
 from clothlab.simulation.scene import CONTROL_PERIOD, Scene, build_spec
-from clothlab.simulation.trial import Trial
+from clothlab.simulation.trial import Recording, Trial
 from clothlab.simulation.vision import Observation, cloth_mask
 
 _DIVERGED = (

@@ -182,10 +182,7 @@ def test_a_choice_stands_for_every_kind_from_small_to_large():
 
 
 def test_held_out_targets_are_of_the_cloths_in_the_tables_and_development_has_others():
-    stored = {
-        targets.name: data.load_targets(targets.name, data=DATA)
-        for targets in TARGET_SETS
-    }
+    stored = {targets.name: data.load_targets(targets.name) for targets in TARGET_SETS}
     pairs = {
         name: [tuple(each.rpartition("/")[2].split("_")[:2]) for each in masks]
         for name, masks in stored.items()
@@ -207,7 +204,7 @@ def test_held_out_targets_are_of_the_cloths_in_the_tables_and_development_has_ot
 
 @pytest.mark.parametrize("name", ["held-out", "development", "drawn"])
 def test_the_border_of_the_picture_cuts_no_target_off(name):
-    for mask in data.load_targets(name, data=DATA).values():
+    for mask in data.load_targets(name).values():
         assert mask.any()
         assert not mask[[0, -1]].any()
         assert not mask[:, [0, -1]].any()

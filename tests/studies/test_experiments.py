@@ -7,7 +7,7 @@ import pytest
 import reproduce
 
 import studies
-from clothlab import _store, analysis, data
+from clothlab import analysis, data
 from studies import EXPERIMENTS, PAPER, Experiment, report
 from studies._grid import grid, shared
 from studies._parallel import KEPT
@@ -251,7 +251,7 @@ def test_results_leave_slow_experiments_out_unless_asked(asked, monkeypatch, tmp
     ran, usual = [], [name for name, each in EXPERIMENTS.items() if not each.slow]
     monkeypatch.setattr(studies, "run", lambda name, **_: ran.append(name))
     monkeypatch.setattr(studies, "save", lambda *_: None)
-    monkeypatch.setattr(_store, "write_checksums", lambda: None)
+    monkeypatch.setattr(data, "write_checksums", lambda: None)
     monkeypatch.setattr(report, "publish", lambda _: [])
     monkeypatch.setattr("sys.argv", ["reproduce.py", "results", *asked])
     reproduce.main()

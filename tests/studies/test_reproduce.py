@@ -135,7 +135,7 @@ def test_weights_that_are_there_are_not_trained_again(monkeypatch):
         return []
 
     monkeypatch.setattr(reproduce, "side_by_side", noted)
-    monkeypatch.setattr(reproduce._store, "write_checksums", lambda: None)
+    monkeypatch.setattr(reproduce.data, "write_checksums", lambda: None)
     config = reproduce.TRAINING_CONFIGS["torque-paper"]
     reproduce.train([config], range(5), anew=False)
     assert calls == []

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from clothlab import data
-from clothlab.data import _writing
 from clothlab.method.autoencoder import AutoencoderTraining
-from clothlab.weights import fingerprint
+from clothlab.weights import fingerprint, save_autoencoder
 from studies._runs import config_of
 from studies.datasets import DATASETS
 from studies.training_configs import TRAINING_CONFIGS
@@ -56,8 +55,12 @@ def test_an_autoencoder_and_a_model_on_top_of_it_are_trained_and_found_again(
     )
     autoencoder, losses = config.train_autoencoder()
     assert len(losses) == 1
-    _writing.save_autoencoder(autoencoder, losses, config.name)
-    _writing.save(config.train_model(seed=3))
+    weights = tmp_path / "weights"
+    save_autoencoder(
+        autoencoder, losses, weights / f"autoencoder-{config.name}.safetensors"
+    )
+    trained = config.train_model(seed=3)
+    trained.save(weights / f"model-{trained.name}.safetensors", whole=False)
     learned = data.load("torque-3")
     assert fingerprint(learned.autoencoder) == fingerprint(autoencoder)
     assert list(learned.biases) == [trial.cloth.name]

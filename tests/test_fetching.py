@@ -1,18 +1,18 @@
-"""Files come over the network where there is no clone: whole and unaltered, or with one
-sentence why not.
+"""Files that are missing come over the network: whole and unaltered, or with one sentence
+why not.
 """
 
 import gc
+import shutil
 from email.message import Message
-from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from shared import serving
 
-from clothlab import __version__, _store, data
-from clothlab.data import _writing
-from clothlab.trials import load_trial, save_trial
+from clothlab import __version__, data
+from clothlab.trials import save_trial
 
 
 @pytest.fixture(scope="module")
@@ -20,11 +20,13 @@ def served(tmp_path_factory, trial, squares):
     """A folder `data/` that is served, its address, and what was asked of it."""
     folder = tmp_path_factory.mktemp("served")
     for name, mask in squares.items():
-        _writing.save_target(mask, name, data=folder)
+        path = folder / "targets" / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), mask.astype(np.uint8) * 255)
     save_trial(trial, folder / "trials" / "train" / "one.npz")
     save_trial(trial[:5], folder / "trials" / "train" / "two.npz")
     save_trial(trial[:3], folder / "trials" / "train-more" / "00.npz")
-    _store.write_checksums(folder)
+    data.write_checksums(folder)
 
     with serving(folder) as (address, asked):
         yield folder, address, asked
@@ -44,16 +46,14 @@ def cache(served, monkeypatch, tmp_path):
     asked.clear()
     monkeypatch.delenv("CLOTHLAB_DATA", raising=False)
     monkeypatch.setenv("CLOTHLAB_DATA_URL", address)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(_store, "_CLONE", tmp_path / "no clone")
-    monkeypatch.setattr(_store, "_PACKAGED", folder / "SHA256SUMS")
-    monkeypatch.setattr(_store, "_cache", lambda: tmp_path / "cache" / "clothlab")
-    return tmp_path / "cache" / "clothlab"
+    monkeypatch.setattr(data, "_PACKAGED", folder / "SHA256SUMS")
+    monkeypatch.setattr(data.pooch, "os_cache", lambda name: tmp_path / "cache" / name)
+    return tmp_path / "cache" / "clothlab" / __version__
 
 
 def test_a_file_is_fetched_when_it_is_first_asked_for(served, cache, squares):
     _, _, asked = served
-    assert _store.data_folder() == cache
+    assert data.data_folder() == cache
     assert np.array_equal(data.load_target("target-1"), squares["target-1"])
     assert np.array_equal(data.load_target("target-1"), squares["target-1"])
     assert asked == ["targets/target-1.png"], "once"
@@ -79,19 +79,24 @@ def test_a_file_altered_on_the_way_is_refused_and_not_kept(served, cache, monkey
     whole = (folder / "targets" / "target-1.png").read_bytes()
     try:
         (folder / "targets" / "target-1.png").write_bytes(whole + b"more")
-        with pytest.raises(ValueError, match=r"hash of downloaded file .* not match"):
+        with pytest.raises(ValueError, match=r"target-1.png is missing") as caught:
             data.load_target("target-1")
+        assert "does not match the known hash" in str(caught.value.__cause__)
     finally:
         (folder / "targets" / "target-1.png").write_bytes(whole)
     assert not (cache / "targets" / "target-1.png").exists()
     assert data.load_target("target-1").any()
 
 
-def test_a_file_altered_in_the_cache_is_fetched_again(served, cache, squares):
+def test_a_file_altered_here_is_refused_and_never_overwritten(served, cache):
     data.load_target("target-1")
     (cache / "targets" / "target-1.png").write_bytes(b"spoilt")
-    assert _store.check_data()["targets/target-1.png"] == "altered"
-    assert np.array_equal(data.load_target("target-1"), squares["target-1"])
+    sentence = "target-1.png is damaged or was altered: download it from http://127"
+    with pytest.raises(ValueError, match=sentence):
+        data.load_target("target-1")
+    assert data.faults()[0].startswith("data/targets/target-1.png is damaged")
+    assert (cache / "targets" / "target-1.png").read_bytes() == b"spoilt"
+    assert served[2] == ["targets/target-1.png"]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -101,12 +106,9 @@ def test_what_cannot_be_fetched_is_said_in_one_sentence(
 ):
     address = "http://127.0.0.1:9" if fault == "no server" else f"{served[1]}/nowhere"
     monkeypatch.setenv("CLOTHLAB_DATA_URL", address)
-    with pytest.raises(ConnectionError) as caught:
+    sentence = f"missing: download it from {address}/targets/target-1.png"
+    with pytest.raises(ValueError, match=sentence) as caught:
         data.load_target("target-1")
-    assert str(caught.value).startswith(
-        f"cannot fetch targets/target-1.png from {address}/ ("
-    )
-    assert "set CLOTHLAB_DATA to the folder data/ of a clone" in str(caught.value)
     del caught
     gc.collect()  # pooch leaves the answer of a server that lacks a file open
 
@@ -117,68 +119,48 @@ def test_recordings_beyond_the_papers_amount_have_to_be_made(served, cache):
     assert served[2] == []
 
 
-def test_ones_own_files_lie_beside_the_fetched_ones(served, cache, trial, squares):
-    save_trial(trial[:3], _store.own_trials() / "a.npz")
-    _writing.save_target(squares["target-1"], "mine")
+def test_ones_own_recordings_lie_beside_the_fetched_files(served, cache, trial):
+    save_trial(trial[:3], data.own_trials() / "a.npz")
     assert [len(each) for each in data.load_trials("mine")] == [3]
-    assert list(data.load_targets()) == ["mine", "target-1"]
-    with pytest.raises(ValueError, match="fetched files keep their hashes"):
-        _store.write_checksums()
 
 
-def test_the_state_of_the_cache_is_told_and_what_is_not_there_yet_is_no_fault(
-    served, cache
-):
-    assert _store.fetchable("targets/") == [
-        "targets/drawn/bar.png",
-        "targets/target-1.png",
-    ]
-    assert len(_store.fetchable()) == 4
+def test_what_is_not_fetched_yet_is_no_fault(served, cache):
     data.load_target("target-1")
-    assert _store.check_data() == {
-        "targets/drawn/bar.png": "left to fetch",
-        "targets/target-1.png": "ok",
-        "trials/train-more/00.npz": "left to `make data`",
-        "trials/train/one.npz": "left to fetch",
-        "trials/train/two.npz": "left to fetch",
-    }
+    assert data.faults() == []
 
 
-def test_with_a_clone_or_a_named_folder_nothing_is_ever_fetched(
-    served, cache, monkeypatch, tmp_path
+def test_a_named_folder_is_mended_where_there_is_an_address(
+    served, cache, monkeypatch, tmp_path, squares
 ):
     folder, _, asked = served
-    monkeypatch.setattr(_store, "_CLONE", tmp_path)  # which holds nothing
-    with pytest.raises(KeyError, match=r"unknown target"):
-        data.load_target("target-1")
-    monkeypatch.setattr(_store, "_CLONE", folder)
-    (folder / "SHA256SUMS").rename(folder / "kept")
-    try:
-        monkeypatch.setattr(_store, "_PACKAGED", folder / "kept")
-        assert data.load_target("target-1").any()
-        monkeypatch.setattr(_store, "_CLONE", tmp_path / "no clone")
-        monkeypatch.setenv("CLOTHLAB_DATA", str(folder))
-        assert data.load_target("target-1").any()
-        assert len(load_trial(folder / "trials" / "train" / "one.npz")) == 12
-    finally:
-        (folder / "kept").rename(folder / "SHA256SUMS")
+    own = tmp_path / "data"
+    shutil.copytree(folder, own)
+    monkeypatch.setattr(data, "_PACKAGED", tmp_path / "none")
+    monkeypatch.setenv("CLOTHLAB_DATA", str(own))
+    assert data.load_target("target-1").any()
     assert asked == []
+    (own / "targets" / "target-1.png").unlink()
+    assert np.array_equal(data.load_target("target-1"), squares["target-1"])
+    assert asked == ["targets/target-1.png"]
+
+
+def test_without_an_address_a_sentence_says_what_brings_a_file_back(
+    served, cache, monkeypatch
+):
+    monkeypatch.delenv("CLOTHLAB_DATA_URL")
+    monkeypatch.setattr(data, "metadata", lambda name: Message())
+    with pytest.raises(ValueError, match=r"from the repository, data/targets/target-1"):
+        data.load_target("target-1")
+    assert served[2] == []
 
 
 def test_the_address_is_that_of_the_repository_unless_another_is_named(monkeypatch):
     about = Message()
     about["Project-URL"] = "Documentation, https://docs.example"
     about["Project-URL"] = "Repository, https://git.example/clothlab"
-    monkeypatch.setattr(_store, "metadata", lambda name: about)
+    monkeypatch.setattr(data, "metadata", lambda name: about)
     monkeypatch.delenv("CLOTHLAB_DATA_URL", raising=False)
     stored = f"https://git.example/clothlab/raw/v{__version__}/data/"
-    assert _store.address() == stored
+    assert data._address() == stored
     monkeypatch.setenv("CLOTHLAB_DATA_URL", "https://mirror.example/files")
-    assert _store.address() == "https://mirror.example/files/"
-
-
-def test_the_cache_is_the_users_and_of_this_version(monkeypatch):
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    folder = _store._cache()
-    assert folder.is_relative_to(Path.home())
-    assert folder.name == __version__
+    assert data._address() == "https://mirror.example/files/"
