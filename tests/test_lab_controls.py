@@ -3,11 +3,13 @@ goes wrong.
 """
 
 import base64
+import io
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from clothlab import analysis
 from clothlab.lab import Control, PBMap
@@ -56,6 +58,28 @@ def test_it_draws_once_at_the_start_and_whenever_a_control_moves(draw, calls):
     assert calls[1:] == [("target-2", 3), ("target-1", 3)]
     assert control.picture.value != first
     assert plt.get_fignums() == []  # or the notebook would show them, too
+    control.check()
+
+
+def test_a_film_is_played_by_its_picture():
+    def draw(x=0):
+        """A square moves; and more."""
+        film = np.zeros((3, 8, 8, 3), np.uint8)
+        film[np.arange(3), x, np.arange(3)] = 255
+        return film
+
+    control = Control(draw, x=(0, 3, 1))
+    with Image.open(io.BytesIO(control.picture.value)) as picture:
+        assert picture.format == "PNG"
+        assert picture.n_frames == 3
+        assert picture.info["duration"] == 50.0
+        for k in range(3):
+            picture.seek(k)
+            assert np.argwhere(np.asarray(picture.convert("L"))).tolist() == [[0, k]]
+    assert control.still()[1] == "A square moves; and more."
+    first = control.picture.value
+    control.controls["x"].value = 2
+    assert control.picture.value != first
     control.check()
 
 

@@ -1,4 +1,4 @@
-"""Controls for notebooks: sliders, menus and maps of p with a figure below.
+"""Controls for notebooks: sliders, menus and maps of p with a figure or film below.
 
 ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook
 that runs from top to bottom wait until its time limit. So a figure goes into an Image
@@ -13,6 +13,7 @@ from typing import Any
 
 import ipywidgets
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab import plots
@@ -31,11 +32,12 @@ _FIGURE = "480px"  # as narrow as a figure may get beside a map
 
 
 class Control(Widget, ipywidgets.VBox):
-    """Draws a figure anew whenever a control is moved, and once at the beginning.
+    """Draws a figure or film at the beginning, and whenever a control is moved.
 
     Args:
-        draw: called with a value for each control; returns a figure. Its defaults are
-            where the controls begin.
+        draw: called with a value for each control; returns a figure, or a film
+            `[N, h, w, 3]` uint8, whose words are the first line of its docstring. Its
+            defaults are where the controls begin.
         labels: what stands beside the controls; by default their names.
         controls: for each parameter of `draw` a list of choices, `(lowest, highest,
             step)` for a slider that acts when it is released, or a `PBMap`.
@@ -43,7 +45,7 @@ class Control(Widget, ipywidgets.VBox):
 
     def __init__(
         self,
-        draw: Callable[..., Figure],
+        draw: Callable[..., Figure | np.ndarray],
         *,
         labels: Mapping[str, str] | None = None,
         **controls: Any,
@@ -88,10 +90,13 @@ class Control(Widget, ipywidgets.VBox):
         self.message.value = "computing …"
         values = {name: each.value for name, each in self.controls.items()}
         try:
-            figure = self._draw(**values)
-            self.picture.value = encoded(figure)
-            self._words = plots.alt_text(figure)
-            plt.close(figure)  # or the notebook would show it a second time
+            drawn = self._draw(**values)
+            self.picture.value = encoded(drawn)
+            if isinstance(drawn, Figure):
+                self._words = plots.alt_text(drawn)
+                plt.close(drawn)  # or the notebook would show it a second time
+            else:
+                self._words = (inspect.getdoc(self._draw) or "A film").split("\n")[0]
             self.message.value = ""
         except Exception as error:
             self.errors.append(traceback.format_exc())

@@ -7,21 +7,32 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 from clothlab import plots
 from clothlab._validation import HEIGHT, WIDTH
 from clothlab.simulation.arm import MuscleArm
 from clothlab.simulation.stiffness import static_posture
 
+_FILM_FPS = 20
 _ELLIPSE_TEXT = 20  # [point], for a picture 4 inches wide
 _ENLARGED = 10  # times, or nobody would see the ellipse
 
 
 def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
-    """A figure, picture `[h, w, 3]` uint8 or image `[h, w]` of 0 to 1, as a file."""
+    """A figure, picture `[h, w, 3]` uint8 or image `[h, w]` of 0 to 1, as a file.
+
+    Pictures `[N, h, w, 3]` become a PNG that plays them again and again.
+    """
     if isinstance(picture, Figure):
         file = io.BytesIO()
         picture.savefig(file, format="png", dpi=80, bbox_inches="tight")
+        return file.getvalue()
+    if picture.ndim == 4:
+        first, *others = (Image.fromarray(each) for each in picture)
+        file = io.BytesIO()
+        played = {"append_images": others, "duration": 1000 / _FILM_FPS, "loop": 0}
+        first.save(file, format="png", save_all=True, compress_level=3, **played)
         return file.getvalue()
     if picture.dtype != np.uint8:
         picture = (255 * picture.astype(float)).astype(np.uint8)
