@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, stdtrit
 
-from clothlab._validation import check_array, check_mask, check_number, check_some
+from clothlab._validation import check_array, check_mask, check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import ControlSettings
 
@@ -130,7 +130,7 @@ def points(distance: ArrayLike, still: float) -> np.ndarray:
 
 def late_median(best: ArrayLike) -> float:
     """Median of the last ten periods of `best_per_period` `[P]`."""
-    best = check_some("best", check_array("best", best, ("P",)))
+    best = check_array("best", best, ("P",))
     return float(np.median(best[LATE]))
 
 
@@ -144,7 +144,7 @@ def difference_interval(
     trainings say less than twenty of twenty.
     """
     values = check_array("differences", differences, ("K", "N"))
-    k, n = check_some("differences", values).shape
+    k, n = values.shape
     rng = np.random.default_rng(seed)
     trainings = rng.integers(k, size=(resamples, k, 1))
     runs = rng.integers(n, size=(resamples, k, n))
@@ -164,7 +164,7 @@ def crossed_interval(values: ArrayLike) -> tuple[float, float, float]:
     of freedom by Satterthwaite (1946, "An approximate distribution of estimates of
     variance components").
     """
-    table = check_some("values", check_array("values", values, ("K", "N")))
+    table = check_array("values", values, ("K", "N"))
     mean = float(table.mean())
     if table.size == 1:
         return mean, -np.inf, np.inf  # one number says nothing of its spread
@@ -198,7 +198,7 @@ def rate_interval(held: ArrayLike) -> tuple[float, float, float]:
 
     `held` is `[N]`, bool; the share and both ends of the interval are 0 to 1.
     """
-    values = check_some("held", check_array("held", held, ("N",)))
+    values = check_array("held", held, ("N",))
     if not np.isin(values, (0, 1)).all():
         raise ValueError(
             f"held says of each episode whether it did, True or False, got {held!s:.80}"

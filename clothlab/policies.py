@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number, check_seed
+from clothlab._validation import check_array, check_number
 from clothlab.method.rollout import Policy
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.vision import Observation
@@ -47,7 +47,7 @@ class RandomPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(check_seed(seed))
+        self._rng = np.random.default_rng(seed)
         self._steps_left = 0
 
     def __call__(self, observation: Observation) -> np.ndarray:
@@ -74,7 +74,7 @@ class OperatorPolicy(Policy):
         self.reset()
 
     def reset(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(check_seed(seed))
+        self._rng = np.random.default_rng(seed)
         self._random.reset(seed)
         self._theta = self.arm.home_command[self.arm.angle_command]
         self._plan: Iterator[np.ndarray] = iter(())

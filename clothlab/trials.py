@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from clothlab._files import reading, write_bytes
-from clothlab._validation import check_each, check_number
+from clothlab._validation import check_number
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.data import Run
 from clothlab.method.rollout import rollout
@@ -28,7 +28,9 @@ def recorded_plans(
 ) -> np.ndarray:
     """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
     check_number("count", count, int, at_least=1)
-    trials = check_each("trials", trials, Trial)
+    for each in trials:
+        if not isinstance(each, Trial):
+            raise ValueError(f"each of trials is a Trial, got {type(each).__name__}")
     check_number("horizon", horizon, int, at_least=1)
     if not trials or min(map(len, trials)) < horizon:
         raise ValueError(

@@ -9,8 +9,6 @@ from torch import Tensor
 from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
 
-from clothlab._validation import check_seed
-
 
 def minimise(
     parameters: Iterable[Any],
@@ -63,7 +61,6 @@ def _count(batches: Callable[[], Sequence[Tensor]]) -> int:
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
     """Random numbers from a seed; the caller's go on as if nothing had happened."""
-    check_seed(seed)
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         yield

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from clothlab._files import write_bytes
-from clothlab._validation import check_seed, choose
+from clothlab._validation import choose
 from clothlab.data import Folder, data_folder
 from clothlab.method.rollout import Policy
 from clothlab.policies import OperatorPolicy, RandomPolicy, ReplayPolicy
@@ -168,7 +168,6 @@ def record_run(dataset: Dataset, cloth: str, policy: str, seed: int) -> list[Tri
     Behind it come, of a throw that spread the cloth, its repetitions.
     """
     policy_of = choose("policy", policy, _POLICIES)
-    check_seed(seed)
 
     # In the air one trial is all
     if not dataset.throws:

@@ -81,7 +81,7 @@ MISTAKES = {
     ),
     "an interval of nothing": (
         lambda: analysis.difference_interval(np.zeros((0, 5))),
-        r"differences are empty.* shape \[0, 5\]",
+        r"differences is .*, got the shape \[0, 5\]",
     ),
 }
 

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from clothlab._validation import HEIGHT, WIDTH, check_number, check_seed, choose
+from clothlab._validation import HEIGHT, WIDTH, check_number, choose
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, get_cloth
 from clothlab.simulation.cloth_elements import point_names
@@ -109,7 +109,10 @@ class ClothEnv(gymnasium.Env):
 
     def start(self, *, seed: int | None = None, random_start: bool = False) -> None:
         """Begin an episode without looking at it: `reset` without the observation."""
-        super().reset(seed=None if seed is None else check_seed(seed))
+        # Gymnasium knows no whole numbers but Python's own
+        if seed is not None:
+            seed = check_number("seed", seed, int, at_least=0)
+        super().reset(seed=seed)
         u = self.arm.home_command
         if random_start:
             u = self.np_random.uniform(self.arm.command_lower, self.arm.command_upper)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from clothlab._validation import check_array, check_kind, check_masks, check_seed
+from clothlab._validation import check_array, check_masks, check_number
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.scene import CONTROL_PERIOD
@@ -44,8 +44,8 @@ class Trial:
         object.__setattr__(self, "arm", arm)
         self._check_rows("robot", len(arm.state_names))
         self._check_rows("commands", len(arm.command_names))
-        check_kind("cloth of a trial", self.cloth, Cloth)
-        object.__setattr__(self, "seed", check_seed(self.seed))
+        seed = check_number("seed", self.seed, int, at_least=0)
+        object.__setattr__(self, "seed", seed)
 
     def _check_rows(self, name: str, width: int) -> None:
         """Make an array float64 with one row of this width for each image."""

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clothlab._validation import check_array, check_number, choose, settings_or_default
+from clothlab._validation import check_array, check_number, choose
 from clothlab.simulation.arm import Arm, get_arm
 from clothlab.simulation.cloth import Cloth, hanging_points
 from clothlab.simulation.cloth_elements import point_names
@@ -109,12 +109,12 @@ class TableEnv(ClothEnv):
         arm: Arm | str = "muscle",
         cloth: Cloth | str = "hard-1",
         *,
-        furniture: Furniture | None = None,
+        furniture: Furniture = Furniture(),
         start_in: str = "rack",
         scene: Scene = Scene(),
         render_mode: str | None = None,
     ):
-        self.furniture = settings_or_default(furniture, Furniture)
+        self.furniture = furniture
         self.start_in = choose("start", start_in, {name: name for name in _STARTS})
         self._release_in: int | None = None  # time steps until the hand opens
         # Where the base should be after each time step to come [m]
