@@ -19,7 +19,7 @@ from clothlab.analysis import (
     late_median,
     target_distance,
 )
-from clothlab.lab._targets import known_target
+from clothlab.lab.targets import known_target
 from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
 from clothlab.method.estimation import estimate_bias

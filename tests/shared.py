@@ -17,8 +17,8 @@ import pytest
 import torch
 from threadpoolctl import threadpool_limits
 
-from clothlab.lab._recorder import Recorder
-from clothlab.lab._session import LiveSession
+from clothlab.lab.recorder import Recorder
+from clothlab.lab.session import LiveSession
 from clothlab.method.model import DPMPB, Memory
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.env import ClothEnv
@@ -169,7 +169,7 @@ def few_yardsticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """A live session compares drawn targets with a tenth of its reference_images:
     making one takes half as long.
     """
-    monkeypatch.setattr("clothlab.lab._targets.REFERENCE_EVERY", 200)
+    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 200)
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from clothlab.lab._targets import known_target
+from clothlab.lab.targets import known_target
 from clothlab.method.autoencoder import (
     Autoencoder,
     AutoencoderTraining,
@@ -101,8 +101,8 @@ def test_a_target_that_cannot_be_drawn_is_replaced_by_the_recorded_image_most_li
 ):
     images, wanted = trial.images[:5], np.roll(trial.images[3], 1, axis=1)
     for drawn, aim in ((0.0, images[3]), (1.0, wanted)):
-        monkeypatch.setattr("clothlab.lab._targets.encode", lambda model, mask: mask)
+        monkeypatch.setattr("clothlab.lab.targets.encode", lambda model, mask: mask)
         monkeypatch.setattr(
-            "clothlab.lab._targets.decode", lambda model, z, drawn=drawn: drawn * z
+            "clothlab.lab.targets.decode", lambda model, z, drawn=drawn: drawn * z
         )
         assert np.array_equal(known_target(None, wanted, images), aim)

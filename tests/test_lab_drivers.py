@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothlab.lab._drivers import DRIVERS, Choice, Drivers
+from clothlab.lab.drivers import DRIVERS, Choice, Drivers
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.data import Run
 from clothlab.method.model import DPMPB

@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import LivePanel, _panel as panel_module
-from clothlab.lab._actions import stick_command
-from clothlab.lab._targets import LARGEST_FILE
+from clothlab.lab import LivePanel, panel as panel_module
+from clothlab.lab.panel import KNOWN_ERRORS, stick_command
 from clothlab.simulation.arm import MuscleArm, TorqueArm
 from clothlab.simulation.env import SimulationError
 from clothlab.trials import load_trial
@@ -209,12 +208,10 @@ def test_an_image_becomes_the_target_and_is_shown_even_if_it_was_before(panel):
 
 def test_a_file_becomes_the_target_or_says_why_not(panel, square):
     _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
-    send(panel, "upload", memoryview(png.tobytes()), size=900)
+    send(panel, "upload", memoryview(png.tobytes()))
     assert np.array_equal(panel.session.target, square)
-    send(panel, "upload", memoryview(b"text"), size=4)
+    send(panel, "upload", memoryview(b"text"))
     assert "not a picture" in says(panel)
-    send(panel, "upload", size=LARGEST_FILE + 1)
-    assert "larger than 1 MB" in says(panel)
 
 
 def test_a_moved_slider_takes_over(panel):
@@ -288,10 +285,23 @@ def test_recordings_are_saved_once_under_a_good_name(panel, tmp_path):
     assert (panel.state["recording"], panel.state["waiting"]) == (False, False)
 
 
+@pytest.mark.parametrize("kind", KNOWN_ERRORS)
+def test_a_mistake_is_a_message_without_quotes(panel, monkeypatch, kind):
+    error = kind("unknown arm 'octopus'")
+    monkeypatch.setattr(panel.session, "set_p", broken(error))
+    send(panel, "set p", at=[0, 0])
+    message = {"text": "⚠ unknown arm 'octopus'", "kind": "mistake"}
+    assert panel.state["message"] == message
+    assert panel.errors == []
+
+
 def test_a_fault_in_an_action_is_kept_and_raised(panel, monkeypatch):
     monkeypatch.setattr(panel.session, "set_p", broken(ZeroDivisionError("on purpose")))
     send(panel, "set p", at=[0, 0])
-    assert panel.state["message"]["kind"] == "fault"
+    assert panel.state["message"] == {
+        "text": "✗ a fault in the panel: ZeroDivisionError: on purpose",
+        "kind": "fault",
+    }
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
         panel.check()
     panel.errors.clear()

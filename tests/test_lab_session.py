@@ -5,9 +5,12 @@ refuses.
 import numpy as np
 import pytest
 
-from clothlab.lab._drivers import DRIVERS
-from clothlab.lab._session import LiveSession
-from clothlab.lab._views import MATERIAL
+from clothlab import data
+from clothlab.lab.drivers import DRIVERS
+from clothlab.lab.session import LiveSession
+from clothlab.lab.views import MATERIAL
+from clothlab.method.cloth_task import observe
+from clothlab.method.estimation import NewtonEstimator, NewtonSettings
 from clothlab.policies import RandomPolicy
 from clothlab.simulation.cloth import get_cloth
 from clothlab.trials import load_trial, rollout
@@ -22,7 +25,7 @@ CHECKERS = np.indices((96, 128)).sum(axis=0) // 8 % 2 == 0
 def session(new_session):
     session = new_session()
     yield session
-    session.recorder.close()
+    session.recorder.discard()
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +114,80 @@ def test_p_moves_only_while_it_is_estimated(session):
     moved = [session.step().p for _ in range(18)][-1]
     assert not np.allclose(moved, [0.3, -0.2])
     assert session.p == pytest.approx(moved)
+
+
+def follow(session, steps):
+    """The covariances of an estimate that begins now."""
+    session.estimating = True
+    covariances = []
+    for _ in range(steps):
+        session.step()
+        covariances.append(session.covariance)
+    return covariances
+
+
+def test_it_estimates_as_the_package_does(session):
+    session.set_driver("random")
+    before = session.observation
+    start = NewtonSettings(from_rest=True)
+    estimator = NewtonEstimator(session.trained.model, session.p, start)
+    assert session.covariance is None
+    covariances = []
+    session.estimating = True
+    for _ in range(60):
+        moment = session.step()
+        s = observe(session.trained.autoencoder, before)
+        assert np.array_equal(moment.p, estimator.update(s, moment.command))
+        covariances.append(session.covariance)
+        before = session.observation
+    assert np.array_equal(covariances[-1], estimator.linearisation().covariance())
+    first = next(k for k, each in enumerate(covariances) if each is not None)
+    assert first < 10
+
+
+def test_an_estimate_of_a_recorded_run_grows_surer(session):
+    run = session.trained.to_run(
+        next(
+            t
+            for t in data.load_trials("evaluation")
+            if t.policy == "random" and t.cloth.name == "damp0.07-mass0.10"
+        )
+    )
+    estimator = NewtonEstimator(session.trained.model)
+    variances = []
+    for s, u in zip(run.s[:60], run.u[:60], strict=True):
+        estimator.update(s, u)
+        seen = estimator.linearisation()
+        variances.append(None if seen is None else np.trace(seen.covariance()))
+    first = next(each for each in variances if each is not None)
+    assert variances[-1] < first
+
+
+def test_only_an_estimate_that_begins_at_rest_has_no_warm_up(session):
+    session.set_driver("random")
+    assert follow(session, 10)[-1] is not None
+    session.estimating = False
+    session.step()
+    assert session.covariance is None
+    assert follow(session, 10)[-1] is None
+
+
+def test_a_cloth_unlike_the_trained_ones_is_called_unfamiliar(session):
+    session.set_driver("random")
+    session.estimating = True
+    for material, unfamiliar in (((0.05, 0.10), False), ((0.015, 0.15), True)):
+        session.set_material(*material)
+        session.set_p(session.trained.biases["damp0.05-mass0.10"])
+        session.reset(seed=1)
+        found = []
+        for _ in range(100):
+            session.step()
+            found.append(session.unfamiliar)
+        assert not any(found[:49])
+        assert found[-1] == unfamiliar
+    session.estimating = False
+    session.step()
+    assert not session.unfamiliar
 
 
 def test_another_arm_brings_its_own_weights_cloth_and_target(session):

@@ -1,10 +1,9 @@
 """Images to aim at: what is taken for one, and how well it is understood."""
 
-import cv2
 import numpy as np
 import pytest
 
-from clothlab.lab import _targets as targets
+from clothlab.lab import targets
 from clothlab.method.autoencoder import Autoencoder
 
 
@@ -50,12 +49,3 @@ def test_recorded_targets_are_a_few_from_large_to_small():
     assert 5 <= len(sizes) <= targets._RECORDED_TARGETS
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[0] == images.sum(axis=(1, 2)).max()
-
-
-def test_an_upload_is_a_picture_that_is_not_too_large(square):
-    _, png = cv2.imencode(".png", square.astype(np.uint8) * 255)
-    assert np.array_equal(targets.uploaded_mask(png.tobytes(), png.nbytes), square)
-    with pytest.raises(ValueError, match="larger than 1 MB"):
-        targets.uploaded_mask(b"", targets.LARGEST_FILE + 1)
-    with pytest.raises(ValueError, match="not a picture"):
-        targets.uploaded_mask(b"no picture", 10)

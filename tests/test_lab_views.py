@@ -11,12 +11,11 @@ import pytest
 import studies
 from clothlab import data
 from clothlab.analysis import inside
-from clothlab.lab import _views as views
-from clothlab.lab._drivers import Period
-from clothlab.lab._equipment import SETUPS
-from clothlab.lab._pictures import ellipse_at_hand, encoded
-from clothlab.lab._plane import Plane
-from clothlab.lab._session import LiveSession
+from clothlab.lab import views
+from clothlab.lab.drivers import Period
+from clothlab.lab.map import Plane
+from clothlab.lab.session import SETUPS, LiveSession
+from clothlab.lab.views import ellipse_at_hand, encoded
 from clothlab.method.autoencoder import decode, encode
 from clothlab.simulation.arm import MuscleArm
 
@@ -76,28 +75,22 @@ def test_a_place_on_the_map_is_a_p_and_back_with_its_region_around_it():
     assert not any(inside(plane.p(at), BIASES["a"], 0.99 * covariance) for at in edge)
 
 
-class KnownTracker:
+def test_the_region_is_shown_while_p_is_estimated(session, shown, monkeypatch):
     covariance = 0.01 * np.eye(2)
-    is_strange = False
-
-
-def test_warnings_are_shown_while_p_is_estimated(session, shown):
-    nothing = {"region": [], "warning": ""}
-    session.tracker = KnownTracker()
-    assert shown._estimate_report() == nothing
+    monkeypatch.setattr(LiveSession, "covariance", property(lambda _: covariance))
+    assert shown.frame([])["region"] == []
     session.estimating = True
-    report = plain(shown._estimate_report())
-    assert len(report["region"]) > 10
-    assert report["warning"] == ""
-    session.tracker.is_strange = True
-    assert "unlike the trained ones" in shown._estimate_report()["warning"]
-    session.tracker.covariance = None
-    assert shown._estimate_report() == nothing
+    assert len(plain(shown.frame([])["region"])) > 10
+    assert shown.frame([])["warning"] == ""
+    covariance = None
+    assert shown.frame([])["region"] == []
     session.estimating = False
+    monkeypatch.setattr(LiveSession, "unfamiliar", True)
+    assert "unlike the trained ones" in shown.frame([])["warning"]
 
 
 def test_names_and_ranges_come_from_the_arm(session, shown):
-    about, arm = plain(shown.fixtures()), session.arm
+    about, arm = plain(shown.about()), session.arm
     assert about["arms"] == list(SETUPS)
     assert [name for name, _ in about["hands"]] == list(arm.command_names)
     assert [limits[:2] for _, limits in about["hands"]] == [
@@ -228,7 +221,7 @@ def test_what_is_called_reachable_is_reached_by_a_search_on_the_true_simulator(
     monkeypatch,
 ):
     # As outside of tests
-    monkeypatch.setattr("clothlab.lab._targets.REFERENCE_EVERY", 20)
+    monkeypatch.setattr("clothlab.lab.targets.REFERENCE_EVERY", 20)
     searched = studies.load("oracle_transfer").query("overlap")
     with contextlib.closing(LiveSession()) as session:
         for target, best in zip(

@@ -58,11 +58,11 @@ def method_constants(session: LiveSession) -> dict[str, Any]:
         "home": arm.home_command.tolist(),
         "biases": {name: p.tolist() for name, p in trained.biases.items()},
         "spread": spread(trained.biases),
-        "plans": floats(session.equipment.plans),
+        "plans": floats(session.plans),
         "commands": {"random": _played(RandomPolicy(arm))}
         | {"operator": _played(OperatorPolicy(arm))},
-        "runs": [_run(run, z) for run in session.equipment.runs],
-        "images": _pixels(session.equipment.images),
+        "runs": [_run(run, z) for run in session.runs],
+        "images": _pixels(session.images),
         "ellipse": _ellipse(arm) if isinstance(arm, MuscleArm) else None,
         "control": asdict(ControlSettings()),
         "estimation": asdict(NewtonSettings()) | {"least": _LEAST},
@@ -82,7 +82,7 @@ def panel_constants(session: LiveSession) -> dict[str, Any]:
         "cloths": cloths(session.arm),
         "plots": _plots(panel.frame["traces"]),
         "plane": {"mean": axes.mean_.tolist(), "axes": axes.components_.tolist()},
-        "usual_distance": session.equipment.usual_distance,
+        "usual_distance": session.usual_distance,
         "reachable": _REACHABLE,
     }
 

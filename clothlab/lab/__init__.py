@@ -1,12 +1,11 @@
 """The live lab: `LivePanel` steers a `LiveSession`.
 
-Notebooks have small widgets beside it: Control and PBMap. All else in this folder is
-the inside of these four.
+Notebooks have small widgets beside it: `Control` and `PBMap`.
 """
 
-from clothlab.lab._controls import Control
-from clothlab.lab._map import PBMap
-from clothlab.lab._panel import LivePanel
-from clothlab.lab._session import LiveSession
+from clothlab.lab.controls import Control
+from clothlab.lab.map import PBMap
+from clothlab.lab.panel import LivePanel
+from clothlab.lab.session import LiveSession
 
 __all__ = ["Control", "LivePanel", "LiveSession", "PBMap"]

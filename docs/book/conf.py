@@ -9,7 +9,7 @@ from pathlib import Path
 import nbformat
 
 import clothlab
-from clothlab.lab._widget import REOPENED
+from clothlab.lab.widget import REOPENED
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 from repository import START, address, doors, throw_page

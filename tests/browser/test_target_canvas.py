@@ -7,7 +7,7 @@ import pytest
 
 from clothlab._validation import HEIGHT, WIDTH
 from clothlab.data import load_target
-from clothlab.lab._widget import javascript
+from clothlab.lab.widget import javascript
 
 pytestmark = pytest.mark.browser
 

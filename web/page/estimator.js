@@ -2,10 +2,16 @@
 // sums.
 const UNKNOWN = "this step is so far from what the model was trained on that there is no loss";
 
-// Whether p is unlike the trained ones; empty where it is not.
-function warningOf(p, { biases, spread }) {
+// When a cloth is called unfamiliar: its p is so far from every trained one, in units of their spread, so many steps after
+// its estimate began. As in Python's `LiveSession`, where it says what was measured.
+const FAR = 0.5;
+const SETTLED = 50;
+
+// Whether p, estimated for so many steps, says that the cloth is unlike the trained ones; empty where it does not.
+function warningOf(p, steps, { biases, spread }) {
   const nearest = Math.min(...Object.values(biases).map((each) => distanceBetween(each, p)));
-  return nearest > spread ? "The material is unlike the trained ones: p is far from all of theirs." : "";
+  if (steps < SETTLED || nearest <= FAR * spread) return "";
+  return "The material is unlike the trained ones: its p is far from all of theirs.";
 }
 
 // Follows p from a first one on.

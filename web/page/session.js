@@ -49,6 +49,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
   let { exploring = true } = before; // whether who learns tries new plans; else it repeats the best known one
   let p = constants.biases[constants.cloth];
   let tracker = null;
+  let estimated = 0; // steps since it began
   let { aim } = constants; // at first
 
   async function observe({ data }) {
@@ -66,6 +67,10 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
       throw error instanceof SimulationError ? new Refusal(why) : error;
     }
   }
+  function beginEstimate() {
+    tracker = makeTracker(networks, constants, p);
+    estimated = 0;
+  }
   // Go on from a cloth that was just made to hang still.
   function begin(seen) {
     observation = seen;
@@ -73,7 +78,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     command = constants.home;
     step = 0;
     drivers.begin();
-    tracker = makeTracker(networks, constants, p);
+    beginEstimate();
   }
   async function hold(next) {
     const numbers = Object.entries({ ...next, mass: next.mass / scene.points });
@@ -112,6 +117,9 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
     await advance(choice.command);
     if (estimating) {
       p = await tracker(before.s, choice.command, { atRest: step === 1, estimate: solve });
+      estimated += 1;
+    } else {
+      beginEstimate(); // a window with a gap would say nothing
     }
     const distance = distanceBetween(aim.z, observation.z);
     const period = drivers.closePeriod(driver, choice, distance);
@@ -124,7 +132,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
   function now() {
     const { stage, mask, reconstruction } = observation;
     const stillDistance = distanceBetween(aim.z, still);
-    const warning = estimating ? warningOf(p, constants) : "";
+    const warning = estimating ? warningOf(p, estimated, constants) : "";
     const shownHand = drivers.within(driver === "manual" ? hand : command);
     const { name, label, damping, mass } = cloth;
     const shownCloth = { name, label, material: [damping, mass] };
@@ -156,8 +164,8 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
       tension = next;
     },
     "set p"(next) {
-      tracker = makeTracker(networks, constants, next.p);
       p = next.p;
+      beginEstimate();
     },
     estimate: ({ on }) => (estimating = on),
     explore: ({ on }) => (exploring = on),

@@ -31,7 +31,7 @@ class Robot:
         self.trained = session.trained
         self.model = session.trained.model
         self.plan = ARMS[session.arm.name]
-        self.runs = session.equipment.runs
+        self.runs = session.runs
         self.p = next(iter(self.trained.biases.values()))
         self._node = node
 
@@ -74,7 +74,7 @@ def moments(robot):
     biases = list(robot.trained.biases.values())
     names = ("target-1", "target-2")
     gallery = robot.session.gallery
-    aims = [robot.session.equipment.aim_at(gallery[name]) for name in names]
+    aims = [robot.session.aim_at(gallery[name]) for name in names]
     for k in range(SOLVES):
         run = robot.runs[k % len(robot.runs)]
         t = int(rng.integers(20, len(run.s) - 10))
@@ -138,7 +138,7 @@ def test_a_controller_goes_through_a_run(robot, driver):
     states = robot.runs[0].s[:20]
     solved = (0, SETTINGS.period) if driver == "control" else (0,)
     skip = [t for t in range(len(states)) if t not in solved]
-    plans = robot.session.equipment.plans if driver == "control" else None
+    plans = robot.session.plans if driver == "control" else None
     earlier = driver == "control: earlier"
     settings = ControlSettings(warm_start="earlier" if earlier else "last")
     aim = robot.session.aim
@@ -209,7 +209,7 @@ def test_estimates_of_recorded_steps(robot):
 
 def test_aims(robot):
     masks = [*data.load_targets().values(), *data.load_targets("drawn").values()]
-    aims = [robot.session.equipment.aim_at(mask) for mask in masks]
+    aims = [robot.session.aim_at(mask) for mask in masks]
     found = robot.ask(
         "aim", [{"mask": mask.ravel().astype(int).tolist()} for mask in masks]
     )

@@ -17,10 +17,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab import plots
-from clothlab.lab._clock import LoopCallbacks
-from clothlab.lab._map import PBMap
-from clothlab.lab._pictures import encoded
-from clothlab.lab._widget import Widget
+from clothlab.lab.map import PBMap
+from clothlab.lab.widget import LoopCallbacks, Widget, encoded
 
 WRAPPED = {
     "display": "flex",
@@ -84,7 +82,7 @@ class Control(Widget, ipywidgets.VBox):
 
     def _redraw_when_moved(self, widget: ipywidgets.DOMWidget) -> None:
         trait = "chosen" if isinstance(widget, PBMap) else "value"
-        widget.observe(lambda _: self._callbacks.take(self._redraw), trait)
+        widget.observe(lambda _: self._callbacks.call(self._redraw), trait)
 
     def _redraw(self) -> None:
         self.message.value = "computing …"

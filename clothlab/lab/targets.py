@@ -8,15 +8,12 @@ from numpy.typing import ArrayLike
 
 from clothlab._validation import check_mask
 from clothlab.method.autoencoder import Autoencoder, decode, encode
-from clothlab.simulation.vision import chamfer_distance, iou, mask_from_file
+from clothlab.simulation.vision import chamfer_distance, iou
 from clothlab.trials import Trial
 
 # Of the recorded images, one in so many is compared with drawn ones
 REFERENCE_EVERY = 20
-# [byte] of an upload; the server would take messages of up to 10 MB
-LARGEST_FILE = 1 << 20
 _RECORDED_TARGETS = 7  # how many recorded images the gallery has
-
 _CANNOT_DRAW = 0.6  # IoU with its reconstruction below which an image is not drawn
 
 
@@ -98,16 +95,3 @@ def recorded_targets(images: np.ndarray) -> dict[str, np.ndarray]:
     every = -(-len(images) // _RECORDED_TARGETS)
     chosen = images[from_small_to_large[::-1][::every]]
     return {f"recorded {k}": image for k, image in enumerate(chosen, 1)}
-
-
-def uploaded_mask(content: bytes, size: int) -> np.ndarray:
-    """Read a target `[H, W]`, bright where cloth is, from a file of `size` [byte].
-
-    The content of a file that is too large is not sent at all.
-    """
-    if size > LARGEST_FILE:
-        raise ValueError(
-            f"this file is larger than {LARGEST_FILE / 1e6:.0f} MB: "
-            "make the picture smaller"
-        )
-    return mask_from_file(content)

@@ -32,7 +32,7 @@ class Choice(NamedTuple):
 
 
 class Period(NamedTuple):
-    """A controller's period that is over."""
+    """A controller's period that has ended."""
 
     predicted: float  # distance that was predicted when it began [s.d. of z]
     # Distance of its last step for control, of its best step for iterative learning
@@ -62,7 +62,7 @@ class Drivers:
         plans: ArrayLike,
         runs: Sequence[Run],
     ):
-        # Those that predict, and all but the person
+        # Those that predict, and all that choose by themselves
         self._arm = arm
         iterative = trained.iterative_controller(target, p, runs, arm=arm)
         self._learning = iterative.controller
