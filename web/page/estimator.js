@@ -8,9 +8,9 @@ const FAR = 0.5;
 const SETTLED = 50;
 
 // Whether p, estimated for so many steps, says that the cloth is unlike the trained ones; empty where it does not.
-function warningOf(p, steps, { biases, spread }) {
+function warningOf(p, steps, { arm, biases, spread }) {
   const nearest = Math.min(...Object.values(biases).map((each) => distanceBetween(each, p)));
-  if (steps < SETTLED || nearest <= FAR * spread) return "";
+  if (arm === "muscle" || steps < SETTLED || nearest <= FAR * spread) return "";
   return "The material is unlike the trained ones: its p is far from all of theirs.";
 }
 
