@@ -98,8 +98,8 @@ notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small si
 	rm -rf build/small && $(BIN)/python scripts/solutions.py solve --into build/small/notebooks $(NOTEBOOKS)
 	CLOTHLAB_MINE= CLOTHLAB_SMALL=1 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/notebooks/*.ipynb)
 
-findings: $(STAMP)  ## every notebook at full size, every claim on the live run; RECORD=1 stores its figures
-	$(BIN)/python scripts/editions.py $(if $(RECORD),--record) $(NOTEBOOKS)
+findings: $(STAMP)  ## every notebook at full size, every finding judged by what was measured
+	$(BIN)/python scripts/editions.py $(NOTEBOOKS)
 
 throw: build/throw/index.html  ## build the page "Throw a cloth" and serve it on this machine; web/README.md says more
 	$(BIN)/python -m web serve

@@ -2,9 +2,9 @@
 
 `build/student` has the stubs and no solutions. `build/full/notebooks` has the
 notebooks with their solutions, executed with the parameters that are written in them,
-so that every claim is checked on what was measured; `--record` stores the figures
-(`make findings RECORD=1`). `build/instructor` has the same to hand out. That takes
-about ten minutes for all of them on two cores.
+so that every finding is judged by what was measured (`make findings`).
+`build/instructor` has the same to hand out. That takes about ten minutes for all of
+them on two cores.
 """
 
 import argparse
@@ -19,9 +19,7 @@ from nbformat import NotebookNode
 from repository import ROOT, portable
 from solutions import solved, unsolved, without
 
-from clothlab import data
 from clothlab._files import write_bytes
-from clothlab.claims import Findings
 
 BUILD = ROOT / "build"
 CELL_SECONDS = 1200  # [s] a cell that takes longer has hung
@@ -85,21 +83,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("notebooks", nargs="+", type=Path)
-    parser.add_argument(
-        "--record",
-        action="store_true",
-        help="store what is measured as the new figures",
-    )
     arguments = parser.parse_args()
 
-    if arguments.record:
-        os.environ[Findings.RECORD] = "1"
     for path in arguments.notebooks:
         start = time.perf_counter()
         write_editions(path.resolve(), BUILD)
         print(f"{path.stem}: {time.perf_counter() - start:.0f} s", flush=True)
-    if arguments.record:
-        data.write_checksums()
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ from scipy.stats import spearmanr, t as student
 
 from clothlab._validation import choose
 from clothlab.analysis import best_per_period, crossed_interval, rate_interval
-from clothlab.claims import Findings
 from clothlab.data import Folder, load_table
+from clothlab.findings import finding
 from clothlab.simulation.cloth import get_cloth
 from studies._grid import PAPER
 from studies._runs import HEAVY, LIGHT
@@ -726,13 +726,10 @@ def farther_end(values: np.ndarray) -> float:
     return max(abs(lower_end(values)), abs(upper_end(values)))
 
 
-def state(
-    findings: Findings, verdict: str, names: Sequence[str], amount: str = PAPER
-) -> None:
+def state(verdict: str, names: Sequence[str], amount: str = PAPER) -> None:
     """State that claims have the verdict that a page says they have.
 
     Args:
-        findings: of the page.
         verdict: "holds", "contradicted" or "equal".
         names: of the claims.
         amount: of recordings.
@@ -741,9 +738,9 @@ def state(
         values = numbers(name, amount).to_numpy(dtype=float)
         claim = f"{name}: {verdict}"
         if verdict == "holds":
-            findings.stored(claim, lower_end, above=0, values=values)
+            finding(claim, lower_end(values), above=0)
         elif verdict == "contradicted":
-            findings.stored(claim, upper_end, below=0, values=values)
+            finding(claim, upper_end(values), below=0)
         else:
             margin = all_claims()[name].margin
-            findings.stored(claim, farther_end, below=margin, values=values)
+            finding(claim, farther_end(values), below=margin)
