@@ -15,13 +15,7 @@ from clothlab.checks._beat_the_controller import (
     next_plan,
     score_interval,
 )
-from clothlab.checks._cloth_simulation import (
-    cloth_energy,
-    count_springs,
-    explicit_step,
-    falling_speed,
-    stable_step,
-)
+from clothlab.checks._cloth_simulation import falling_speed
 from clothlab.checks._data_and_images import (
     apart_later,
     bce_loss,
@@ -63,13 +57,12 @@ from clothlab.checks._predictive_model import (
     arrival,
     closed_loop,
     half_life,
-    infer,
     two_steps_by_hand,
     update,
     without_memory,
 )
 from clothlab.checks._results import verdict
-from clothlab.checks._start_here import overlap, shift_for_iou
+from clothlab.checks._start_here import infer
 from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
 from clothlab.checks._variable_stiffness import (

@@ -210,6 +210,10 @@ def ask(name: str, answer: Callable, given: tuple) -> Any:
     arguments = inspect.signature(answer).parameters
     for argument, before, after in zip(arguments, given, lent, strict=False):
         if not _same(before, after):
+            if isinstance(before, torch.nn.Module):
+                raise CheckFailed(
+                    f"{name} moves the weights of `{argument}`: leave them as they are"
+                )
             raise CheckFailed(
                 f"{name} changes its argument `{argument}` in place: work on a copy"
             )
@@ -227,7 +231,9 @@ def _described(error: Exception) -> str:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether arrays, tensors, lists and dictionaries have equal contents."""
+    """Whether arrays, tensors, networks, lists and dictionaries have equal contents."""
+    if isinstance(a, torch.nn.Module):
+        a, b = dict(a.state_dict()), dict(b.state_dict())
     if isinstance(a, dict):
         return list(a) == list(b) and all(_same(a[key], b[key]) for key in a)
     if isinstance(a, list):

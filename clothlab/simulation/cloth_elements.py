@@ -51,8 +51,7 @@ def add_cloth(
 
     Free points are bodies of the world with three slide joints, so that their
     coordinates are the world's and the damping of those joints is a drag against still
-    air: C_damp. (Notebook 01 compares this with the other reading, damping in the
-    springs.)
+    air: C_damp.
 
     Args:
         spec: The scene.

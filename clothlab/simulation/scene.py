@@ -18,7 +18,6 @@ _WORLD = Path(__file__).with_name("world.xml")
 class Scene:
     """Time step and start of a scene, and how large its pictures for people are."""
 
-    # Notebook 01 measures what halving it changes
     time_step: float = 0.002  # [s]
     # The cloth hangs still before a trial starts
     settle_time: float = 2.0  # [s]
