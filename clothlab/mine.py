@@ -8,8 +8,10 @@ The folder lies beside `notebooks/`; the environment variable `CLOTHLAB_MINE` na
 another one. Where it is empty, nothing is kept: so notebooks run in tests.
 """
 
+import ast
 import inspect
 import json
+import linecache
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -74,7 +76,7 @@ def keep_functions(name: str, *made: Callable, imports: str) -> None:
     """
     path = _place(f"{name}.py")
     if path is not None:
-        parts = [imports.strip(), *(inspect.getsource(each).strip() for each in made)]
+        parts = [imports.strip(), *(_source(each).strip() for each in made)]
         path.write_text("\n\n\n".join(parts) + "\n")
 
 
@@ -101,6 +103,20 @@ def log() -> dict[str, dict[str, float]]:
     if path is None or not path.exists():
         return {}
     return json.loads(path.read_text())
+
+
+def _source(made: Callable) -> str:
+    """The code of a function, or of a class with methods, also of a notebook's cell."""
+    if not inspect.isclass(made):
+        return inspect.getsource(made)
+
+    # Python looks for a class in a file of its module: a notebook has none
+    method = next(filter(inspect.isfunction, vars(made).values()))
+    cell = "".join(linecache.getlines(method.__code__.co_filename))
+    for node in ast.parse(cell).body:
+        if isinstance(node, ast.ClassDef) and node.name == made.__name__:
+            return ast.get_source_segment(cell, node) or ""
+    raise ValueError(f"the code of {made.__name__} is not there: run its cell again")
 
 
 def _place(name: str) -> Path | None:

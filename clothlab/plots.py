@@ -20,11 +20,13 @@ from matplotlib.figure import Figure
 
 from clothlab._validation import choose
 from clothlab.analysis import outline, principal_axes
+from clothlab.method.control import ControlSettings
 from clothlab.simulation.cloth import DAMPINGS, Cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DRAWINGS = Path(__file__).parents[1] / "docs" / "drawings"
+PERIOD = ControlSettings.period  # control steps
 STYLES = ("-", "--", "-.", ":")
 MARKERS = {
     DAMPINGS[0]: "o",
@@ -214,6 +216,56 @@ def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
     ax.set(xlabel="time [s]", ylabel=ylabel)
     figure.legend(loc="outside upper right", ncols=min(len(series), 4))
     return figure
+
+
+def plans(shown: dict[str, np.ndarray], ylabel: str) -> Figure:
+    """Plans of two angles, or slopes of them, as bars: `{title: [T, 2]}`, side by side.
+
+    Angles count downwards, so down is down.
+    """
+    figure, axes = new_axes(1, len(shown), size=(4.6, 3.2), sharey=True)
+    for ax, (title, plan) in zip(axes[0], shown.items(), strict=True):
+        command = np.arange(1, len(plan) + 1)
+        for k, (joint, hatch) in enumerate((("shoulder", ""), ("elbow", "//"))):
+            look = {"color": COLOURS[k], "hatch": hatch, "ec": "white", "label": joint}
+            ax.bar(command + 0.4 * k - 0.2, np.asarray(plan)[:, k], 0.4, **look)
+        ax.axhline(0, color="0.3", lw=1)
+        ax.set(title=title, xlabel="command of the plan", xticks=command)
+    axes[0, 0].invert_yaxis()  # and that of all
+    axes[0, 0].set_ylabel(ylabel)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
+    return larger(figure)
+
+
+def throws(
+    runs: dict[str, np.ndarray], hoped: dict[str, np.ndarray] | None = None
+) -> Figure:
+    """Points over the control steps of runs, side by side: `{title: [T]}`.
+
+    Step 0 is before any command. A dot is what happened at the end of a period, a
+    diamond what was hoped for it, `{title: [P]}`.
+    """
+    figure, axes = new_axes(1, len(runs), size=(5.2, 3.4), sharey=True)
+    for ax, (title, points) in zip(axes[0], runs.items(), strict=True):
+        steps = np.arange(len(points))
+        ax.plot(steps, points, lw=1, color=COLOURS[0])
+        ends = steps[PERIOD::PERIOD]
+        if hoped is not None:
+            look = {"mfc": "white", "mec": "black", "mew": 2, "ms": 10, "ls": "none"}
+            expected = hoped[title][: len(ends)]
+            ax.plot(ends, expected, marker="D", label="hoped", **look)
+        look = {"color": COLOURS[1], "ms": 8, "ls": "none"}
+        ax.plot(ends, points[ends], marker="o", label="got", **look)
+        for level in (0, 100):
+            ax.axhline(level, color="0.35", ls="--", lw=1.2)
+        ax.set(title=title, xlabel="control step")
+    axes[0, 0].set_ylabel("points")
+    last = axes[0, -1]
+    for level, words in ((0, "still"), (100, "target")):
+        beside = last.get_yaxis_transform()
+        last.text(1.02, level, words, transform=beside, fontsize=12, va="center")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")
+    return larger(figure)
 
 
 def material_map(

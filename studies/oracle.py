@@ -30,6 +30,7 @@ from clothlab.simulation.vision import Observation, iou
 from clothlab.trials import Trial, recorded_plans, rollout
 from studies._grid import Case, Experiment, grid, over
 from studies._runs import (
+    HEAVY,
     NEW,
     RECORDINGS,
     SAMPLES,
@@ -308,6 +309,36 @@ def _run_one(
     }
 
 
+def _run_throws(
+    target: str,
+    cloth: str,
+    seed: int,
+    periods: int = 5,
+    search: SearchSettings | None = None,
+) -> dict[str, Any]:
+    """The commands `[T, D_u]` of a run of the torque arm, for a film of it.
+
+    Args:
+        target, cloth: of the task, by name.
+        seed: of the run and of what is drawn.
+        periods: of the run.
+        search: settings; its defaults where left out.
+    """
+    autoencoder, _ = data.load_autoencoder("torque")
+    mask = data.load_target(target)
+    recordings = data.load_trials(RECORDINGS["torque"])
+    plans = recorded_plans(
+        recordings, ControlSettings.period, _RECORDED_PLANS, seed=seed
+    )
+    trial, _ = search_trial(
+        autoencoder, "torque", cloth, mask, plans, periods, search=search, seed=seed
+    )
+    return {
+        "distance": target_distance(autoencoder, trial, mask).round(4),
+        "commands": trial.commands.round(4),
+    }
+
+
 def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
     """Every task: with free stiffness, with held stiffness, and without memory.
 
@@ -483,8 +514,10 @@ def _slowness(arm: Arm, cloth: Cloth) -> Callable[[np.ndarray], np.ndarray]:
 
 
 _SPEED_CASES = over(seed=range(3))
+_THROWN = over(target="target-1", cloth=HEAVY, seed=1)
 EXPERIMENTS = (
     Experiment("oracle", _run_one, _cases, slow=True),
+    Experiment("searched_throws", _run_throws, _THROWN),
     Experiment("oracle_transfer", _run_transfer, _transfer_cases, slow=True),
     Experiment("peak_speed", _run_speed, _SPEED_CASES, slow=True),
 )

@@ -160,7 +160,12 @@ def _run_search(
 
 
 def _run_start(
-    start: str, target: str, cloth: str, model: int, steps: int = STEPS
+    start: str,
+    target: str,
+    cloth: str,
+    model: int,
+    weights: str = "torque",
+    steps: int = STEPS,
 ) -> dict[str, Any]:
     """A run in which each period may begin with one of several plans.
 
@@ -168,12 +173,15 @@ def _run_start(
         start: one of `STARTS`, or "last": the plan at hand alone.
         target, cloth: of the task, by name.
         model: seed of the training.
+        weights: name of the training.
         steps: control steps.
     """
     plans = None
     if start != "last":
-        plans = drawn_starts(start, trained(f"torque-{model}").arm, model)
-    return _followed(target, cloth, model, steps, NotingController, plans)
+        plans = drawn_starts(start, trained(f"{weights}-{model}").arm, model)
+    return _followed(
+        target, cloth, model, steps, NotingController, plans, weights=weights
+    )
 
 
 def _run_as_planned(
@@ -204,9 +212,10 @@ def _followed(
     kind: type[NotingController],
     plans: np.ndarray | None = None,
     settings: ControlSettings = ControlSettings(),
+    weights: str = "torque",
 ) -> dict[str, Any]:
     """Distances, and what was predicted of each period as it began."""
-    learned = trained(f"torque-{model}")
+    learned = trained(f"{weights}-{model}")
     mask = data.load_target(target)
     policy = learned.controller(mask, cloth)
     controller = kind(
@@ -378,7 +387,12 @@ _TASKS = {
 }
 EXPERIMENTS = (
     Experiment("why_plans_fail", _run_search, over(search=SEARCHES, **_TASKS)),
-    Experiment("starts", _run_start, over(start=STARTS, **_TASKS)),
+    Experiment(
+        "starts",
+        _run_start,
+        over(start=STARTS, **_TASKS),
+        paper={"weights": "torque-paper", "start": ("last", "recorded 200")},
+    ),
     Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS)),
     Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS)),
     Experiment("descents", _run_descents, over(**_TASKS)),

@@ -254,33 +254,13 @@ SLIPS = [
     ("apart_later", "after[b], axis=1", "after[b], ord=1, axis=1", "take the root"),
     (
         "my_mask",
-        "range(t + 1, t + horizon + 1)",
-        "range(t + 1, t + period + 1)",
-        "predicted steps, not",
+        "settings.horizon + 1)",
+        "settings.period + 1)",
+        "one for each predicted step",
     ),
-    ("two_targets", "t + horizon + 1", "t + period + 1", "one column for each"),
-    ("has_slope", "horizon + 1)", "period + 1)", "commands, not"),
-    ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan[1:]", "the gap at the end"),
-    ("separates_all", "[:, list(chosen)]", "", "only the chosen experiments"),
-    ("separates_all", "== len(outcomes)", "> 1", "every two have to be"),
-    (
-        "separates_all",
-        "return",
-        "any(len(set(column)) == len(outcomes) for column in outcomes.T)",
-        "to do it alone",
-    ),
-    (
-        "separates_all",
-        "return",
-        "np.diff(outcomes, axis=0).any(axis=1).all()",
-        "not only neighbours",
-    ),
-    (
-        "separates_all",
-        "return",
-        "(outcomes[1:] != outcomes[0]).any(axis=1).all()",
-        "not only the first",
-    ),
+    ("my_mask", "range(t + 1, t +", "range(t, t - 1 +", "not of step t"),
+    ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan[1:]", "as many as before"),
+    ("moved_on", "plan[-1:]]", "0 * plan[-1:]]", "the gap is filled"),
     ("verdict", "np.sign(mean)", "np.abs(np.sign(mean))", "return -1"),
     ("verdict", "abs(mean) > half", "True", "nothing is known"),
     ("verdict", "abs(mean) + half <= margin", "False", "no difference that matters"),
@@ -372,28 +352,9 @@ RIGHTS = [
     (
         "my_mask",
         "return",
-        "tuple(0 if step % period else 1 for step in range(t + 1, t + horizon + 1))",
+        "tuple(0 if step % settings.period else 1 for step in steps)",
     ),
-    ("two_targets", "return", "[list(ends & odd), list(ends & ~odd)]"),
-    (
-        "has_slope",
-        "return",
-        "[step <= last_end for step in t + np.arange(horizon) + 1]",
-    ),
-    ("together", "return", "z(u + a + b) - z(u + a) - z(u + b) + z(u)"),
     ("moved_on", "return", "plan[[*range(1, len(plan)), -1]]"),
-    (
-        "farthest",
-        "return",
-        "np.sqrt((iterations * largest_step) ** 2 / horizon / commands)",
-    ),
-    (
-        "separates_all",
-        "return",
-        "len({tuple(row) for row in outcomes}) == len(outcomes)",
-    ),
-    ("optimism", "return", "((error * away).sum(1) / length).mean().item()"),
-    ("beyond_time", "return", "list(gains(estimated) - gains(wrong))"),
     (
         "one_outcome",
         "return",
@@ -527,7 +488,7 @@ def test_dots_of_an_index_are_an_answer_and_dots_in_one_line_are_none():
         replaced(
             "my_mask",
             "return",
-            "np.array([int(k % period == 0) for k in range(t + 1, t + horizon + 1)])[...]",
+            "np.array([int(k % settings.period == 0) for k in steps])[...]",
         )
     )
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from clothlab import analysis
-from clothlab.lab import Control, PBMap
+from clothlab.lab import Control, PBMap, TargetCanvas
 from clothlab.simulation.cloth import CLOTHS
 
 BIASES = {
@@ -117,6 +117,20 @@ def test_the_map_of_p_chooses_a_p(calls):
     pb_map.chosen = [0.3, -0.1]  # as a click does
     assert calls[0] == pytest.approx(BIASES[name])
     assert axes.transform(calls[1][None])[0] == pytest.approx([0.3, -0.1])
+    control.check()
+
+
+def test_a_canvas_has_what_is_drawn(calls):
+    mask = np.zeros((96, 128), bool)
+    mask[20:40, 50:60] = True
+    canvas = TargetCanvas(mask)
+    control = Control(lambda mask: calls.append(mask) or Figure(), mask=canvas)
+    drawn = np.zeros((96, 128), np.uint8)
+    drawn[5, 7] = 1
+    canvas.chosen = drawn.tobytes()  # as a stroke does
+    assert np.array_equal(calls[0], mask)
+    assert np.argwhere(calls[1]).tolist() == [[5, 7]]
+    assert np.array_equal(canvas.value, drawn > 0)
     control.check()
 
 

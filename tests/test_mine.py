@@ -1,5 +1,7 @@
 """What a reader makes in one notebook is there in the next one, or the stored one is."""
 
+import linecache
+
 import numpy as np
 import pytest
 import torch
@@ -49,6 +51,17 @@ def test_functions_come_back_with_their_imports(kept):
     assert mine.functions("halves").half(3) == 1.5
     (kept / "halves.py").unlink()
     assert mine.functions("halves") is None
+
+
+def test_a_class_of_a_notebook_s_cell_comes_back(kept):
+    cell = "x = 1\n\n\nclass Twice:\n    def __call__(self, x):\n        return 2 * x\n"
+    linecache.cache["<cell>"] = len(cell), None, cell.splitlines(True), "<cell>"
+    made = {"__name__": "__main__"}
+    exec(compile(cell, "<cell>", "exec"), made)
+    mine.keep_functions("twice", half, made["Twice"], imports="import numpy as np")
+    found = mine.functions("twice")
+    assert found.Twice()(found.half(3)) == 3
+    assert "x = 1" not in (kept / "twice.py").read_text()
 
 
 def test_a_log_keeps_its_order_and_its_last_numbers(kept):

@@ -68,6 +68,28 @@ def test_runs_without_any_cloth_are_shown_whole():
     assert figure.axes[0].images[0].get_array().shape == (96, 128)
 
 
+def test_plans_are_bars_of_both_joints_and_down_is_down():
+    plan = RNG.normal(size=(8, 2))
+    figure = plots.plans({"one": plan, "other": -plan}, "angle [rad]")
+    for ax, shown in zip(figure.axes, (plan, -plan), strict=True):
+        heights = [bar.get_height() for bar in ax.patches]
+        assert heights == pytest.approx(shown.T.ravel())
+        bottom, top = ax.get_ylim()
+        assert bottom > top
+    assert [ax.get_title() for ax in figure.axes] == ["one", "other"]
+
+
+def test_throws_show_what_happened_at_the_ends_of_periods_and_what_was_hoped():
+    points = np.arange(17.0)
+    figure = plots.throws({"run": points}, {"run": np.array([30.0, 40.0, 50.0])})
+    (ax,) = figure.axes
+    drawn = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
+    assert drawn["got"] == [[8, 8], [16, 16]]
+    assert drawn["hoped"] == [[8, 30], [16, 40]]
+    (without,) = plots.throws({"run": points}).axes
+    assert "hoped" not in [line.get_label() for line in without.lines]
+
+
 def test_a_map_has_pc1_across_and_pc2_upwards():
     """Five times as far apart across as upwards, whichever number of p that is."""
     grid = np.array([(5.0 * i, 1.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)])

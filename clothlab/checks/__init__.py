@@ -27,14 +27,7 @@ from clothlab.checks._data_and_images import (
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
 from clothlab.checks._live_lab import challenge_points, steps_behind
-from clothlab.checks._model_predictive_control import (
-    farthest,
-    has_slope,
-    moved_on,
-    my_mask,
-    together,
-    two_targets,
-)
+from clothlab.checks._model_predictive_control import moved_on, my_mask
 from clothlab.checks._online_estimation import (
     bare_step,
     best_step,
@@ -73,7 +66,6 @@ from clothlab.checks._variable_stiffness import (
     time_between,
     two_link_jacobian,
 )
-from clothlab.checks._why_the_plan_fails import beyond_time, optimism, separates_all
 from clothlab.checks.ask import CheckFailed, if_open
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))

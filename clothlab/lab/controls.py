@@ -1,4 +1,4 @@
-"""Controls for notebooks: sliders, menus and maps of p with a figure or film below.
+"""Controls for notebooks: sliders, menus, maps and canvases, with a figure or film.
 
 ipywidgets' `interact` and `Output` swallow errors of callbacks, and can make a notebook
 that runs from top to bottom wait until its time limit. So a figure goes into an Image
@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clothlab import plots
+from clothlab.lab.canvas import TargetCanvas
 from clothlab.lab.map import PBMap
 from clothlab.lab.widget import LoopCallbacks, Widget, encoded
 
@@ -27,6 +28,7 @@ WRAPPED = {
     "overflow": "visible",
 }
 _FIGURE = "480px"  # as narrow as a figure may get beside a map
+_DRAWN = PBMap | TargetCanvas  # what stands beside the figure
 
 
 class Control(Widget, ipywidgets.VBox):
@@ -38,7 +40,8 @@ class Control(Widget, ipywidgets.VBox):
             defaults are where the controls begin.
         labels: what stands beside the controls; by default their names.
         controls: for each parameter of `draw` a list of choices, `(lowest, highest,
-            step)` for a slider that acts when it is released, or a `PBMap`.
+            step)` for a slider that acts when it is released, a `PBMap` or a
+            `TargetCanvas`.
     """
 
     def __init__(
@@ -58,20 +61,20 @@ class Control(Widget, ipywidgets.VBox):
         self.controls: dict[str, ipywidgets.DOMWidget] = {}
         for name, choices in controls.items():
             widget = choices
-            if not isinstance(choices, PBMap):
+            if not isinstance(choices, _DRAWN):
                 start = parameters[name].default
                 label = (labels or {}).get(name, name)
                 widget = _widget(choices, start, label)
             self._redraw_when_moved(widget)
             self.controls[name] = widget
 
-        # What is drawn: sliders and menus above, maps and the figure below
+        # What is drawn: sliders and menus above, maps, canvases and the figure below
         self.picture = ipywidgets.Image(format="png")
         self.message = ipywidgets.HTML()
-        maps = [each for each in self.controls.values() if isinstance(each, PBMap)]
-        others = [each for each in self.controls.values() if each not in maps]
+        drawn = [each for each in self.controls.values() if isinstance(each, _DRAWN)]
+        others = [each for each in self.controls.values() if each not in drawn]
         figure = _figure(self.message, self.picture)
-        beside = ipywidgets.Box([*maps, figure], layout=WRAPPED)
+        beside = ipywidgets.Box([*drawn, figure], layout=WRAPPED)
         super().__init__([*others, beside])
         self.add_class("clothlab-widget")
         self._redraw()
@@ -81,7 +84,7 @@ class Control(Widget, ipywidgets.VBox):
         return self.picture.value, self._words
 
     def _redraw_when_moved(self, widget: ipywidgets.DOMWidget) -> None:
-        trait = "chosen" if isinstance(widget, PBMap) else "value"
+        trait = "chosen" if isinstance(widget, _DRAWN) else "value"
         widget.observe(lambda _: self._callbacks.call(self._redraw), trait)
 
     def _redraw(self) -> None:

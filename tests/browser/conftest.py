@@ -46,8 +46,8 @@ def open_notebook(lab, page):
     def open_notebook(name, cells):
         lab.add(name, cells)
         opened.append(Notebook(lab, page, name))
-        opened[0].run_all()
-        return opened[0]
+        opened[-1].run_all()
+        return opened[-1]
 
     yield open_notebook
     assert [error for each in opened for error in each.errors] == []

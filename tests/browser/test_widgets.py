@@ -71,3 +71,36 @@ def test_a_map_a_slider_and_a_menu_draw_another_figure_each(
     page.get_by_text("ZeroDivisionError: on purpose").wait_for()
     with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
         notebook.evaluate("control.check()")
+
+
+CANVAS = """
+from clothlab.data import load_target
+from clothlab.lab import Control, TargetCanvas
+from clothlab.plots import image_grid
+
+canvas = TargetCanvas(load_target("drawn/bar"))
+control = Control(lambda mask: image_grid([mask]), mask=canvas)
+control
+"""
+
+
+def test_a_stroke_on_the_canvas_draws_another_figure(open_notebook, page, screenshot):
+    notebook = open_notebook("canvas.ipynb", [CANVAS])
+    canvas = page.get_by_role("application", name=re.compile("^target: draw"))
+    canvas.wait_for(timeout=60_000)
+    picture = page.locator("img.widget-image")
+    before = picture.get_attribute("src")
+    size = notebook.evaluate("int(canvas.value.sum())")
+
+    # A stroke, and then nothing is left
+    box = canvas.bounding_box()
+    page.mouse.move(box["x"] + 20, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 80, box["y"] + 20)
+    page.mouse.up()
+    notebook.until(f"canvas.value.sum() > {size} + 100")
+    expect(picture).not_to_have_attribute("src", before, timeout=15_000)
+    screenshot("canvas")
+    page.get_by_role("button", name="clear").click()
+    notebook.until("canvas.value.sum() == 0")
+    notebook.evaluate("control.check()")

@@ -51,7 +51,7 @@ def test_students_get_every_stub_and_neither_solution_nor_condition(path):
     assert len(student.cells) == len(kept)
 
 
-HEAD = "def my_mask(t, horizon, period):\n    "
+HEAD = "def my_mask(t, settings):\n    "
 KERNEL = {
     "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}
 }
@@ -63,7 +63,8 @@ def lesson(last="print('and so on')", *, checked=True):
     Its check imports the package, which takes seconds.
     """
     solution = (
-        HEAD + "return [int(k % period == 0) for k in range(t + 1, t + horizon + 1)]"
+        HEAD + "steps = range(t + 1, t + settings.horizon + 1)\n    "
+        "return [int(k % settings.period == 0) for k in steps]"
     )
     cells = [
         new_markdown_cell("[map](../README.md)"),

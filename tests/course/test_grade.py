@@ -16,10 +16,10 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 STUBS = {
-    "my_mask": "def my_mask(t, horizon, period):\n    return ...",
+    "my_mask": "def my_mask(t, settings):\n    return ...",
     "largest_rate": "def largest_rate(curvature, momentum):\n    return ...",
 }
-MASK = "[int(k % period == 0) for k in range(t + 1, t + horizon + 1)]"
+MASK = "[(t + k) % settings.period == 0 for k in range(1, settings.horizon + 1)]"
 RATE = "2 * (1 + momentum) / curvature"
 RIGHT = {
     "my_mask": STUBS["my_mask"].replace("...", MASK),
@@ -27,7 +27,7 @@ RIGHT = {
 }
 # Checks of one's own, and printed words, get nothing
 WRONG = {
-    "my_mask": STUBS["my_mask"].replace("...", "[0] * (horizon - 1) + [1]"),
+    "my_mask": STUBS["my_mask"].replace("...", "[0] * (settings.horizon - 1) + [1]"),
     "largest_rate": "class checks:\n    largest_rate = print\n\n"
     + STUBS["largest_rate"].replace("...", "print('correct') or 0.5"),
 }
