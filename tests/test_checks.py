@@ -180,58 +180,6 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 SLIPS = [
     ("infer", "[p]", "list(W.parameters())", "moves the weights of `W`"),
     (
-        "score_interval",
-        "scores[drawn].mean(axis=(1, 2))",
-        "rng.choice(scores.ravel(), (2000, scores.size)).mean(axis=1)",
-        "draw whole tasks anew",
-    ),
-    (
-        "score_interval",
-        "[0.5 - share / 2, 0.5 + share / 2]",
-        "[1 - share, share]",
-        "too narrow",
-    ),
-    (
-        "score_interval",
-        "[0.5 - share / 2, 0.5 + share / 2]",
-        "[0.5 + share / 2, 0.5 - share / 2]",
-        "lower end first",
-    ),
-    ("score_interval", "means, [", "means - scores.mean(), [", "another middle"),
-    (
-        "next_plan",
-        "tried[np.argmin(distances)]",
-        "tried[-1]",
-        "near the best one so far",
-    ),
-    (
-        "next_plan",
-        "np.clip(best + change, lower, upper)",
-        "best + 20 * change",
-        "left its range",
-    ),
-    ("next_plan", "best + change", "best", "only"),
-    (
-        "next_plan",
-        "np.clip(best + change, lower, upper)",
-        "rng.uniform(lower, upper, (8, 2))",
-        "near the best one so far",
-    ),
-    (
-        "constant_interval",
-        "variance += line[1:] @ covariance @ line[1:]",
-        "pass",
-        "Two things are uncertain",
-    ),
-    (
-        "constant_interval",
-        "(misses**2).sum() / (len(logs) - 3)",
-        "0",
-        "Two things are uncertain",
-    ),
-    ("constant_interval", "1.2816 *", "12 *", "times as wide"),
-    ("constant_interval", "return", "middle + half, middle - half", "lower end first"),
-    (
         "left_out",
         "return predicted",
         "return predicted[:8]",
@@ -290,13 +238,6 @@ SLIPS = [
 # Other ways to be right, as readers write them: the solution with one piece replaced by
 # another.
 RIGHTS = [
-    ("steps_behind", "return", "np.float32(np.argmax(alike))"),
-    ("challenge_points", "ends.mean()", "sum(ends) / throws"),
-    (
-        "score_interval",
-        "return",
-        "tuple(np.percentile(means, [50 - 50 * share, 50 + 50 * share]))",
-    ),
     (
         "jerk_price",
         "price = commands.diff(dim=1).square()",
@@ -307,8 +248,6 @@ RIGHTS = [
         "(scores - truth)[rounds, best].mean()",
         "np.take_along_axis(scores - truth, best[:, None], 1).mean()",
     ),
-    ("next_plan", "0.05 * (upper", "0.03 * (upper"),
-    ("constant_interval", "1.2816", "1.44"),
     ("curvature", "return curvatures", "return curvatures.tolist()"),
     (
         "shares_by_hand",

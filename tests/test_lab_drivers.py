@@ -79,14 +79,13 @@ def test_what_was_learned_outlasts_the_turn_of_another_and_goes_with_a_reset(
     assert learned(drivers) == []
 
 
-def periods(drivers, driver, predictions, distances):
+def periods(drivers, predictions, distances):
     choices = [
         Choice(np.zeros(2), True, each, k % 3 == 2)
         for k, each in enumerate(predictions)
     ]
     return [
-        drivers.close_period(driver, *pair)
-        for pair in zip(choices, distances, strict=True)
+        drivers.close_period(*pair) for pair in zip(choices, distances, strict=True)
     ]
 
 
@@ -97,15 +96,10 @@ def test_what_was_achieved_stands_beside_what_was_predicted_at_the_beginning(
         [0.5, 0.6, 0.7, 0.1, 0.2, 0.3],
         [2.0, 1.0, 3.0, 4.0, 6.0, 5.0],
     )
-    control, iterative = (
-        periods(drivers, each, predictions, distances)
-        for each in ("control", "iterative")
-    )
-    assert control == [None, None, (0.5, 3.0), None, None, (0.1, 5.0)]
-    assert iterative == [None, None, (0.5, 1.0), None, None, (0.1, 4.0)]
-    assert periods(drivers, "random", [None] * 3, [1.0] * 3) == [None] * 3
-    drivers.close_period("iterative", Choice(np.zeros(2), True, 0.5, False), 1.0)
+    found = periods(drivers, predictions, distances)
+    assert found == [None, None, (0.5, 3.0), None, None, (0.1, 5.0)]
+    assert periods(drivers, [None] * 3, [1.0] * 3) == [None] * 3
+    drivers.close_period(Choice(np.zeros(2), True, 0.5, False), 1.0)
     drivers.set_target(square)  # the prediction was about another target
-    assert periods(drivers, "iterative", [None, None, None, 0.4, 0.4, 0.4], [1.0] * 6)[
-        2:
-    ] == [None] * 3 + [(0.4, 1.0)]
+    found = periods(drivers, [None, None, None, 0.4, 0.4, 0.4], [1.0] * 6)
+    assert found[2:] == [None] * 3 + [(0.4, 1.0)]

@@ -15,7 +15,7 @@ from clothlab.lab import views
 from clothlab.lab.drivers import Period
 from clothlab.lab.map import Plane
 from clothlab.lab.session import SETUPS, LiveSession
-from clothlab.lab.views import ellipse_at_hand, encoded
+from clothlab.lab.views import ellipse_at_hand, encoded, outlined
 from clothlab.method.autoencoder import decode, encode
 from clothlab.simulation.arm import MuscleArm
 
@@ -113,7 +113,8 @@ def test_a_frame_has_pictures_and_traces_as_long_as_the_history(
         image = steps[-1].image if steps else session.observation["image"]
         autoencoder = session.trained.autoencoder
         decoded = decode(autoencoder, encode(autoencoder, image.astype(bool)))
-        assert frame["seen"] == encoded(image.astype(bool))
+        seen = outlined(image.astype(bool), session.target)
+        assert frame["seen"] == encoded(seen)
         assert frame["decoded"] == encoded(decoded)
         assert len(frame["trail"]) == len(steps)
         assert all(
@@ -147,7 +148,11 @@ def test_beside_what_the_camera_sees_stands_what_the_autoencoder_makes_of_it(
         frame = shown.frame(steps)
         autoencoder = session.trained.autoencoder
         decoded = decode(autoencoder, encode(autoencoder, made_of))
-        assert np.array_equal(picture(frame["seen"]), 255 * seen)
+        camera = cv2.imdecode(np.frombuffer(frame["seen"], np.uint8), cv2.IMREAD_COLOR)
+        edge = (camera != camera[..., :1]).any(axis=2)
+        assert np.array_equal(camera[~edge][:, 0], 255 * seen[~edge])
+        assert 0 < edge.sum() < session.target.sum()
+        assert session.target[edge].all()
         assert picture(frame["decoded"]) / 255 == pytest.approx(decoded, abs=0.02)
 
 

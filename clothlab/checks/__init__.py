@@ -8,13 +8,7 @@ reader's function once it is written, and ours until then: so "Run all" gets to 
 Each notebook's checks stand in the file of its name, after an underscore.
 """
 
-from clothlab.checks._beat_the_controller import (
-    constant_interval,
-    jerk_price,
-    luck_of_best,
-    next_plan,
-    score_interval,
-)
+from clothlab.checks._beat_the_controller import jerk_price, luck_of_best
 from clothlab.checks._cloth_simulation import falling_speed
 from clothlab.checks._data_and_images import (
     apart_later,
@@ -26,7 +20,6 @@ from clothlab.checks._data_and_images import (
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
-from clothlab.checks._live_lab import challenge_points, steps_behind
 from clothlab.checks._model_predictive_control import moved_on, my_mask
 from clothlab.checks._online_estimation import (
     bare_step,

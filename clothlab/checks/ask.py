@@ -65,17 +65,16 @@ class Question:
     otherwise: str | Callable[[Any], str] = "that is neither right nor a usual slip"
 
     def clear(self, rtol: float, atol: float) -> bool:
-        """Whether the truth and all slips are far apart.
+        """Whether the truth and all slips differ by more than these.
 
-        They differ by much more than an answer may: a slip is then neither taken for
-        the truth nor for another slip.
+        A slip is then neither taken for the truth nor for another slip.
         """
         values = [
             np.asarray(each, float) for each in (self.truth, *self.slips.values())
         ]
         for k, a in enumerate(values):
             for b in values[:k]:
-                if a.shape == b.shape and np.allclose(a, b, 100 * rtol, 100 * atol):
+                if a.shape == b.shape and np.allclose(a, b, rtol, atol):
                     return False
         return True
 
@@ -86,6 +85,7 @@ def exercise(
     rtol: float = 1e-5,
     atol: float = 1e-6,
     either_sign: bool = False,
+    far: float = 100.0,
 ) -> Callable[[Callable[[np.random.Generator], Question]], Callable[..., None]]:
     """Turn a function that draws a question into a check of answers.
 
@@ -96,6 +96,7 @@ def exercise(
             precision loses.
         atol: amount by which it may differ, in the unit of the truth.
         either_sign: whether the opposite of the truth is right, too.
+        far: how many times as much as an answer may, slips differ from the truth.
     """
 
     def decorate(
@@ -111,7 +112,7 @@ def exercise(
             rng = np.random.default_rng(seed)
             try:
                 for _ in range(ROUNDS):
-                    question = clear_question(draw, rng, rtol, atol)
+                    question = clear_question(draw, rng, far * rtol, far * atol)
                     found = as_numbers(
                         name, ask(name, answer, question.given), what, shape
                     )

@@ -35,9 +35,7 @@ class Period(NamedTuple):
     """A controller's period that has ended."""
 
     predicted: float  # distance that was predicted when it began [s.d. of z]
-    # Distance of its last step for control, of its best step for iterative learning
-    # [s.d. of z]
-    achieved: float
+    achieved: float  # that of its last step [s.d. of z]
 
 
 class Drivers:
@@ -76,8 +74,8 @@ class Drivers:
             "operator": OperatorPolicy(arm),
         }
 
-        # Predicted and seen distance of each step since the period began
-        self._period: list[tuple[float, float]] = []
+        # Predicted distance of each step since the period began
+        self._period: list[float] = []
 
     def reset(self, seed: int) -> None:
         """Forget the last run, and what was learned in it."""
@@ -146,20 +144,16 @@ class Drivers:
             basis=self._learning.basis if controller is self._learning else "",
         )
 
-    def close_period(
-        self, driver: str, choice: Choice, distance: float
-    ) -> Period | None:
+    def close_period(self, choice: Choice, distance: float) -> Period | None:
         """Take in the distance seen after a choice [s.d. of z].
 
         Answers at the end of a controller's period.
         """
         if choice.predicted is not None:
-            self._period.append((choice.predicted, distance))
+            self._period.append(choice.predicted)
         if not choice.period_ended or not self._period:
             return None
 
-        predicted = self._period[0][0]
-        seen = [distance for _, distance in self._period]
+        predicted = self._period[0]
         self._period = []
-        achieved = min(seen) if driver == "iterative" else seen[-1]
-        return Period(float(predicted), float(achieved))
+        return Period(float(predicted), float(distance))

@@ -303,7 +303,7 @@ class LiveSession:
             p=self.p,
             estimating=self.estimating,
             seconds=time.perf_counter() - start,
-            period=self._drivers.close_period(self.driver, choice, distance),
+            period=self._drivers.close_period(choice, distance),
             **choice._asdict(),
         )
 

@@ -34,6 +34,7 @@ MATERIAL = {"C_damp [N s/m]": (0.01, 0.10, 0.005), "C_mass [kg]": (0.045, 0.20, 
 REACHABLE = 0.5
 _TENSION_STEP = 5.0  # [N]
 _BRUSH = {"range": (1, 12, 1), "start": 4}  # radius [pixel]
+_AIM = (230, 159, 0)  # colour of the target where the camera's picture shows it
 # Vertical axes, right trigger; a stick at rest trembles
 _GAMEPAD = {"axes": (1, 3), "trigger": 7, "moves": 0.05}
 _UNFAMILIAR = (
@@ -158,7 +159,7 @@ class Views:
         nearest = nearest_material(session.p, session.trained.biases)
         return {
             "scene": encoded(session.env.picture(onlooker(session.arm)), ".jpg"),
-            "seen": encoded(seen),
+            "seen": encoded(outlined(seen, session.target)),
             "decoded": encoded(decoded),
             "clock": clock,
             "traces": traces(session, history),
@@ -194,6 +195,14 @@ class Views:
         return encoded(ellipse_at_hand(cast(MuscleArm, arm), theta, f_const))
 
 
+def outlined(seen: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A mask `[H, W]` with the edge of another one in colour, `[H, W, 3]` uint8."""
+    picture = np.repeat(255 * seen.astype(np.uint8)[..., None], 3, axis=2)
+    inner = cv2.erode(target.astype(np.uint8), np.ones((3, 3)))
+    picture[target & (inner == 0)] = _AIM
+    return picture
+
+
 def pixels(mask: np.ndarray) -> bytes:
     """A mask `[H, W]` as the browser takes it: a byte for each pixel, 0 or 1."""
     return np.asarray(mask, np.uint8).tobytes()
@@ -207,7 +216,7 @@ def still_picture(
     It is made of what was sent to the browser, so that any thread may ask.
     """
     scene = _decoded(frame["scene"], cv2.IMREAD_COLOR)[..., ::-1]
-    seen = _decoded(frame["seen"], cv2.IMREAD_GRAYSCALE) > 127
+    seen = _decoded(frame["seen"], cv2.IMREAD_COLOR)[..., ::-1]
     aim = np.frombuffer(target["image"], bool).reshape(HEIGHT, WIDTH)
     titles = [f"the scene, {frame['clock']}", "what the camera sees", "the target"]
     figure = plots.image_grid([scene, seen, aim], titles, width=4.5)

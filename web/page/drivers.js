@@ -54,13 +54,11 @@ function makeDrivers(networks, arm) {
     count += 1;
     return choice;
   }
-  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved: at its
-  // last step, or by who learns at its best one.
-  function closePeriod(driver, { predicted, periodEnded }, distance) {
-    if (predicted !== null) period.push({ predicted, distance });
+  // The distance seen after a choice; at the end of a period, what was predicted when it began, and achieved then.
+  function closePeriod({ predicted, periodEnded }, distance) {
+    if (predicted !== null) period.push(predicted);
     if (!periodEnded || !period.length) return null;
-    const best = Math.min(...period.map((each) => each.distance));
-    const ended = { predicted: period[0].predicted, achieved: driver === "iterative" ? best : distance };
+    const ended = { predicted: period[0], achieved: distance };
     period = [];
     return ended;
   }

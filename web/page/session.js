@@ -122,7 +122,7 @@ async function makeSession(mujoco, { networks, constants }, { scene, cloths, abo
       beginEstimate(); // a window with a gap would say nothing
     }
     const distance = distanceBetween(aim.z, observation.z);
-    const period = drivers.closePeriod(driver, choice, distance);
+    const period = drivers.closePeriod(choice, distance);
     const milliseconds = performance.now() - start;
     return { ...choice, distance, period, milliseconds, theta: observation.theta, p: [...p] };
   }
