@@ -273,8 +273,6 @@ RIGHTS = [
     ("components_needed", 'svd_solver="randomized"', 'svd_solver="full"'),
     ("rarity", ">= own", "> own"),
     ("apart_later", "< limit", "<= limit"),
-    ("two_link_jacobian", "return", "(np.stack([of_upper + of_fore, of_fore]).T)"),
-    ("sag", "np.linalg.solve(joints, torque)", "np.linalg.inv(joints) @ torque"),
     (
         "arrival",
         "return",
@@ -287,7 +285,6 @@ RIGHTS = [
         "body",
         "return [model(a[None, None], b[None, None], p)[0][0, 0] for a, b in zip(s, u)]",
     ),
-    ("compliance", "return", "(J @ np.linalg.solve(joints, J.T)).tolist()"),
     (
         "my_mask",
         "return",

@@ -51,14 +51,7 @@ from clothlab.checks._results import verdict
 from clothlab.checks._start_here import infer
 from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
-from clothlab.checks._variable_stiffness import (
-    compliance,
-    length_to_send,
-    pair_stiffness,
-    sag,
-    time_between,
-    two_link_jacobian,
-)
+from clothlab.checks._variable_stiffness import pair_stiffness
 from clothlab.checks.ask import CheckFailed, if_open
 
 __all__ = sorted(name for name, item in globals().items() if callable(item))
