@@ -41,7 +41,6 @@ LESSONS = {  # what solutions take from their lesson
     "springs": pairs_of_springs,
     "start": hanging_points(get_cloth("damp0.05-mass0.10")),
 }
-LESSONS["WARMUP"] = 10
 DRAWS = range(5)  # seeds: each of them draws other inputs
 LENT = {  # functions of their lesson that solutions call
     "infer": ("descend", "h", "mismatch"),
@@ -179,14 +178,8 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 # does.
 SLIPS = [
     ("infer", "[p]", "list(W.parameters())", "moves the weights of `W`"),
-    (
-        "left_out",
-        "return predicted",
-        "return predicted[:8]",
-        "for each of the 9 cloths, not 8",
-    ),
     ("heavier_twin", "mass=factor", "length=1.0, mass=factor", "cut alike"),
-    ("try_each", "for p in points", "for p in points[1:]", "for each of the 5 p"),
+    ("try_each", "for p in points", "for p in points[1:]", "of the shape (5,)"),
     (
         "bce_loss",
         "return",
@@ -248,24 +241,11 @@ RIGHTS = [
         "(scores - truth)[rounds, best].mean()",
         "np.take_along_axis(scores - truth, best[:, None], 1).mean()",
     ),
-    ("curvature", "return curvatures", "return curvatures.tolist()"),
-    (
-        "shares_by_hand",
-        "body",
-        "s = np.linalg.svd(points - points.mean(0))[1] ** 2; return list(s / s.sum())",
-    ),
-    ("largest_rate", "2 * (1 + momentum)", "(momentum + 1) * 2.0"),
-    ("fooling_step", "np.sqrt(2", "-np.sqrt(2"),
     ("heavier_twin", "mass=factor * cloth.mass", "mass=cloth.mass * factor"),
-    ("string_pull", "(r @ r)", "np.linalg.norm(r) ** 2"),
-    ("same_predictions", "np.linalg.inv(A)", "np.linalg.pinv(A)"),
-    ("share_by_luck", "np.mean", "sum(1 for _ in [0]) * np.average"),
     ("try_each", "return np.array(distances)", "return distances"),
-    ("best_step", "np.sum(J**2)", "np.square(J).sum()"),
     ("bare_step", "np.linalg.solve(J.T @ J, J.T @ e)", "np.linalg.lstsq(J, e)[0]"),
     ("update", "error.square().mean()", "(error**2).mean()"),
     ("update", "return loss.item()", "return loss"),
-    ("gradient_by_nudges", "return gradient", "return tuple(gradient)"),
     ("online", "momentum * b + g", "g + b * momentum"),
     ("falling_speed", "(1 - np.exp(-t * c / m))", "-np.expm1(-c / m * t)"),
     ("chamfer_by_hand", "return (", "return np.float32("),

@@ -21,24 +21,8 @@ from clothlab.checks._data_and_images import (
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
 from clothlab.checks._model_predictive_control import moved_on, my_mask
-from clothlab.checks._online_estimation import (
-    bare_step,
-    best_step,
-    curvature,
-    fooling_step,
-    gradient_by_nudges,
-    largest_rate,
-    online,
-)
-from clothlab.checks._parametric_bias import (
-    heavier_twin,
-    left_out,
-    same_predictions,
-    share_by_luck,
-    shares_by_hand,
-    string_pull,
-    try_each,
-)
+from clothlab.checks._online_estimation import bare_step, online
+from clothlab.checks._parametric_bias import heavier_twin, try_each
 from clothlab.checks._predictive_model import (
     arrival,
     closed_loop,

@@ -60,8 +60,6 @@ class Estimator:
         ValueError: p has another size than the model's, or the window is too short.
     """
 
-    _least = 1  # predictions to judge before p moves
-
     def __init__(
         self,
         model: DPMPB,
@@ -69,13 +67,14 @@ class Estimator:
         settings: "EstimationSettings | NewtonSettings",
     ):
         check_model(model)
-        if settings.window - settings.warmup < self._least:
+        if settings.window - settings.warmup < settings.wait:
             raise ValueError(
                 f"a window of {settings.window} steps is too short for the warm-up of "
                 f"{settings.warmup}, and p would never move"
             )
         p = np.zeros(model.bias_size) if p is None else p
         self.model = model
+        self._wait = settings.wait
         self._start = numbers("p", p, (model.bias_size,))
         # One more than the window: the last state is only predicted.
         self._length = settings.window + 1
@@ -104,7 +103,7 @@ class Estimator:
         None before there is anything to judge.
         """
         warmup = self._warmup()
-        if len(self._seen) - 1 - warmup < self._least:
+        if len(self._seen) - 1 - warmup < self._wait:
             return None
         states, commands = zip(*self._seen, strict=True)
         return torch.stack(states), torch.stack(commands), warmup
@@ -168,6 +167,7 @@ class EstimationSettings:
     momentum: float = 0.9
     window: int = 200  # steps that the data reach back
     warmup: int = 10  # first steps of the window, which only fill the memory
+    wait: int = 1  # predictions to judge before p moves
 
 
 class BiasEstimator(Estimator):
@@ -223,6 +223,7 @@ class NewtonSettings:
     largest_step: float = 0.5  # of p, where predictions are still nearly linear
     # Of Student's t, which errors are taken to follow: with few, outliers weigh little.
     degrees_of_freedom: float = 10.0
+    wait: int = 5  # predictions to judge: a step from fewer mostly follows noise
 
 
 class NewtonEstimator(Estimator):
@@ -233,8 +234,6 @@ class NewtonEstimator(Estimator):
         p: where the estimate starts, `[D_p]`; zeros by default.
         settings: of the rule.
     """
-
-    _least = 5  # a step from fewer would mostly follow noise
 
     def __init__(
         self,
