@@ -43,11 +43,11 @@ def labelled(mask: np.ndarray, text: str) -> np.ndarray:
 
 
 def gallery() -> None:
-    """Write `docs/gallery/NN.png`: a figure of each notebook.
+    """Write `docs/gallery/NN.png`: a figure of each notebook but the appendices.
 
     That is the one of its cell tagged `gallery`, or its first.
     """
-    for path in sorted((ROOT / "build" / "small" / "notebooks").glob("*.ipynb")):
+    for path in sorted((ROOT / "build" / "small" / "notebooks").glob("[0-9]*.ipynb")):
         cells = nbformat.read(path, as_version=4).cells
         tagged = [cell for cell in cells if "gallery" in cell.metadata.get("tags", [])]
         outputs = [each for cell in tagged or cells for each in cell.get("outputs", [])]

@@ -33,7 +33,7 @@ def address() -> str:
 
 
 def number_of(notebook: Path) -> str:
-    """The number of a notebook, which may have a letter, such as `"07b"`."""
+    """The number of a notebook, which may have a letter: `"07b"`, `"A1"`."""
     number, _, _ = notebook.stem.partition("_")
     return number
 

@@ -8,6 +8,7 @@ reader's function once it is written, and ours until then: so "Run all" gets to 
 Each notebook's checks stand in the file of its name, after an underscore.
 """
 
+from clothlab.checks._a_map_can_be_stretched import cell_half_life, same_predictions
 from clothlab.checks._beat_the_controller import jerk_price, luck_of_best
 from clothlab.checks._cloth_simulation import falling_speed
 from clothlab.checks._data_and_images import (
@@ -17,6 +18,12 @@ from clothlab.checks._data_and_images import (
     components_needed,
     mirror_padding,
     rarity,
+)
+from clothlab.checks._how_long_a_step import (
+    curvature,
+    explicit_step,
+    largest_rate,
+    stable_step,
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
@@ -35,6 +42,13 @@ from clothlab.checks._results import verdict
 from clothlab.checks._start_here import infer
 from clothlab.checks._stiffness_and_speed import sign_flip_share
 from clothlab.checks._table_setting import plane_of_most, point_of_pixel
+from clothlab.checks._the_cloth_has_the_valley_too import together
+from clothlab.checks._the_muscle_arm import (
+    compliance,
+    length_to_send,
+    sag,
+    two_link_jacobian,
+)
 from clothlab.checks._variable_stiffness import pair_stiffness
 from clothlab.checks.ask import CheckFailed, if_open
 
