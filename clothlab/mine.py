@@ -94,7 +94,8 @@ def note(what: str, **numbers: float) -> None:
     """Add a line to your log, or change the one that is there."""
     path = _place("log.json")
     if path is not None:
-        path.write_text(json.dumps(log() | {what: numbers}, indent=1))
+        plain = {name: float(number) for name, number in numbers.items()}
+        path.write_text(json.dumps(log() | {what: plain}, indent=1))
 
 
 def log() -> dict[str, dict[str, float]]:

@@ -67,14 +67,14 @@ def test_a_class_of_a_notebook_s_cell_comes_back(kept):
 def test_a_log_keeps_its_order_and_its_last_numbers(kept):
     mine.note("by hand", hoped=0.4, got=0.6)
     mine.note("the paper's", got=1.2)
-    mine.note("by hand", got=0.5)
+    mine.note("by hand", got=np.float32(0.5))
     assert mine.log() == {"by hand": {"got": 0.5}, "the paper's": {"got": 1.2}}
     assert [*mine.log()] == ["by hand", "the paper's"]
 
 
 def test_where_the_folder_is_empty_nothing_is_kept(monkeypatch):
     monkeypatch.setenv("CLOTHLAB_MINE", "")
-    mine.note("by hand", got=0.5)
+    mine.note("by hand", got=np.float32(0.5))
     mine.keep_checkpoint(load("torque-0"))
     assert mine.folder() is None
     assert mine.log() == {}

@@ -86,6 +86,8 @@ def exercise(
     atol: float = 1e-6,
     either_sign: bool = False,
     far: float = 100.0,
+    moves: tuple[int, ...] = (),
+    times: int = 1,
 ) -> Callable[[Callable[[np.random.Generator], Question]], Callable[..., None]]:
     """Turn a function that draws a question into a check of answers.
 
@@ -97,6 +99,10 @@ def exercise(
         atol: amount by which it may differ, in the unit of the truth.
         either_sign: whether the opposite of the truth is right, too.
         far: how many times as much as an answer may, slips differ from the truth.
+        moves: positions of the arguments that an answer is to change in place.
+        times: how often it is called with what it was given, as it has left it; if
+            more than once, the truth has what is right of each call, one below the
+            other.
     """
 
     def decorate(
@@ -113,9 +119,9 @@ def exercise(
             try:
                 for _ in range(ROUNDS):
                     question = clear_question(draw, rng, far * rtol, far * atol)
-                    found = as_numbers(
-                        name, ask(name, answer, question.given), what, shape
-                    )
+                    returned = ask(name, answer, question.given, moves, times)
+                    values = [as_numbers(name, each, what, shape) for each in returned]
+                    found = values[0] if times == 1 else np.array(values)
                     if either_sign and np.vdot(found, question.truth) < 0:
                         found = -found
                     compare(found, question, rtol, atol)
@@ -197,11 +203,19 @@ def _first_dots(answer: Callable) -> str:
     return first.split("#")[0].strip()
 
 
-def ask(name: str, answer: Callable, given: tuple) -> Any:
-    """What a function returns; its errors and changed arguments are CheckFailed."""
+def ask(
+    name: str,
+    answer: Callable,
+    given: tuple,
+    moves: tuple[int, ...] = (),
+    times: int = 1,
+) -> list:
+    """What a function returns each time; an error or a change is CheckFailed."""
     lent = copy.deepcopy(given)
+    found = []
     try:
-        found = answer(*lent)
+        for _ in range(times):
+            found.append(answer(*lent))
     except CheckFailed:  # said by a function that is among what was given
         raise
     except Exception as error:
@@ -209,9 +223,9 @@ def ask(name: str, answer: Callable, given: tuple) -> Any:
 
     # What it was given must be as it was
     arguments = inspect.signature(answer).parameters
-    for argument, before, after in zip(arguments, given, lent, strict=False):
-        if not _same(before, after):
-            if isinstance(before, torch.nn.Module):
+    for n, argument in enumerate(arguments):
+        if n < len(given) and n not in moves and not _same(given[n], lent[n]):
+            if isinstance(given[n], torch.nn.Module):
                 raise CheckFailed(
                     f"{name} moves the weights of `{argument}`: leave them as they are"
                 )
