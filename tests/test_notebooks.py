@@ -3,7 +3,6 @@ that stalls or hides errors.
 """
 
 import ast
-import json
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -180,12 +179,7 @@ def test_every_finding_has_a_condition_in_the_last_cell_and_types_no_figure(path
     if findings or claims:
         assert claims == [found[-1]], "conditions stand in one cell, the last one"
         assert (
-            len(
-                re.findall(
-                    r"findings\.(?:stored|live)\(|claims\.state\(|finding\(",
-                    claims[0].source,
-                )
-            )
+            len(re.findall(r"claims\.state\(|finding\(", claims[0].source))
             >= len(findings)
             > 0
         )
@@ -248,29 +242,6 @@ def test_parameters_are_plain_and_in_capitals(path):
         for cell in cells(path, "code")
         if "nbmake" in cell.metadata
     )
-
-
-@each_notebook
-def test_stored_findings_were_recorded_with_the_parameters_as_written(path):
-    stored = ROOT / "data" / "results" / f"findings-{path.stem}.json"
-    code = "".join(cell.source for cell in cells(path, "code"))
-    assert stored.exists() == ("findings.live(" in code), (
-        f"run `make findings RECORD=1` for {path.stem}"
-    )
-    if stored.exists():
-        recorded = json.loads(stored.read_text())
-        assert recorded["parameters"].items() <= parameters(path)[0].items(), (
-            "run `make findings RECORD=1`"
-        )
-        claims = {
-            claim: json.dumps(claim, ensure_ascii=False)[1:-1]
-            for claim in recorded["figures"]
-        }
-        assert [
-            claim
-            for claim, quoted in claims.items()
-            if quoted not in code and claim not in code
-        ] == []
 
 
 @each_notebook
