@@ -7,10 +7,8 @@
 import copy
 import functools
 import inspect
-import os
-import secrets
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,12 +16,14 @@ from numpy.typing import ArrayLike
 
 from clothlab.checks.ask import (
     DRAWS,
-    SEED,
     CheckFailed,
+    Question,
     _described,
     _same,
     _shown,
-    refuse_no_answer,
+    as_check,
+    as_numbers,
+    compare,
 )
 
 # (who returned it, what was returned) -> the same as a check wants it
@@ -44,33 +44,21 @@ def check(
     others.
     """
 
-    def decorate(compare: Compare) -> Callable[..., None]:
-        name = compare.__name__
+    def decorate(judged: Compare) -> Callable[..., None]:
+        name = judged.__name__
 
-        @functools.wraps(compare)
-        def run(answer: Callable, seed: int | None = None) -> None:
-            refuse_no_answer(name, answer)
-            if seed is None:
-                seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
-            rng = np.random.default_rng(seed)
+        @functools.wraps(judged)
+        def judge(answer: Callable, rng: np.random.Generator) -> None:
             try:
-                compare(_careful(answer, name, read, moves), rng)
+                judged(_careful(answer, name, read, moves), rng)
             except AssertionError as failure:
-                again = f"checks.{name}({name}, seed={seed})"
-                _refuse(failure, again)
-            print("correct")
+                if isinstance(failure, CheckFailed):
+                    raise
+                raise CheckFailed(str(failure)) from failure.__cause__
 
-        return run
+        return as_check(judge)
 
     return decorate
-
-
-def _refuse(failure: AssertionError, again: str) -> NoReturn:
-    """Raise a failure as a CheckFailed that knows the call which repeats it."""
-    if not isinstance(failure, CheckFailed):
-        failure = CheckFailed(str(failure))
-    failure.again = again
-    raise failure from failure.__cause__
 
 
 def drawn(draw: Callable[[], Any], holds: Callable[[Any], bool]) -> Any:
@@ -96,12 +84,7 @@ def apart(
     They differ by much more than `expect` lets through: a slip is then neither taken
     for the truth nor for another slip.
     """
-    values = [np.asarray(each, dtype=float) for each in (truth, *slips.values())]
-    for k, a in enumerate(values):
-        for b in values[:k]:
-            if a.shape == b.shape and np.allclose(a, b, rtol, atol):
-                return False
-    return True
+    return Question((), truth, slips).clear(rtol, atol)
 
 
 def expect(
@@ -123,28 +106,13 @@ def expect(
             precision loses.
         atol: amount by which it may differ, in the unit of the truth.
     """
-    if np.allclose(found, truth, rtol, atol):
-        return
-    for message, value in (slips or {}).items():
-        if np.allclose(found, value, rtol, atol):
-            raise CheckFailed(message)
-    raise CheckFailed(otherwise)
+    question = Question((), truth, slips or {}, otherwise)
+    compare(np.asarray(found), question, rtol, atol)
 
 
-def number(what: str, *, none: bool = False) -> Read:
-    """Read one real number. None is let through where `none` is set."""
-
-    def read(name: str, found: object) -> float | None:
-        if found is None and none:
-            return None
-        value = _real(name, found, what)
-        if value.ndim:
-            raise CheckFailed(
-                f"{name} returned {_shown(found)}: return one number, {what}"
-            )
-        return float(value)
-
-    return read
+def number(what: str) -> Read:
+    """Read one real number."""
+    return lambda name, found: float(as_numbers(name, found, what, ()))
 
 
 def array(what: str, *shape: int | None) -> Read:
@@ -152,26 +120,7 @@ def array(what: str, *shape: int | None) -> Read:
 
     None in the shape stands for any size.
     """
-
-    def read(name: str, found: object) -> np.ndarray:
-        value = _real(name, found, what)
-        if not _has_shape(value, shape):
-            sizes = ["…" if size is None else str(size) for size in shape]
-            wanted = ", ".join(sizes) + ("," if len(sizes) == 1 else "")
-            raise CheckFailed(
-                f"{name} returned {_shown(value)}: return {what}, "
-                f"of the shape ({wanted})"
-            )
-        return value
-
-    return read
-
-
-def _has_shape(value: np.ndarray, shape: tuple[int | None, ...]) -> bool:
-    if value.ndim != len(shape):
-        return False
-    pairs = zip(shape, value.shape, strict=True)
-    return all(wanted in (None, size) for wanted, size in pairs)
+    return lambda name, found: as_numbers(name, found, what, shape)
 
 
 def arrays(what: str, *reads: Read) -> Read:
@@ -228,31 +177,3 @@ def _data(answer: Callable, args: tuple, kwargs: dict) -> dict[str, object]:
     return {
         name: value for name, value in arguments.items() if isinstance(value, kinds)
     }
-
-
-def _real(name: str, found: object, what: str) -> np.ndarray:
-    """What was returned, as an array of finite numbers."""
-    try:
-        value = _as_array(found)
-    except Exception:
-        value = None  # numpy's own words would not help
-    if value is None or value.dtype.kind not in "biuf":
-        raise CheckFailed(f"{name} returned {_shown(found)}: return {what}")
-
-    if not np.isfinite(value).all():
-        bad = "inf" if np.isinf(value).any() else "nan"
-        among = " among its numbers" if value.ndim else ""
-        raise CheckFailed(f"{name} returned {bad}{among}: return {what}")
-    return value.astype(float)
-
-
-def _as_array(found: Any) -> np.ndarray:
-    """An array of what may be a tensor, a list, or objects such as fractions."""
-    if isinstance(found, torch.Tensor):
-        return found.detach().numpy()
-    value = np.asarray(found)
-    if value.dtype.kind != "O":
-        return value
-    # By Python's float, which refuses None; numpy would take it for nan
-    numbers = [float(part) for part in value.ravel()]
-    return np.array(numbers).reshape(value.shape)

@@ -110,29 +110,43 @@ def exercise(
     ) -> Callable[..., None]:
         name = draw.__name__
 
-        @functools.wraps(draw)
-        def check(answer: Callable, seed: int | None = None) -> None:
-            refuse_no_answer(name, answer)
-            if seed is None:
-                seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
-            rng = np.random.default_rng(seed)
-            try:
-                for _ in range(ROUNDS):
-                    question = clear_question(draw, rng, far * rtol, far * atol)
-                    returned = ask(name, answer, question.given, moves, times)
-                    values = [as_numbers(name, each, what, shape) for each in returned]
-                    found = values[0] if times == 1 else np.array(values)
-                    if either_sign and np.vdot(found, question.truth) < 0:
-                        found = -found
-                    compare(found, question, rtol, atol)
-            except CheckFailed as failure:
-                failure.again = f"checks.{name}({name}, seed={seed})"
-                raise
-            print("correct")
+        def judge(answer: Callable, rng: np.random.Generator) -> None:
+            for _ in range(ROUNDS):
+                question = clear_question(draw, rng, far * rtol, far * atol)
+                returned = ask(name, answer, question.given, moves, times)
+                values = [as_numbers(name, each, what, shape) for each in returned]
+                found = values[0] if times == 1 else np.array(values)
+                if either_sign and np.vdot(found, question.truth) < 0:
+                    found = -found
+                compare(found, question, rtol, atol)
 
-        return check
+        return as_check(functools.wraps(draw)(judge))
 
     return decorate
+
+
+def as_check(
+    judge: Callable[[Callable, np.random.Generator], None],
+) -> Callable[..., None]:
+    """The check that a reader calls, of a function that refuses wrong answers.
+
+    Its stubs are refused first, and what fails can be asked again by its seed.
+    """
+    name = judge.__name__
+
+    @functools.wraps(judge)
+    def check(answer: Callable, seed: int | None = None) -> None:
+        refuse_no_answer(name, answer)
+        if seed is None:
+            seed = int(os.environ.get(SEED) or secrets.randbelow(1_000_000))
+        try:
+            judge(answer, np.random.default_rng(seed))
+        except CheckFailed as failure:
+            failure.again = f"checks.{name}({name}, seed={seed})"
+            raise
+        print("correct")
+
+    return check
 
 
 def clear_question(
