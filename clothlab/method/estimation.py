@@ -54,19 +54,17 @@ class Estimator:
     Args:
         model: whose weights stay as they are.
         p: where the estimate starts, `[D_p]`; zeros by default.
-        settings: with the window, the steps that the data reach back, and the warm-up.
+        settings: of the rule, of its `settings_class`; by default that class's own.
 
     Raises:
         ValueError: p has another size than the model's, or the window is too short.
     """
 
-    def __init__(
-        self,
-        model: DPMPB,
-        p: ArrayLike | None,
-        settings: "EstimationSettings | NewtonSettings",
-    ):
+    settings_class: Any  # it has `window`, `warmup` and `wait`
+
+    def __init__(self, model: DPMPB, p: ArrayLike | None = None, settings: Any = None):
         check_model(model)
+        settings = self.settings_class() if settings is None else settings
         if settings.window - settings.warmup < settings.wait:
             raise ValueError(
                 f"a window of {settings.window} steps is too short for the warm-up of "
@@ -74,7 +72,7 @@ class Estimator:
             )
         p = np.zeros(model.bias_size) if p is None else p
         self.model = model
-        self._wait = settings.wait
+        self.settings = settings
         self._start = numbers("p", p, (model.bias_size,))
         # One more than the window: the last state is only predicted.
         self._length = settings.window + 1
@@ -103,7 +101,7 @@ class Estimator:
         None before there is anything to judge.
         """
         warmup = self._warmup()
-        if len(self._seen) - 1 - warmup < self._wait:
+        if len(self._seen) - 1 - warmup < self.settings.wait:
             return None
         states, commands = zip(*self._seen, strict=True)
         return torch.stack(states), torch.stack(commands), warmup
@@ -171,22 +169,9 @@ class EstimationSettings:
 
 
 class BiasEstimator(Estimator):
-    """The paper's rule: momentum SGD on p, a step for each control step observed.
+    """The paper's rule: momentum SGD on p, a step for each control step observed."""
 
-    Args:
-        model: whose weights stay as they are.
-        p: where the estimate starts, `[D_p]`; zeros by default.
-        settings: of the rule.
-    """
-
-    def __init__(
-        self,
-        model: DPMPB,
-        p: ArrayLike | None = None,
-        settings: EstimationSettings = EstimationSettings(),
-    ):
-        self.settings = settings
-        super().__init__(model, p, settings)
+    settings_class = EstimationSettings
 
     def reset(self) -> None:
         """Go back to the p it started from, at rest, and forget what was seen."""
@@ -227,22 +212,9 @@ class NewtonSettings:
 
 
 class NewtonEstimator(Estimator):
-    """A Gauss-Newton step on p for each control step observed; it needs no rate.
+    """A Gauss-Newton step on p for each control step observed; it needs no rate."""
 
-    Args:
-        model: whose weights stay as they are.
-        p: where the estimate starts, `[D_p]`; zeros by default.
-        settings: of the rule.
-    """
-
-    def __init__(
-        self,
-        model: DPMPB,
-        p: ArrayLike | None = None,
-        settings: NewtonSettings = NewtonSettings(),
-    ):
-        self.settings = settings
-        super().__init__(model, p, settings)
+    settings_class = NewtonSettings
 
     def _warmup(self) -> int:
         at_rest = self.settings.from_rest and self._from_start
@@ -378,15 +350,15 @@ def estimate_bias(
     Raises:
         ValueError: the run doesn't fit the model, or there is no such method.
     """
-    methods: dict[str, Any] = {
-        "sgd": (BiasEstimator, EstimationSettings),
-        "newton": (NewtonEstimator, NewtonSettings),
+    methods: dict[str, type[Estimator]] = {
+        "sgd": BiasEstimator,
+        "newton": NewtonEstimator,
     }
     if method not in methods:
         raise ValueError(f"unknown method {method!r}; choose from sgd, newton")
-    estimator_class, settings_class = methods[method]
-    settings = settings_class() if settings is None else settings
-    if not isinstance(settings, settings_class):
+    estimator_class = methods[method]
+    settings_class = estimator_class.settings_class
+    if not (settings is None or isinstance(settings, settings_class)):
         raise ValueError(
             f'settings with method="{method}" is a {settings_class.__name__}, got '
             f"{type(settings).__name__}: write {settings_class.__name__}(name=value)"
