@@ -17,9 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-from safetensors.torch import load_model, save_model
-
-from clothlab import data
+from clothlab import data, weights
+from clothlab._files import write_bytes
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.weights import ClothCheckpoint
 
@@ -52,18 +51,16 @@ def keep_autoencoder(autoencoder: Autoencoder) -> None:
     """Keep your autoencoder."""
     path = _place("autoencoder.safetensors")
     if path is not None:
-        save_model(autoencoder, str(path))
+        weights.save_autoencoder(autoencoder, [], path)
 
 
 def autoencoder() -> Autoencoder:
     """Your autoencoder of 03, in evaluation mode, or the stored one."""
-    stored = data.load(STORED).autoencoder
     path = _found("autoencoder.safetensors", "autoencoder (03)", f"that of {STORED}")
     if path is None:
-        return stored
-    own = Autoencoder(stored.latent_size)
-    load_model(own, str(path))
-    return own.eval()
+        return data.load(STORED).autoencoder
+    own, _ = weights.load_autoencoder(path)
+    return own
 
 
 def keep_functions(name: str, *made: Callable, imports: str) -> None:
@@ -77,7 +74,7 @@ def keep_functions(name: str, *made: Callable, imports: str) -> None:
     path = _place(f"{name}.py")
     if path is not None:
         parts = [imports.strip(), *(_source(each).strip() for each in made)]
-        path.write_text("\n\n\n".join(parts) + "\n")
+        write_bytes(path, ("\n\n\n".join(parts) + "\n").encode())
 
 
 def functions(name: str) -> SimpleNamespace | None:
@@ -95,7 +92,7 @@ def note(what: str, **numbers: float) -> None:
     path = _place("log.json")
     if path is not None:
         plain = {name: float(number) for name, number in numbers.items()}
-        path.write_text(json.dumps(log() | {what: plain}, indent=1))
+        write_bytes(path, json.dumps(log() | {what: plain}, indent=1).encode())
 
 
 def log() -> dict[str, dict[str, float]]:
@@ -123,10 +120,7 @@ def _source(made: Callable) -> str:
 def _place(name: str) -> Path | None:
     """Where a file goes; None where nothing is kept."""
     own = folder()
-    if own is None:
-        return None
-    own.mkdir(parents=True, exist_ok=True)
-    return own / name
+    return None if own is None else own / name
 
 
 def _found(name: str, what: str, stored: str) -> Path | None:

@@ -11,6 +11,7 @@ from clothlab import load, mine
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
     monkeypatch.setenv("CLOTHLAB_MINE", str(tmp_path / "mine"))
     return tmp_path / "mine"
 
