@@ -196,3 +196,13 @@ def new_session(_equipped: LiveSession, tmp_path: Path) -> Callable[[], LiveSess
         return session
 
     return make
+
+
+def shaken(network: torch.nn.Module) -> torch.nn.Module:
+    """Random numbers in all that is saved, buffers too, so that a forgotten one shows."""
+    torch.manual_seed(1)
+    with torch.no_grad():
+        for tensor in network.state_dict().values():
+            if tensor.is_floating_point():
+                tensor += torch.rand(tensor.shape)
+    return network.eval()

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from shared import shaken
 
 import clothlab
 from clothlab import data as stored
@@ -40,16 +41,6 @@ def save_target(mask: np.ndarray, path: Path) -> None:
 
 def save_weights(trained: ClothCheckpoint, data: Path) -> None:
     trained.save(data / f"weights/model-{trained.name}.safetensors", whole=False)
-
-
-def shaken(module: torch.nn.Module) -> torch.nn.Module:
-    """Random numbers in all that is saved, buffers too, so that a forgotten one shows."""
-    torch.manual_seed(1)
-    with torch.no_grad():
-        for tensor in module.state_dict().values():
-            if tensor.is_floating_point():
-                tensor += torch.rand(tensor.shape)
-    return module.eval()
 
 
 @pytest.fixture(scope="module")

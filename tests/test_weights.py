@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
+from shared import shaken
 
 from clothlab import data
 from clothlab.method.autoencoder import Autoencoder
@@ -17,16 +18,6 @@ from clothlab.method.model import DPMPB
 from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.simulation.arm import TorqueArm
 from clothlab.weights import Checkpoint, ClothCheckpoint
-
-
-def shaken(network: torch.nn.Module) -> torch.nn.Module:
-    """Random numbers in all that is saved, so that a forgotten tensor shows."""
-    torch.manual_seed(1)
-    with torch.no_grad():
-        for tensor in network.state_dict().values():
-            if tensor.is_floating_point():
-                tensor += torch.rand(tensor.shape)
-    return network
 
 
 def equal(a: torch.nn.Module, b: torch.nn.Module) -> bool:
