@@ -48,7 +48,6 @@ from studies import (
     table_setting,
     transfer,
     what_p_buys,
-    what_p_shows,
 )
 from studies._grid import PAPER, Experiment
 from studies._rows import Row
@@ -58,7 +57,6 @@ _MODULES = (  # in the order of docs/results.md
     held_out,
     self_organisation,
     other_reading,
-    what_p_shows,
     estimation,
     estimation_race,
     control,

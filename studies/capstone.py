@@ -1,7 +1,6 @@
-"""What a policy of one's own has to beat, and cloths that somebody has hidden.
+"""What a policy of one's own has to beat.
 
-The rivals of notebook 09: each throws at targets that nothing was tuned on. Then cloths
-whose constants are drawn in secret, with what an estimate says of them.
+The rivals of notebook 09: each throws at targets that nothing was tuned on.
 """
 
 from collections import deque
@@ -20,24 +19,15 @@ from torch import Tensor
 from clothlab import analysis, data, plots
 from clothlab.analysis import crossed_interval, period_ends, target_distance
 from clothlab.method.data import Run
-from clothlab.method.estimation import NewtonEstimator
 from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.rollout import Policy
 from clothlab.policies import RandomPolicy, ReplayPolicy
-from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.trials import Trial, recorded_plans, rollout
 from clothlab.weights import ClothCheckpoint
-from studies._grid import Case, Experiment, grid, over
-from studies._runs import (
-    MIDDLE,
-    RECORDINGS,
-    new_trial,
-    random_trial,
-    replay_nearest,
-    trained,
-)
+from studies._grid import Case, Experiment, grid
+from studies._runs import MIDDLE, RECORDINGS, new_trial, replay_nearest, trained
 from studies.oracle import search_trial
 
 # Mean of one number a task, and the ends of its interval
@@ -56,7 +46,6 @@ _TARGETS: dict[str, dict[str, tuple[int, ...]]] = {
     },
 }
 _RECORDED_PLANS = 200  # from which a period may start
-RANGE = {"damping": (0.03, 0.07), "mass": (0.05, 0.15)}  # of the trained cloths
 
 # A rival is made of the weights, the target's mask [H, W] and the cloth's name.
 _Make = Callable[[ClothCheckpoint, np.ndarray, str], Policy]
@@ -72,9 +61,9 @@ def _runs() -> list[Run]:
     return [learned.to_run(trial) for trial in data.load_trials(RECORDINGS[_ARM])]
 
 
-def _plans(seed: int = 0) -> np.ndarray:
+def _plans() -> np.ndarray:
     trials = data.load_trials(RECORDINGS[_ARM])
-    return recorded_plans(trials, 8, _RECORDED_PLANS, seed=seed)
+    return recorded_plans(trials, 8, _RECORDED_PLANS)
 
 
 def _random(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
@@ -91,10 +80,8 @@ def _papers(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
     return learned.controller(target, cloth)
 
 
-def _recorded(
-    learned: ClothCheckpoint, target: np.ndarray, cloth: str, draw: int = 0
-) -> Policy:
-    return learned.controller(target, cloth, plans=_plans(draw))
+def _recorded(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
+    return learned.controller(target, cloth, plans=_plans())
 
 
 def _iterative(learned: ClothCheckpoint, target: np.ndarray, cloth: str) -> Policy:
@@ -148,25 +135,6 @@ def _run_one(
     return {"distance": distance.round(4)}
 
 
-def _run_drawn(
-    draw: int, target: str, cloth: str, model: int, steps: int = STEPS
-) -> dict[str, Any]:
-    """The rival "with recorded starts" with others: its distance at each step `[T]`.
-
-    Args:
-        draw: seed of the starts; the rival itself has that of seed 0.
-        target, cloth: of the task, by name.
-        model: seed of the training.
-        steps: control steps.
-    """
-    learned = trained(f"{_ARM}-{model}")
-    mask = data.load_target(target)
-    policy = _recorded(learned, mask, cloth, draw)
-    trial = new_trial(policy, _ARM, cloth, steps, seed=70_000 + model)
-    distance = target_distance(learned.autoencoder, trial, mask)
-    return {"distance": distance.round(4)}
-
-
 def _oracle_trial(
     learned: ClothCheckpoint, mask: np.ndarray, cloth: str, seed: int, steps: int
 ) -> Trial:
@@ -198,61 +166,6 @@ def _cases(model: int | Iterable[int] = range(2), **same: Any) -> list[Case]:
             task = {"rival": rival, "target": target, "cloth": cloth}
             cases += grid(**task, model=0, **same)
     return cases
-
-
-def _draws(
-    model: int | Iterable[int] = range(2), draw: int | Iterable[int] = range(1, 4)
-) -> list[Case]:
-    """Other starts on each held-out task; on the others notebook 09 draws them."""
-    cases = []
-    for target, cloth in tasks("held-out"):
-        cases += grid(draw=draw, target=target, cloth=cloth, model=model)
-    return cases
-
-
-def hidden_cloth(seed: int) -> Cloth:
-    """A cloth of which only a seed is known, within the range of the trained ones.
-
-    Logarithms of its constants are uniform.
-    """
-    rng = np.random.default_rng([9, seed])
-    values: dict[str, Any] = {}
-    for name, ends in RANGE.items():
-        low, high = np.log(ends)
-        values[name] = float(np.exp(rng.uniform(low, high)))
-    return Cloth(f"hidden-{seed}", **values)
-
-
-def hidden_trial(seed: int, steps: int = 100) -> Trial:
-    """A hidden cloth under random commands, by its seed."""
-    return random_trial(_ARM, hidden_cloth(seed), steps, seed=90_000 + seed)
-
-
-def _run_hidden(seed: int, model: int = 0, steps: int = 100) -> dict[str, Any]:
-    """Move a hidden cloth at random, and estimate p by Gauss-Newton from 0.
-
-    Args:
-        seed: of the cloth, and of the commands.
-        model: seed of the training.
-        steps: control steps.
-
-    Returns: C_damp [N s/m] and C_mass [kg], the `estimate` `[D_p]`, and its covariance
-        by the curvature of the loss alone `[D_p, D_p]`.
-    """
-    learned = trained(f"{_ARM}-{model}")
-    cloth = hidden_cloth(seed)
-    run = learned.to_run(hidden_trial(seed, steps))
-    newton = NewtonEstimator(learned.model)
-    for s, u in zip(run.s, run.u, strict=True):
-        newton.update(s, u)
-    seen = newton.linearisation()
-    assert seen is not None, "steps are too few to estimate from"
-    return {
-        "damping": cloth.damping,
-        "mass": cloth.mass,
-        "estimate": newton.p.round(5),
-        "bare": seen.covariance().round(8),
-    }
 
 
 def points(distance: np.ndarray) -> np.ndarray:
@@ -417,9 +330,4 @@ def save_film(pictures: list[np.ndarray]) -> Path:
     return file
 
 
-_HIDDEN_CASES = over(seed=range(40), model=0)
-EXPERIMENTS = (
-    Experiment("capstone", _run_one, _cases),
-    Experiment("capstone_draws", _run_drawn, _draws),
-    Experiment("hidden_cloth", _run_hidden, _HIDDEN_CASES),
-)
+EXPERIMENTS = (Experiment("capstone", _run_one, _cases),)

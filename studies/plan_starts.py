@@ -20,13 +20,11 @@ from clothlab.method.control import (
     Controller,
     ControlSettings,
     best_step,
-    optimise_commands,
     steepest_ascent,
 )
-from clothlab.policies import ReplayPolicy
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import ClothEnv
-from clothlab.trials import Trial, recorded_plans, rollout
+from clothlab.trials import recorded_plans
 from studies._grid import Experiment, over
 from studies._runs import HEAVY, LIGHT, RECORDINGS, new_trial, trained
 
@@ -45,16 +43,10 @@ SEARCHES = {
 # How many starts each period has besides the plan at hand. That one alone is the search
 # "last" of `why_plans_fail`.
 STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
-# Of plans that one training chooses and all of them predict
-CHOSEN = ("random 200", "random 2000", "recorded 200")
-# Of runs that send a plan as it is
-PLANS = ("unsearched", "recorded 10", "recorded 100")
 
 
 class NotingController(Controller):
     """The paper's controller, which notes what it sees as each period begins."""
-
-    corrects = True  # whether it searches in each step, or as a period begins only
 
     def __init__(self, *arguments: Any, seed: int = 0, **options: Any):
         self._rng = np.random.default_rng(seed)  # of what is drawn
@@ -73,29 +65,14 @@ class NotingController(Controller):
             loss = partial(self.losses, s)
             _, slope = steepest_ascent(loss, plan[None], self.limits.scale)
             self.slopes.append(slope[0, :PERIOD].norm(dim=1).numpy())
-        found = self._found(s, plan, begins or self.corrects)
+        found = self._found(s, plan)
         if begins:
             with torch.no_grad():
                 self.ends.append(self.predict(s, found[None])[0, PERIOD - 1])
         return found
 
-    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
-        return super().search(s, plan, solve)
-
-
-class OncePlanned(NotingController):
-    """It searches as a period begins only, and sends that plan as it is."""
-
-    corrects = False
-
-
-class UnsearchedPlans(NotingController):
-    """Recorded plans one after the other, without any search: what chance predicts."""
-
-    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
-        """The next of the plans as a period begins, and then its commands."""
-        drawn = self._plans[self.t // PERIOD % len(self._plans)]
-        return torch.roll(drawn, -(self.t % PERIOD), 0)
+    def _found(self, s: Tensor, plan: Tensor) -> Tensor:
+        return super().search(s, plan)
 
 
 class SamplingController(NotingController):
@@ -105,7 +82,7 @@ class SamplingController(NotingController):
     eight are those of the next; the paper's three iterations ask for about as many.
     """
 
-    def _found(self, s: Tensor, plan: Tensor, solve: bool) -> Tensor:
+    def _found(self, s: Tensor, plan: Tensor) -> Tensor:
         """The best of the plans that were drawn."""
         limits = self.limits
         mean = plan
@@ -182,26 +159,6 @@ def _run_start(
     return _followed(
         target, cloth, model, steps, NotingController, plans, weights=weights
     )
-
-
-def _run_as_planned(
-    plans: str, target: str, cloth: str, model: int, steps: int = STEPS
-) -> dict[str, Any]:
-    """A run that plans once a period and sends the plan as it is.
-
-    Args:
-        plans: the starts of the search, as in `STARTS`, or "unsearched": recorded
-            plans, one after the other.
-        target, cloth: of the task, by name.
-        model: seed of the training.
-        steps: control steps.
-    """
-    arm = trained(f"torque-{model}").arm
-    if plans == "unsearched":
-        drawn = drawn_starts("recorded 100", arm, 500 + model)
-        return _followed(target, cloth, model, steps, UnsearchedPlans, drawn)
-    drawn = drawn_starts(plans, arm, model)
-    return _followed(target, cloth, model, steps, OncePlanned, drawn)
 
 
 def _followed(
@@ -315,71 +272,6 @@ def kept_until(iterations: int) -> list[int]:
     return [k for k in kept if k < iterations] + [iterations]
 
 
-def _run_judged(
-    start: str, target: str, cloth: str, model: int, draws: int = 10
-) -> dict[str, Any]:
-    """Plans that one training chooses, as it and the other trainings predict them.
-
-    All begin at rest. As the controller does, a training takes the start which it
-    predicts to come nearest, and descends from there; then the plan is thrown. Beside
-    these stand as many plans of the same kind that nobody chose.
-
-    Args:
-        start: kind and number of the starts, one of `CHOSEN`.
-        target, cloth: of the task, by name.
-        model: seed of the training that chooses.
-        draws: of starts, and so of chosen plans.
-    """
-    learned = trained(f"torque-{model}")
-    mask = data.load_target(target)
-    with closing(ClothEnv(learned.arm, cloth)) as env:
-        s = torch.as_tensor(observe(learned.autoencoder, env.reset(seed=0)[0]))
-        judges = [trained(f"torque-{k}") for k in range(5)]
-        controllers = [each.controller(mask, cloth).controller for each in judges]
-
-        # Some that nobody chose, then those that this training chooses
-        seeds = [1000 * model + draw for draw in range(draws)]
-        drawn = [drawn_starts(start, learned.arm, seed) for seed in seeds]
-        starts = torch.as_tensor(np.array(drawn), dtype=torch.float32)
-        chosen = [_chosen(controllers[model], s, each) for each in starts]
-        plans = torch.cat([starts[:, 0], torch.stack(chosen)])
-        trials = [_sent(env, plan.double().numpy()) for plan in plans]
-
-    # What they came to, and what each training predicts of them [5, 2 draws, D_z]
-    ends = np.stack([trial.images[PERIOD] for trial in trials])
-    seen = encode(learned.autoencoder, ends)
-    with torch.no_grad():
-        states = [each.predict(s, plans)[:, PERIOD - 1] for each in controllers]
-    predicted = torch.stack(states)[..., learned.layout.z].numpy()
-
-    # How far from the target, and how wrong
-    z_ref = encode(learned.autoencoder, mask)
-    lengths = np.linalg.norm(predicted[model] - z_ref, axis=1)
-    errors = np.linalg.norm(seen - predicted, axis=2)
-    others = np.arange(len(controllers)) != model
-    return {
-        "predicted": lengths[draws:].round(4),  # distance [draws] [s.d. of z]
-        "seen": np.linalg.norm(seen - z_ref, axis=1)[draws:].round(4),
-        "error": errors[model, draws:].round(4),  # of the training that chose
-        "others": errors[others, draws:].mean(0).round(4),  # of the rest, in the mean
-        "plain": errors[model, :draws].round(4),  # of plans that nobody chose
-    }
-
-
-def _chosen(controller: Controller, s: Tensor, starts: Tensor) -> Tensor:
-    """The plan that the paper's descent finds from the best predicted start."""
-    loss = partial(controller.losses, s)
-    with torch.no_grad():
-        best = starts[loss(starts).argmin()]
-    plan, _ = optimise_commands(loss, best, controller.limits, controller.settings)
-    return plan
-
-
-def _sent(env: ClothEnv, u: np.ndarray) -> Trial:
-    """A run from rest that sends eight commands `[8, D_u]` and looks after the last."""
-    return rollout(env, ReplayPolicy(np.vstack([u, u[-1:]])), PERIOD + 1)
-
-
 _TASKS = {
     "target": ("target-1", "target-2"),  # the paper's controller misses the first
     "cloth": (LIGHT, HEAVY),
@@ -393,7 +285,5 @@ EXPERIMENTS = (
         over(start=STARTS, **_TASKS),
         paper={"weights": "torque-paper", "start": ("last", "recorded 200")},
     ),
-    Experiment("optimism", _run_as_planned, over(plans=PLANS, **_TASKS)),
-    Experiment("judged", _run_judged, over(start=CHOSEN, **_TASKS)),
     Experiment("descents", _run_descents, over(**_TASKS)),
 )
