@@ -127,10 +127,12 @@ def test_the_series_is_listed_in_order_by_the_titles_of_the_notebooks(visit):
 def test_a_search_finds_the_page(visit):
     page = visit(SITE / "search.html")
     page.get_by_role("searchbox").or_(page.locator("input[name=q]")).last.fill(
-        "chamfer"
+        "hourglass"
     )
     page.keyboard.press("Enter")
-    found = page.locator("#search-results a").filter(has_text="Data and images")
+    found = page.locator("#search-results a").filter(
+        has_text="Three numbers for an image"
+    )
     expect(found.first).to_be_visible(timeout=15_000)
 
 
