@@ -24,22 +24,24 @@ _FORMAT = 1
 
 
 def recorded_plans(
-    trials: Sequence[Trial], horizon: int = 8, count: int = 200, *, seed: int = 0
+    recordings: Sequence[Trial] | Sequence[Run],
+    horizon: int = 8,
+    count: int = 200,
+    *,
+    seed: int = 0,
 ) -> np.ndarray:
     """Stretches of recorded commands, `[count, horizon, D_u]`, drawn at random."""
     check_number("count", count, int, at_least=1)
-    for each in trials:
-        if not isinstance(each, Trial):
-            raise ValueError(f"each of trials is a Trial, got {type(each).__name__}")
     check_number("horizon", horizon, int, at_least=1)
-    if not trials or min(map(len, trials)) < horizon:
+    commands = [_commands(each) for each in recordings]
+    if not commands or min(map(len, commands)) < horizon:
         raise ValueError(
-            f"plans of {horizon} steps need recorded trials that are at least as long"
+            f"plans of {horizon} steps need recordings that are at least as long"
         )
 
-    # Every stretch of every trial, [N, D_u, horizon]
+    # Every stretch of every recording, [N, D_u, horizon]
     stretches = np.concatenate(
-        [sliding_window_view(trial.commands, horizon, axis=0) for trial in trials]
+        [sliding_window_view(each, horizon, axis=0) for each in commands]
     )
 
     # Each at most once, unless there are too few
@@ -47,6 +49,15 @@ def recorded_plans(
     too_few = len(stretches) < count
     chosen = rng.choice(len(stretches), count, replace=too_few)
     return stretches[chosen].transpose(0, 2, 1)
+
+
+def _commands(recording: Trial | Run) -> np.ndarray:
+    if isinstance(recording, Trial):
+        return recording.commands
+    if isinstance(recording, Run):
+        return recording.u
+    kind = type(recording).__name__
+    raise ValueError(f"each of recordings is a Trial or a Run, got {kind}")
 
 
 def to_run(autoencoder: Autoencoder, trial: Trial) -> Run:

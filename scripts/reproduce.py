@@ -93,17 +93,26 @@ class Plan:
         return datasets
 
     def tables(self) -> list[str]:
-        """Names of the experiments that do not take hours, of each amount."""
+        """Names of the experiments that do not take hours, of each amount.
+
+        World 0 has all of them, the others those that compare the two amounts.
+        """
         found = []
         for each, ending in product(studies.EXPERIMENTS.values(), self.endings):
-            if not each.slow and (each.paper or not ending):
+            everywhere = each.paper or not (ending or self.world)
+            if everywhere and not each.slow:
                 found.append(each.name + ending)
         return found
 
     def cases(self, name: str) -> list[dict[str, Any]]:
         """Those of an experiment, with the trainings that there are."""
         experiment = studies.get(name)
-        sizes = dict(experiment.paper) if name.endswith(PAPER) else {}
+        sizes = dict(experiment.paper) if name.endswith(PAPER) or self.world else {}
+        if not name.endswith(PAPER):
+            # What is left are sizes that both amounts have in common
+            sizes = {
+                k: v for k, v in sizes.items() if k not in ("weights", "recordings")
+            }
         sizes |= {"model": range(self.seeds)} if "model" in experiment.keys else {}
         if self.seeds == 1 and "repeat" in experiment.keys:
             sizes["repeat"] = 0  # what repeats a world is another one

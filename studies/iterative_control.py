@@ -30,12 +30,11 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
 from clothlab.weights import ClothCheckpoint
 from studies import ablations
-from studies._grid import PAPER, Case, Experiment, Tables, grid
+from studies._grid import PAPER, Case, Experiment, Tables, grid, over
 from studies._rows import Row
 from studies._runs import (
     HEAVY,
     LIGHT,
-    RECORDINGS,
     SAMPLES,
     TASKS,
     estimating,
@@ -83,9 +82,11 @@ def _papers(
 def _recorded_starts(
     learned: ClothCheckpoint, target: np.ndarray, cloth: str, model: int, p: np.ndarray
 ) -> Policy:
-    """The paper's controller, whose periods begin with the best of recorded plans."""
-    arm = learned.autoencoder_name.removesuffix(PAPER)
-    plans = recorded_plans(data.load_trials(RECORDINGS[arm]), seed=model)
+    """The paper's controller, whose periods begin with the best of recorded plans.
+
+    They are drawn from all that the model learned from, among which replay chooses.
+    """
+    plans = recorded_plans(recorded_runs(learned), seed=model)
     return learned.controller(target, p, plans=plans)
 
 
@@ -421,5 +422,22 @@ of z, and most rows give them over the median of random commands.
 EXPERIMENTS = (
     Experiment(
         "iterative_control", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT
+    ),
+    # Few enough to be repeated in other worlds
+    Experiment(
+        "control_rivals",
+        _run_one,
+        over(
+            controller=CONTROLLERS,
+            p="right",
+            recordings="all",
+            f_const=None,
+            arm="torque",
+            target=("target-1", "target-2"),
+            cloth=(LIGHT, HEAVY),
+            model=range(5),
+            repeat=0,
+        ),
+        paper={"recordings": "paper"},
     ),
 )

@@ -146,10 +146,5 @@ EXPERIMENTS = (
         rows=_rows,
         about=_ABOUT,
     ),
-    Experiment(
-        "joint_arms",
-        _run_arm,
-        _ARMS,
-        paper={"weights": "torque-paper", "starts": 0, "target": "target-1"},
-    ),
+    Experiment("joint_arms", _run_arm, _ARMS, paper={"weights": "torque-paper"}),
 )

@@ -24,6 +24,7 @@ from clothlab.method.control import (
 )
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.vision import iou
 from clothlab.trials import recorded_plans
 from studies._grid import Experiment, over
 from studies._runs import HEAVY, LIGHT, RECORDINGS, new_trial, trained
@@ -201,6 +202,7 @@ def _followed(
     slopes = np.mean(later, axis=0) if later else np.zeros(8)
     return {
         "distance": target_distance(learned.autoencoder, trial, mask).round(4),
+        "iou": iou(trial.images, mask).round(4),  # with the target, at each step [T]
         "predicted": length.round(4),  # distance [P] [s.d. of z]
         "error": np.linalg.norm(error, axis=1).round(4),  # of that prediction [P]
         # Its part away from the target: without a bias it is 0 in the mean [P]

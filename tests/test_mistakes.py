@@ -43,9 +43,9 @@ MISTAKES = {
         ),
         "a run is a Run, got a str",
     ),
-    "runs for trials": (
-        lambda: recorded_plans([RUN]),
-        "each of trials is a Trial, got Run",
+    "words for recordings": (
+        lambda: recorded_plans(["heavy"]),
+        "each of recordings is a Trial or a Run, got str",
     ),
     "a network of another kind": (
         lambda: Controller(torch.nn.Linear(2, 2), len, (0, 0), (0, 0), (1, 1)),
