@@ -16,7 +16,8 @@ tests run tiny ones.
 To add one, write a module like `control.py` and name it here.
 
 Three tables of trained rivals, `rivals`, `another_robot_rivals` and `drone_prediction`,
-are read by `load` like the others, and were made by the code of commit 97b3ae0d.
+are read by `load` like the others, and were made by the code of commit 97b3ae0d;
+`rivals.beside_p` puts them side by side.
 """
 
 from dataclasses import replace
@@ -42,6 +43,7 @@ from studies import (
     oracle,
     other_reading,
     plan_starts,
+    rivals,
     self_organisation,
     simulator_descent,
     stiffness,
@@ -68,6 +70,7 @@ _MODULES = (  # in the order of docs/results.md
     oracle,
     transfer,
     what_p_buys,
+    rivals,
     identifiability,
     calibration_test,
     capstone,
