@@ -169,7 +169,7 @@ def _predict(method: str, model: int) -> dict[str, Any]:
 
 
 def _cases(**sizes: Any) -> list[dict[str, Any]]:
-    networks = over(method=(P, NO_P, CONSTANTS), model=range(5))(**sizes)
+    networks = over(method=P, model=range(5))(**sizes)
     if "method" in sizes:
         return networks
     alone = {"method": (LINEAR, QUADRATIC), "model": 0}

@@ -19,7 +19,7 @@ def _run(follow, seed):
 
 def _linear(s, u):
     turned = np.array([0.9 * s[0] - 0.2 * s[1], 0.2 * s[0] + 0.9 * s[1], 0.5 * s[2]])
-    return turned + [u[0], u[1], u[0] - u[1]]
+    return turned + np.array([u[0], u[1], u[0] - u[1]])
 
 
 def _quadratic(s, u):
