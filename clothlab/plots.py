@@ -136,6 +136,18 @@ def larger(figure: Figure) -> Figure:
     return figure
 
 
+def over_target(image: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A mask over that of a target, both `[H, W]` bool, as a picture `[H, W, 3]`.
+
+    White: cloth in both; blue: the target alone; orange: the image alone.
+    """
+    picture = np.zeros((*target.shape, 3), np.uint8)
+    picture[target] = 86, 180, 233
+    picture[image] = 213, 94, 0
+    picture[image & target] = 255
+    return picture
+
+
 def image_grid(
     images: Sequence[np.ndarray],
     titles: Sequence[str] = (),

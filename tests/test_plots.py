@@ -159,6 +159,17 @@ def test_a_video_is_played_in_the_page(monkeypatch):
     )
 
 
+def test_a_mask_over_a_target_is_white_where_both_have_cloth():
+    image = np.array([[True, True, False, False]])
+    target = np.array([[True, False, True, False]])
+    (pixels,) = plots.over_target(image, target)
+    white, orange, blue, black = pixels.tolist()
+    assert white == [255, 255, 255]
+    assert orange[0] > orange[2]
+    assert blue[2] > blue[0]
+    assert black == [0, 0, 0]
+
+
 def test_no_images_are_refused():
     with pytest.raises(ValueError, match="no image to show"):
         plots.image_grid([])
