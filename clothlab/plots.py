@@ -27,6 +27,8 @@ from clothlab.simulation.env import CONTROL_PERIOD
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DRAWINGS = Path(__file__).parents[1] / "docs" / "drawings"
 PERIOD = ControlSettings.period  # control steps
+_BLUE = 86, 180, 233  # two of the same colours, as pixels on black
+_ORANGE = 213, 94, 0
 STYLES = ("-", "--", "-.", ":")
 MARKERS = {
     DAMPINGS[0]: "o",
@@ -182,6 +184,21 @@ def image_grid(
     for ax, title in zip(axes.flat, titles, strict=False):
         ax.set_title(title, fontsize=9)
     return figure
+
+
+def over_target(image: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Cloth over its target, masks `[..., H, W]`, as `[..., H, W, 3]` uint8.
+
+    White: in both; blue: the target alone; orange: the cloth alone. A decoded image
+    counts as cloth above one half.
+    """
+    cloth, wanted = np.broadcast_arrays(image, target)
+    cloth, wanted = cloth > 0.5, wanted > 0.5
+    picture = np.zeros((*cloth.shape, 3), np.uint8)
+    picture[wanted] = _BLUE
+    picture[cloth] = _ORANGE
+    picture[cloth & wanted] = 255
+    return picture
 
 
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:

@@ -45,6 +45,15 @@ def test_images_stand_in_rows_with_their_titles():
     assert np.array_equal(ax.images[0].get_array(), picture)
 
 
+def test_cloth_and_target_lie_over_each_other_in_three_colours():
+    target = np.array([[0, 0, 1, 1]], bool)
+    decoded = np.array([[[0.1, 0.9, 0.2, 0.8]]] * 2)
+    picture = plots.over_target(decoded, target)
+    black, orange, blue, white = picture[1, 0]
+    assert (black == 0).all() and (white == 255).all()
+    assert orange.argmax() == 0 and blue.argmax() == 2
+
+
 def test_runs_of_masks_stand_below_each_other():
     figure = plots.film_strips({"one": MASKS, "other": ~MASKS}, ["1", "2", "3"])
     shown = [ax.images[0].get_array() for ax in figure.axes]
