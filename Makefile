@@ -177,8 +177,9 @@ lock: $(STAMP)  ## pin what pyproject.toml names in environment.txt; UPGRADE=1 t
 		grep -Ev '^(nvidia-|cuda-|triton)' environment.txt; echo "-e ."; } > build/environment.txt
 	mv build/environment.txt environment.txt
 
-format: $(STAMP)  ## format code and notebooks, strip notebook outputs
+format: $(STAMP)  ## format code and notebooks, strip notebook outputs, write the links of pyproject.toml's address
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
 	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)
+	$(BIN)/python scripts/repository.py

@@ -250,7 +250,9 @@ def _remedy(name: str, data: Path) -> str:
         return "record it with `make data`"
     if (data.parent / ".git").exists():
         return f"restore it with `git checkout data/{name}`"
-    return f"download it from {_address() or 'the repository, data/'}{name}"
+    if not _address():
+        return "copy it from a clone, or set CLOTHLAB_DATA to its folder data/"
+    return f"download it from {_address()}{name}"
 
 
 def _fetch(name: str, data: Path) -> Exception | None:
@@ -275,7 +277,7 @@ def _address() -> str:
     if not address:
         lines = metadata("clothlab").get_all("Project-URL") or []
         urls = dict(line.split(", ", 1) for line in lines)
-        if "Repository" in urls:
+        if urls.get("Repository"):  # empty until it is published
             address = f"{urls['Repository']}/raw/v{clothlab.__version__}/data"
     return f"{address.rstrip('/')}/" if address else ""
 

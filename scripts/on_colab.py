@@ -1,8 +1,9 @@
-"""What the first cell of each notebook does on Google Colab.
+"""What the first cell of a published notebook does on Google Colab.
 
-That is once the repository is cloned there. Colab comes with its own PyTorch, NumPy and
-Jupyter, and its kernel is already running. What it has and `pyproject.toml` can live
-with stays; what it lacks comes in the version of `environment.txt`.
+The cell clones the repository there, and then calls `install`. Colab comes with its own
+PyTorch, NumPy and Jupyter, and its kernel is already running. What it has and
+`pyproject.toml` can live with stays; what it lacks comes in the version of
+`environment.txt`.
 """
 
 import subprocess
@@ -12,12 +13,45 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
 
+import nbformat
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 # Colab shows the notebooks itself, and the package is a clone beside them.
 NOT_NEEDED = {"jupyterlab", "clothlab"}
+CELL_ID = "colab"
+CELL = """\
+# @title On Google Colab only: get the repository and what Colab lacks
+import os
+import subprocess
+import sys
+
+if "google.colab" in sys.modules:
+    os.environ["MUJOCO_GL"] = "egl"  # draws without a display
+    if not os.path.exists("../environment.txt"):
+        if not os.path.exists("clothlab"):
+            clone = ["git", "clone", "--quiet", "--depth=1"]
+            clone += ["{address}", "clothlab"]
+            subprocess.run(clone, check=True)
+        os.chdir("clothlab/notebooks")
+    sys.path[:0] = [os.path.abspath(".."), os.path.abspath("../scripts")]
+    import on_colab
+
+    on_colab.install()"""
+
+
+def first_cell(address: str) -> nbformat.NotebookNode:
+    """The cell of a repository that is published at this address, folded."""
+    return nbformat.v4.new_code_cell(
+        CELL.format(address=address),
+        id=CELL_ID,
+        metadata={
+            "cellView": "form",
+            "jupyter": {"source_hidden": True},
+            "tags": ["colab"],
+        },
+    )
 
 
 def needed() -> list[Requirement]:

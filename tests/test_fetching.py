@@ -149,7 +149,7 @@ def test_without_an_address_a_sentence_says_what_brings_a_file_back(
 ):
     monkeypatch.delenv("CLOTHLAB_DATA_URL")
     monkeypatch.setattr(data, "metadata", lambda name: Message())
-    with pytest.raises(ValueError, match=r"from the repository, data/targets/target-1"):
+    with pytest.raises(ValueError, match=r"or set CLOTHLAB_DATA"):
         data.load_target("target-1")
     assert served[2] == []
 
@@ -164,3 +164,11 @@ def test_the_address_is_that_of_the_repository_unless_another_is_named(monkeypat
     assert data._address() == stored
     monkeypatch.setenv("CLOTHLAB_DATA_URL", "https://mirror.example/files")
     assert data._address() == "https://mirror.example/files/"
+
+
+def test_a_repository_that_is_not_published_has_no_address(monkeypatch):
+    about = Message()
+    about["Project-URL"] = "Repository, "
+    monkeypatch.setattr(data, "metadata", lambda name: about)
+    monkeypatch.delenv("CLOTHLAB_DATA_URL", raising=False)
+    assert data._address() == ""

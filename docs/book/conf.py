@@ -12,7 +12,7 @@ import clothlab
 from clothlab.lab.widget import REOPENED
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-from repository import START, address, doors, throw_page
+from repository import ROOT, START, address, without_installation
 
 logging.getLogger("OpenGL").setLevel(logging.WARNING)  # Sphinx would print its news
 
@@ -175,21 +175,26 @@ def level_captions(
 def open_elsewhere(
     app, pagename: str, templatename: str, context: dict, doctree
 ) -> None:
-    """Begin each page with links to the live lab and to where its notebook runs without
-    an installation; other pages lead to the first notebook.
+    """Begin each page with links to the page "Throw a cloth", if that was built, and to
+    where its notebook runs without an installation, if the repository is published;
+    other pages lead to the first notebook.
     """
     if doctree is None:  # the search page and the index have no text of their own
         return
+    places = {}
+    if (ROOT / "build" / "throw" / "index.html").is_file():  # `make docs` copies it
+        places["Throw a cloth now"] = context["pathto"](
+            "throw/index.html", resource=True
+        )
     notebook = f"{pagename}.ipynb" if pagename.startswith("notebooks/") else START
-    places = doors(notebook) | {"repository": address()}
+    places |= without_installation(notebook)
+    if address():
+        places["repository"] = address()
     links = " · ".join(
         f'<a href="{html.escape(link)}">{name}</a>' for name, link in places.items()
     )
-    throw = f'<a href="{throw_page()}">Throw a cloth now</a>'
-    context["body"] = (
-        f'<p class="open-elsewhere">{throw}, or run this without an installation: '
-        f"{links}</p>" + context["body"]
-    )
+    if links:
+        context["body"] = f'<p class="open-elsewhere">{links}</p>' + context["body"]
 
 
 def setup(app) -> None:

@@ -1,5 +1,5 @@
-"""Google Colab: the first cell of each notebook does nothing elsewhere, and there gets
-all that is needed.
+"""Google Colab: the first cell of a published notebook does nothing elsewhere, and there
+gets all that is needed.
 """
 
 import os
@@ -7,18 +7,14 @@ import subprocess
 import sys
 import types
 
-import nbformat
 import on_colab
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from repository import ROOT, START, address
+from repository import ROOT
 
-(CELL,) = (
-    cell.source
-    for cell in nbformat.read(ROOT / START, as_version=4).cells
-    if cell.id == "colab"
-)
+ADDRESS = "https://github.com/someone/cloth"
+CELL = on_colab.first_cell(ADDRESS).source
 FAKE = """
 import sys, types
 google, colab, output = (types.ModuleType(name) for name in ("google", "google.colab", "google.colab.output"))
@@ -61,7 +57,7 @@ def test_on_colab_it_clones_moves_into_the_notebooks_and_runs_twice(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     cloned, *widgets, seen = done.stdout.splitlines()
-    assert cloned == f"git clone --quiet --depth=1 {address()} clothlab"
+    assert cloned == f"git clone --quiet --depth=1 {ADDRESS} clothlab"
     assert widgets == ["widgets", "widgets"]
     package, folder, drawing = seen.split()
     assert os.path.samefile(package, ROOT / "clothlab" / "__init__.py")
