@@ -139,14 +139,17 @@ def larger(figure: Figure) -> Figure:
 
 
 def over_target(image: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """A mask over that of a target, both `[H, W]` bool, as a picture `[H, W, 3]`.
+    """Cloth over its target, masks `[..., H, W]`, as `[..., H, W, 3]` uint8.
 
-    White: cloth in both; blue: the target alone; orange: the image alone.
+    White: in both; blue: the target alone; orange: the cloth alone. A decoded image
+    counts as cloth above one half.
     """
-    picture = np.zeros((*target.shape, 3), np.uint8)
-    picture[target] = 86, 180, 233
-    picture[image] = 213, 94, 0
-    picture[image & target] = 255
+    cloth, wanted = np.broadcast_arrays(image, target)
+    cloth, wanted = cloth > 0.5, wanted > 0.5
+    picture = np.zeros((*cloth.shape, 3), np.uint8)
+    picture[wanted] = _BLUE
+    picture[cloth] = _ORANGE
+    picture[cloth & wanted] = 255
     return picture
 
 
@@ -184,21 +187,6 @@ def image_grid(
     for ax, title in zip(axes.flat, titles, strict=False):
         ax.set_title(title, fontsize=9)
     return figure
-
-
-def over_target(image: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Cloth over its target, masks `[..., H, W]`, as `[..., H, W, 3]` uint8.
-
-    White: in both; blue: the target alone; orange: the cloth alone. A decoded image
-    counts as cloth above one half.
-    """
-    cloth, wanted = np.broadcast_arrays(image, target)
-    cloth, wanted = cloth > 0.5, wanted > 0.5
-    picture = np.zeros((*cloth.shape, 3), np.uint8)
-    picture[wanted] = _BLUE
-    picture[cloth] = _ORANGE
-    picture[cloth & wanted] = 255
-    return picture
 
 
 def film_strips(rows: dict[str, Sequence[np.ndarray]], titles: Sequence[str]) -> Figure:
