@@ -31,7 +31,6 @@ from studies._runs import MIDDLE, RECORDINGS, new_trial, replay_nearest, trained
 from studies.oracle import search_trial
 
 # Mean of one number a task, and the ends of its interval
-Interval = tuple[float, float, float]
 _ARM = "torque"
 _ORACLE_STEPS = 41  # five periods: it is slow, and has found its plan by then
 STEPS = 73  # control steps: nine periods of eight, and the look after the last one
@@ -282,23 +281,17 @@ def show_contest(scores: Mapping[str, np.ndarray], title: str) -> Figure:
     # Its words, and the still cloth
     ax.axvline(0, color="0.35", ls="--", lw=1.2)
     ax.set_yticks(range(len(names)), names)
-    lowest = min(-100.0, *(each.mean() for each in scores.values()))
+    lowest = min(-100.0, *(each.min() for each in scores.values()))
     ax.set(xlim=(lowest - 10, 104), ylim=(-0.6, len(names) - 0.4))
     ax.set_xlabel("points (0: hanging still, 100: the target)")
     ax.set_title(title)
     return plots.larger(figure)
 
 
-def show_leads(leads: np.ndarray, title: str, band: Interval | None = None) -> Figure:
-    """A bar for each task's lead; with a band, their mean and its interval, too."""
+def show_leads(leads: np.ndarray, title: str) -> Figure:
+    """A bar for each task's lead."""
     figure, ((ax,),) = plots.new_axes(size=(7, 3.6))
     ax.bar(np.arange(1, len(leads) + 1), leads, width=0.5, color="0.55")
-    if band is not None:
-        mean, low, high = band
-        colour = plots.COLOURS[0]
-        ax.axhspan(low, high, color=colour, alpha=0.2, label="interval of the mean")
-        ax.axhline(mean, color=colour, lw=2, label="mean")
-        ax.legend(fontsize=12)
     ax.axhline(0, color="black", lw=1)
     reach = max(50.0, 1.1 * np.abs(leads).max())  # equal for nearly all tries
     ax.set(xticks=np.arange(1, len(leads) + 1), xlabel="task", ylabel="lead [points]")

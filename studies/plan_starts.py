@@ -20,6 +20,7 @@ from clothlab.method.control import (
     Controller,
     ControlSettings,
     best_step,
+    optimise_commands,
     steepest_ascent,
 )
 from clothlab.simulation.arm import Arm
@@ -43,7 +44,16 @@ SEARCHES = {
 }
 # How many starts each period has besides the plan at hand. That one alone is the search
 # "last" of `why_plans_fail`.
-STARTS = ("random 10", "random 2000", "recorded 10", "recorded 200")
+STARTS = (
+    "random 10",
+    "random 2000",
+    "recorded 10",
+    "recorded 200",
+    # What of the last one helps: that the plans move, the choice, or the search after?
+    "still 200",
+    "blind 200",  # one of the recorded plans, drawn blindly
+    "chosen 200",  # the best of the recorded plans, sent as it is
+)
 
 
 class NotingController(Controller):
@@ -76,6 +86,28 @@ class NotingController(Controller):
         return super().search(s, plan)
 
 
+class BlindController(NotingController):
+    """Each period begins with any one of the plans, and the search goes on from it."""
+
+    def _found(self, s: Tensor, plan: Tensor) -> Tensor:
+        if self.t % PERIOD == 0:
+            plan = self._plans[self._rng.integers(len(self._plans))]
+        loss = partial(self.losses, s)
+        found, trace = optimise_commands(loss, plan, self.limits, self.settings)
+        self.trace.append(trace)
+        return found
+
+
+class ChoosingController(NotingController):
+    """Each period is the best of the plans, without a search."""
+
+    def _found(self, s: Tensor, plan: Tensor) -> Tensor:
+        if self.t % PERIOD:
+            return plan
+        with torch.no_grad():
+            return self._plans[self.losses(s, self._plans).argmin()]
+
+
 class SamplingController(NotingController):
     """The cross-entropy method, with as many calls of the model as the gradient has.
 
@@ -106,14 +138,14 @@ class SamplingController(NotingController):
 
 
 def drawn_starts(name: str, arm: Arm, seed: int) -> np.ndarray:
-    """Plans `[N, 8, D_u]` of a kind, "still", "random" or "recorded", and a number.
+    """Plans `[N, 8, D_u]` of a kind and a number: "still", "random", or recorded ones.
 
     Single commands of still and of random plans are drawn alike: uniformly.
     """
     kind, count = name.split()
     n = int(count)
     rng = np.random.default_rng(100 + seed)
-    if kind == "recorded":
+    if kind not in ("still", "random"):
         recordings = data.load_trials(RECORDINGS["torque"])
         return recorded_plans(recordings, PERIOD, n, seed=seed)
     length = 1 if kind == "still" else PERIOD
@@ -157,9 +189,9 @@ def _run_start(
     plans = None
     if start != "last":
         plans = drawn_starts(start, trained(f"{weights}-{model}").arm, model)
-    return _followed(
-        target, cloth, model, steps, NotingController, plans, weights=weights
-    )
+    controllers = {"blind": BlindController, "chosen": ChoosingController}
+    kind = controllers.get(start.split()[0], NotingController)
+    return _followed(target, cloth, model, steps, kind, plans, weights=weights)
 
 
 def _followed(
