@@ -9,22 +9,19 @@ Every test is with a controller whose flights no training saw. Flights of one
 controller, `DEVELOPMENT`, were used to choose settings; they are among the recordings
 of every training, and no table is about them. All flights are 50 s, ten steps a second.
 
-**Rivals.** Wind tilts a drone that holds its place. So beside each estimate stands the
-plainest one, the mean tilt of the same seconds (`by_tilt`). After a pause, p stands
-beside networks without p that were trained on windows of 10 s: their memory is empty,
-or what it was at the end of what is known (kept), as in one that was trained to go on
-with such a memory (rehearsed).
-
-**What a prediction may know.** All that is known of a flight comes from its first 25 s
-and is held from there on. After a pause, nothing of the flight fills the memory.
+**A rival.** Wind tilts a drone that holds its place. So beside each estimate stands the
+plainest one, the mean tilt of the same seconds (`by_tilt`).
 
 **The table of predictions.** `drone_prediction` has p beside more rivals (`METHODS`):
 another wind's p, being told the wind, p that was trained on windows of 10 s, networks
 without p, an encoder of 10 s, a last layer fitted to the flight as Neural-Fly does with
 its own, a hover model with a constant residual force, without drag and with it, and a
-velocity that stays as it is. Its predictions begin in the second half of a flight, from
-one state, the commands that were sent, and the last seconds of the flight (`HISTORY`),
-which fill the memory. It is read here, and was made by the code of commit 97b3ae0d.
+velocity that stays as it is. After a pause, the memory of a network without p is empty,
+or kept from what is known, as in one that was trained to go on with such a memory
+(rehearsed). All that is known of a flight comes from its first 25 s. Predictions begin
+in the second half, from one state, the commands that were sent, and the last seconds of
+the flight (`HISTORY`), which fill the memory. The table is read here, and was made by
+the code of commit 97b3ae0d.
 
 **Written before the tables were made.** The unit is a controller: there are four, each
 with flights and trainings of its own. A figure is the mean over its four winds and its
@@ -39,52 +36,40 @@ within it. The wind is found where its trained p is the nearest of four.
 the mean of four winds and of two histories, 2 s and none.
 
 **Written afterwards.** The measure of a prediction was chosen after a first look, in
-which a model without p had led by the error of all states. When a kept memory was seen
-to be the worst of all after a pause, `drone_pause` was added, which has pauses of many
-lengths.
+which a model without p had led by the error of all states.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from clothlab.analysis import nearest_material
-from clothlab.method.data import Run
+from clothlab.method.data import Run, windows
 from clothlab.method.estimation import NewtonSettings, estimate_bias
-from clothlab.method.model import DPMPB, Memory
-from studies import _drone_models as models
-from studies._drone_models import (
-    LONG_MEMORY,
-    REHEARSED,
-    TESTED,
-    P,
-    Recordings,
-    Trained,
-    memory_of,
-    without,
-)
-from studies._grid import Case, Experiment, grid, over
-from studies.neural_fly import STEP, WINDS, load_flight
+from clothlab.method.model import DPMPB
+from clothlab.method.training import ModelTraining, train_dpmpb
+from studies._grid import Case, Experiment, grid, shared
+from studies.neural_fly import CONTROLLERS, STEP, WINDS, load_flight
 
+DEVELOPMENT = "L1"  # its flights are among those of every training
+TESTED = tuple(name for name in CONTROLLERS if name != DEVELOPMENT)
+TRAINING = ModelTraining(epochs=1, batch_size=50, stride=5, sequence_length=30)
+UPDATES = 1200  # of each training: what served it best in the development
 MARGIN = 0.05  # [m/s], written down beforehand
 WINDOW = 100  # steps from which p is estimated, longer than a loop of the figure
 SEEDS = range(5)  # of the trainings without each controller
 MISNAMED = ("NF-C", "NF")  # without which trainings get wrong names, as a control
-_HALF = 250  # steps from which all is known that is held
 _SECOND = 10  # steps
-PAUSED = range(_HALF, 490, 2)  # where a flight goes on after a pause that began at half
 _TILT = slice(3, 5)
-# What is predicted with
+# With what is predicted in the table `drone_prediction`
 ESTIMATED = "estimated p"
+LONG_MEMORY = "long memory"
 KEPT = "long memory, kept"
-_KINDS = {ESTIMATED: P, LONG_MEMORY: LONG_MEMORY, KEPT: LONG_MEMORY}
-_KINDS |= {REHEARSED: REHEARSED}
-# Besides, in the table `drone_prediction`
+REHEARSED = "kept memory, rehearsed"
 RIGHT = "right wind's p"
 FARTHEST = "farthest p"
 TOLD = "wind told"
@@ -108,6 +93,67 @@ METHODS: tuple[str, ...] = (
 METHODS += (LONG_P, KEPT, REHEARSED, HOVER, DRAG, STAYS)
 HORIZONS = (1, 3, 5, 10, 20, 30)  # steps
 HISTORY = (0, 2, 5, 10, 20, 50, 200)  # steps that fill the memory
+
+
+# The trainings
+
+
+class Trained(NamedTuple):
+    """What one training gives."""
+
+    model: DPMPB
+    biases: dict[str, np.ndarray]  # of each recorded wind [D_p]
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Which flights a training sees."""
+
+    controllers: tuple[str, ...]
+    # Whether flights are said to have other winds, others for each controller
+    shuffled: bool = False
+
+    def runs(self) -> list[Run]:
+        """The flights, each named by its wind."""
+        found = []
+        for k, controller in enumerate(self.controllers):
+            names = list(WINDS)
+            if self.shuffled:
+                # One place further for each: a name is that of all winds alike
+                names = [*names[k:], *names[:k]]
+            for wind, name in zip(WINDS, names, strict=True):
+                run = load_flight(controller, wind)
+                found.append(replace(run, material=name))
+        return found
+
+
+def without(controller: str, *, shuffled: bool = False) -> Recordings:
+    """All flights but those of a controller."""
+    controllers = tuple(name for name in CONTROLLERS if name != controller)
+    return Recordings(controllers, shuffled)
+
+
+@shared
+def train(recordings: Recordings, seed: int) -> Trained:
+    """Train a model with p on some flights.
+
+    Args:
+        recordings: which flights.
+        seed: of the first weights, and of the order of what is seen.
+    """
+    runs = recordings.runs()
+    settings = _with_updates(TRAINING, runs, UPDATES)
+    model, biases, _ = train_dpmpb(runs, settings, seed=seed, progress=False)
+    return Trained(model.requires_grad_(False), biases)
+
+
+def _with_updates(
+    settings: ModelTraining, runs: Sequence[Run], updates: int
+) -> ModelTraining:
+    """The same settings, with as many epochs as make so many updates."""
+    s, _, _ = windows(runs, settings.sequence_length, settings.stride)
+    batches = -(-len(s) // settings.batch_size)
+    return replace(settings, epochs=max(1, round(updates / batches)))
 
 
 # The estimate
@@ -149,12 +195,7 @@ def _seconds_until_right(
 
 def _ordered(known: Mapping[str, np.ndarray]) -> np.ndarray:
     """What is known of each wind, from the weakest to the strongest `[K, D]`."""
-    return np.stack([known[name] for name in WINDS if name in known])
-
-
-def _speeds(known: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Those of the winds of which something is known, in the same order `[K]` [m/s]."""
-    return np.array([speed for name, speed in WINDS.items() if name in known])
+    return np.stack([known[name] for name in WINDS])
 
 
 def _estimate(
@@ -169,7 +210,7 @@ def _estimate(
         shuffled: whether flights had wrong names in the training.
     """
     recordings = without(controller, shuffled=shuffled)
-    learned = models.train(P, recordings, seed)
+    learned = train(recordings, seed)
     run = load_flight(controller, wind)
     path = _estimated(learned, run, WINDOW)
 
@@ -187,28 +228,7 @@ def _estimate(
     }
 
 
-# A wind that no training saw
-
-
-def neighbours(wind: str) -> tuple[str, str]:
-    """The two recorded winds that lie next to one that is left out."""
-    others = [name for name in WINDS if name != wind]
-    others.sort(key=lambda name: abs(WINDS[name] - WINDS[wind]))
-    lower, upper = sorted(others[:2], key=WINDS.__getitem__)
-    return lower, upper
-
-
-def place_between(p: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """How far along the way from one p to another `[D_p]` a third one lies."""
-    way = upper - lower
-    return float((p - lower) @ way / (way @ way))
-
-
-def beside(p: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """How far off the line through two p `[D_p]` a third lies, over their distance."""
-    way = upper - lower
-    foot = lower + place_between(p, lower, upper) * way
-    return float(np.linalg.norm(p - foot) / np.linalg.norm(way))
+# The map
 
 
 def visiting_order(points: np.ndarray, closed: bool = False) -> tuple[int, ...]:
@@ -229,41 +249,6 @@ def visiting_order(points: np.ndarray, closed: bool = False) -> tuple[int, ...]:
     return orders[int(np.argmin(lengths))]
 
 
-def order_along_first_axis(points: np.ndarray) -> tuple[int, ...]:
-    """The order of points `[K, D]` along their first principal axis, either way."""
-    axis = np.linalg.svd(points - points.mean(axis=0))[2][0]
-    order = tuple(int(k) for k in np.argsort(points @ axis))
-    return min(order, order[::-1])
-
-
-def _unseen(controller: str, wind: str, seed: int) -> dict[str, Any]:
-    """Where the p of a wind lies that was left out, as was the controller.
-
-    Args:
-        controller: of the flight.
-        wind: of the flight.
-        seed: of the training.
-    """
-    recordings = without(controller, wind)
-    learned = models.train(P, recordings, seed)
-    run = load_flight(controller, wind)
-    p = _estimated(learned, run, WINDOW)[-1]
-    lower, upper = neighbours(wind)
-
-    # By p, by the mean tilt of the same seconds, and as the speeds say
-    biases = learned.biases
-    tilts = _mean_tilts(recordings)
-    tilt = _tilts(run, WINDOW)[-1]
-    speeds = {name: np.array([speed]) for name, speed in WINDS.items()}
-    return {
-        "biases": _ordered(biases),
-        "p": p,
-        "place": place_between(p, biases[lower], biases[upper]),
-        "place_by_tilt": place_between(tilt, tilts[lower], tilts[upper]),
-        "place_by_speed": place_between(speeds[wind], speeds[lower], speeds[upper]),
-    }
-
-
 def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.ndarray:
     """The wind that each p says `[T]` [m/s]: the place on the line through trained p.
 
@@ -271,7 +256,7 @@ def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.nda
     goes on straight at its ends.
     """
     points = _ordered(biases)
-    speeds = _speeds(biases)
+    speeds = [*WINDS.values()]
     best = np.full(len(path), np.inf)
     found = np.zeros(len(path))
     last = len(points) - 2
@@ -290,44 +275,6 @@ def wind_read_from(path: np.ndarray, biases: Mapping[str, np.ndarray]) -> np.nda
     return found
 
 
-# Predictions after a pause
-
-
-class _Held(NamedTuple):
-    """What is known of a flight from its first half."""
-
-    model: DPMPB
-    p: Tensor  # [D_p]
-    memory: Memory | None  # where one is kept
-
-
-def _hold(method: str, learned: Trained, first: Run) -> _Held:
-    """What a network makes of the first half of a flight."""
-    model = learned.model
-    if method == ESTIMATED:
-        p = models.estimate_at_once(model, first)
-        return _Held(model, torch.as_tensor(p, dtype=torch.float32), None)
-    kept = memory_of(model, first) if method in (KEPT, REHEARSED) else None
-    return _Held(model, torch.zeros(0), kept)
-
-
-def _after_pause(method: str, controller: str, wind: str, seed: int) -> dict[str, Any]:
-    """Predict 1 s with no memory but a kept one, after pauses of many lengths.
-
-    Args:
-        method: what is predicted with, a network.
-        controller: of the flight; no training saw its flights.
-        wind: of the flight.
-        seed: of the training.
-    """
-    run = load_flight(controller, wind)
-    learned = models.train(_KINDS[method], without(controller), seed)
-    held = _hold(method, learned, run[:_HALF])
-    given = models.forecasts(run, PAUSED, _SECOND)
-    off = (models.predicted(*held, given) - given.flown)[:, -1, :3]
-    return {"error": off.norm(dim=1).numpy().round(3)}
-
-
 def _estimate_cases(**sizes: Any) -> list[Case]:
     """All trainings with right names, one of each with wrong ones."""
     axes: dict[str, Any] = {"controller": TESTED, "seed": SEEDS, "wind": WINDS}
@@ -339,18 +286,4 @@ def _estimate_cases(**sizes: Any) -> list[Case]:
     return right + grid(**(axes | sizes | wrong))
 
 
-EXPERIMENTS = (
-    Experiment("drone_estimates", _estimate, _estimate_cases, slow=True),
-    Experiment(
-        "drone_unseen_wind",
-        _unseen,
-        over(controller=TESTED, wind=("35wind", "70wind"), seed=SEEDS),
-        slow=True,
-    ),
-    Experiment(
-        "drone_pause",
-        _after_pause,
-        over(method=_KINDS, controller=TESTED, wind=WINDS, seed=SEEDS),
-        slow=True,
-    ),
-)
+EXPERIMENTS = (Experiment("drone_estimates", _estimate, _estimate_cases, slow=True),)

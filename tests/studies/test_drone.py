@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from clothlab.method.data import Run
-from clothlab.method.model import DPMPB, Memory, predict as model_predict
-from studies import _drone_models as models, drone, neural_fly
+from clothlab.method.model import DPMPB, Memory
+from studies import drone, neural_fly
 from studies.neural_fly import STEP, WINDS
 
 APPROACH, DRAG = 0.4, 0.3  # a step, 1/s
@@ -59,20 +59,9 @@ class Windy(DPMPB):
         return following, Memory(torch.zeros(2, 1, 30), torch.zeros(2, 1, 30))
 
 
-def predict(model, s, u, p, memory=None):
-    """What `model.predict` does, also of a model that is no network."""
-    if not isinstance(model, Windy):
-        return model_predict(model, s, u, p, memory)
-    states = [s]
-    for step in u.unbind(1):
-        following, _ = model(states[-1][:, None], step[:, None], p)
-        states.append(following[:, 0])
-    return torch.stack(states[1:], dim=1)
-
-
-def learned(kind, recordings, seed):
-    biases = {name: np.array([WINDS[name] / 10]) for name in recordings.winds}
-    return models.Trained(Windy().eval().requires_grad_(False), biases)
+def learned(recordings, seed):
+    biases = {name: np.array([speed / 10]) for name, speed in WINDS.items()}
+    return drone.Trained(Windy().eval().requires_grad_(False), biases)
 
 
 @pytest.fixture
@@ -84,47 +73,31 @@ def world(monkeypatch):
             kept[which] = fly(*which)
         return kept[which]
 
-    for module in (models, drone):
-        monkeypatch.setattr(module, "load_flight", load_flight)
-    monkeypatch.setattr(models, "train", learned)
-    monkeypatch.setattr(models, "predict", predict)
+    monkeypatch.setattr(drone, "load_flight", load_flight)
+    monkeypatch.setattr(drone, "train", learned)
     drone._mean_tilts.cache_clear()
     yield load_flight
     drone._mean_tilts.cache_clear()
 
 
 @pytest.mark.slow
-def test_a_wind_that_can_be_known_is_found_and_where_it_lies_is_said(world):
+def test_a_wind_that_can_be_known_is_found(world):
     row = drone._estimate("NF", "70wind", 0)
     assert row["nearest"] == "70wind"
     assert row["p"] == pytest.approx([0.85], abs=0.01)
     assert row["seconds"] < 5
     assert row["path"].shape == (50, 1)
     assert row["nearest_by_tilt"] == "70wind"
-    unseen = drone._unseen("NF", "35wind", 0)
-    assert unseen["place_by_speed"] == pytest.approx(4.2 / 8.5)
-    assert unseen["place"] == pytest.approx(4.2 / 8.5, abs=0.01)
-    assert unseen["biases"].shape == (3, 1)
 
 
 def test_an_order_is_that_of_a_way_or_a_round_in_either_direction():
     line = np.array([[0, 0], [1, 0], [2, 0.1], [3, 0]])
     for points in (line, line[::-1]):
         assert drone.visiting_order(points) == (0, 1, 2, 3)
-        assert drone.order_along_first_axis(points) == (0, 1, 2, 3)
     square = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
     assert drone.visiting_order(square, closed=True) == (0, 1, 2, 3)
     assert drone.visiting_order(square[[0, 2, 1, 3]], closed=True) == (0, 2, 1, 3)
     assert drone.visiting_order(line[[1, 0, 2, 3]]) == (1, 0, 2, 3)
-    bent = np.array([[0, 0], [3, 0], [6, 0.5], [1, 0.5]])
-    assert drone.order_along_first_axis(bent) == (0, 3, 1, 2)
-
-
-def test_a_place_is_a_foot_and_beside_it_a_distance():
-    lower, upper = np.array([1.0, 0.0]), np.array([1.0, 2.0])
-    p = np.array([2.0, 0.5])
-    assert drone.place_between(p, lower, upper) == pytest.approx(0.25)
-    assert drone.beside(p, lower, upper) == pytest.approx(0.5)
 
 
 def test_a_wind_is_read_off_the_line_through_trained_p():
@@ -137,63 +110,8 @@ def test_a_wind_is_read_off_the_line_through_trained_p():
     assert drone.wind_read_from(outside, biases) == pytest.approx(8.5)
 
 
-@pytest.mark.slow
-def test_after_a_pause_a_known_wind_is_as_good_as_exact(world):
-    row = drone._after_pause(drone.ESTIMATED, "NF", "100wind", 0)
-    assert row["error"].shape == (len(drone.PAUSED),)
-    assert row["error"].max() < 0.02
-
-
-def test_a_memory_is_kept_over_a_pause_or_empty(world, monkeypatch):
-    torch.manual_seed(0)
-    model = DPMPB(8, 3, 0).eval().requires_grad_(False)
-    trained = models.Trained(model, {})
-    monkeypatch.setattr(models, "train", lambda *which: trained)
-    for name, value in {"PAUSED": [250], "_SECOND": 1}.items():
-        monkeypatch.setattr(drone, name, value)
-    run = world("NF", "70wind")
-    found = {}
-    for method, begin in {drone.KEPT: 0, drone.LONG_MEMORY: 250}.items():
-        s, u = (torch.as_tensor(each[None, begin:251]) for each in (run.s, run.u))
-        last = model(s, u, torch.zeros(0))[0][0, -1, :3].numpy()
-        found[method] = np.linalg.norm(last - run.s[251, :3])
-        row = drone._after_pause(method, "NF", "70wind", 0)
-        assert row["error"] == pytest.approx([found[method]], abs=1e-3)
-    assert abs(found[drone.KEPT] - found[drone.LONG_MEMORY]) > 1e-4
-
-
-@pytest.mark.parametrize("stretch", [0, 10])
-def test_a_memory_learns_from_its_windows_and_what_it_read_before(world, stretch):
-    runs = [world("NF", wind) for wind in ("nowind", "100wind")]
-    kind = models.MemoryTraining(length=20, uncounted=5, stretch=stretch)
-
-    def loss(trained):
-        s, u = (torch.as_tensor(each[None]) for each in (runs[1].s, runs[1].u))
-        with torch.no_grad():
-            predicted, _ = trained.model(s[:, :-1], u[:, :-1], torch.zeros(0))
-            return float(trained.model.loss(predicted[:, 5:], s[:, 6:]))
-
-    before, after, again = (models.train_memory(kind, runs, 3, n) for n in (1, 20, 20))
-    assert loss(after) < 0.8 * loss(before)
-    assert loss(again) == loss(after)
-
-
-def test_stretches_are_of_the_wind_that_is_asked_for(world):
-    runs = [world("NF", wind) for wind in ("nowind", "100wind")]
-    marked = [
-        Run(np.full_like(run.s, k), run.u, run.material)
-        for k, run in enumerate([*runs, *runs])
-    ]
-    s, u = models._stretches(marked, 30)(torch.tensor([0, 1, 0, 1, 1] * 20))
-    assert s.shape == (100, 31, 8)
-    assert u.shape == (100, 30, 3)
-    found = s[:, 0, 0].reshape(20, 5) % 2
-    assert (found == torch.tensor([0, 1, 0, 1, 1])).all()
-    assert set(s[:, 0, 0].tolist()) == {0, 1, 2, 3}
-
-
 def test_wrong_names_are_other_winds_for_each_controller():
-    straight = models.Recordings(("NF", "indi", "L1", "NF-C"))
+    straight = drone.Recordings(("NF", "indi", "L1", "NF-C"))
     asked = []
 
     def load_flight(controller, wind):
@@ -201,9 +119,9 @@ def test_wrong_names_are_other_winds_for_each_controller():
         return Run(np.zeros((1, 8)), [[0]], wind)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(models, "load_flight", load_flight)
+        patch.setattr(drone, "load_flight", load_flight)
         right = [run.material for run in straight.runs()]
-        wrong = [run.material for run in models.replace(straight, shuffled=True).runs()]
+        wrong = [run.material for run in drone.replace(straight, shuffled=True).runs()]
     assert right == asked[:16]
     pairs = set(zip(asked[:16], wrong, strict=True))
     assert len(pairs) == 16  # each name is that of each wind once
