@@ -21,7 +21,7 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data checksums train results reproduce worlds findings picture editions grades slides book format doctor lock
+.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data checksums train results paper reproduce worlds findings picture editions grades slides book format doctor lock
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -125,8 +125,11 @@ checksums: $(STAMP)  ## record the hashes of the files in data/ after a change t
 train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
 	$(BIN)/python scripts/reproduce.py train $(NAMES)
 
-results: $(STAMP)  ## compute every figure of the results table, with fresh simulation
+results: $(STAMP)  ## run the experiments of the stored tables anew, and write the README's rows
 	$(BIN)/python scripts/reproduce.py results $(NAMES)
+
+paper: $(STAMP)  ## the paper's results once, from nothing, in build/paper: record, train, estimate, control; goes on where it stopped
+	$(BIN)/python scripts/reproduce.py paper $(OPTIONS)
 
 worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, then tables side by side (OPTIONS="--paper-only --count 3")
 	$(BIN)/python scripts/reproduce.py worlds $(OPTIONS)

@@ -134,25 +134,6 @@ def late_median(best: ArrayLike) -> float:
     return float(np.median(best[LATE]))
 
 
-def difference_interval(
-    differences: ArrayLike, *, resamples: int = 10_000, seed: int = 0
-) -> tuple[float, float, float]:
-    """Mean, lower and upper end of a 95 % bootstrap interval of paired differences.
-
-    They are `[trainings, runs]`. Trainings and then their runs are drawn anew each
-    time: runs of one training resemble each other, so that twenty runs of five
-    trainings say less than twenty of twenty.
-    """
-    values = check_array("differences", differences, ("K", "N"))
-    k, n = values.shape
-    rng = np.random.default_rng(seed)
-    trainings = rng.integers(k, size=(resamples, k, 1))
-    runs = rng.integers(n, size=(resamples, k, n))
-    means = values[trainings, runs].mean(axis=(1, 2))
-    low, high = np.quantile(means, [0.025, 0.975])
-    return float(values.mean()), float(low), float(high)
-
-
 def crossed_interval(values: ArrayLike) -> tuple[float, float, float]:
     """Mean, lower and upper end of a 95 % interval where two things vary at once.
 

@@ -1,18 +1,20 @@
 """Make recordings, trainings and results anew, or everything from nothing.
 
-Five commands, which `make` calls under names of its own:
+Six commands, which `make` calls under names of its own:
 
     reproduce.py record [SET ...]           make data: trials and targets
     reproduce.py train [WEIGHTS ...]        make train: autoencoders and DPMPBs
     reproduce.py results [EXPERIMENT ...]   make results: every figure of the tables
+    reproduce.py paper [OPTIONS]            make paper: the paper's results, once
     reproduce.py everything [OPTIONS]       make reproduce: all of these from nothing
     reproduce.py worlds [OPTIONS]           make worlds: so ten times, from other seeds
 
 The first three work in `data/` itself, and replace what is there. Names choose;
 experiments that take hours run only when they are named. `everything` writes into
 build/reproduce/data, laid out like `data/`: recordings → autoencoders → DPMPBs →
-experiments → tables. The same command goes on where it was interrupted, a study at its
-next row. More in docs/scaling.md.
+experiments → tables. `paper` does the same in build/paper with the paper's amount of
+recordings, and only what the seven rows of the README stand on. The same command goes
+on where it was interrupted, a study at its next row. More in docs/scaling.md.
 """
 
 import argparse
@@ -35,7 +37,7 @@ import pandas as pd
 import studies
 from clothlab import data
 from clothlab.weights import save_autoencoder
-from studies import PAPER, report
+from studies import PAPER, headline, report
 from studies._parallel import KEPT, side_by_side
 from studies.datasets import (
     DATASETS,
@@ -51,6 +53,7 @@ from studies.training_configs import TRAINING_CONFIGS, TrainingConfig
 ROOT = Path(__file__).resolve().parents[1]
 _APART = 10_000_000  # seeds of one world from those of the next
 FOLDER = Path("build") / "reproduce"
+PAPERS_FOLDER = Path("build") / "paper"
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class Plan:
     # Other recordings, autoencoders, W and p, all from seeds of their own; targets are
     # part of the task, and stay. World 0 is the one in `data/`.
     world: int = 0
+    # Experiments, by default all that the amounts have
+    experiments: tuple[str, ...] = tuple(studies.EXPERIMENTS)
 
     @property
     def offset(self) -> int:
@@ -98,7 +103,8 @@ class Plan:
         World 0 has all of them, the others those that compare the two amounts.
         """
         found = []
-        for each, ending in product(studies.EXPERIMENTS.values(), self.endings):
+        for name, ending in product(self.experiments, self.endings):
+            each = studies.EXPERIMENTS[name]
             everywhere = each.paper or not (ending or self.world)
             if everywhere and not each.slow:
                 found.append(each.name + ending)
@@ -179,7 +185,7 @@ def reproduce(plan: Plan, **options: Any) -> None:
     # What learns from them, and is put to the test
     train(plan.configs(), range(plan.seeds), anew=False, **options)
     for name in plan.tables():
-        if not (folder / "results" / f"{name}.csv").exists():
+        if not _is_stored(name):
             table = studies.get(name).run(plan.cases(name), **options)
             studies.save(table, name)
     data.write_checksums()
@@ -187,10 +193,8 @@ def reproduce(plan: Plan, **options: Any) -> None:
 
 
 def results() -> str:
-    """The results as `docs/results.md` has them, from the tables in the data folder."""
-    asked = report.questions(report.stored())
-    papers = report.questions(report.stored(PAPER))
-    return report.page(report.verdicts(), asked or papers, report.by_key(papers))
+    """Answers in a few words and all claims, from the tables in the data folder."""
+    return f"{report.of_one()}\n\n{report.claims_table()}\n"
 
 
 @contextlib.contextmanager
@@ -241,23 +245,25 @@ def train_again(names: Sequence[str], **options: Any) -> None:
 def run_again(names: Sequence[str], **options: Any) -> None:
     """Run these experiments, or all that do not take hours, and write their results.
 
-    They go into `data/results`, README and `docs/results.md`. With the paper's amount
-    of recordings, most experiments are run in worlds alone; those that are not have a
-    table of that amount, which is made anew, too.
+    They go into `data/results` and the README. With the paper's amount of recordings,
+    most experiments are run in worlds alone; those that are not have a table of that
+    amount, which is made anew, too.
     """
     usual = [name for name, each in studies.EXPERIMENTS.items() if not each.slow]
-    stored = report.stored(PAPER)
     keep = ROOT / "build" / "experiments"
     os.environ[KEPT] = str(keep)
     for name in names or usual:
-        for ending in ("", PAPER) if name in stored else ("",):
+        for ending in ("", PAPER) if _is_stored(name + PAPER) else ("",):
             table = studies.run(name + ending, **options)
             studies.save(table, name + ending)
             data.write_checksums()
     shutil.rmtree(keep, ignore_errors=True)  # the next time all is computed again
-    marks = {True: "✓", False: "✗", None: " "}
-    for row in report.publish(ROOT):
-        print(f"{marks[row.met]} {row.label}: {row.figure} (aim {row.aim})")
+    report.publish(ROOT)
+    print(report.claims_table())
+
+
+def _is_stored(name: str) -> bool:
+    return (data.data_folder() / "results" / f"{name}.csv").exists()
 
 
 def from_nothing(arguments: argparse.Namespace) -> int:
@@ -269,7 +275,9 @@ def from_nothing(arguments: argparse.Namespace) -> int:
     (folder / "data").mkdir(parents=True, exist_ok=True)
     os.environ["CLOTHLAB_DATA"] = str(folder / "data")
     os.environ[KEPT] = str(folder / "kept")
-    plan = Plan(arguments.seeds, arguments.paper_only, arguments.world)
+    plan = Plan(
+        arguments.seeds, arguments.paper_only, arguments.world, arguments.experiments
+    )
     try:
         with workers_of(arguments.scheduler):
             reproduce(plan, workers=arguments.workers, progress=True)
@@ -277,8 +285,22 @@ def from_nothing(arguments: argparse.Namespace) -> int:
         print(f"\ninterrupted: the same command goes on from what lies in {folder}")
         return 130
     shutil.rmtree(folder / "kept", ignore_errors=True)
-    print(f"everything lies in {folder}")
+    print(f"\n{report.of_one()}\n\neverything lies in {folder}")
     return 0
+
+
+def paper(arguments: argparse.Namespace) -> int:
+    """The paper's results once, from nothing, with as many recordings as the paper has.
+
+    Record, train, estimate and control, with both arms, and print the seven answers of
+    the README with the numbers of this world. Those of worlds 1 to 10 stand in
+    `data/results`. Returned is the exit status.
+    """
+    arguments.seeds = 1
+    arguments.paper_only = True
+    arguments.experiments = headline.TABLES
+    arguments.scheduler = None
+    return from_nothing(arguments)
 
 
 def worlds(arguments: argparse.Namespace) -> int:
@@ -328,7 +350,7 @@ def save_side_by_side(worlds: Mapping[int, Path], home: Path) -> None:
 
 
 def command_line() -> argparse.ArgumentParser:
-    """A parser with a command for each of the five programs."""
+    """A parser with a command for each of the six programs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -337,7 +359,12 @@ def command_line() -> argparse.ArgumentParser:
     _again_command(commands, "train", train_again, TRAINING_CONFIGS)
     _again_command(commands, "results", run_again, studies.EXPERIMENTS)
 
+    once = _command(commands, "paper", paper)
+    once.add_argument("--folder", type=Path, default=PAPERS_FOLDER)
+    once.add_argument("--world", type=int, default=1, help="by default 1")
+
     everything = _command(commands, "everything", from_nothing)
+    everything.set_defaults(experiments=tuple(studies.EXPERIMENTS))
     everything.add_argument("--folder", type=Path, default=FOLDER)
     everything.add_argument(
         "--seeds", type=int, default=Plan.seeds, help="trainings of each DPMPB"

@@ -40,6 +40,7 @@ from studies import (
     identifiability,
     iterative_control,
     joint_estimation_control,
+    naming,
     oracle,
     other_reading,
     plan_starts,
@@ -52,15 +53,15 @@ from studies import (
     what_p_buys,
 )
 from studies._grid import PAPER, Experiment
-from studies._rows import Row
 
-_MODULES = (  # in the order of docs/results.md
+_MODULES = (
     autoencoder_quality,
     held_out,
     self_organisation,
     other_reading,
     estimation,
     estimation_race,
+    naming,
     control,
     plan_starts,
     simulator_descent,
@@ -130,13 +131,4 @@ def recompute(name: str, /, *, data: Folder = None, **which: Any) -> pd.DataFram
     return get(name).recompute(data=data, **which)
 
 
-__all__ = [
-    "EXPERIMENTS",
-    "PAPER",
-    "Experiment",
-    "Row",
-    "load",
-    "recompute",
-    "run",
-    "save",
-]
+__all__ = ["EXPERIMENTS", "PAPER", "Experiment", "load", "recompute", "run", "save"]

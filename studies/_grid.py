@@ -1,7 +1,7 @@
 """One shape for all experiments: a function from a case to a row, a grid, a table.
 
     cases = over(target=TARGETS, model=range(5))
-    control = Experiment("control", run_one, cases, rows=rows)
+    control = Experiment("control", run_one, cases)
 
     # A pandas.DataFrame, one row a case
     table = control.run(control.cases(model=0, steps=24))
@@ -24,15 +24,12 @@ import pandas as pd
 
 from clothlab.data import Folder, load_table
 from studies._parallel import kept, side_by_side
-from studies._rows import Row
 
 # Ending of tables, as of weights: the same with what the paper's amount of recordings
 # teaches
 PAPER = "-paper"
 
 Case = dict[str, Any]  # parameters of `run_one`
-# Stored tables of one amount of recordings, by their experiments' names
-Tables = Mapping[str, pd.DataFrame]
 _T = TypeVar("_T")
 
 
@@ -69,8 +66,6 @@ class Experiment:
             name.
         paper: the sizes with which it also runs on the paper's amount of recordings;
             none where it does not.
-        rows: stored tables → its rows in `docs/results.md`.
-        about: what stands above these rows: a question, then a paragraph.
     """
 
     name: str
@@ -78,8 +73,6 @@ class Experiment:
     cases: Callable[..., list[Case]]
     slow: bool = False
     paper: Mapping[str, Any] = field(default_factory=dict)
-    rows: Callable[[Tables], list[Row]] | None = None
-    about: str = ""
 
     @property
     def keys(self) -> list[str]:

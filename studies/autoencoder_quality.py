@@ -17,8 +17,7 @@ from clothlab.method.autoencoder import (
     train_autoencoder,
 )
 from clothlab.simulation.vision import iou
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import MIDDLE, chamfer_against_z, random_trial
 
 _NEIGHBOURS = 16  # images of nearest z that stand in for the decoder
@@ -76,67 +75,10 @@ def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str
     }
 
 
-_SIZES_SHOWN = (2, 3, 6, 12)  # the paper's is 3
-
-
-def _latent_rows(tables: Tables) -> list[Row]:
-    """What limits the reconstruction: the decoder, or how much z can hold."""
-    rows = []
-    for _, measured in tables["latent_size"].iterrows():
-        size = int(measured["latent_size"])
-        if size not in _SIZES_SHOWN:
-            continue
-        name = (
-            "image and reconstruction, recordings not trained on: intersection over "
-            f"union, mean, with D_z {size}"
-        )
-        overlap = float(measured["iou_low"])
-        decoder = Row(f"latent_size/{size}", name, overlap, of_paper=True)
-        nearest = Row(
-            f"latent_size/{size}/nearest",
-            f"{name}: the mean of the 16 images of nearest z in place of the decoder",
-            float(measured["iou_nearest"]),
-            of_paper=True,
-        )
-        rows += [decoder, nearest]
-    return rows
-
-
-def _chamfer_rows(tables: Tables) -> list[Row]:
-    """Whether z orders images as their outlines do."""
-    (correlation,) = tables["chamfer"].query("target == 'target-2'")["correlation"]
-    row = Row(
-        "chamfer",
-        "correlation of z distance and log chamfer distance, target-2",
-        correlation,
-        at_least=0.85,
-    )
-    return [row]
-
-
-_ABOUT = """
-Does z describe the cloth?
-
-Images of recordings that no training has seen, and their reconstructions, by the size
-of z; and two distances of an image to a target: the chamfer distance of the outlines
-and that of z (paper, "Simulation Experiment": the figure on chamfer distances).
-"""
 _PAPER = {"weights": "torque-paper"}
 EXPERIMENTS = (
+    Experiment("latent_size", _train, over(latent_size=(2, 3, 4, 6, 12)), slow=True),
     Experiment(
-        "latent_size",
-        _train,
-        over(latent_size=(2, 3, 4, 6, 12)),
-        slow=True,
-        rows=_latent_rows,
-        about=_ABOUT,
-    ),
-    Experiment(
-        "chamfer",
-        _compare,
-        over(target=("target-1", "target-2")),
-        paper=_PAPER,
-        rows=_chamfer_rows,
-        about=_ABOUT,
+        "chamfer", _compare, over(target=("target-1", "target-2")), paper=_PAPER
     ),
 )

@@ -13,10 +13,8 @@ import pandas as pd
 from clothlab.analysis import inside, nearest_material
 from clothlab.method.estimation import NewtonEstimator
 from clothlab.simulation.cloth import CLOTHS, Cloth
-from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial
-from studies._grid import Case, Experiment, Tables, over, shared
-from studies._rows import Row
+from studies._grid import Case, Experiment, over, shared
 from studies._runs import random_trial, trained
 from studies.estimation import BETWEEN
 from studies.uncertainty import Calibration, calibrate
@@ -161,57 +159,7 @@ def _cases(**sizes: Any) -> list[Case]:
     return cases
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """Accuracy, coverage of the regions, and alarms by kind of cloth."""
-    table = tables["calibration_test"]
-    known = table[table.kind == "trained"]
-    end = f"{Calibration.looks[-1] * CONTROL_PERIOD:g} s"
-
-    nearest = Row(
-        "calibration_test/nearest",
-        f"p by Gauss-Newton, {end}: nearest trained p is the right one",
-        100 * float((known.nearest == known.cloth).mean()),
-        " %",
-        at_least=97,
-    )
-
-    # Of the regions after the longest of the lengths
-    held = 100 * coverage(table)[-1]
-    covered = Row(
-        "calibration_test/coverage",
-        f"90 % regions hold the right p after {end}",
-        held,
-        " %",
-        at_least=85,
-        at_most=95,
-    )
-    return [nearest, covered, *_alarm_rows(table)]
-
-
-def _alarm_rows(table: pd.DataFrame) -> list[Row]:
-    """How often cloths beyond the range are called unknown, and trained ones are."""
-    alarms = table.assign(alarm=table.out_of_distribution.str[-1])
-    share = 100 * alarms.groupby("kind")["alarm"].mean()
-    by_error = "out of distribution by the error of prediction"
-    titles = {"beyond": "cloths beyond the trained range", "trained": "trained cloths"}
-    rows = []
-    for kind, title in titles.items():
-        key = f"calibration_test/{kind}"
-        rows.append(Row(key, f"{title}: {by_error}", share[kind], " %"))
-    return rows
-
-
-_ABOUT = """
-Do the regions of estimated p hold the right p as often as they say, and are unknown \
-cloths noticed?
-
-Gauss-Newton estimates p from 0. What its regions and alarms stand on
-(`studies.uncertainty`) is learned from development runs with the nine cloths, which
-all trainings share; each run of the test has commands of its own.
-"""
 EXPERIMENTS = (
     Experiment("calibration", _calibrate_one, over(model=range(5)), slow=True),
-    Experiment(
-        "calibration_test", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT
-    ),
+    Experiment("calibration_test", _run_one, _cases, slow=True),
 )

@@ -12,14 +12,12 @@ from clothlab import data
 from clothlab.analysis import target_distance
 from clothlab.method.autoencoder import encode
 from clothlab.method.iterative import nearest_plans
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import (
     HEAVY,
     LIGHT,
     RECORDINGS,
     empty_distance,
-    median_best,
     new_trial,
     random_trial,
     trained,
@@ -64,40 +62,7 @@ def _run_one(
     }
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """Best distance of a period under control over that under random commands."""
-    rows = []
-    by_task = tables["control"].groupby(["target", "cloth"], sort=False)
-    for (target, cloth), runs in by_task:
-        control = median_best(runs["control"])
-        random = median_best(runs["random"])
-        row = Row(
-            f"control/{target}/{cloth}",
-            f"{target}, {cloth}: best distance a period, median, over that of random "
-            "commands",
-            control / random,
-            at_most=0.4,
-        )
-        rows.append(row)
-    return rows
-
-
-_ABOUT = """
-Which commands produce the target image?
-
-Control with the right p against random commands, a cloth that hangs still, and an image
-without cloth (paper, "Simulation Experiment": the figure on control). Distances are in
-standard deviations of z, the smallest in each period of 8 steps, of which the last is
-the end of the throw.
-"""
 _CASES = over(target=("target-1", "target-2"), cloth=(LIGHT, HEAVY), model=range(5))
 EXPERIMENTS = (
-    Experiment(
-        "control",
-        _run_one,
-        _CASES,
-        paper={"weights": "torque-paper"},
-        rows=_rows,
-        about=_ABOUT,
-    ),
+    Experiment("control", _run_one, _CASES, paper={"weights": "torque-paper"}),
 )

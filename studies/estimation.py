@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from clothlab._validation import check_array, choose
 from clothlab.analysis import nearest_material
 from clothlab.simulation.cloth import CLOTHS, Cloth
-from clothlab.simulation.env import CONTROL_PERIOD
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import bias_error, estimate_at_random, trained
 
 if TYPE_CHECKING:
@@ -148,54 +145,11 @@ def _run_one(
     }
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """How often the nearest trained p is right, and errors on new cloths."""
-    table = tables["estimation"]
-    known = table[table["distance"].notna()]
-    new = table[table["distance"].isna()]
-    errors = 100 * np.abs(np.array([*new["error"]]))  # [N, 2]
-    return [
-        _accuracy_row(known),
-        _error_row("C_damp", errors[:, 0]),
-        _error_row("C_mass", errors[:, 1]),
-    ]
-
-
-def _accuracy_row(known: pd.DataFrame) -> Row:
-    seconds = len(known["trace"].iloc[0]) * CONTROL_PERIOD
-    return Row(
-        "estimation/accuracy",
-        f"after {seconds:g} s, from p = 0: the nearest trained p is the right one",
-        100 * (known["nearest"] == known["cloth"]).mean(),
-        " %",
-        at_least=95,
-    )
-
-
-def _error_row(name: str, errors: np.ndarray) -> Row:
-    return Row(
-        f"estimation/{name}",
-        f"cloths never trained on: largest error of {name} read off p",
-        errors.max(),
-        " %",
-        at_most=25,
-    )
-
-
-_ABOUT = """
-Can the material be estimated online?
-
-p is estimated from 0 while a cloth is moved at random for 40 s (paper, "Simulation
-Experiment": the figure on parametric biases). C_damp and C_mass of cloths that were
-never trained on are read off p by a map fitted to the others.
-"""
 EXPERIMENTS = (
     Experiment(
         "estimation",
         _run_one,
         over(cloth=ESTIMATED, model=range(5), repeat=range(4)),
         paper={"weights": "torque-paper"},
-        rows=_rows,
-        about=_ABOUT,
     ),
 )

@@ -25,10 +25,10 @@ from clothlab import plots
 from clothlab.analysis import best_per_period, principal_axes
 from clothlab.simulation.cloth import CLOTHS
 from clothlab.simulation.env import CONTROL_PERIOD
-from studies._rows import Row
 from studies._runs import HEAVY, LIGHT
 from studies.claims import (
     AMOUNTS_IN_WORDS,
+    PAPERS_THRESHOLD,
     SHOWN,
     Claim,
     Evidence,
@@ -48,6 +48,9 @@ _WORDS: dict[Any, Any] = {
     "ytick.labelsize": 10,
 }
 _CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
+# Where curves of foams are read, over the hanging foam's distance: nearness ends at
+# half, and the paper reads 0.5 of 0.86
+_READ_AT = {0.5: "-", PAPERS_THRESHOLD: "-."}
 # Colours of verdicts; words stand beside them
 VERDICT_COLOURS = {
     "holds": plots.COLOURS[2],
@@ -227,11 +230,11 @@ def _draw_rates(
     ax.set(xlim=(0, end), ylim=(0, 100))
 
 
-def _rates_key(figure: Figure, ax: Axes) -> None:
+def _rates_key(figure: Figure, ax: Axes, more: Iterable[Line2D] = ()) -> None:
     """Name curves of rates below all panels."""
     handles, _ = ax.get_legend_handles_labels()
     handles.append(Line2D([], [], color="0.2", lw=1.2, ls=":", label="hanging still"))
-    _explain(figure, handles, 6)
+    _explain(figure, [*handles, *more], 6)
 
 
 def control_rates(*evidences: Evidence) -> Figure:
@@ -416,7 +419,10 @@ def foam_rates(*evidences: Evidence) -> Figure:
             for condition in _CONDITIONS:
                 runs = of_foam[of_foam["condition"] == condition]
                 kinds[condition] = list(runs["distance"])
-            _draw_rates(ax, kinds, float(of_foam["distance"].str[0].mean()), end)
+            still = float(of_foam["distance"].str[0].mean())
+            _draw_rates(ax, kinds, still, end)
+            for share, style in _READ_AT.items():
+                ax.axvline(share * still, color="0.5", lw=1, ls=style)
         row[0].set_ylabel("steps nearer [%]")
         _name_row(row[0], _amount(evidence, table))
 
@@ -425,7 +431,11 @@ def foam_rates(*evidences: Evidence) -> Figure:
         ax.set_title(foam)
     for ax in axes[-1]:
         ax.set_xlabel("threshold of the distance [s.d. of z]")
-    _rates_key(figure, axes[0, 0])
+    read = []
+    for share, style in _READ_AT.items():
+        words = f"{100 * share:.0f} % of it"
+        read.append(Line2D([], [], color="0.5", lw=1, ls=style, label=words))
+    _rates_key(figure, axes[0, 0], read)
     return figure
 
 
@@ -596,112 +606,10 @@ def differences(
     return figure
 
 
-_OUTWARDS = np.array([-1, 1])
-_MET_COLOURS = {True: plots.COLOURS[2], False: plots.COLOURS[1], None: plots.COLOURS[0]}
-
-
-def own_rows(rows: Sequence[Row], beside: Mapping[str, Row]) -> Figure:
-    """Rows of this project's own, with their intervals and aims; a panel for each unit.
-
-    Args:
-        rows: from above.
-        beside: those of the paper's amount of recordings, by key.
-    """
-    # Panels as high as their rows are many
-    by_unit: dict[str, list[Row]] = {}
-    for row in rows:
-        by_unit.setdefault(row.unit, []).append(row)
-    heights = [0.9 + len(those) for those in by_unit.values()]
-    size = (11.0, (1.0 + 0.62 * sum(heights)) / len(heights))  # of a panel
-    figure, axes = _new_axes(
-        len(by_unit), 1, size, gridspec_kw={"height_ratios": heights}
-    )
-
-    # A row is a number, an interval and an aim
-    for (ax,), (unit, those) in zip(axes, by_unit.items(), strict=True):
-        for y, row in enumerate(those):
-            _draw_row(ax, y, row)
-            if row.key in beside:
-                ax.plot(beside[row.key].value, y, "o", mfc="none", color="0.3", ms=8)
-        labels = [_wrapped(row.label) for row in those]
-        ax.set_yticks(range(len(those)), labels)
-        ax.set_ylim(len(those) - 0.5, -0.5)
-        ax.set_xlabel(unit.strip() or "number without a unit")
-        _scale(ax, np.array([row.value for row in those]))
-    key = _row_key(rows, beside)
-    figure.legend(handles=key, loc="outside upper center", ncols=3, fontsize=11)
-    return figure
-
-
 def _wrapped(label: str) -> str:
     """A label in lines of about one length, so that none is a single word."""
     count = -(-len(label) // 46)
     return textwrap.fill(label, max(len(label) // count + 8, 20))
-
-
-def _draw_row(ax: Axes, y: float, row: Row) -> None:
-    """A dot in the colour of its aim, its interval, and the aim's bounds above it."""
-    colour = _MET_COLOURS[row.met]
-    if row.interval is not None:
-        ax.plot(row.interval, [y, y], color=colour, lw=2.5, solid_capstyle="butt")
-    face = "none" if row.of_paper else colour
-    ax.plot(row.value, y, "o", color=colour, mfc=face, ms=8)
-
-    # An aim that is a range is a line between its marks
-    bounds = {">": row.at_least, "<": row.at_most}
-    drawn = {marker: x for marker, x in bounds.items() if x is not None}
-    ax.plot([*drawn.values()], [y - 0.28] * len(drawn), color="0.5", lw=1.5)
-    for marker, x in drawn.items():
-        ax.plot(x, y - 0.28, marker, color="0.5", ms=8)
-
-
-def _scale(ax: Axes, values: np.ndarray) -> None:
-    """Show rows of very different size: linear for most, logarithmic beyond."""
-    sizes = np.abs(values)
-    typical = np.median(sizes)
-    if not 0 < 10 * typical < sizes.max():
-        if len(np.unique(ax.dataLim.intervalx)) == 1:  # a single number
-            ax.set_xlim(min(0, 1.2 * values[0]), max(0, 1.2 * values[0]))
-        return
-
-    # Limits a little beyond what is drawn
-    linear = 10 ** np.round(np.log10(typical))
-    low, high = ax.dataLim.intervalx
-    ax.set_xscale("symlog", linthresh=linear)
-    scaled = ax.xaxis.get_transform()
-    ends = scaled.transform([low, high])
-    low, high = scaled.inverted().transform(ends + 0.05 * np.ptp(ends) * _OUTWARDS)
-
-    # Plain words for ticks
-    beyond = linear * 10.0 ** np.arange(np.ceil(np.log10(sizes.max() / linear)))
-    positive = np.sort([linear / 2, *beyond, *3 * beyond])
-    ticks = [each for each in (*-positive, 0, *positive) if low <= each <= high]
-    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.set_xticks([], minor=True)
-    ax.set_xlim(low, high)
-    ax.set_xlabel(f"{ax.get_xlabel()}, logarithmic beyond {linear:g}")
-
-
-def _row_key(rows: Sequence[Row], beside: Mapping[str, Row]) -> list[Line2D]:
-    """Entries of a legend for what there is among rows."""
-    # Dots
-    labels = {True: "aim met", False: "aim not met", None: "no aim"}
-    looks: list[dict[str, Any]] = []
-    for met, colour in _MET_COLOURS.items():
-        if any(row.met == met for row in rows):
-            looks.append({"marker": "o", "color": colour, "label": labels[met]})
-    if any(row.of_paper or row.key in beside for row in rows):
-        hollow = {"marker": "o", "mfc": "none", "color": "0.3"}
-        looks.append(hollow | {"label": "hollow: the paper's recordings"})
-
-    # Aims
-    least = {"marker": ">", "color": "0.5", "label": "aim: this or more"}
-    most = {"marker": "<", "color": "0.5", "label": "aim: this or less"}
-    if any(row.at_least is not None for row in rows):
-        looks.append(least)
-    if any(row.at_most is not None for row in rows):
-        looks.append(most)
-    return [Line2D([], [], ls="none", ms=8, **look) for look in looks]
 
 
 def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:

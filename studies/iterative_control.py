@@ -14,13 +14,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import (
-    LATE,
-    best_per_period,
-    difference_interval,
-    late_median,
-    target_distance,
-)
+from clothlab.analysis import LATE, best_per_period, late_median, target_distance
 from clothlab.method.cloth_task import EstimatingPolicy
 from clothlab.method.control import ControlSettings
 from clothlab.method.iterative import IterativeLearningSettings, IterativePolicy
@@ -30,8 +24,7 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.trials import Trial, recorded_plans, rollout
 from clothlab.weights import ClothCheckpoint
 from studies import ablations
-from studies._grid import PAPER, Case, Experiment, Tables, grid, over
-from studies._rows import Row
+from studies._grid import PAPER, Case, Experiment, grid, over
 from studies._runs import (
     HEAVY,
     LIGHT,
@@ -43,7 +36,6 @@ from studies._runs import (
     trained,
 )
 from studies.motion import MotionWatch
-from studies.oracle import best_possible
 
 # Cloth whose p is the wrong one
 _WRONG = {LIGHT: HEAVY, HEAVY: LIGHT, "hard-1": "soft-1", "soft-1": "hard-1"}
@@ -329,100 +321,8 @@ def late_difference(both: pd.DataFrame) -> pd.Series:
     return (both["last_1"] - both["last_2"]) / both["random_1"]
 
 
-def speed_gain(both: pd.DataFrame) -> pd.Series:
-    """Highest hand speed under the first of two methods over the second's, minus one.
-
-    In the last ten periods.
-    """
-    return both["speed_1"] / both["speed_2"] - 1
-
-
-def _rows(tables: Tables) -> list[Row]:
-    """Distances of each method, and differences of methods with their intervals."""
-    table = over_random(tables["iterative_control"])
-    papers = select(table, PAPERS)
-    wrong = select(table, PAPERS, "wrong")
-    held = select(table, PAPERS, f_const=_HELD)
-    return [
-        *_rows_by_method(table),
-        *_difference_rows("the same with a wrong p", papers, wrong),
-        *_difference_rows("the same held at 10 N", papers, held),
-        _speed_row(papers, held),
-        _oracle_row(table, best_possible(tables["oracle"])),
-    ]
-
-
-def _rows_by_method(table: pd.DataFrame) -> list[Row]:
-    """Late distances of each method with the right p."""
-    rows = []
-    for controller in (REPLAY, PAPERS, STARTS, ITERATIVE):
-        runs = select(table, controller)
-        by_training = runs.groupby(["target", "cloth", "model"])["last_ratio"].mean()
-        row = Row(
-            f"iterative_control/{controller}",
-            f"{controller}, all tasks: distance, last ten periods, over random "
-            "commands', median",
-            float(by_training.median()),
-        )
-        rows.append(row)
-    return rows
-
-
-def _difference_rows(name: str, first: pd.DataFrame, second: pd.DataFrame) -> list[Row]:
-    """How much nearer the paper's controller comes than another method, by arm."""
-    rows = []
-    for arm in second["arm"].unique():
-        gaps = paired(first[first["arm"] == arm], second, late_difference)
-        mean, low, high = difference_interval(gaps)
-        title = f"{PAPERS} minus {name}"
-        row = Row(
-            f"iterative_control/{title}/{arm}",
-            f"{title}, {arm} arm: distance, last ten periods, over random commands'",
-            mean,
-            interval=(low, high),
-        )
-        rows.append(row)
-    return rows
-
-
-def _speed_row(free: pd.DataFrame, held: pd.DataFrame) -> Row:
-    """How much faster the hand is with free stiffness."""
-    gains = paired(free[free["arm"] == "muscle"], held, speed_gain)
-    mean, low, high = (100 * each for each in difference_interval(gains))
-    return Row(
-        "iterative_control/speed",
-        f"{PAPERS}: gain in peak hand speed by free stiffness over 10 N",
-        mean,
-        " %",
-        interval=(low, high),
-    )
-
-
-def _oracle_row(table: pd.DataFrame, possible: pd.Series) -> Row:
-    """How near the search on the true simulator is, by target and cloth."""
-    runs = select(table, ITERATIVE)
-    last = runs.groupby(["target", "cloth", "model"])["last"].mean()
-    ratio = last / last.index.droplevel("model").map(possible)
-    return Row(
-        "iterative_control/oracle",
-        "iterative learning control: last ten periods over the oracle's, median",
-        float(ratio.median()),
-        at_most=1.5,
-    )
-
-
-_ABOUT = """
-Does learning from outcomes spread the cloth?
-
-Iterative learning control against the paper's controller, replay of the best recording,
-and random commands, on both arms. All have the same time for each command. A run has 31
-periods of 8 steps, each to the end of its throw. Distances are in standard deviations
-of z, and most rows give them over the median of random commands.
-"""
 EXPERIMENTS = (
-    Experiment(
-        "iterative_control", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT
-    ),
+    Experiment("iterative_control", _run_one, _cases, slow=True),
     # Few enough to be repeated in other worlds
     Experiment(
         "control_rivals",

@@ -13,10 +13,8 @@ from clothlab import data
 from clothlab.analysis import best_per_period, target_distance
 from clothlab.method.rollout import Policy
 from clothlab.simulation.cloth import cloth_name
-from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import recorded_plans
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import HEAVY, RECORDINGS, estimating, new_trial, trained
 
 # What control knows of p: it is estimated from a wrong one, stays wrong, or is right
@@ -111,26 +109,6 @@ def thirds(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     return first, last
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """How near p comes to the right one."""
-    table = tables["joint_estimation_control"]
-    seconds = table["steps"].iloc[0] * CONTROL_PERIOD
-    row = Row(
-        "joint_estimation_control",
-        f"control from a wrong p: distance to the right p after {seconds:g} s, over "
-        "that of the start",
-        table["ratio"].mean(),
-        at_most=1 / 3,
-    )
-    return [row]
-
-
-_ABOUT = """
-Do estimation and control work at the same time?
-
-Control starts with the p of a wrong cloth, and p is estimated while the robot works
-(paper, "Simulation Experiment": the last two figures).
-"""
 _ARMS = over(
     knowledge=KNOWLEDGE,
     starts=(0, 200),
@@ -143,8 +121,6 @@ EXPERIMENTS = (
         _run_one,
         over(model=range(5)),
         paper={"weights": "torque-paper"},
-        rows=_rows,
-        about=_ABOUT,
     ),
     Experiment("joint_arms", _run_arm, _ARMS, paper={"weights": "torque-paper"}),
 )

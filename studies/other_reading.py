@@ -20,8 +20,7 @@ from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.cloth import CLOTHS, Cloth
 from clothlab.simulation.env import ClothEnv
 from clothlab.trials import rollout, to_run
-from studies._grid import Experiment, Tables, over, shared
-from studies._rows import Row
+from studies._grid import Experiment, over, shared
 from studies._runs import loss_of_run
 from studies.estimation import MaterialReadout
 
@@ -108,45 +107,6 @@ def named(held_out: np.ndarray) -> np.ndarray:
     return np.array([damping.mean(), mass.mean()])
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """R² of C_damp in each reading, and how often the best p has the right one."""
-    rows = []
-    for reading, runs in tables["other_reading"].groupby("reading", sort=False):
-        r2 = np.array([*runs["r2"]])  # [models, 2]
-        row = Row(
-            f"other_reading/{reading}",
-            f"C_damp as {reading}: R² of log C_damp from p, leave one cloth out",
-            r2[:, 0].mean(),
-        )
-        rows.append(row)
-
-    # In the other reading whose cloths are predicted well
-    runs = tables["other_reading"].query("reading == @BOTH")
-    shares = np.array([named(each) for each in runs["held_out"]])
-    best = Row(
-        "other_reading/named",
-        f"C_damp as {BOTH}: the p that predicts a new run best is of its C_damp; "
-        "33 % by chance",
-        100 * float(shares[:, 0].mean()),
-        " %",
-    )
-    return [*rows, best]
-
-
-_ABOUT = """
-What does p arrange if C_damp is the damping of the springs?
-
-The paper has its damping "between those point masses", and doesn't say how. In this
-project it is a drag on each point, which is an assumption. Here the same recordings,
-four times the paper's amount, are made with the other reading, too: once without any
-drag, once with a drag of 0.05 N s/m for all cloths.
-"""
 EXPERIMENTS = (
-    Experiment(
-        "other_reading",
-        _run_one,
-        over(reading=READINGS, model=range(1)),
-        rows=_rows,
-        about=_ABOUT,
-    ),
+    Experiment("other_reading", _run_one, over(reading=READINGS, model=range(1))),
 )

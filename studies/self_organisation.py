@@ -10,8 +10,7 @@ import numpy as np
 
 from clothlab.analysis import principal_axes
 from clothlab.simulation.cloth import CLOTHS
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import trained
 from studies.estimation import MaterialReadout
 
@@ -39,41 +38,12 @@ def _trained_p(model: int, weights: str = "torque") -> dict[str, Any]:
     }
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """R² of each constant, and of their ratio."""
-    table = tables["self_organisation"]
-    r2 = np.array([*table["r2"]])  # [models, 2]
-    return [
-        _row("C_damp", r2[:, 0]),
-        _row("C_mass", r2[:, 1]),
-        _row("C_damp / C_mass", table["ratio_r2"].to_numpy()),
-    ]
-
-
-def _row(name: str, r2: np.ndarray) -> Row:
-    return Row(
-        f"self_organisation/{name}",
-        f"log {name} from p, leave one cloth out: R²",
-        r2.mean(),
-        at_least=0.9,
-    )
-
-
-_ABOUT = """
-Does p arrange the cloths by their material?
-
-p is trained without labels. How well do C_damp and C_mass of a cloth follow from its p,
-by a smooth map fitted to the other eight (paper, "Simulation Experiment": the figure on
-parametric biases)?
-"""
 EXPERIMENTS = (
     Experiment(
         "self_organisation",
         _run_one,
         over(model=range(5)),
         paper={"weights": "torque-paper"},
-        rows=_rows,
-        about=_ABOUT,
     ),
     Experiment(
         "trained_p",

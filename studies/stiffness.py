@@ -20,14 +20,12 @@ from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, recorded_plans
-from studies._grid import Experiment, Tables, over
-from studies._rows import Row
+from studies._grid import Experiment, over
 from studies._runs import (
     RECORDINGS,
     empty_distance,
     estimate_at_random,
     estimating,
-    median_best,
     new_trial,
     random_trial,
     trained,
@@ -308,91 +306,20 @@ def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
     return found
 
 
-def _push_rows(tables: Tables) -> list[Row]:
-    """How much co-contraction changes the stiffness."""
-    table = tables["stiffness_ellipse"]
-    areas = table.pivot(index="spring", columns="f_const", values="area")
-    nonlinear = areas.loc["nonlinear"]
-    linear = areas.loc["linear"]
-    here = Row(
-        "stiffness_ellipse",
-        "stiffness ellipse: area at 10 N over that at 70 N",
-        nonlinear[10] / nonlinear[70],
-        at_least=5,
-    )
-    without = Row(
-        "stiffness_ellipse/linear",
-        "the same with linear springs, 30 N over 70 N",
-        linear[30] / linear[70],
-    )
-    return [here, without]
-
-
-def _moved_rows(tables: Tables) -> list[Row]:
-    """Whether a foam that was never trained on lies where it belongs."""
-    runs = tables["foam_estimation"].query("motion == 'random'")
-    places = runs.query("cloth == 'hard-2'")["place"]
-    most = len(places)
-    row = Row(
-        "foam_estimation",
-        "hard-2, never trained on, lies between hard-1 and hard-3: trainings of "
-        f"{most}",
-        places.between(0, 1, inclusive="neither").sum(),
-        at_least=4 / 5 * most,
-    )
-    return [row]
-
-
-def _control_rows(tables: Tables) -> list[Row]:
-    """Distance, and share of near steps under each condition, for each foam."""
-    by_foam = tables["foam_control"].groupby("cloth", sort=False)
-    return [_control_row(cloth, runs) for cloth, runs in by_foam]
-
-
-def _control_row(cloth: Any, runs: pd.DataFrame) -> Row:
-    by_condition = dict([*runs.groupby("condition", sort=False)])
-    correct = median_best(by_condition[CORRECT]["distance"])
-    random = median_best(by_condition[RANDOM]["distance"])
-    return Row(
-        f"foam_control/{cloth}/distance",
-        f"foam {cloth}: best distance a period, median, Correct over Random",
-        correct / random,
-        at_most=0.4,
-    )
-
-
-_ABOUT = """
-What is variable stiffness good for?
-
-The paper's section "Actual Robot Experiment", on a simulated muscle arm with foams,
-whose springs, motors and material values are assumptions. Each period of the control
-starts from the best predicted of 200 recorded stretches of commands: with the paper's
-warm start alone the arm hardly moves.
-"""
 _PAPER = {"weights": "muscle-paper"}
 _MODELS = range(5)
 EXPERIMENTS = (
-    Experiment(
-        "stiffness_ellipse",
-        _push,
-        over(spring=_SPRINGS, f_const=TENSIONS),
-        rows=_push_rows,
-        about=_ABOUT,
-    ),
+    Experiment("stiffness_ellipse", _push, over(spring=_SPRINGS, f_const=TENSIONS)),
     Experiment(
         "foam_estimation",
         _estimate_moved,
         over(cloth=ESTIMATED, model=_MODELS, motion=MOTIONS),
         paper=_PAPER,
-        rows=_moved_rows,
-        about=_ABOUT,
     ),
     Experiment(
         "foam_control",
         _control_one,
         over(condition=_CONDITIONS, cloth=HELD, model=_MODELS),
         paper=_PAPER,
-        rows=_control_rows,
-        about=_ABOUT,
     ),
 )

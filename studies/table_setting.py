@@ -10,15 +10,13 @@ from contextlib import closing
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from clothlab._validation import choose
-from clothlab.analysis import difference_interval, nearest_material, rate_interval
+from clothlab.analysis import nearest_material
 from clothlab.method.autoencoder import encode
 from clothlab.policies import ReplayPolicy
 from clothlab.weights import ClothCheckpoint
-from studies._grid import Case, Experiment, Tables, grid, over
-from studies._rows import Row
+from studies._grid import Case, Experiment, grid, over
 from studies._runs import trained
 from studies.table_scene.scene import Furniture
 from studies.table_scene.servoing import RobotDriver, lay_slowly
@@ -228,75 +226,10 @@ def middle_of_best(worked: np.ndarray) -> int:
     return int(best[len(best) // 2])
 
 
-def difference(
-    runs: pd.DataFrame, first: str, second: str
-) -> tuple[float, float, float]:
-    """How much more often one method spreads the cloth than another.
-
-    The mean, and the ends of its 95 % interval.
-    """
-    held = runs.pivot_table(
-        index=["model", "seed"], columns="method", values="spread", aggfunc="first"
-    ).astype(float)
-    by_model = (held[first] - held[second]).groupby("model").apply(np.array)
-    return difference_interval(np.stack(by_model))
-
-
-def _rows(tables: Tables) -> list[Row]:
-    """Each part of the task with throws, the same slowly, and the foam in the hand."""
-    runs = tables["table_setting"]
-    dynamic = runs[runs["method"] == "dynamic"]
-    slow = runs[runs["method"] == "slow"]
-
-    # The task with throws, which the paper shows once
-    grasped = dynamic["grasped"]
-    spread = dynamic["spread"]
-    success = dynamic["spread"] & dynamic["placed"]
-    whole = "table set, the whole run"
-    rows = [
-        _rate("grasped", "cloth grasped", grasped, at_least=96),
-        _rate("spread", "cloth spread by a throw", spread, at_least=80),
-        _rate("success", whole, success, at_least=70),
-    ]
-
-    # Slowly
-    mean, low, high = (100 * each for each in difference(runs, "dynamic", "slow"))
-    rows.append(_rate("spread/slow", "cloth spread, slow", slow["spread"]))
-    over_slow = Row(
-        "table_setting/difference",
-        "cloth spread: by a throw minus slowly",
-        mean,
-        " %",
-        interval=(low, high),
-    )
-    rows.append(over_slow)
-    return rows
-
-
-def _rate(key: str, label: str, held: pd.Series, **about: Any) -> Row:
-    """How often something held, with its interval."""
-    rate, low, high = (100 * each for each in rate_interval(held))
-    return Row(
-        f"table_setting/{key}",
-        f"{label}, of {len(held)}",
-        rate,
-        " %",
-        interval=(low, high),
-        **about,
-    )
-
-
-_ABOUT = """
-Can a robot set a table, and does throwing the cloth beat laying it down slowly?
-
-Three methods spread the cloth in the same episodes, with the same places of rack and
-basket: the throw that the model chooses, a slow hand, and the best recorded throw with
-this very cloth.
-"""
 _BORDER_CASES = over(foam=_FOAMS, near=_PLACES)
 
 
 EXPERIMENTS = (
-    Experiment("table_setting", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
+    Experiment("table_setting", _run_one, _cases, slow=True),
     Experiment("table_setting_border", _run_border, _BORDER_CASES, slow=True),
 )

@@ -13,12 +13,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab import data
-from clothlab.analysis import (
-    best_per_period,
-    difference_interval,
-    late_median,
-    target_distance,
-)
+from clothlab.analysis import best_per_period, target_distance
 from clothlab.lab.targets import known_target
 from clothlab.method.autoencoder import encode
 from clothlab.method.control import ControlSettings
@@ -27,8 +22,7 @@ from clothlab.method.iterative import IterativeLearningSettings
 from clothlab.method.rollout import Policy
 from clothlab.weights import ClothCheckpoint
 from studies import ablations
-from studies._grid import Case, Experiment, Tables, grid, shared
-from studies._rows import Row
+from studies._grid import Case, Experiment, grid, shared
 from studies._runs import (
     NEW,
     best_iou,
@@ -41,7 +35,6 @@ from studies._runs import (
     replay_nearest,
     trained,
 )
-from studies.oracle import best_possible
 
 _EXCITED = 200  # [step] of random commands from which p is estimated
 _CHANCE_PERIODS = 31  # of random commands with which throws are compared
@@ -380,154 +373,4 @@ def select(
     return table[by_method & long_enough & by_cloth & recorded_target]
 
 
-def difference(first: pd.DataFrame, second: pd.DataFrame) -> tuple[float, float, float]:
-    """First throws of one method minus another's, over random commands.
-
-    The mean, and the ends of its 95 % interval.
-    """
-    gaps = _first_of(first) - _first_of(second)
-    by_run = gaps.groupby(["model", "repeat"]).mean().unstack()
-    return difference_interval(by_run.to_numpy())
-
-
-def _first_of(runs: pd.DataFrame) -> pd.Series:
-    """Distances of first throws over random commands, by what two methods share."""
-    throws = runs.query("periods == 2")
-    return over_random(throws.set_index(["target", "cloth", "model", "repeat"]))
-
-
-def _mean(
-    table: pd.DataFrame, method: str, p: str = "estimated", *, new: bool = True
-) -> float:
-    """Mean distance of first throws over random commands'."""
-    runs = select(table, method, p, new=new).query("periods == 2")
-    return float(over_random(runs).mean())
-
-
-def _rows(tables: Tables) -> list[Row]:
-    """Means over cloths, targets, trainings and runs."""
-    table = tables["transfer"]
-    rows = []
-    for arm, runs in table.groupby("arm", sort=False):
-        rows.append(_first_row(arm, runs))
-        rows += _wrong_p_rows(arm, runs)
-        rows.append(_replay_row(arm, runs))
-        rows.append(_recorded_row(arm, runs))
-    rows.append(_new_targets_row(table))
-    rows.append(_oracle_row(table, best_possible(tables["oracle"])))
-    rows.append(_overlap_row(table, tables["oracle_transfer"]))
-    return rows
-
-
-def _first_row(arm: str, table: pd.DataFrame) -> Row:
-    """First throws with new cloths."""
-    return Row(
-        f"transfer/{arm}/first",
-        f"{arm} arm, new cloths, first throw: distance over random commands'",
-        _mean(table, CHOSEN),
-        at_most=0.25,
-    )
-
-
-_WRONG = {"farthest": "the farthest p", "none": "no p at all"}
-_AIMS = {"farthest": -0.25}
-
-
-def _wrong_p_rows(arm: str, table: pd.DataFrame) -> list[Row]:
-    """What it costs to know p wrongly, or not at all."""
-    estimated = select(table, CHOSEN, "estimated")
-    rows = []
-    for p, name in _WRONG.items():
-        gap, low, high = difference(estimated, select(table, CHOSEN, p))
-        row = Row(
-            f"transfer/{arm}/{p}",
-            f"{arm} arm, new cloths, first throw: estimated p minus {name}",
-            gap,
-            interval=(low, high),
-            at_most=_AIMS.get(p),
-        )
-        rows.append(row)
-    return rows
-
-
-def _replay_row(arm: str, table: pd.DataFrame) -> Row:
-    """What a model adds to a recording."""
-    return Row(
-        f"transfer/{arm}/replay",
-        f"{arm} arm, new cloths, first throw: over the nearest recording of another "
-        "cloth",
-        _mean(table, CHOSEN) / _mean(table, ANY_OTHER),
-        at_most=0.5,
-    )
-
-
-def _recorded_row(arm: str, table: pd.DataFrame) -> Row:
-    """First throws with cloths whose p is known."""
-    return Row(
-        f"transfer/{arm}/recorded",
-        f"{arm} arm, recorded cloths, first throw: distance over random commands'",
-        _mean(table, CHOSEN, "right", new=False),
-        at_most=0.06,
-    )
-
-
-def _new_targets_row(table: pd.DataFrame) -> Row:
-    """Targets that no recording shows, with new cloths."""
-    new_target = table["target"].str.contains("/")
-    drawn = table["target"].str.startswith("drawn/")
-    long = (table["periods"] > 2) & (table["method"] == CHOSEN)
-    new = table["cloth"].isin(NEW_NAMES)
-    tenth = over_random(table[new_target & ~drawn & long & new], 9)
-    return Row(
-        "transfer/held-out",
-        "held-out targets, new cloths, after ten periods: distance over random "
-        "commands'",
-        float(tenth.mean()),
-        at_most=0.1,
-    )
-
-
-_KEYS = ["target", "cloth"]  # which a run and a search have in common
-
-
-def _oracle_row(table: pd.DataFrame, possible: pd.Series) -> Row:
-    """How near the search on the true simulator is, which knows the cloth."""
-    runs = select(table, CHOSEN, "right", new=False, least=31)
-    least = runs.join(possible.rename("least"), on=_KEYS)["least"]
-    over = runs["best"].map(late_median) / least
-    by_task = over.groupby([runs["target"], runs["cloth"]]).mean()
-    return Row(
-        "transfer/oracle",
-        "the paper's cloths and targets, last ten of thirty periods: distance over the "
-        "oracle's, median of them",
-        float(by_task.median()),
-        at_most=2,
-    )
-
-
-def _overlap_row(table: pd.DataFrame, search: pd.DataFrame) -> Row:
-    """How much of the shape that is possible is shown."""
-    by_overlap = search[search["overlap"]].set_index(_KEYS)
-    largest = by_overlap["iou"].map(np.max).rename("largest")
-    long = (table["method"] == CHOSEN) & (table["periods"] > 2)
-    shapes = table[long].join(largest, on=_KEYS)
-    share = shapes["iou"].map(np.max) / shapes["largest"]
-    return Row(
-        "transfer/iou",
-        "drawn and held-out targets, ten periods: best IoU over that of an oracle "
-        "which searches for IoU, median",
-        float(share.median()),
-        at_least=0.9,
-    )
-
-
-_ABOUT = """
-What is p worth?
-
-Throws with cloths that were never recorded, and towards targets that were not chosen by
-their results. p is estimated from 40 s of random commands before the first throw.
-Distances are the best of a period over that of random commands.
-"""
-EXPERIMENTS = (
-    Experiment("transfer", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
-)
+EXPERIMENTS = (Experiment("transfer", _run_one, _cases, slow=True),)

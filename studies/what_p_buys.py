@@ -99,8 +99,7 @@ from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.trials import Trial
 from clothlab.weights import ClothCheckpoint
 from studies import ablations, transfer
-from studies._grid import PAPER, Case, Experiment, Tables, grid, shared
-from studies._rows import Row
+from studies._grid import PAPER, Case, Experiment, grid, shared
 from studies._runs import (
     NEW,
     best_iou,
@@ -753,33 +752,4 @@ def less_known(table: pd.DataFrame, **less: int) -> np.ndarray:
     return gaps.dropna(how="all").dropna(axis=1).to_numpy()
 
 
-def _rows(tables: Tables) -> list[Row]:
-    """What was asked beforehand, over all tasks."""
-    found = effects(tables["what_p_buys"])
-    rows = []
-    for question in ASKED:
-        effect = found.loc[(question, "all")]
-        when = "first throw" if effect["periods"] == 1 else "best of ten periods"
-        row = Row(
-            f"what_p_buys/{question}",
-            f"new cloths, {when}: {question}, difference over random commands'",
-            float(effect["difference"]),
-            interval=(float(effect["low"]), float(effect["high"])),
-            of_paper=True,
-        )
-        rows.append(row)
-    return rows
-
-
-_ABOUT = """
-What does p buy?
-
-First throws and ten periods with cloths that were never recorded, where p chooses a
-recording, is told to the network, both or neither; beside replays and refinement
-without a network. Distances are the best of a period over that of random commands, less
-is better. "Worth nothing" is an interval within a margin of 0.05 that was written down
-before.
-"""
-EXPERIMENTS = (
-    Experiment("what_p_buys", _run_one, _cases, slow=True, rows=_rows, about=_ABOUT),
-)
+EXPERIMENTS = (Experiment("what_p_buys", _run_one, _cases, slow=True),)

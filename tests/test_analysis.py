@@ -10,7 +10,6 @@ from clothlab import CLOTHS, load
 from clothlab.analysis import (
     best_per_period,
     crossed_interval,
-    difference_interval,
     nearest_material,
     period_ends,
     points,
@@ -156,20 +155,6 @@ def test_both_distances_are_compared_where_cloth_is_in_view_and_the_logarithm_ex
         [np.log(chamfer_distance(image, images[0])) for image in compared]
     )
     assert len(z) == len(compared)
-
-
-def test_an_interval_of_differences_covers_what_it_says_and_knows_that_runs_of_a_training_resemble_each_other():
-    rng, inside = np.random.default_rng(0), 0
-    for k in range(100):
-        runs = rng.normal(0.3, 0.2, (20, 1)) + rng.normal(0.0, 0.2, (20, 4))
-        _, low, high = difference_interval(runs, resamples=400, seed=k)
-        inside += low < 0.3 < high
-    assert 0.88 < inside / 100 < 0.99
-    _, low, high = difference_interval(runs)
-    _, low_alone, high_alone = difference_interval(runs.reshape(-1, 1))
-    assert high - low > 1.2 * (high_alone - low_alone)
-    with pytest.raises(ValueError, match="differences is"):
-        difference_interval(runs[:, 0])
 
 
 @pytest.mark.slow

@@ -80,8 +80,8 @@ MISTAKES = {
         "from smallest_step to largest_step, got 2 to 1.0",
     ),
     "an interval of nothing": (
-        lambda: analysis.difference_interval(np.zeros((0, 5))),
-        r"differences is .*, got the shape \[0, 5\]",
+        lambda: analysis.crossed_interval(np.zeros((0, 5))),
+        r"values is .*, got the shape \[0, 5\]",
     ),
 }
 

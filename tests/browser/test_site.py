@@ -21,7 +21,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 NAMES = (
     "index",
     "README",
-    "docs/results",
+    "docs/glossary",
     "docs/course/syllabus",
     "notebooks/03_data_and_images",
     "notebooks/07_model_predictive_control",

@@ -47,11 +47,6 @@ def test_regions_cover_what_they_hold(table):
     assert coverage(table, "bare") == pytest.approx([0.5])
 
 
-def test_rows_give_accuracy_coverage_and_alarms_by_kind(table):
-    found = get("calibration_test").rows({"calibration_test": table})
-    assert [row.value for row in found] == pytest.approx([50, 100, 0, 50])
-
-
 @pytest.mark.slow
 def test_a_run_is_looked_at_after_each_length(monkeypatch):
     stored = load("calibration").iloc[0][

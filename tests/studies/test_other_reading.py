@@ -1,10 +1,8 @@
 """The other reading of C_damp: which cloths it makes, and how p is judged."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import studies
 from clothlab.simulation.cloth import CLOTHS
 from studies.other_reading import BOTH, DAMPER, DRAG, READINGS, cloth_of, named
 
@@ -38,13 +36,3 @@ def test_one_p_for_all_is_chance():
     losses = np.ones((18, 9))
     losses[:, 4] = 0
     assert named(losses) == pytest.approx([1 / 3, 1 / 3])
-
-
-def test_rows_are_of_c_damp_and_the_last_one_of_the_reading_that_is_predicted_well():
-    own = np.ones((18, 9))
-    own[np.arange(18), OWN] = 0
-    mass_alone = np.roll(own, 3, axis=1)
-    runs = [(DRAG, (0.2, 0.9), own), (BOTH, (-1.0, 0.5), mass_alone)]
-    table = pd.DataFrame(runs, columns=["reading", "r2", "held_out"])
-    rows = studies.get("other_reading").rows({"other_reading": table})
-    assert [row.value for row in rows] == [0.2, -1.0, 0.0]

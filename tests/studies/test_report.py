@@ -1,119 +1,123 @@
-"""The results pages show the stored tables: numbers with keys, paper beside here."""
+"""README and notebook 15 show the stored tables."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import clothlab
-from studies import PAPER, Experiment, Row, figures, report, save
-from studies._grid import over
+from clothlab.data import data_folder
+from studies import PAPER, claims, headline, report, save
+from studies.claims import TWENTY, Evidence, NotMeasured
 
 ROOT = Path(clothlab.__file__).parents[1]
 
 
-@pytest.fixture(scope="module")
-def rows():
-    """Of both amounts of recordings, by key; no key is used twice."""
-    found = []
-    for ending in ("", PAPER):
-        each = [
-            row
-            for rows in report.questions(report.stored(ending)).values()
-            for row in rows
-        ]
-        assert len({row.key for row in each}) == len(each)
-        found.append({row.key: row for row in each})
-    return found
+def between_marks(page):
+    return page.split("<!-- results -->")[1].split("<!-- /results -->")[0]
 
 
-@pytest.mark.slow
-def test_the_pages_show_the_stored_tables(tmp_path):
-    pages = ("README.md", "docs/results.md")
-    (tmp_path / "docs").mkdir()
-    for page in pages:
-        (tmp_path / page).write_text(
-            "before <!-- results -->old<!-- /results --> after"
-        )
+def test_the_readme_shows_the_stored_tables(tmp_path):
+    page = tmp_path / "README.md"
+    page.write_text("before <!-- results -->old<!-- /results --> after")
     report.publish(tmp_path)
-    for page in pages:
-        new, shown = ((folder / page).read_text() for folder in (tmp_path, ROOT))
-        tables_of = [
-            text.split("<!-- results -->")[1].split("<!-- /results -->")[0]
-            for text in (new, shown)
-        ]
-        assert tables_of[0] == tables_of[1]
-        assert new.startswith("before")
-        assert new.endswith("after")
+    new = page.read_text()
+    assert between_marks(new) == between_marks((ROOT / "README.md").read_text())
+    assert new.startswith("before")
+    assert new.endswith("after")
 
 
-def test_rows_are_computed_once_for_each_amount_of_recordings(tmp_path, monkeypatch):
-    computed = []
-
-    def rows(tables):
-        computed.append(list(tables))
-        return [Row("counted", "what", float(tables["counted"]["x"].iloc[0]))]
-
-    counted = Experiment("counted", lambda x: {}, over(x=(1,)), rows=rows)
-    about = replace(counted, about="A question?\n\nA paragraph.")
-    monkeypatch.setattr(report, "EXPERIMENTS", {"counted": about})
-    for ending, x in (("", 2), (PAPER, 3)):
-        save(pd.DataFrame([{"x": x}]), f"counted{ending}", data=tmp_path)
-    (tmp_path / "docs").mkdir()
-    for page in ("README.md", "docs/results.md"):
-        (tmp_path / page).write_text("<!-- results --><!-- /results -->")
-    (row,) = report.publish(tmp_path, data=tmp_path)
-    assert (row.value, computed) == (2.0, [["counted"]] * 2)
-    written = (tmp_path / "docs" / "results.md").read_text()
-    assert "## A question?\n\nA paragraph.\n\n![" in written
-    assert (tmp_path / "docs" / "results" / "own-a-question.png").exists()
-    assert "| what | 3.00 | 2.00 |  |" in written
-
-
-@pytest.mark.slow
-def test_the_pages_are_short_and_rows_from_the_papers_amount_stand_beside_others(rows):
-    here, papers = rows
-    assert len(here) <= 95
-    assert papers.keys() <= here.keys()
-
-
-@pytest.mark.parametrize(
-    ("bounds", "aim", "met"),
-    [
-        ({"at_least": 0.5}, "≥ 0.5", True),
-        ({"at_most": 0.5}, "≤ 0.5", False),
-        ({"at_least": 0.7, "at_most": 0.8}, "0.7 to 0.8", True),
-        ({"at_least": 0.8}, "≥ 0.8", False),
-        ({}, "–", None),
-    ],
-)
-def test_a_row_says_whether_its_aim_is_met(bounds, aim, met):
-    row = Row("k", "what", 0.75, **bounds)
-    assert (row.figure, row.aim, row.met) == ("0.75", aim, met)
-
-
-def test_rows_of_very_different_size_are_all_seen():
-    values = (0.05, -0.04, 0.06, 3.0)
-    rows = [Row(str(value), "what", value, at_most=2.0) for value in values]
-    (ax,) = figures.own_rows(rows, {}).axes
-    low, high = ax.get_xlim()
-    assert low < -0.04
-    assert high > 3
-    assert [label.get_text() for label in ax.get_xticklabels()] == [
-        *("-0.05", "0", "0.05", "0.1", "0.3", "1", "3")
+def test_seven_rows_have_words_that_need_no_paper():
+    lines = report.results().split("\n\n")[0].splitlines()
+    assert len(lines) == 2 + 7
+    jargon = [
+        "PC1",
+        "C_damp",
+        "C_mass",
+        "f_const",
+        "chamfer",
+        "Correct",
+        "Random",
+        "warm",
+        "R²",
+        "s.d.",
+        "†",
     ]
-    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    assert legend == ["aim met", "aim not met", "aim: this or less"]
+    assert not [word for line in lines for word in jargon if word in line]
 
 
-def test_markdown_has_a_line_for_each_row():
-    few = Row("b", "b", 2.0, " %")
-    rows = [
-        Row("a", "a", 2.0),
-        Row("b", "b", 3.0, " %", at_least=4, interval=(1.2, 4.8)),
-    ]
-    assert report.table(rows, {"b": few}).splitlines()[2:] == [
-        "| a |  | 2.00 |  |",
-        "| b | 2.00 % | 3.00 % (1 to 5 %) | ≥ 4 %: not met |",
-    ]
+def test_a_page_without_marks_is_refused(tmp_path):
+    (tmp_path / "README.md").write_text("no place")
+    with pytest.raises(ValueError, match="has no place for this text"):
+        report.publish(tmp_path)
+
+
+def test_every_claim_has_its_row_with_margin_notebook_and_numbers():
+    text = report.claims_table()
+    rows = [line for line in text.splitlines() if line.startswith("| **")]
+    found = claims.all_claims()
+    assert len(rows) == len(found)
+    for row, claim in zip(rows, found.values(), strict=True):
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert claim.says in cells[0]
+        assert claim.measured in cells[1]
+        assert cells[-2:] == [f"{claim.margin:g}", claim.notebook]
+        for amount, cell in zip(claims.AMOUNTS, cells[2:4], strict=True):
+            try:
+                judged = claims.judge(claim.name, amount)
+            except NotMeasured:
+                assert cell == "not measured"
+            else:
+                assert cell.startswith(f"**{judged.verdict}**: {judged.short}")
+                assert cell.endswith(judged.repeated)
+
+
+def test_a_measure_at_its_floor_is_called_so():
+    for name, claim in claims.all_claims().items():
+        if claim.floor:
+            target = int(name[-1])
+            runs = Evidence()["control"].query(f"target == 'target-{target}'")
+            for kind in ("control", "random"):
+                assert runs[kind].map(claims.nearness).mean() < claim.margin
+
+
+def test_one_world_alone_is_told_without_a_verdict(tmp_path):
+    stored = pd.read_csv(data_folder() / "results" / "worlds-estimation-paper.csv")
+    one = stored[stored["world"] == 3].drop(columns="world")
+    (tmp_path / "results").mkdir()
+    one.to_csv(tmp_path / "results" / "estimation-paper.csv", index=False)
+    text = report.of_one(data=tmp_path)
+    of_world = claims.named_right(Evidence())["cloth"].loc[3]
+    assert f"the right one in {100 * of_world:.0f} % of runs" in text
+    assert text.count("not measured") == len(headline.QUESTIONS) - 1
+
+
+def late_runs(late):
+    """A run for each controller with this distance to the end, over 2 when still."""
+    rows = []
+    for controller, distance in late.items():
+        of = {"controller": controller, "model": 0, "still": 2.0}
+        rows.append(of | {"best": [distance] * 31})
+    return pd.DataFrame(rows)
+
+
+def test_rivals_of_worlds_go_before_those_of_one_set_of_recordings(tmp_path):
+    assert set(headline.rivals(Evidence(TWENTY))) > {"replay", "paper's controller"}
+    with pytest.raises(NotMeasured):
+        headline.rivals(Evidence(PAPER, tmp_path))
+    worlds = [late_runs({"replay": 0.5}).assign(world=k) for k in range(3)]
+    save(pd.concat(worlds), "worlds-control_rivals", data=tmp_path)
+    found = headline.rivals(Evidence(TWENTY, tmp_path))
+    assert list(found["replay"]) == [0.25] * 3
+
+
+def test_the_head_says_how_many_repetitions_there_are(tmp_path):
+    table = pd.DataFrame({"model": [0, 1], "cloth": "a"})
+    save(table, "estimation", data=tmp_path)
+    assert headline.amount(Evidence(TWENTY, tmp_path)) == (
+        "twenty times as many: 2 trainings, on one set"
+    )
+    save(table.assign(world=[1, 4]), "worlds-estimation", data=tmp_path)
+    assert headline.amount(Evidence(TWENTY, tmp_path)) == (
+        "twenty times as many: 2 worlds, each made from nothing"
+    )

@@ -3,7 +3,6 @@ on.
 """
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import pytest
 import reproduce
 from reproduce import Plan
 
+from studies import headline
 from studies._parallel import KEPT, side_by_side
 
 PATIENCE = 300  # [s], on a busy machine
@@ -151,9 +151,26 @@ def test_an_unknown_name_lists_the_choices(monkeypatch):
 @pytest.mark.slow
 def test_results_are_made_of_the_stored_tables():
     text = reproduce.results()
-    # One under each heading but the first, under which the parts of the paper stand
-    headings = re.findall("^###? ", text, re.MULTILINE)
-    assert text.count("\n| --- |") == len(headings) - 1 > 0
+    answers, _, tables = text.partition("**P of the cloths**")
+    assert answers.count("\n    ") == len(headline.QUESTIONS)
+    assert tables.count("\n| --- |") == 7
+
+
+def test_the_paper_is_one_world_with_the_tables_of_the_seven_rows(
+    monkeypatch, tmp_path, capsys
+):
+    asked = []
+    monkeypatch.setattr(reproduce, "reproduce", lambda plan, **_: asked.append(plan))
+    monkeypatch.setattr(reproduce.report, "of_one", lambda: "seven answers")
+    monkeypatch.setenv("CLOTHLAB_DATA", "")  # is set anew, as is KEPT
+    monkeypatch.setenv(KEPT, "")
+    words = ["reproduce.py", "paper", "--folder", str(tmp_path), "--world", "4"]
+    monkeypatch.setattr("sys.argv", words)
+    assert reproduce.main() == 0
+    (plan,) = asked
+    assert (plan.world, plan.seeds, plan.endings) == (4, 1, ("-paper",))
+    assert plan.tables() == [f"{name}-paper" for name in headline.TABLES]
+    assert "seven answers" in capsys.readouterr().out
 
 
 # Sizes in which everything takes part and nothing is learned, and an experiment of three
@@ -189,6 +206,7 @@ for name, each in reproduce.TRAINING_CONFIGS.items():
 short = {"steps": 40, "seeds": (3000,), "foams": ("soft-1",)}
 reproduce.find_targets = partial(reproduce.find_targets, **short)
 reproduce.results = lambda: "no results"
+reproduce.report.of_one = lambda: "no answers"
 sys.exit(reproduce.main())
 """
 

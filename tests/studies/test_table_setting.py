@@ -3,7 +3,6 @@ results, where the border is.
 """
 
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 
@@ -20,7 +19,7 @@ from studies.table_scene.servoing import RobotDriver
 from studies.table_scene.table_env import ClothPose, Placement, TableEnv
 from studies.table_scene.task import Outcome
 from studies.table_scene.throwing import ThrowSettings, label_spread
-from studies.table_setting import difference, middle_of_best
+from studies.table_setting import middle_of_best
 
 ARM = get_arm("muscle-hand")
 EXPERIMENT = get("table_setting")
@@ -158,18 +157,3 @@ def test_the_border_is_tried_with_every_margin_and_every_throw(monkeypatch):
 )
 def test_of_the_best_the_middle_one_is_taken(worked, best):
     assert middle_of_best(np.array([[k > 0, k > 1] for k in worked])) == best
-
-
-def test_rows_are_rates_of_a_method_s_episodes():
-    runs = pd.DataFrame(
-        EXPERIMENT.cases(method=["dynamic", "slow"], model=[0, 1], episodes=4)
-    )
-    runs["spread"] = [True, True, True, True, True, False, False, False]
-    runs["placed"], runs["grasped"] = runs["spread"] & (runs["seed"] > 500_000), True
-    mean, low, high = difference(runs, "dynamic", "slow")
-    assert low <= mean == 0.25 <= high
-    rows = EXPERIMENT.rows({"table_setting": runs})
-    found = {row.key: row for row in rows}
-    assert found["table_setting/spread"].value == 75
-    assert found["table_setting/success"].value == 50
-    assert found["table_setting/spread/slow"].value == 50

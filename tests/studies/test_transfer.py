@@ -4,7 +4,6 @@ commands.
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from clothlab.simulation.cloth import CLOTHS, FOAMS
 from studies import transfer
@@ -37,7 +36,7 @@ def test_wrong_p_are_of_other_cloths_and_the_right_one_is_the_trained_one():
     assert not transfer.bias("zero", "torque", name, 0, 0).any()
 
 
-def test_differences_are_of_first_throws_over_random_commands_and_paired():
+def test_distances_are_over_random_commands():
     rows = [
         {
             "target": "target-1",
@@ -54,9 +53,8 @@ def test_differences_are_of_first_throws_over_random_commands_and_paired():
         for periods in (2, 31)
     ]
     table = pd.DataFrame(rows)
-    better = table.assign(best=table["best"] - 0.5)
     assert transfer.over_random(table).tolist()[:8] == [0.5] * 8
-    assert transfer.difference(better, table) == pytest.approx((-0.25, -0.25, -0.25))
+    assert transfer.over_random(table, period=1).tolist() == [4.5] * 16
 
 
 def test_cloths_and_new_targets_take_turns():

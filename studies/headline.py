@@ -1,0 +1,286 @@
+"""The results in seven rows, in words that need no paper.
+
+Each question has a function of the stored tables of one amount of recordings that
+returns its answer. Numbers in brackets are the ends of a 95 % interval.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+import studies
+from clothlab.analysis import crossed_interval, late_median
+from clothlab.data import Folder
+from studies import claims, iterative_control, what_p_buys
+from studies.claims import (
+    AMOUNTS,
+    AMOUNTS_IN_WORDS,
+    TWENTY,
+    Evidence,
+    NotMeasured,
+    median_best,
+    nearness,
+)
+from studies.stiffness import CORRECT, WRONG as WRONG_FOAM
+
+Answer = Callable[[Evidence], str]
+
+
+def amount(evidence: Evidence) -> str:
+    """An amount of recordings in words, and over how many repetitions numbers are."""
+    count = evidence["estimation"]["unit"].nunique()
+    units = f"{count} {evidence.of}{'s' * (count > 1)}"
+    of = "each made from nothing" if evidence.of == "world" else "on one set"
+    return f"{AMOUNTS_IN_WORDS[evidence.amount]}: {units}, {of}"
+
+
+def said(answer: Answer, evidence: Evidence) -> str:
+    """An answer, or that it was not measured."""
+    try:
+        return answer(evidence)
+    except NotMeasured:
+        return "not measured"
+
+
+def _with_interval(
+    values: pd.Series,
+    unit: str = "",
+    scale: float = 1,
+    digits: int = 0,
+    within: tuple[float, float] = (-np.inf, np.inf),
+) -> str:
+    """Mean of numbers with its 95 % interval, such as "81 % (74 to 89)".
+
+    Args:
+        values: one of each repetition; of a single one, or where none differs, there
+            is no interval.
+        unit: of the numbers.
+        scale: by which they are multiplied.
+        digits: behind the point.
+        within: what a number can be at all.
+    """
+    numbers = scale * values.to_numpy(dtype=float)
+    mean, low, high = crossed_interval(numbers[:, None])
+    mean_words = f"{mean:.{digits}f}{unit}"
+    if len(numbers) == 1 or np.ptp(numbers) < 1e-9:
+        return mean_words
+    low, high = np.clip((low, high), *within)
+    return f"{mean_words} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _share(values: pd.Series, digits: int = 0) -> str:
+    return _with_interval(values, " %", 100, digits, within=(0, 100))
+
+
+def _word(claim: str, evidence: Evidence, words: dict[str, str]) -> str:
+    """What the verdict on a claim is called, in bold; nothing for a single number."""
+    judged = claims.judge_by(claim, evidence)
+    return f"**{words[judged.verdict]}**: " if judged.count > 1 else ""
+
+
+def _which_cloth(evidence: Evidence) -> str:
+    right = claims.named_right(evidence)["cloth"]
+    return f"the right one in **{_share(right)}** of runs"
+
+
+def _arranged(evidence: Evidence) -> str:
+    follows = claims.pc1_correlations(evidence).mean()
+    by_fall = follows["ratio"] > follows["damping"]
+    by = "how fast they fall" if by_fall else "their drag"
+    return (
+        f"by **{by}**: rank correlation of their main axis with drag over mass "
+        f"{follows['ratio']:.2f}, with drag alone, as in the paper, "
+        f"{follows['damping']:.2f}"
+    )
+
+
+_OFTENER = {
+    "holds": "yes",
+    "equal": "no",
+    "contradicted": "no, less often",
+    "inconclusive": "open",
+}
+
+
+def _within_half(evidence: Evidence, target: int) -> str:
+    """Share of moments, under control and under random commands."""
+    runs = evidence["control"].query(f"target == 'target-{target}'")
+    shares = {}
+    for kind in ("control", "random"):
+        near = runs[kind].map(lambda distance: claims.rate(distance, 0.5))
+        shares[kind] = _share(near.groupby(runs["unit"]).mean(), 1)
+    word = _word(f"control_{target}", evidence, _OFTENER)
+    return f"{word}{shares['control']} of all moments, by chance {shares['random']}"
+
+
+def _hard_picture(evidence: Evidence) -> str:
+    runs = evidence["control"].query("target == 'target-1'")
+    best = median_best(runs["control"]).groupby(runs["unit"]).mean()
+    return (
+        f"{_within_half(evidence, 1)}; the best moment of a throw is still "
+        f"{_share(best)} as far away as the hanging cloth"
+    )
+
+
+_SEEN = {
+    "holds": "yes",
+    "equal": "no difference",
+    "contradicted": "no, farther",
+    "inconclusive": "not seen",
+}
+
+
+def _knows(evidence: Evidence) -> str:
+    """Right p against wrong p, of cloths and of foams."""
+    runs = evidence["joint_arms"].query("starts == 0 and target == 'target-1'")
+    gained = claims.right_over_wrong(runs).mean(axis=1)
+    hanging = runs["distance"].str[0].mean()
+    word = _word("right_p_nearer", evidence, _SEEN)
+    parts = [
+        f"{word}with the right material {_with_interval(gained, digits=2)} nearer to "
+        f"the hard picture than with a wrong one, where a hanging cloth is "
+        f"{hanging:.1f} away"
+    ]
+    runs = evidence["joint_arms"].query("starts == 200")
+    if len(runs):
+        gained = claims.right_over_wrong(runs).mean(axis=1)
+        nearer = _with_interval(gained, digits=2)
+        parts.append(f"from recorded first plans, to both pictures, {nearer} nearer")
+    near = {}
+    table = evidence["foam_control"]
+    for condition in (CORRECT, WRONG_FOAM):
+        distances = table[table["condition"] == condition]["distance"]
+        near[condition] = distances.map(nearness).mean()
+    word = _word("foam_wrong_p", evidence, _SEEN).replace("**", "")
+    parts.append(
+        f"foams: {word}nearness {near[CORRECT]:.3f} with the right material, "
+        f"{near[WRONG_FOAM]:.3f} with a wrong one"
+    )
+    return "; ".join(parts)
+
+
+_PRINTED = {
+    "holds": "yes",
+    "equal": "yes",
+    "contradicted": "no",
+    "inconclusive": "open",
+}
+
+
+def _faster(evidence: Evidence) -> str:
+    gain = claims.speed_gain(evidence)
+    word = _word("stiffness_speed", evidence, _PRINTED)
+    return f"{word}with our motors {_with_interval(gain, ' %', 100)}"
+
+
+def rivals(evidence: Evidence) -> pd.DataFrame:
+    """Late distance over the hanging cloth's, of each controller on the torque arm.
+
+    Median of the last ten periods of a run; a row for each unit, means over both
+    targets and both cloths.
+    """
+    try:
+        runs = evidence["control_rivals"]
+    except NotMeasured:
+        if evidence.amount != TWENTY:
+            raise
+        runs = evidence["iterative_control"].query(
+            "recordings == 'all' and p == 'right' and repeat == 0 and arm == 'torque'"
+        )
+    late = runs["best"].map(late_median) / runs["still"]
+    return runs.assign(late=late).pivot_table("late", "unit", "controller")
+
+
+def _replay(evidence: Evidence) -> str:
+    late = rivals(evidence)
+    replay = _share(late[iterative_control.REPLAY])
+    papers = _share(late[iterative_control.PAPERS])
+    starts = _share(late[iterative_control.STARTS])
+    return (
+        f"leaves **{replay}** of the hanging cloth's distance, the paper's controller "
+        f"{papers}, the same with recorded first plans {starts}"
+    )
+
+
+QUESTIONS: dict[str, Answer] = {
+    "Swung for 40 s: which of nine cloths does the robot hold? (Chance: 11 %)": (
+        _which_cloth
+    ),
+    "By what do its two numbers for a material, p, arrange the cloths?": _arranged,
+    "Easy picture: does its control bring the cloth within half of the hanging "
+    "cloth's distance more often than random commands?": (
+        lambda evidence: _within_half(evidence, 2)
+    ),
+    "Hard picture, the cloth spread in the air: the same?": _hard_picture,
+    "Does control come nearer because it knows the material?": _knows,
+    "Does a variable stiffness make the hand 12 % faster?": _faster,
+    "A rival without a network: send this cloth's best recorded throw again": _replay,
+}
+# What they read
+TABLES = (
+    "estimation",
+    "trained_p",
+    "control",
+    "joint_arms",
+    "foam_control",
+    "control_rivals",
+)
+
+
+def table_line(*evidences: Evidence) -> str:
+    """What setting a table is worth, in one line."""
+    runs = evidences[-1].of_no_amount("table_setting")
+    done = (runs["spread"] & runs["placed"]).groupby(runs["method"])
+    throws, slow = done.sum()["dynamic"], done.sum()["slow"]
+    episodes = done.size()["dynamic"]
+    return (
+        f"A learned throw sets the table in {throws} of {episodes} runs, and so does "
+        f"laying the cloth down slowly, in {slow} of {episodes}."
+    )
+
+
+def sentences(*, data: Folder = None) -> list[str]:
+    """What p and the network are for, in three sentences."""
+    bought = what_p_buys.effects(studies.load("what_p_buys", data=data))
+
+    def nearer(question: str) -> str:
+        """How much nearer a way is than its rival, over all tasks."""
+        effect = bought.loc[(question, "all")]
+        mean, low, high = (
+            -100 * effect[each] for each in ("difference", "high", "low")
+        )
+        return f"{mean:.0f} % ({low:.0f} to {high:.0f})"
+
+    named = studies.load("naming", data=data).groupby("method")["right"]
+    least, most = named.min(), named.max()
+    return [
+        "1. **p** is worth something against the same robot without p: the first throw "
+        f"with a new cloth ends {nearer('p at all, over none')} of random commands' "
+        "distance nearer. Against sending the nearest recording of any cloth the gain "
+        f"is {nearer('plan by p, over the nearest replay of any cloth')}. That p is "
+        "continuous gains, over the nearest trained p, "
+        f"{nearer('continuous p, over the nearest trained')}.",
+        "2. **The network** is needed to name the cloth: its p names "
+        f"{least['p']} to {most['p']} of 18 runs, a regression for each cloth "
+        f"{least['regression']} to {most['regression']}. Its predictions gain "
+        f"{nearer('plan by p, over replay by nearest p')} on top of a recording in a "
+        "first throw, and in ten throws "
+        f"{nearer('network with p, over evolution strategy')} over a search for which "
+        "no network predicts.",
+        "3. Where a recording of this very cloth near this very picture exists, "
+        f"**neither** is needed: {_times_nearer(data)}.",
+    ]
+
+
+def _times_nearer(data: Folder) -> str:
+    """How far replay and the paper's controller stay away, by amount of recordings."""
+    found = []
+    for amount in AMOUNTS:
+        try:
+            late = rivals(Evidence(amount, data)).mean()
+        except NotMeasured:
+            continue
+        times = late[iterative_control.PAPERS] / late[iterative_control.REPLAY]
+        found.append(f"{times:.1f} times nearer with {AMOUNTS_IN_WORDS[amount]}")
+    return "sending it again comes " + ", ".join(found)
