@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -403,6 +404,17 @@ def from_starts(evidence: Evidence) -> pd.DataFrame:
     return table.rename(columns={"recorded 200": "recorded"})[["last", "recorded"]]
 
 
+def starts_by_experience(*evidences: Evidence) -> pd.DataFrame:
+    """Means of `from_starts`, by amount of recordings and target."""
+    means = {
+        AMOUNTS_IN_WORDS[evidence.amount]: from_starts(evidence)
+        .groupby("target")
+        .mean()
+        for evidence in evidences
+    }
+    return pd.concat(means)
+
+
 def _warm_start(evidence: Evidence) -> pd.Series:
     near = from_starts(evidence)
     return (near["recorded"] - near["last"]).groupby("unit").mean()
@@ -533,11 +545,11 @@ def _beyond(
     return _foam(evidence, measure, condition) - _foam(evidence, measure, other)
 
 
-def foam_differences(evidence: Evidence) -> pd.DataFrame:
+def foam_differences(*evidences: Evidence) -> pd.DataFrame:
     """Three measures of one comparison beside each other, with intervals.
 
-    A row for each rival of Correct, and for Correct as published over Random; positive
-    where the first one is better.
+    A row for each amount of recordings and each rival of Correct, and for Correct as
+    published over Random; positive where the first one is better.
     """
     pairs = {
         "Correct, over Random": (CORRECT, RANDOM),
@@ -547,17 +559,18 @@ def foam_differences(evidence: Evidence) -> pd.DataFrame:
     }
     measures: dict[str, _Measure] = {
         "nearness": nearness,
-        "rate within 58 % of hanging": _papers_rate,
+        f"steps within {PAPERS_THRESHOLD:.0%} of hanging": _papers_rate,
         "least distance [s.d. of z]": lambda distance: -float(np.min(distance)),
     }
-    table: dict[str, dict[str, str]] = {}
-    for name, measure in measures.items():
-        table[name] = {}
-        for label, (first, second) in pairs.items():
-            gained = _beyond(evidence, measure, second, first)
-            mean, low, high = crossed_interval(gained.to_numpy()[:, None])
-            table[name][label] = f"{mean:.3f} ({low:.3f} to {high:.3f})"
-    return pd.DataFrame(table)
+    rows = {}
+    for evidence, (label, pair) in product(evidences, pairs.items()):
+        row = {}
+        for name, measure in measures.items():
+            gained = _beyond(evidence, measure, pair[1], pair[0]).to_numpy()
+            mean, low, high = crossed_interval(gained[:, None])
+            row[name] = f"{mean:.3f} ({low:.3f} to {high:.3f})"
+        rows[AMOUNTS_IN_WORDS[evidence.amount], label] = row
+    return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def _stiff_then_soft(evidence: Evidence) -> pd.Series:
