@@ -21,6 +21,8 @@ RUN pip install uv && grep '==' environment.txt > pins.txt \
 COPY --chown=${NB_UID} . ./
 RUN pip install --no-deps --editable . && chown ${NB_UID} .
 
+RUN mkdir -p /usr/local/etc/jupyter && cp jupyter_lab_config.py /usr/local/etc/jupyter/
+
 USER ${NB_USER}
 EXPOSE 8888
 CMD ["jupyter", "lab", "--ip=0.0.0.0", "--port=8888", "--no-browser", \

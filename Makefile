@@ -54,7 +54,7 @@ doctor: $(STAMP)  ## check this machine: versions, drawing, data
 
 # JupyterLab starts in the repository's root: a notebook's ../docs would lie outside of what it serves otherwise.
 lab: doctor  ## open the notebooks in JupyterLab
-	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
+	$(BIN)/jupyter lab --config=jupyter_lab_config.py $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
 check: $(STAMP)  ## linter, types and unit tests, in parallel
 	$(call CHECKED)

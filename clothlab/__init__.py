@@ -31,31 +31,36 @@ __version__ = "0.5.0"
 # asked for, so that the method runs without the simulation.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-# The OpenGL back end that the user chose, if any
-opengl_named = os.environ.get("MUJOCO_GL")
+# The OpenGL back end that the user chose; empty without a choice
+opengl_named = os.environ.get("MUJOCO_GL", "").lower().strip()
 
 
 def _choose_opengl() -> None:
-    """Pick the OpenGL back end, unless the user already has.
+    """Pick the OpenGL back end, unless the user already has, of those that are there.
 
     MuJoCo reads the choice once, when it is first imported. EGL draws with and without
     a display, so it is preferred. It opens the window into OpenGL, whose functions lie
     in a library of their own: where that is missing, importing MuJoCo with EGL chosen
     fails. With no library present, importing MuJoCo works, and the error comes where
-    something is drawn, with the names of the packages to install.
+    something is drawn, with what to do. So it is where a user chose one that is not
+    installed.
     """
-    if not sys.platform.startswith("linux") or "MUJOCO_GL" in os.environ:
+    # Each back end needs its own library, and any one of those beside it.
+    needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
+    if opengl_named:
+        needed = {k: each for k, each in needed.items() if k.lower() == opengl_named}
+    if not sys.platform.startswith("linux") or not needed:
         return
 
-    # Each back end needs its own library, and any one of those beside it.
     chosen = "disable"
-    needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
     for name, others in needed.items():
         if ctypes.util.find_library(name) and any(
             ctypes.util.find_library(each) for each in others
         ):
             chosen = name.lower()
             break
+    if chosen == opengl_named:
+        return
     os.environ["MUJOCO_GL"] = chosen
 
     # `import mujoco` may have come first; import sorters put it there.

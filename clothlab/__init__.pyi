@@ -57,4 +57,4 @@ from .trials import recorded_plans as recorded_plans
 from .weights import Checkpoint as Checkpoint
 
 __version__: str
-opengl_named: str | None
+opengl_named: str

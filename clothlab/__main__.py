@@ -25,15 +25,9 @@ def check_drawing() -> list[str]:
         milliseconds = (time.perf_counter() - start) / _PICTURES * 1e3
         env.close()
     except Exception as error:  # each back end raises its own kind, one at its import
-        named = clothlab.opengl_named
         # What follows draws nothing, but imports MuJoCo
         os.environ["MUJOCO_GL"] = "disable"
         print("drawing   fails")
-        if named:
-            return [
-                f"MUJOCO_GL={named} is set, and does not draw here: unset it, and "
-                "clothlab chooses what does"
-            ]
         return [str(error)]
     print(f"drawing   {milliseconds:.1f} ms for a picture of the scene")
     return []

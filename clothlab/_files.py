@@ -9,10 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
-def write_bytes(path: str | Path, content: bytes) -> None:
+def write_bytes(path: str | Path, content: bytes, *, new: bool = False) -> None:
     """Write a file whole or not at all.
 
-    An OSError names the file that could not be written.
+    An OSError names the file that could not be written. A `new` one is a
+    FileExistsError where there is a file of this name: of two who write it at the same
+    time, one gets it.
     """
     # A link stays one: what it leads to is written
     path = Path(path).resolve()
@@ -31,6 +33,8 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         # With the other's permissions, where there is one and the file system has any
         with contextlib.suppress(OSError):
             shutil.copymode(path, temporary)
+        if new:
+            path.touch(exist_ok=False)
         temporary.replace(path)
     except OSError as error:
         reason = f"cannot write this file ({error.strerror})"

@@ -66,7 +66,7 @@ def load(name: str | Path = "torque-0") -> ClothCheckpoint:
         raise ValueError(
             f"the weights {name!r} were trained with another autoencoder than the"
             f" {shared!r} that lies here: train them again with `make train`, or "
-            "restore the files with `git checkout data/weights`"
+            f"{_remedy(_AUTOENCODERS.replace('*', shared), data_folder())}"
         )
     return loaded
 
@@ -92,7 +92,8 @@ def load_trials(name: str) -> list[Trial]:
     repository: `make data` records them.
     """
     if name == "mine":
-        return [load_trial(path) for path in sorted(own_trials().glob("*.npz"))]
+        # Without what a Mac writes beside the files of a ZIP, such as ._swing.npz
+        return [load_trial(path) for path in sorted(own_trials().glob("[!.]*.npz"))]
     data = data_folder()
     sets = [*_sets("trials", data), "mine"]
     choose("trials", name, dict.fromkeys(sets))
@@ -179,7 +180,7 @@ def recorded(data: Path) -> dict[str, str]:
     path = data / CHECKSUMS
     if not path.is_file():
         path = _PACKAGED
-    lines = path.read_text().splitlines() if path.is_file() else []
+    lines = path.read_text("utf-8").splitlines() if path.is_file() else []
     pairs = [line.split("  ", 1) for line in lines]
     return {name: digest for digest, name in pairs}
 

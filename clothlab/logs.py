@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from clothlab._validation import check_number, choose
-from clothlab.method.data import Run
+from clothlab.method.data import Run, too_far_from_zero
 
 # Times that differ by less than this share of a step are the same: decimal fractions
 # of a second have no exact binary ones.
@@ -172,13 +172,11 @@ def _check_dense(seconds: np.ndarray, step: float) -> None:
 
 def _check_digits(names: Sequence[str], values: np.ndarray) -> None:
     """A ValueError for what is so far from zero that single precision rounds it."""
-    rounding = np.spacing(np.abs(values).max(axis=0).astype(np.float32))
-    spread = values.std(axis=0)
-    coarse = (spread > 0) & (rounding > 0.01 * spread)
-    if coarse.any():
-        k = int(coarse.argmax())
+    lost = too_far_from_zero(values)
+    if lost.any():
+        k = int(lost.argmax())
         raise ValueError(
-            f"column {names[k]!r} varies by {spread[k]:.3g} around "
+            f"column {names[k]!r} varies by {values[:, k].std():.3g} around "
             f"{values[:, k].mean():.8g}, of which the single precision of networks "
             "keeps too little: take a constant off"
         )

@@ -83,7 +83,7 @@ def functions(name: str) -> SimpleNamespace | None:
     if path is None:
         return None
     namespace: dict[str, object] = {"__name__": f"mine.{name}"}
-    exec(compile(path.read_text(), str(path), "exec"), namespace)
+    exec(compile(path.read_text("utf-8"), str(path), "exec"), namespace)
     return SimpleNamespace(**namespace)
 
 
@@ -100,7 +100,7 @@ def log() -> dict[str, dict[str, float]]:
     path = _place("log.json")
     if path is None or not path.exists():
         return {}
-    return json.loads(path.read_text())
+    return json.loads(path.read_text("utf-8"))
 
 
 def _source(made: Callable) -> str:

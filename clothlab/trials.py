@@ -73,10 +73,11 @@ def to_run(autoencoder: Autoencoder, trial: Trial) -> Run:
     )
 
 
-def save_trial(trial: Trial, path: str | Path) -> None:
+def save_trial(trial: Trial, path: str | Path, *, new: bool = False) -> None:
     """Write a trial as `.npz`, images as packed bits.
 
-    An interrupted write leaves an existing file as it was.
+    An interrupted write leaves an existing file as it was. A `new` one is a
+    FileExistsError where there is a file of this name.
     """
     if Path(path).suffix != ".npz":
         raise ValueError(f"a trial's file ends in .npz, got {str(path)!r}")
@@ -101,7 +102,7 @@ def save_trial(trial: Trial, path: str | Path) -> None:
         commands=trial.commands,
         about=np.array(json.dumps(about)),
     )
-    write_bytes(path, content.getvalue())
+    write_bytes(path, content.getvalue(), new=new)
 
 
 def load_trial(path: str | Path) -> Trial:

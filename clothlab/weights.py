@@ -8,7 +8,7 @@ reading a file runs no code that came with it.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -27,7 +27,7 @@ from clothlab.method.cloth_task import ControlPolicy
 from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.iterative import IterativeLearningSettings, IterativePolicy
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, usual_torch
 from clothlab.method.training import ModelTraining
 from clothlab.simulation.arm import Arm, StateLayout, arm_data, arm_from_data
 from clothlab.trials import Trial, to_run
@@ -36,7 +36,7 @@ SUFFIX = ".safetensors"
 _FORMAT = 2
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Checkpoint:
     """A trained model of any robot, and what one has to know to use it."""
 
@@ -46,6 +46,12 @@ class Checkpoint:
     # Mean squared error of each epoch of the training, [epochs]
     losses: np.ndarray = field(default_factory=lambda: np.zeros(0))
     settings: ModelTraining | None = None  # of the training, where they are known
+
+    def __repr__(self) -> str:
+        """Return one line: its name, the sizes, and how many materials have a p."""
+        name = f" {self.name}" if self.name else ""
+        kind = type(self).__name__
+        return f"{kind}{name} of {self.model!r}, {len(self.biases)} materials"
 
     def save(self, path: str | Path, *, whole: bool = True) -> None:
         """Write one file; its name ends in `.safetensors`.
@@ -98,14 +104,15 @@ class Checkpoint:
         cls, about: Mapping[str, Any], tensors: Mapping[str, Tensor]
     ) -> dict[str, Any]:
         """The fields of which a file's words and numbers speak."""
-        model = DPMPB(*about["sizes"])
+        sizes = about["sizes"]
+        model = filled(lambda: DPMPB(*sizes), tensors, "model.")
         model.step = about["step"]
         model.state_names = tuple(about["state_names"])
         model.command_names = tuple(about["command_names"])
         biases = zip(about["materials"], tensors["p"].numpy(), strict=True)
         settings = about["settings"]
         return {
-            "model": filled(model, tensors, "model."),
+            "model": model,
             "biases": dict(biases),
             "name": about["name"],
             "losses": tensors["losses"].double().numpy(),
@@ -113,7 +120,7 @@ class Checkpoint:
         }
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ClothCheckpoint(Checkpoint):
     """A model and p of each cloth, with the arm and the eye: the autoencoder."""
 
@@ -127,7 +134,16 @@ class ClothCheckpoint(Checkpoint):
         return self.arm.layout(self.autoencoder.latent_size)
 
     def to_run(self, trial: Trial) -> Run:
-        """States and commands of a recorded trial, as the model sees them."""
+        """States and commands of a recorded trial, as the model sees them.
+
+        A ValueError for a trial of an arm with other sensors or commands.
+        """
+        ours = (self.arm.state_names, self.arm.command_names)
+        if (trial.arm.state_names, trial.arm.command_names) != ours:
+            raise ValueError(
+                f"this trial is of the {trial.arm.name} arm, these weights are of the "
+                f"{self.arm.name} arm: load weights of the same arm"
+            )
         return to_run(self.autoencoder, trial)
 
     def controller(
@@ -202,10 +218,9 @@ class ClothCheckpoint(Checkpoint):
     def _fields(
         cls, about: Mapping[str, Any], tensors: Mapping[str, Tensor]
     ) -> dict[str, Any]:
-        autoencoder = Autoencoder(about["latent_size"])
         return super()._fields(about, tensors) | {
             "arm": arm_from_data(about["arm"]),
-            "autoencoder": filled(autoencoder, tensors, "autoencoder."),
+            "autoencoder": _autoencoder(about, tensors),
             "autoencoder_name": about["autoencoder_name"],
         }
 
@@ -223,9 +238,14 @@ def load_autoencoder(path: str | Path) -> tuple[Autoencoder, np.ndarray]:
     """Read an autoencoder, in evaluation mode, and its losses `[epochs]`."""
     about, tensors = read_tensors(path)
     with reading(path, "autoencoder"):
-        empty = Autoencoder(about["latent_size"])
-        autoencoder = filled(empty, tensors, "autoencoder.")
-        return autoencoder, tensors["losses"].double().numpy()
+        return _autoencoder(about, tensors), tensors["losses"].double().numpy()
+
+
+def _autoencoder(
+    about: Mapping[str, Any], tensors: Mapping[str, Tensor]
+) -> Autoencoder:
+    size = about["latent_size"]
+    return filled(lambda: Autoencoder(size), tensors, "autoencoder.")
 
 
 def fingerprint(autoencoder: Autoencoder) -> str:
@@ -255,6 +275,7 @@ def write_tensors(
     write_bytes(path, content)
 
 
+@usual_torch()
 def read_tensors(path: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """What a file says, and its tensors; a ValueError names one that is damaged."""
     _check_suffix(path)
@@ -267,15 +288,24 @@ def read_tensors(path: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return about, tensors
 
 
-def filled(network: nn.Module, tensors: Mapping[str, Tensor], prefix: str) -> Any:
-    """A network with the weights whose names begin with a prefix, to be used."""
+@usual_torch()
+def filled(
+    make: Callable[[], nn.Module], tensors: Mapping[str, Tensor], prefix: str
+) -> Any:
+    """A network with the weights whose names begin with a prefix, to be used.
+
+    It is made without numbers of its own: a file may speak of a network that fits into
+    no memory, and is refused once its tensors turn out to be smaller.
+    """
+    with torch.device("meta"):
+        network = make()
     own = {
-        name.removeprefix(prefix): tensor
+        name.removeprefix(prefix): tensor.clone()
         for name, tensor in tensors.items()
         if name.startswith(prefix)
     }
-    network.load_state_dict(own)
-    return network.eval().requires_grad_(False)
+    network.load_state_dict(own, assign=True)
+    return network.float().eval().requires_grad_(False)
 
 
 def prefixed(prefix: str, network: nn.Module) -> dict[str, Tensor]:

@@ -16,6 +16,7 @@ import re
 import secrets
 import sys
 import tomllib
+import unicodedata
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -96,6 +97,20 @@ def words_of(check: NotebookNode) -> str:
     return "correct"
 
 
+def students_in(folder: Path) -> list[Path]:
+    """The folders of the students, without those that other programs leave there."""
+    return [
+        path
+        for path in sorted(folder.glob("[!.]*"))
+        if path.is_dir() and path.name != "__MACOSX"
+    ]
+
+
+def name_of(student: Path) -> str:
+    """The student's name, its accents as keyboards write them: a Mac takes them off."""
+    return unicodedata.normalize("NFC", student.name)
+
+
 def handed_in(student: Path, stem: str) -> NotebookNode | str:
     """A student's notebook of a lesson, or words on why there is none to run.
 
@@ -104,7 +119,7 @@ def handed_in(student: Path, stem: str) -> NotebookNode | str:
     found = [
         path
         for path in sorted(student.rglob(f"{stem}*.ipynb"))
-        if ".ipynb_checkpoints" not in path.parts
+        if not any(part.startswith(".") for part in path.relative_to(student).parts)
     ]
     if len(found) != 1:
         names = ", ".join(str(path.relative_to(student)) for path in found)
@@ -124,17 +139,18 @@ def grade(
     names = exercises(ours)
     rows = []
     for student in tqdm(students if names else [], desc=lesson.stem):
+        who = name_of(student)
         notebook = handed_in(student, lesson.stem)
         if isinstance(notebook, str):
             words = dict.fromkeys(names, notebook)
         else:
             notebook = small(notebook, like=ours)
             words = run(notebook, names, seed)
-            write(notebook, FOLDER / student.name / f"{lesson.stem}.ipynb")
+            write(notebook, FOLDER / who / f"{lesson.stem}.ipynb")
         for name in names:
             most = weights.get(name, 1)
             points = most if words[name] == "correct" else 0
-            row = {"student": student.name, "notebook": lesson.stem, "exercise": name}
+            row = {"student": who, "notebook": lesson.stem, "exercise": name}
             row |= {"points": points, "most": most, "words": words[name]}
             rows.append(row)
     return rows
@@ -148,7 +164,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="with a folder for each student")
     parser.add_argument("--only", nargs="+", help="numbers of notebooks, such as 00 01")
     arguments = parser.parse_args()
-    students = [path for path in sorted(arguments.folder.glob("*")) if path.is_dir()]
+    students = students_in(arguments.folder)
     if not students:
         sys.exit(f"{arguments.folder} has no folder of a student in it")
 

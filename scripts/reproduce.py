@@ -189,7 +189,7 @@ def reproduce(plan: Plan, **options: Any) -> None:
             table = studies.get(name).run(plan.cases(name), **options)
             studies.save(table, name)
     data.write_checksums()
-    (folder.parent / "results.md").write_text(results())
+    (folder.parent / "results.md").write_text(results(), "utf-8")
 
 
 def results() -> str:

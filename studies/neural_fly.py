@@ -99,7 +99,7 @@ def _checked(where: Path, name: str) -> bytes:
     else:
         raise FileNotFoundError(f"there is no {name} in {where}: {_FETCH}")
 
-    lines = _SUMS.read_text().splitlines()
+    lines = _SUMS.read_text("utf-8").splitlines()
     sums = {line[66:]: line[:64] for line in lines}
     if hashlib.sha256(content).hexdigest() != sums[name]:
         raise ValueError(

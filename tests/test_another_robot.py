@@ -157,6 +157,40 @@ def test_memory_follows_commands_of_others():
     assert not torch.allclose(prediction(fresh), prediction(acting), atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("reset", "step", "difference"),
+    [
+        (
+            lambda self, **_: np.zeros(1),
+            lambda self, u: (np.zeros(1), 0.0, False, {}),
+            "`reset` returns no info",
+        ),
+        (
+            lambda self: np.zeros(1),
+            lambda self, u: (np.zeros(1), 0.0, False, {}),
+            "`reset`, .*unexpected keyword argument 'seed'",
+        ),
+        (
+            lambda self, **_: (np.zeros(1), {}),
+            lambda self, u: (np.zeros(1), 0.0, False, {}),
+            "`step` returns 4 values",
+        ),
+    ],
+)
+def test_the_older_gym_s_interface_is_named_with_what_to_do(reset, step, difference):
+    robot = type("Robot", (), {"reset": reset, "step": step})()
+    with pytest.raises(ValueError, match=rf"interface \(.*{difference}\).*: wrap it"):
+        rollout(robot, lambda s: np.zeros(1), 5, material="any")
+
+
+def test_limits_in_degrees_are_noticed():
+    model = DPMPB(2, 1)
+    model.command_names = ("angle [rad]",)
+    model.u_std.fill_(0.5)
+    with pytest.warns(UserWarning, match=r"angle \[rad\] reach 180 .*the same unit\?"):
+        Controller(model, squares, [0, 0], [-90], [90])
+
+
 def squares(states, commands, t):
     return states.square().sum((1, 2))
 

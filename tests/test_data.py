@@ -263,6 +263,7 @@ def test_copies_that_jupyterlab_keeps_are_no_data(data, square):
 def test_trials_of_ones_own_are_read_but_not_recorded(data, trial):
     save_trial(trial, data / stored.OWN_TRIALS / "b.npz")
     save_trial(trial[:3], data / stored.OWN_TRIALS / "a.npz")
+    (data / stored.OWN_TRIALS / "._b.npz").write_bytes(b"of a Mac")
     stored.write_checksums()
     assert [len(each) for each in stored.load_trials("mine")] == [3, 12]
     assert "mine" not in (data / "SHA256SUMS").read_text()

@@ -186,6 +186,18 @@ def test_what_does_not_belong_together_is_no_run(s, u, message):
         Run(s, u, "a")
 
 
+def test_numbers_whose_changes_single_precision_loses_come_with_the_cure():
+    """A robot that moves by metres, 3,949 km north of where its map begins."""
+    t, moved = np.linspace(0, 20, 400), np.zeros((400, 1))
+    north, still = 3_948_996 + 2.3 * np.sin(t), np.full(400, 9.81)
+    s = np.column_stack([still + 1e-15 * np.sin(t), north])
+    with pytest.warns(UserWarning, match=r"number 1 .*: subtract a constant from it"):
+        run = Run(s, moved, "a")
+    assert len(np.unique(run.s[:, 1])) < 30  # of 400: what is warned of
+    run[:100]  # a part of what was rounded before, without a second warning
+    assert len(np.unique(Run(s - s[0], moved, "a").s[:, 1])) > 390
+
+
 def test_runs_that_no_model_can_learn_are_refused():
     with pytest.raises(ValueError, match=r"no runs"):
         train_dpmpb([])

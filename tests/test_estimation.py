@@ -234,6 +234,31 @@ def test_the_longest_warmup_leaves_one_step(listening, run):
     torch.testing.assert_close(found, last)
 
 
+def test_degrees_are_noticed_where_the_model_learned_radians(listening, run):
+    degrees = Run(np.rad2deg(run.s), run.u, "a", state_names=tuple("abcdefg"))
+    listening.s_std /= 3  # so that the training's deviation is that of the run
+    estimate_bias(listening, run)
+    with pytest.warns(UserWarning, match=r"state . of a run of a is \d+ .*same unit\?"):
+        estimate_bias(listening, degrees)
+
+
+def test_few_steps_do_not_make_sure():
+    """Of least squares over five steps of pure noise, the scatter of p is told at least
+    in its order of magnitude. Over all steps the gradients add up to zero.
+    """
+    rng = np.random.default_rng(0)
+    found, told = [], []
+    for _ in range(2000):
+        jacobian, errors = rng.normal(size=(5, 7, 2)), rng.normal(size=(5, 7))
+        rows = jacobian.reshape(-1, 2)
+        p, *_ = np.linalg.lstsq(rows, errors.ravel(), rcond=None)
+        left = errors - jacobian @ p
+        found.append(p)
+        told.append(Linearisation(left, jacobian).covariance(1e9))
+    share = np.trace(np.mean(told, axis=0)) / np.trace(np.cov(np.transpose(found)))
+    assert 0.4 < share < 1.2
+
+
 @pytest.mark.parametrize(("method", "least"), [("sgd", 12), ("newton", 6)])
 def test_a_run_too_short_to_say_anything_says_so(listening, run, method, least):
     with pytest.warns(match=f"a run of {least - 1} steps is too short"):

@@ -98,3 +98,19 @@ def test_whatever_a_reader_says_of_a_damaged_file_is_one_kind_of_error(path):
         raise KeyError("format")
     with pytest.raises(FileNotFoundError), reading(path, "results"):
         path.with_name("none.json").read_bytes()
+
+
+def test_of_all_who_write_a_new_file_one_gets_its_name(tmp_path):
+    def write(content: bytes) -> bool:
+        try:
+            write_bytes(tmp_path / "new", content, new=True)
+        except FileExistsError:
+            return False
+        return True
+
+    contents = [bytes([n]) * 1000 for n in range(8)]
+    with ThreadPoolExecutor(8) as threads:
+        written = list(threads.map(write, contents))
+    assert sum(written) == 1
+    assert (tmp_path / "new").read_bytes() == contents[written.index(True)]
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]

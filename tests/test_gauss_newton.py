@@ -23,12 +23,12 @@ def test_covariance_is_newey_and_west_s(window, lag):
     """Pairs of steps count the less the farther they are apart, beyond the lag not."""
     jacobian, errors = window.jacobian, window.errors
     gradients = [j.T @ e for j, e in zip(jacobian, errors, strict=True)]
-    within = min(lag, len(errors) - 1)
+    within = min(lag, len(errors) // 4)
     scatter = np.zeros((2, 2))
     for t in range(30):
         for q in range(30):
             if abs(t - q) <= within:
-                weight = 1 - abs(t - q) / (lag + 1)
+                weight = 1 - abs(t - q) / (within + 1)
                 scatter += weight * np.outer(gradients[t], gradients[q])
     inverse = np.linalg.inv(sum(j.T @ j for j in jacobian))
     expected = inverse @ scatter @ inverse

@@ -3,12 +3,15 @@
 import os
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
+import mujoco
 import pytest
 
 import clothlab
+from clothlab.simulation.rendering import make_renderer
 
 ROOT = Path(clothlab.__file__).parents[1]
 
@@ -52,6 +55,38 @@ def test_a_choice_of_opengl_is_respected():
         run("import clothlab, os; print(os.environ['MUJOCO_GL'])", MUJOCO_GL="disable")
         == "disable\n"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chosen", ["osmesa", "glfw", "disable"])
+def test_what_draws_nothing_needs_no_opengl(chosen):
+    code = """import ctypes.util
+    ctypes.util.find_library = lambda name: None
+    import clothlab
+    from clothlab.simulation.env import ClothEnv
+    env = ClothEnv()
+    env.advance(env.arm.home_command)
+    try:
+        env.camera_picture()
+    except RuntimeError as error:
+        print(error)
+    """
+    lacking = {"MUJOCO_GL": chosen, "DISPLAY": "", "PYTHONWARNINGS": "ignore"}
+    remedy = "is set, and does not draw here: unset it and restart Python"
+    found = run(textwrap.dedent(f"    {code}"), **lacking)
+    assert found.startswith(f"MUJOCO_GL={chosen} {remedy}"), found
+
+
+@pytest.mark.parametrize(
+    ("system", "remedy"),
+    [("linux", "apt-get install"), ("darwin", "where there is a display")],
+)
+def test_the_remedy_is_one_of_this_system(env, system, remedy, monkeypatch):
+    monkeypatch.setattr(clothlab, "opengl_named", "")
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(mujoco, "Renderer", None)
+    with pytest.raises(RuntimeError, match=remedy):
+        make_renderer(env.model, 30, 40)
 
 
 CHOICES = {

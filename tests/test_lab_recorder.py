@@ -56,9 +56,10 @@ def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_o
     with pytest.raises(ValueError, match="nothing was recorded"):
         recording.save("mine")
     add(recording, 1)
-    (tmp_path / "there.npz").touch()
+    (tmp_path / "there.npz").write_bytes(b"another's")
     with pytest.raises(ValueError, match="exists: choose another name"):
         recording.save("there")
+    assert (tmp_path / "there.npz").read_bytes() == b"another's"
     with pytest.raises(ValueError, match="recording"):
         recording.save("../elsewhere")
     assert recording.running

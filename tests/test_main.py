@@ -51,8 +51,8 @@ def test_a_back_end_that_is_not_installed_is_named_and_the_rest_is_checked(folde
     assert (done.returncode, done.stderr) == (1, b"")
     advice = done.stdout.decode(errors="replace").splitlines()[-2:]
     assert advice == [
-        "  - MUJOCO_GL=osmesa is set, and does not draw here: unset it, and clothlab "
-        "chooses what does",
+        "  - MUJOCO_GL=osmesa is set, and does not draw here: unset it and restart "
+        "Python, and clothlab chooses what draws",
         "  - data/results/a.csv is missing: download it from "
         "https://example.com/data/results/a.csv",
     ]

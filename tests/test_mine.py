@@ -1,6 +1,9 @@
 """What a reader makes in one notebook is there in the next one, or the stored one is."""
 
 import linecache
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -80,3 +83,18 @@ def test_where_the_folder_is_empty_nothing_is_kept(monkeypatch):
     assert mine.folder() is None
     assert mine.log() == {}
     assert mine.checkpoint().name == mine.STORED
+
+
+@pytest.mark.slow
+def test_letters_beyond_those_of_a_machine_come_back(kept):
+    (kept / "angle.py").write_text("def angle():\n    return 'θ'\n", "utf-8")
+    code = "from clothlab import mine; print(ascii(mine.functions('angle').angle()))"
+    ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | ascii_only,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines()[-1] == r"'\u03b8'"

@@ -2,9 +2,12 @@
 how the arm moved in them.
 """
 
+import base64
 import json
+import re
 from dataclasses import asdict, replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -194,3 +197,17 @@ def test_a_part_of_a_trial_is_a_trial_and_a_step_is_none(trial):
         TypeError, match=r"cut with a slice, such as trial\[:100\], not with 3"
     ):
         trial[3]
+
+
+def test_a_notebook_shows_the_film_strip_of_a_trial(trial):
+    page = trial._repr_html_()
+    words, png = re.fullmatch(
+        r'(.*)<br><img src="data:image/png;base64,(.*)" alt=".*">', page
+    ).groups()
+    assert words == repr(trial)
+    strip = cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), -1)
+    assert strip.shape == (50, 10 * 66)
+    first = trial.images[0, ::2, ::2]
+    assert np.array_equal(strip[1:-1, 1:65] > 200, first)
+    last = trial.images[-1, ::2, ::2]
+    assert np.array_equal(strip[1:-1, -65:-1] > 200, last)

@@ -175,3 +175,38 @@ def test_a_training_is_saved_with_its_settings_and_controls_as_before(tmp_path):
     assert np.array_equal(read.losses, losses)
     assert read.biases["a"].dtype == biases["a"].dtype
     assert np.array_equal(read.biases["a"], biases["a"])
+
+
+def test_a_file_that_speaks_of_a_huge_network_is_refused_before_it_is_made(
+    swing, tmp_path, monkeypatch
+):
+    path = tmp_path / "swing.safetensors"
+    monkeypatch.setattr(swing.model, "state_size", 10**12)
+    swing.save(path)
+    with pytest.raises(ValueError, match=r"(?s)swing.safetensors is damaged.*mismatch"):
+        Checkpoint.load(path)
+
+
+def test_a_trial_of_another_arm_is_no_run_of_these_weights(cloth, trial, muscle_trial):
+    assert cloth.to_run(trial).material == trial.cloth.name
+    with pytest.raises(
+        ValueError, match=r"of the muscle arm, .* of the torque arm: load"
+    ):
+        cloth.to_run(muscle_trial)
+
+
+def test_what_a_person_prints_is_a_line_without_numbers(cloth, swing, trial):
+    shown = {
+        trial: "Trial of damp0.05-mass0.10 by random: 12 steps of 0.2 s, torque arm",
+        cloth.to_run(
+            trial
+        ): "Run of damp0.05-mass0.10: 12 steps of 0.2 s, 7 states, 2 commands",
+        cloth.model: "DPMPB: 7 states, 2 commands, 2 numbers in p",
+        cloth.autoencoder: "Autoencoder: images of 128×96 pixels, 3 numbers in z",
+        cloth: "ClothCheckpoint torque-0 of DPMPB: 7 states, 2 commands, 2 numbers in p, 1 materials",
+        replace(
+            swing, name=""
+        ): "Checkpoint of DPMPB: 2 states, 1 commands, 1 numbers in p, 2 materials",
+    }
+    for value, line in shown.items():
+        assert repr(value) == line

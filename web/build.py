@@ -153,5 +153,5 @@ def _licences() -> str:
     texts = []
     for package, names in _LICENCES.items():
         found = {file.name: file for file in metadata.files(package) or ()}
-        texts += [f"{package}\n\n{found[name].read_text()}" for name in names]
+        texts += [f"{package}\n\n{found[name].read_text('utf-8')}" for name in names]
     return "\n\n".join(texts)

@@ -62,7 +62,7 @@ class Control(Widget, ipywidgets.VBox):
         for name, choices in controls.items():
             widget = choices
             if not isinstance(choices, _DRAWN):
-                start = parameters[name].default
+                start = _start(name, parameters, choices)
                 label = (labels or {}).get(name, name)
                 widget = _widget(choices, start, label)
             self._redraw_when_moved(widget)
@@ -116,6 +116,29 @@ def _figure(message: ipywidgets.HTML, picture: ipywidgets.Image) -> ipywidgets.V
     width = f"min(calc(100% - 4px), {_FIGURE})"
     layout = {"flex": f"1 1 {width}", "min_width": width, "overflow": "visible"}
     return ipywidgets.VBox([message, picture], layout=layout)
+
+
+def _start(name: str, parameters: Mapping[str, inspect.Parameter], choices: Any) -> Any:
+    """Where a control begins: the default of its parameter, one of the choices.
+
+    Raises:
+        ValueError: there is none, or it is no choice.
+    """
+    if name not in parameters:
+        raise ValueError(
+            f"what is drawn has no parameter {name!r}; it has {', '.join(parameters)}"
+        )
+    start = parameters[name].default
+    if start is inspect.Parameter.empty:
+        raise ValueError(f"parameter {name} needs a default: its control begins there")
+    if isinstance(choices, tuple):
+        low, high, _ = choices
+        allowed = low <= start <= high
+    else:
+        allowed = start in choices
+    if not allowed:
+        raise ValueError(f"the default of {name}, {start!r}, is not among {choices}")
+    return start
 
 
 def _widget(choices: Any, start: Any, label: str) -> ipywidgets.DOMWidget:

@@ -34,6 +34,11 @@ class Plane:
         symbol: str = "p",
         axes: "PCA | None" = None,
     ):
+        if not isinstance(labels, Mapping):
+            kind = type(labels).__name__
+            raise ValueError(
+                f"labels are {{name of a material: what its dot is called}}, got {kind}"
+            )
         self._axes = axes or principal_axes(dict(biases))
         places = [self.at(p) for p in biases.values()]
         dots = []

@@ -63,8 +63,6 @@ class Recorder:
         After a bad name or an existing one, a ValueError says so and nothing changes.
         """
         path = self.folder / f"{check_name('recording', name)}.npz"
-        if path.exists():
-            raise ValueError(f"a recording named {name!r} exists: choose another name")
         if not self._steps:
             raise ValueError("nothing was recorded")
 
@@ -78,7 +76,11 @@ class Recorder:
             **self._about,
         )
         self.folder.mkdir(parents=True, exist_ok=True)
-        save_trial(trial, path)
+        try:
+            save_trial(trial, path, new=True)
+        except FileExistsError as error:
+            words = f"a recording named {name!r} exists: choose another name"
+            raise ValueError(words) from error
         self.discard()
         return path
 

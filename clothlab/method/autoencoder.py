@@ -15,7 +15,7 @@ from torch.optim import Adam
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from tqdm.auto import trange
 
-from clothlab.method.model import numbers, one_thread
+from clothlab.method.model import numbers, one_thread, usual_torch
 
 # Of a cloth image [pixel]: the paper's 128×96.
 HEIGHT = 96
@@ -42,6 +42,11 @@ class Autoencoder(nn.Module):
         self.latent_size = latent_size
         self.encoder = _encoder(latent_size)
         self.decoder = _decoder(latent_size)
+
+    def __repr__(self) -> str:
+        """Return one line, "Autoencoder: images of 128×96 pixels, 3 numbers in z"."""
+        pixels = f"images of {WIDTH}×{HEIGHT} pixels"
+        return f"{type(self).__name__}: {pixels}, {self.latent_size} numbers in z"
 
     def forward(self, images: Tensor) -> Tensor:
         """Reconstruct images `[B, 1, H, W]`, 0 or 1: logits of the same shape."""
@@ -110,6 +115,7 @@ class AutoencoderTraining:
     latent_size: int = 3  # D_z
 
 
+@usual_torch()
 def train_autoencoder(
     images: np.ndarray,
     settings: AutoencoderTraining = AutoencoderTraining(),
@@ -139,7 +145,7 @@ def train_autoencoder(
             f"training takes a batch of {settings.batch_size} images or more, got "
             f"{len(data)}"
         )
-    with torch.random.fork_rng(), one_thread():
+    with torch.random.fork_rng():
         torch.manual_seed(seed)
         # On a processor convolutions are faster with the channels last.
         last: Any = {"memory_format": torch.channels_last}

@@ -13,7 +13,7 @@ from torch import Tensor
 from clothlab.method.autoencoder import Autoencoder, encode
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.estimation import Estimator
-from clothlab.method.model import DPMPB
+from clothlab.method.model import DPMPB, numbers
 from clothlab.method.rollout import Policy
 
 # {"image": cloth mask [H, W], "robot": robot state [D_r]}
@@ -146,7 +146,7 @@ class ControlPolicy(Policy):
         """What an image `[H, W]` is compared by, `[D_z]`."""
         if not np.any(mask):
             raise ValueError("no cloth in the image: the mask is empty")
-        return torch.as_tensor(encode(self.autoencoder, mask))
+        return numbers("z", encode(self.autoencoder, mask), (self.layout.z.stop,))
 
     def loss(self, states: Tensor, commands: Tensor, t: int) -> Tensor:
         """Loss `[B]` of predicted states `[B, T, D_s]` from control step t on."""

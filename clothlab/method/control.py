@@ -3,6 +3,7 @@
 Source: the paper's section on control, eqs. 5 to 7.
 """
 
+import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,10 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab.method.model import DPMPB, check_model, numbers, one_thread, predict
+from clothlab.method.model import DPMPB, check_model, numbers, predict, usual_torch
+
+# So many standard deviations of the trained commands are another unit.
+_OTHER_UNIT = 30.0
 
 # What a controller is given: the loss [B] of predicted states [B, T, D_s] and of the
 # commands [B, T, D_u] that lead to them, sent from control step t on.
@@ -96,6 +100,11 @@ def steepest_ascent(loss: PlanLoss, u: Tensor, scale: Tensor) -> tuple[Tensor, T
     with torch.enable_grad():
         u = u.detach().requires_grad_()
         losses = loss(u)
+        if not losses.requires_grad:
+            raise ValueError(
+                "the loss has no gradient: compute it of the predicted states and the "
+                "commands by torch alone, without `detach`"
+            )
         (gradient,) = torch.autograd.grad(losses.sum(), u)
     gradient = gradient * scale
     length = torch.linalg.vector_norm(gradient, dim=(1, 2), keepdim=True)
@@ -147,6 +156,19 @@ def optimise_commands(
     return plan[0], torch.cat(trace).double().numpy()
 
 
+def _warn_of_units(model: DPMPB, low: Tensor, high: Tensor) -> None:
+    """Warn of limits `[D_u]` far beyond the commands that the model was trained on."""
+    far = ((torch.stack([low, high]) - model.u_mean) / model.u_std).abs().amax(0)
+    k = int(far.argmax())
+    if far[k] > _OTHER_UNIT:
+        name = model.command_names[k] if model.command_names else f"command {k}"
+        warnings.warn(
+            f"limits of {name} reach {far[k]:.0f} standard deviations beyond what the "
+            "model was trained on: are they in the same unit?",
+            stacklevel=4,
+        )
+
+
 class Controller:
     """Model predictive control with any differentiable loss of states and commands.
 
@@ -168,6 +190,7 @@ class Controller:
         ValueError: p, limits, home or plans do not fit the model or each other.
     """
 
+    @usual_torch()
     def __init__(
         self,
         model: DPMPB,
@@ -181,6 +204,16 @@ class Controller:
         plans: ArrayLike | None = None,
     ):
         check_model(model)
+        if model.s_mean.dtype != torch.float32:
+            raise ValueError(
+                f"the model computes in {model.s_mean.dtype}, control in single "
+                "precision: hand over `model.float()`"
+            )
+        if not callable(loss):
+            raise ValueError(
+                "loss is a function, loss(states, commands, t), got "
+                f"{type(loss).__name__}"
+            )
         self.model = model
         self.loss = loss
         self.settings = settings
@@ -194,9 +227,15 @@ class Controller:
                 f"a lower limit is above the upper one: {low.numpy()}, {high.numpy()}"
             )
         self.limits = Limits(low, high, model.u_std * (high > low))
+        _warn_of_units(model, low, high)
 
         middle = (low + high) / 2
         home = middle if home is None else numbers("home", home, command)
+        if not ((low <= home) & (home <= high)).all():
+            raise ValueError(
+                f"home {home.numpy()} is not between the limits {low.numpy()} and "
+                f"{high.numpy()}"
+            )
         self._home = home.expand(settings.horizon, -1)
         recorded = np.asarray([] if plans is None else plans)
         if not len(recorded):
@@ -209,6 +248,7 @@ class Controller:
         """Use another parametric bias `[D_p]` from the next step on."""
         self.p = numbers("p", p, (self.model.bias_size,))
 
+    @usual_torch()
     def reset(self) -> None:
         """Forget the last run: phase, memory and plan."""
         self.t = 0  # control steps since the reset
@@ -219,27 +259,26 @@ class Controller:
         self._sent: deque[Tensor] = deque(maxlen=self.settings.period)
         self._last: tuple[Tensor, Tensor] | None = None  # state and command
 
+    @usual_torch()
     def act(self, s: ArrayLike, *, solve: bool = True) -> np.ndarray:
         """The next command `[D_u]` in state s `[D_s]`.
 
         Without a solve it is that of the plan, where there is one already.
         """
         state = numbers("s", s, (self.model.state_size,))
-        # A caller's inference mode would leave the plan without a gradient.
-        with one_thread(), torch.inference_mode(False):
-            self._advance_memory()
-            solve = solve or not self.t  # a first plan needs a solve
-            plan = self.search(state, self._plan_moved_on(), solve)
-            if not plan.isfinite().all():
-                raise ValueError(
-                    "the gradient of the loss is not finite, as that of `sqrt` is not "
-                    "at 0: `torch.linalg.vector_norm` has one there"
-                )
+        self._advance_memory()
+        solve = solve or not self.t  # a first plan needs a solve
+        plan = self.search(state, self._plan_moved_on(), solve)
+        if not plan.isfinite().all():
+            raise ValueError(
+                "the gradient of the loss is not finite, as that of `sqrt` is not "
+                "at 0: `torch.linalg.vector_norm` has one there"
+            )
 
-            self._last = (state, plan[0])
-            self._sent.append(plan[0])
-            self.plan = plan
-            self.t += 1
+        self._last = (state, plan[0])
+        self._sent.append(plan[0])
+        self.plan = plan
+        self.t += 1
         return plan[0].double().numpy()
 
     def resume(self) -> None:
@@ -251,6 +290,7 @@ class Controller:
         """Whether the last command was the last of its period."""
         return self.t > 0 and self.t % self.settings.period == 0
 
+    @usual_torch()
     def follow(self, s: ArrayLike, u: ArrayLike) -> None:
         """Take in a step that something else commanded: only the memory goes on.
 
@@ -280,11 +320,12 @@ class Controller:
         """Loss `[B]` of what plans `[B, T, D_u]` are predicted to do from here."""
         states = self.predict(s, plans)
         losses = self.loss(states, plans, self.t)
+        wanted = f"a loss is [B], one number for each of {len(plans)} plans"
+        if not isinstance(losses, Tensor):
+            kind = type(losses).__name__
+            raise ValueError(f"{wanted}, in a tensor of torch, got {kind}")
         if losses.shape != plans.shape[:1]:
-            raise ValueError(
-                f"a loss is [B], one number for each of {len(plans)} plans, got "
-                f"{list(losses.shape)}"
-            )
+            raise ValueError(f"{wanted}, got {list(losses.shape)}")
         return losses
 
     def predict(self, s: Tensor, plans: Tensor) -> Tensor:

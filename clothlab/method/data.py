@@ -15,6 +15,10 @@ _JITTER = 0.02  # share of a step by which two may differ and count as the same
 # relative to its size.
 _ROUNDING = 1e-6
 _CONSTANT = 1e6  # the deviation of such a sensor, in units of its size
+_COARSE = 0.01  # share of a sensor's deviation that such rounding may be
+_NOISE = 1e-9  # relative change of a number that double precision alone may explain
+# So many standard deviations of the training are another unit, not another material.
+_OTHER_UNIT = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,8 @@ class Run:
     def __post_init__(self) -> None:
         for name in ("s", "u"):
             what = f"{name} of a run of {self.material}"
-            array = np.array(getattr(self, name), np.float32)
+            given = np.asarray(getattr(self, name))
+            array = given.astype(np.float32)
             if array.ndim != 2:
                 raise ValueError(f"{what} is [T, D_{name}], got {list(array.shape)}")
             missing = np.argwhere(~np.isfinite(array))
@@ -42,6 +47,7 @@ class Run:
                     f"{what} is {array[t, k]} in step {t}, number {k} (both counted "
                     "from 0): `runs_from_table` makes runs of a log"
                 )
+            _warn_of_rounding(what, given)
             object.__setattr__(self, name, array)
         if not len(self.s) == len(self.u) > 0:
             raise ValueError(
@@ -74,10 +80,37 @@ class Run:
 
 
 def _check_names(what: str, names: tuple[str, ...], size: int) -> None:
+    listed = ", ".join(names)
     if names and len(names) != size:
         raise ValueError(
-            f"{size} {what} need as many names, or none, got {len(names)}: "
-            f"{', '.join(names)}"
+            f"{size} {what} need as many names, or none, got {len(names)}: {listed}"
+        )
+    if len(set(names)) < len(names):
+        raise ValueError(f"{what} of a run need different names, got {listed}")
+
+
+def too_far_from_zero(values: np.ndarray) -> np.ndarray:
+    """Whether single precision loses how each column of numbers `[T, D]` varies, `[D]`.
+
+    A position of 3,948,996 m, for one, has steps of 0.25 m there.
+    """
+    if not len(values) or values.dtype != np.float64:
+        return np.zeros(values.shape[1], bool)
+    size = np.abs(values).max(axis=0)
+    rounding = np.spacing(size.astype(np.float32))
+    varies = np.ptp(values, axis=0) > _NOISE * size
+    return varies & (rounding > _COARSE * values.std(axis=0))
+
+
+def _warn_of_rounding(what: str, values: np.ndarray) -> None:
+    lost = too_far_from_zero(values)
+    if lost.any():
+        k = int(lost.argmax())
+        warnings.warn(
+            f"{what}, number {k} (counted from 0), is around {values[:, k].mean():.10g}"
+            f" and varies by {values[:, k].std():.3g}, of which single precision keeps "
+            "too little: subtract a constant from it",
+            stacklevel=5,
         )
 
 
@@ -122,6 +155,20 @@ def check_fits(model: DPMPB, run: Run) -> None:
             f"a run of {run.material} has steps of {run.step:g} s, the model has "
             f"{model.step:g} s: resample it (`runs_from_table(..., "
             f"step={model.step:g})`), or record it at that rate"
+        )
+
+
+def warn_of_units(model: DPMPB, run: Run) -> None:
+    """Warn of a run that is far from all that the model was trained on."""
+    values = (run.s - model.s_mean.numpy()) / model.s_std.numpy()
+    size = np.sqrt(np.square(values).mean(axis=0))
+    k = int(size.argmax())
+    if size[k] > _OTHER_UNIT:
+        name = run.state_names[k] if run.state_names else f"{k} (counted from 0)"
+        warnings.warn(
+            f"state {name} of a run of {run.material} is {size[k]:.0f} standard "
+            "deviations from what the model was trained on: is it in the same unit?",
+            stacklevel=3,
         )
 
 
@@ -197,7 +244,7 @@ def _warn_of_constants(kind: str, constant: Tensor, names: tuple[str, ...]) -> N
     listed = ", ".join(names[k] if names else str(k) for k in places)
     counted = "" if names else " (counted from 0)"
     warnings.warn(
-        f"{kind} {listed}{counted} never changes in these runs: the model leaves it "
-        "out",
+        f"{kind} {listed}{counted} never changes in these runs, in single precision: "
+        "the model leaves it out",
         stacklevel=4,
     )

@@ -16,8 +16,8 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from clothlab.method.data import Run, check_fits
-from clothlab.method.model import DPMPB, check_model, numbers, one_thread
+from clothlab.method.data import Run, check_fits, warn_of_units
+from clothlab.method.model import DPMPB, check_model, numbers, usual_torch
 
 
 def prediction_loss(
@@ -125,8 +125,7 @@ class Estimator:
         if window is None:
             return self.p
 
-        # A caller may have switched gradients off.
-        with one_thread(), torch.inference_mode(False), torch.enable_grad():
+        with usual_torch():
             p = self._moved(*window)
         if not p.isfinite().all():
             self._seen, self._from_start = undo
@@ -301,7 +300,8 @@ class Linearisation:
         Curvature alone would be right if all errors were independent, equally large,
         and the model true. So the scatter of the gradients as it was stands between two
         inverse curvatures, correlations over up to `lag` steps included (Newey and
-        West, 1987).
+        West, 1987), but over no more than a quarter of the steps: over all of them the
+        gradients add up to zero, at the lowest loss, and would say that p is certain.
 
         Raises:
             numpy.linalg.LinAlgError: no prediction depends on some direction of p.
@@ -315,7 +315,8 @@ class Linearisation:
 
         gradients = np.einsum("tdi,td,td->ti", self.jacobian, weight, self.errors)
         scatter = gradients.T @ gradients
-        for k in range(1, min(lag, len(gradients) - 1) + 1):
+        lag = min(lag, len(gradients) // 4)
+        for k in range(1, lag + 1):
             both = gradients[k:].T @ gradients[:-k]
             scatter += (1 - k / (lag + 1)) * (both + both.T)
         return inverse @ scatter @ inverse
@@ -345,7 +346,8 @@ def estimate_bias(
 
     Returns:
         The final p `[D_p]`, and p after each step `[T, D_p]`. If the run is too short
-        for p to move at all, there is a warning.
+        for p to move at all, or its states are far from all that the model was trained
+        on, there is a warning.
 
     Raises:
         ValueError: the run doesn't fit the model, or there is no such method.
@@ -364,6 +366,7 @@ def estimate_bias(
             f"{type(settings).__name__}: write {settings_class.__name__}(name=value)"
         )
     check_fits(model, run)
+    warn_of_units(model, run)
     estimator = estimator_class(model, p, settings)
     path = [estimator.update(s, u) for s, u in zip(run.s, run.u, strict=True)]
 

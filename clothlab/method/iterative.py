@@ -32,7 +32,7 @@ from clothlab.method.control import (
     steepest_ascent,
 )
 from clothlab.method.data import Run, check_fits
-from clothlab.method.model import DPMPB, Memory, predict
+from clothlab.method.model import DPMPB, Memory, numbers, predict
 
 _SAME_MATERIAL = 0.25  # largest squared distance in p, in units of the trained spread
 
@@ -246,7 +246,7 @@ class IterativeController(Controller):
 
     def set_target(self, z_ref: ArrayLike) -> None:
         """Aim at another z `[D_z]` from the next period on."""
-        self.z_ref = torch.as_tensor(z_ref, dtype=torch.float32)
+        self.z_ref = numbers("z_ref", z_ref, np.shape(z_ref))
         self._recorded: RecordedPlans | None = None  # found when it is asked for
 
     def reset(self) -> None:

@@ -93,6 +93,11 @@ class DPMPB(nn.Module):
         """
         return nn.functional.mse_loss(predicted / self.s_std, s / self.s_std)
 
+    def __repr__(self) -> str:
+        """Return one line, such as "DPMPB: 7 states, 2 commands, 2 numbers in p"."""
+        sizes = f"{self.state_size} states, {self.command_size} commands"
+        return f"{type(self).__name__}: {sizes}, {self.bias_size} numbers in p"
+
     def initial_memory(self) -> Memory:
         """The recurrent state before the first step of one run: zeros."""
         zeros = self.s_mean.new_zeros(self.lstm.num_layers, 1, self.lstm.hidden_size)
@@ -197,6 +202,23 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
+@contextmanager
+def usual_torch() -> Iterator[None]:
+    """Let torch compute as it does by default, on one thread, and afterwards as before.
+
+    That is with gradients and in single precision. Programs of robots call policies
+    under `torch.no_grad()` or `torch.inference_mode()`, and others compute in double
+    precision; descents need the gradients, and the weights are in single precision.
+    """
+    dtype = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        with one_thread(), torch.inference_mode(False), torch.enable_grad():
+            yield
+    finally:
+        torch.set_default_dtype(dtype)
+
+
 def check_model(model: DPMPB) -> None:
     """Refuse anything but a model, such as a checkpoint that holds one."""
     if not isinstance(model, DPMPB):
@@ -219,4 +241,5 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Tensor:
     finite = np.isfinite(array)
     if not finite.all():
         raise ValueError(f"{wanted}, got {array[~finite][0]}")
-    return torch.tensor(array)
+    with torch.inference_mode(False):  # such a tensor could have no gradient
+        return torch.tensor(array)

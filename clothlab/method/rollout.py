@@ -87,8 +87,8 @@ def rollout(
     Raises:
         EpisodeEnded: The episode was over before the last step. The error says why,
             and keeps the record of the steps so far as its `run`.
-        ValueError: The environment makes no record of its own, or takes commands that
-            are no real numbers.
+        ValueError: The environment makes no record of its own, takes commands that are
+            no real numbers, or has another interface than Gymnasium's.
     """
     if not hasattr(env, "step"):
         raise ValueError(
@@ -136,10 +136,13 @@ def _move(
     """The loop: why the episode was over before its last step, or nothing."""
     if hasattr(policy, "reset"):  # a plain function has none
         policy.reset(seed)
-    observation, _ = env.reset(seed=seed, options=options)
+    observation = _started(env, seed, options)
     for done in trange(1, steps + 1, disable=not progress, unit="step"):
         u = np.asarray(policy(observation))
-        observation, _, terminated, truncated, _ = env.step(u)
+        moved = env.step(u)
+        if len(moved) != 5:
+            raise ValueError(_other_interface(f"`step` returns {len(moved)} values"))
+        observation, _, terminated, truncated, _ = moved
         if done == steps:
             break
         where = f"after {done} of {steps} steps; they are kept as `run` of this error"
@@ -151,6 +154,28 @@ def _move(
                 "`max_episode_steps`"
             )
     return ""
+
+
+def _started(env: Any, seed: int, options: dict[str, Any] | None) -> Any:
+    """The first observation of an episode."""
+    try:
+        started = env.reset(seed=seed, options=options)
+    except TypeError as error:
+        if "unexpected keyword argument" not in str(error):
+            raise
+        raise ValueError(_other_interface(f"of `reset`, {error}")) from error
+    if not (isinstance(started, tuple) and len(started) == 2):
+        raise ValueError(_other_interface("`reset` returns no info"))
+    return started[0]
+
+
+def _other_interface(difference: str) -> str:
+    return (
+        f"this environment has not Gymnasium's interface ({difference}), perhaps that "
+        "of the older gym: wrap it, so that reset(seed=..., options=...) returns "
+        "(observation, info) and step(u) returns (observation, reward, terminated, "
+        "truncated, info)"
+    )
 
 
 class _Noting:

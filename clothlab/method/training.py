@@ -27,7 +27,7 @@ from clothlab.method.data import (
     set_normalisation,
     windows,
 )
-from clothlab.method.model import DPMPB, one_thread
+from clothlab.method.model import DPMPB, usual_torch
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class ModelTraining:
     bias_learning_rate: float = 6e-3
 
 
+@usual_torch()
 def train_dpmpb(
     runs: Sequence[Run],
     settings: ModelTraining = ModelTraining(),
@@ -84,7 +85,7 @@ def train_dpmpb(
         p = torch.tensor(np.stack([known[name] for name in materials]))
     p = p.float().to(device).requires_grad_(known is None)
 
-    with torch.random.fork_rng(), one_thread():
+    with torch.random.fork_rng():
         torch.manual_seed(seed)
         model = _model_of(runs, settings.bias_size)
         s, u, k = windows(runs, settings.sequence_length, settings.stride)

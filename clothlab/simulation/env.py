@@ -69,6 +69,9 @@ class ClothEnv(gymnasium.Env):
     ):
         if render_mode is not None:
             choose("render mode", render_mode, dict.fromkeys(["rgb_array"]))
+        if not isinstance(scene, Scene):
+            kind = type(scene).__name__
+            raise ValueError(f"scene is a Scene(time_step=...), got {kind} {scene}")
         self.render_mode = render_mode
         self.arm = get_arm(arm)
         self.cloth = get_cloth(cloth)

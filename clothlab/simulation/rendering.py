@@ -1,10 +1,12 @@
 """Drawing a scene, and from where people look at it."""
 
 import os
+import sys
 
 import mujoco
 import numpy as np
 
+import clothlab
 from clothlab._validation import HEIGHT, check_number
 from clothlab.simulation.arm import JOINTS, SHOULDER_POSITION, Arm
 from clothlab.simulation.cloth import Cloth
@@ -13,8 +15,8 @@ from clothlab.simulation.cloth import Cloth
 def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
     """Make a renderer for pictures of one size [pixel].
 
-    It keeps the surface of the cloth that the model has now. A RuntimeError names the
-    packages to install where there is no OpenGL.
+    It keeps the surface of the cloth that the model has now. A RuntimeError says what
+    to do where there is no OpenGL.
     """
     # The model says how large a picture may be.
     model.vis.global_.offheight = check_number("height", height, int, at_least=1)
@@ -22,11 +24,7 @@ def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rend
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
-        raise RuntimeError(
-            "no OpenGL for drawing: install one with `apt-get install libegl1 "
-            "libopengl0 libgl1-mesa-dri` and restart Python; `python -m clothlab "
-            "doctor` tests it"
-        ) from error
+        raise RuntimeError(_remedy()) from error
 
     # Shadows and reflections cost a third of the time and only disturb the colour
     # extraction.
@@ -34,6 +32,22 @@ def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rend
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return renderer
+
+
+def _remedy() -> str:
+    """What brings OpenGL to this machine."""
+    named = clothlab.opengl_named
+    if named:
+        return (
+            f"MUJOCO_GL={named} is set, and does not draw here: unset it and restart "
+            "Python, and clothlab chooses what draws"
+        )
+    if not sys.platform.startswith("linux"):
+        return "no OpenGL for drawing: start Python where there is a display"
+    return (
+        "no OpenGL for drawing: install one with `apt-get install libegl1 libopengl0 "
+        "libgl1-mesa-dri` and restart Python; `python -m clothlab doctor` tests it"
+    )
 
 
 def draw(

@@ -1,8 +1,11 @@
 """A recorded run of the simulation, and how an environment records itself."""
 
+import base64
+import html
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from clothlab._validation import check_array, check_masks, check_number
@@ -11,8 +14,12 @@ from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.scene import CONTROL_PERIOD
 from clothlab.simulation.vision import Observation
 
+# Of the film strip in a notebook: images, and the grey between them
+_SHOWN = 10
+_GREY = 128
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trial:
     """One run with one cloth: the paper's D_k = {(s_1, u_1), …, (s_T, u_T)}.
 
@@ -57,6 +64,24 @@ class Trial:
                 f"got {len(array)}"
             )
         object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        """Return one line: cloth, policy, length, arm, and what came of it."""
+        outcome = f", {self.outcome}" if self.outcome else ""
+        return (
+            f"Trial of {self.cloth.name} by {self.policy}: {len(self)} steps of "
+            f"{CONTROL_PERIOD} s, {self.arm.name} arm{outcome}"
+        )
+
+    def _repr_html_(self) -> str:
+        """For a notebook: that line, and images from the first to the last step."""
+        steps = np.linspace(0, len(self) - 1, min(len(self), _SHOWN)).round()
+        half = self.images[steps.astype(int), ::2, ::2] * np.uint8(255)
+        framed = [np.pad(each, 1, constant_values=_GREY) for each in half]
+        _, png = cv2.imencode(".png", np.hstack(framed))
+        data = base64.b64encode(png.tobytes()).decode()
+        words = html.escape(repr(self))
+        return f'{words}<br><img src="data:image/png;base64,{data}" alt="{words}">'
 
     def __len__(self) -> int:
         """Return the number of control steps T."""

@@ -23,6 +23,7 @@ c.Spawner.cpu_limit = 1.0
 # The largest notebook of the series at work, and a second one that was forgotten
 c.Spawner.mem_limit = "3G"
 c.Spawner.args = [
+    f"--config={CLOTHLAB}/jupyter_lab_config.py",
     "--MappingKernelManager.cull_idle_timeout=1800",
     "--MappingKernelManager.cull_connected=True",
 ]

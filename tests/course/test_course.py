@@ -195,3 +195,13 @@ def test_a_student_of_the_server_records_at_home_and_leaves_the_data_alone(
     assert Path(path) == tmp_path / "recordings" / "first.npz"
     assert int(steps) == 6
     assert {path: path.stat().st_mtime_ns for path in data.rglob("*")} == before
+
+
+def test_jupyterlab_looks_for_no_news_wherever_it_is_started_for_a_class():
+    lab = MagicMock()
+    text = (ROOT / "jupyter_lab_config.py").read_text("utf-8")
+    exec(text, {"get_config": lambda: lab})
+    assert lab.LabApp.news_url is None
+    assert lab.LabApp.check_for_updates_class == "jupyterlab.NeverCheckForUpdate"
+    for starts in ("Makefile", "Dockerfile", "docs/course/jupyterhub_config.py"):
+        assert "jupyter_lab_config.py" in (ROOT / starts).read_text("utf-8"), starts

@@ -146,6 +146,17 @@ def test_of_two_notebooks_of_a_lesson_none_counts_and_a_damaged_one_is_named(tmp
     assert "can't be read as a notebook" in grade.handed_in(tmp_path, "91_other")
 
 
+def test_what_other_programs_leave_is_no_student_and_no_notebook(tmp_path):
+    zoe = "Zoe\u0308"  # as a Mac writes an accent: a letter of its own
+    for name in (zoe, "__MACOSX", ".ipynb_checkpoints", ".Trashes"):
+        (tmp_path / name / ".ipynb_checkpoints").mkdir(parents=True)
+    (student,) = grade.students_in(tmp_path)
+    assert grade.name_of(student) == "Zo\u00eb"
+    for name in ("._90_short.ipynb", ".ipynb_checkpoints/90_short-checkpoint.ipynb"):
+        (student / name).write_text("{}")
+    assert grade.handed_in(student, "90_short") == "not handed in"
+
+
 def test_a_folder_without_a_student_is_refused_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["grade.py", str(tmp_path)])
     with pytest.raises(SystemExit, match="has no folder of a student in it"):
