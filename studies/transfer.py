@@ -5,7 +5,7 @@ their results. What varies is the controller, and which p it is told: the right 
 that was estimated from 40 s of random commands, that of another cloth, zero, or none.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import Any
 
@@ -25,11 +25,9 @@ from studies import ablations
 from studies._grid import Case, Experiment, grid, shared
 from studies._runs import (
     NEW,
-    best_iou,
     config_of,
     find_cloth,
     new_trial,
-    own_cloth,
     random_trial,
     recorded_runs,
     replay_nearest,
@@ -41,20 +39,10 @@ _CHANCE_PERIODS = 31  # of random commands with which throws are compared
 NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
 TARGETS = {"torque": ("target-1", "target-2"), "muscle": ("muscle",)}
 
-# Methods: replay of a recording of some cloths, and controllers
-THIS_CLOTH = "replay, this cloth"
+# Methods: replay of a recording of some cloths, and a controller
 ANY_OTHER = "replay, any other cloth"
 NEAREST_P = "replay, nearest p"
-PAPERS = "paper's controller"
-PERIODIC = "periodic warm start"
-PREDICTED = "best predicted recording"
-ALONE = "iterative learning control alone"
-AS_ENCODED = "iterative learning control, target as encoded"
 CHOSEN = "iterative learning control"
-
-
-def _this_cloth(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[str]:
-    return {cloth}
 
 
 def _any_other(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[str]:
@@ -67,41 +55,12 @@ def _nearest_p(biases: dict[str, np.ndarray], cloth: str, p: np.ndarray) -> set[
 
 # Whose recordings are asked for the nearest one: (trained p of all cloths, name of the
 # one in the hand, its p) → names
-REPLAYS = {THIS_CLOTH: _this_cloth, ANY_OTHER: _any_other, NEAREST_P: _nearest_p}
+REPLAYS = {ANY_OTHER: _any_other, NEAREST_P: _nearest_p}
 
 
-def _papers(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
-    return learned.controller(mask, p)
-
-
-def _periodic(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
-    return learned.controller(mask, p, ControlSettings(warm_start="earlier"))
-
-
-def _iterative(
-    learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray, trust: float = 1.0
-) -> Policy:
-    settings = IterativeLearningSettings(trust=trust)
+def _iterative(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
+    settings = IterativeLearningSettings(trust=1)
     return learned.iterative_controller(mask, p, recorded_runs(learned), settings)
-
-
-def _predicted(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
-    """So little trust that a plan stays what was recorded."""
-    return _iterative(learned, mask, p, trust=1e-9)
-
-
-def _alone(learned: ClothCheckpoint, mask: np.ndarray, p: np.ndarray) -> Policy:
-    return _iterative(learned, mask, p, trust=0)
-
-
-_CONTROLLERS: dict[str, Callable[[ClothCheckpoint, np.ndarray, np.ndarray], Policy]] = {
-    PAPERS: _papers,
-    PERIODIC: _periodic,
-    PREDICTED: _predicted,
-    ALONE: _alone,
-    AS_ENCODED: _iterative,
-    CHOSEN: _iterative,
-}
 
 
 @cache
@@ -156,15 +115,12 @@ def bias(p: str, arm: str, cloth: str, model: int, repeat: int) -> np.ndarray:
 
     Args:
         p: "right" of a recorded cloth, "estimated", the trained p of another cloth that
-            is "nearest" or "farthest", or "zero".
+            is "nearest" or "farthest".
         arm, cloth: what is held by what, by name.
         model: seed of the training.
         repeat: number of the run.
     """
     biases = trained(f"{arm}-{model}").biases
-    if p == "zero":
-        return np.zeros_like(next(iter(biases.values())))
-
     # A cloth that was never recorded has no right p: its estimate stands for it
     if p == "estimated" or cloth not in biases:
         centre = _estimated(arm, cloth, model, repeat)
@@ -189,10 +145,10 @@ def _run_one(
     repeat: int,
     periods: int = 2,
 ) -> dict[str, Any]:
-    """Best distance and best IoU in each period whose end is seen `[P]`.
+    """Best distance in each period whose end is seen `[P]`.
 
     Args:
-        method: one of `REPLAYS` or of the controllers.
+        method: one of `REPLAYS`, or `CHOSEN`.
         p: as `bias` has it, or "none": a model that was trained without p.
         arm, target, cloth: of the task, by name.
         model: seed of the training.
@@ -213,8 +169,7 @@ def _run_one(
         among = REPLAYS[method](learned.biases, cloth, value)
         policy = _replay(learned, mask, among)
     else:
-        aim = known_aim(arm, target) if method == CHOSEN else mask
-        policy = _CONTROLLERS[method](learned, aim, value)
+        policy = _iterative(learned, known_aim(arm, target), value)
     steps = periods * ControlSettings.period
     seed = 51_000 + 100 * model + repeat
     trial = new_trial(policy, arm, find_cloth(cloth), steps, seed)
@@ -226,7 +181,6 @@ def _run_one(
     distance = target_distance(learned.autoencoder, trial, mask)
     return {
         "best": best_per_period(distance).round(4),
-        "iou": best_iou(trial, mask).round(4),
         "random": float(np.median(best_per_period(by_chance))),
     }
 
@@ -235,18 +189,11 @@ def _run_one(
 _FIRST = (
     (ANY_OTHER, "estimated"),
     (NEAREST_P, "estimated"),
-    (PREDICTED, "estimated"),
     (CHOSEN, "estimated"),
     (CHOSEN, "nearest"),
     (CHOSEN, "farthest"),
-    (CHOSEN, "zero"),
     (CHOSEN, "none"),
-    (PAPERS, "estimated"),
-    (PERIODIC, "estimated"),
 )
-_FIRST_RECORDED = ((THIS_CLOTH, "right"), (CHOSEN, "right"), (CHOSEN, "farthest"))
-# Periods of longer runs with new cloths, whose p is estimated
-_LONG = {CHOSEN: 31, ALONE: 11, PAPERS: 11, PERIODIC: 11}
 
 
 def _cases(
@@ -254,14 +201,13 @@ def _cases(
     repeat: Iterable[int] = range(4),
     periods: int | None = None,
 ) -> list[Case]:
-    """First throws of all cloths, and longer runs.
+    """First throws of new cloths, and longer runs towards new targets.
 
     In longer runs cloths and new targets take turns over trainings and repeats.
     """
     cases: list[Case] = []
     for arm in TARGETS:
         cases += _first_throws(arm, model, repeat)
-        cases += _longer_runs(arm, model, repeat)
     cases += _throws_at_new_targets(model)
     cases += _longer_runs_to_new_targets(model, repeat)
     if periods is not None:
@@ -272,35 +218,12 @@ def _cases(
 def _first_throws(
     arm: str, model: Iterable[int], repeat: Iterable[int]
 ) -> Iterator[Case]:
-    """All targets and cloths of an arm."""
+    """All targets and new cloths of an arm."""
     new = [cloth.name for cloth in NEW[arm]]
-    recorded = [*trained(f"{arm}-0").biases]
     task = {"arm": arm, "target": TARGETS[arm]}
     for method, p in _FIRST:
         run = {"cloth": new, "model": model, "repeat": repeat, "periods": 2}
         yield from grid(method=method, p=p, **task, **run)
-    for method, p in _FIRST_RECORDED:  # nothing is drawn where p is known
-        run = {"cloth": recorded, "model": model, "repeat": 0, "periods": 2}
-        yield from grid(method=method, p=p, **task, **run)
-
-
-def _longer_runs(
-    arm: str, model: Iterable[int], repeat: Iterable[int]
-) -> Iterator[Case]:
-    """For each training and repeat one target, and one new and one recorded cloth."""
-    new = [cloth.name for cloth in NEW[arm]]
-    recorded = [*trained(f"{arm}-0").biases]
-    targets = TARGETS[arm]
-    for number, turn in _turns(model, repeat):
-        target = targets[number // len(new) % len(targets)]
-        task = {"arm": arm, "target": target}
-        new_cloth = new[number % len(new)]
-        for method, periods in _LONG.items():
-            run = {"cloth": new_cloth, **turn, "periods": periods}
-            yield {"method": method, "p": "estimated", **task, **run}
-        known_cloth = recorded[number % len(recorded)]
-        run = {"cloth": known_cloth, **turn, "periods": 31}
-        yield {"method": CHOSEN, "p": "right", **task, **run}
 
 
 def _throws_at_new_targets(model: Iterable[int]) -> list[Case]:
@@ -322,31 +245,16 @@ def _throws_at_new_targets(model: Iterable[int]) -> list[Case]:
 def _longer_runs_to_new_targets(
     model: Iterable[int], repeat: Iterable[int]
 ) -> Iterator[Case]:
-    """For each training and repeat a held-out and a drawn target.
-
-    With the cloth that belongs to it, whose p is known, and with a new one.
-    """
+    """For each training and repeat a held-out and a drawn target, with a new cloth."""
     held_out = list(data.load_targets("held-out"))
     drawn = list(data.load_targets("drawn"))
     new = [cloth.name for cloth in NEW["torque"]]
-    for number, turn in _turns(model, repeat):
-        new_cloth = new[number % len(new)]
-        for names in (held_out, drawn):
-            target = names[number % len(names)]
-            task = {"arm": "torque", "target": target}
-            for method in (CHOSEN, AS_ENCODED):
-                run = {"cloth": own_cloth(target), **turn, "periods": 11}
-                yield {"method": method, "p": "right", **task, **run}
-                run = {"cloth": new_cloth, **turn, "periods": 11}
-                yield {"method": method, "p": "estimated", **task, **run}
-
-
-def _turns(
-    model: Iterable[int], repeat: Iterable[int]
-) -> Iterator[tuple[int, dict[str, int]]]:
-    """Each training and repeat, and its number."""
     for turn in grid(model=model, repeat=repeat):
-        yield 4 * turn["model"] + turn["repeat"], turn
+        number = 4 * turn["model"] + turn["repeat"]
+        for names in (held_out, drawn):
+            task = {"arm": "torque", "target": names[number % len(names)]}
+            run = {"cloth": new[number % len(new)], **turn, "periods": 11}
+            yield {"method": CHOSEN, "p": "estimated", **task, **run}
 
 
 def over_random(table: pd.DataFrame, period: int = 0) -> pd.Series:
@@ -354,23 +262,16 @@ def over_random(table: pd.DataFrame, period: int = 0) -> pd.Series:
     return table["best"].map(lambda best: best[period]) / table["random"]
 
 
-def select(
-    table: pd.DataFrame, method: str, p: str, *, new: bool = True, least: int = 2
-) -> pd.DataFrame:
+def select(table: pd.DataFrame, method: str, p: str) -> pd.DataFrame:
     """Runs of a method towards recorded targets.
 
     Args:
         table: stored rows of `transfer`.
-        method: one of `REPLAYS` or of the controllers.
+        method: one of `REPLAYS`, or `CHOSEN`.
         p: its kind, as in the table.
-        new: whether the cloths are new ones, or recorded ones.
-        least: periods of the runs at the least.
     """
     by_method = (table["method"] == method) & (table["p"] == p)
-    long_enough = table["periods"] >= least
-    by_cloth = table["cloth"].isin(NEW_NAMES) == new
-    recorded_target = ~table["target"].str.contains("/")
-    return table[by_method & long_enough & by_cloth & recorded_target]
+    return table[by_method & ~table["target"].str.contains("/")]
 
 
 EXPERIMENTS = (Experiment("transfer", _run_one, _cases, slow=True),)

@@ -53,29 +53,8 @@ def one_epoch(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ic.CONTROLLERS)
 def test_every_controller_runs_and_counts_all_periods_but_the_first(controller):
-    row = EXPERIMENT.run_one(controller, "right", "all", None, **TASK)
-    assert row["best"].shape == row["hand_speed"].shape == (2,)
-    assert (row["hand_speed"] > 0).all()
-    assert len(row["predicted"]) == (3 if controller == ic.ITERATIVE else 0)
-
-
-@pytest.mark.slow
-def test_an_estimated_p_starts_from_the_wrong_one():
-    row = EXPERIMENT.run_one(ic.PAPERS, "estimated", "all", None, **TASK)
-    assert 0 < row["bias_ratio"] != 1
-    assert (
-        EXPERIMENT.run_one(ic.PAPERS, "wrong", "all", None, **TASK)["bias_ratio"]
-        is None
-    )
-
-
-def test_stiffness_is_held_on_the_muscle_arm_and_constants_are_known_of_sheets_alone():
-    assert not any(
-        case["f_const"] for case in EXPERIMENT.cases() if case["arm"] == "torque"
-    )
-    assert not any(
-        case["p"] == "known" for case in EXPERIMENT.cases() if case["arm"] == "muscle"
-    )
+    row = EXPERIMENT.run_one(controller, "right", "all", **TASK)
+    assert row["best"].shape == (2,)
 
 
 @pytest.mark.slow
@@ -94,16 +73,15 @@ def a_table(offset):
     rows = []
     for controller, value in ((ic.RANDOM, 2.0), (ic.PAPERS, 2.0 - offset)):
         for case in ic.grid(model=range(2), repeat=range(3)):
-            best, speed = np.full(12, value + 0.1 * case["model"]), np.full(12, 1.0)
+            best = np.full(12, value + 0.1 * case["model"])
             rows.append(
                 {
                     "controller": controller,
                     "p": "right",
                     "recordings": "all",
-                    "f_const": np.nan,
                     "arm": "torque",
                 }
-                | {"target": "t", "cloth": "c", "best": best, "hand_speed": speed}
+                | {"target": "t", "cloth": "c", "best": best}
                 | case
             )
     return ic.over_random(pd.DataFrame(rows))

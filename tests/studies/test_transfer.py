@@ -33,7 +33,6 @@ def test_wrong_p_are_of_other_cloths_and_the_right_one_is_the_trained_one():
         min(others),
         max(others),
     ]
-    assert not transfer.bias("zero", "torque", name, 0, 0).any()
 
 
 def test_distances_are_over_random_commands():
@@ -59,10 +58,8 @@ def test_distances_are_over_random_commands():
 
 def test_cloths_and_new_targets_take_turns():
     table = pd.DataFrame(transfer._cases())
-    long = table.query("periods == 31 and p == 'estimated'")
-    assert {
-        len(runs) for _, runs in long.groupby(["arm", "target", "model", "repeat"])
-    } == {1}
-    assert long.groupby("arm")["cloth"].nunique().tolist() == [8, 8]
-    assert table[table["target"].str.startswith("held-out")]["target"].nunique() == 20
+    long = table.query("periods == 11")
+    assert {len(runs) for _, runs in long.groupby(["model", "repeat"])} == {2}
+    assert long["cloth"].nunique() == 8
+    assert long["target"].nunique() == 30
     assert not table.duplicated().any()
