@@ -1,62 +1,16 @@
 """Does z describe the cloth?
 
-Two experiments: how well images are reconstructed where the size of z varies, and
-whether distances of z to a target order images as their outlines do.
+Do distances of z to a target order images as their outlines do? What varies is the
+target.
 """
 
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from clothlab import data
-from clothlab.method.autoencoder import (
-    AutoencoderTraining,
-    decode,
-    encode,
-    train_autoencoder,
-)
-from clothlab.simulation.vision import iou
 from studies._grid import Experiment, over
 from studies._runs import MIDDLE, chamfer_against_z, random_trial
-
-_NEIGHBOURS = 16  # images of nearest z that stand in for the decoder
-
-
-def _images(recordings: str) -> np.ndarray:
-    return np.concatenate([trial.images for trial in data.load_trials(recordings)])
-
-
-def _train(
-    latent_size: int, epochs: int = 30, train: str = "train", test: str = "evaluation"
-) -> dict[str, Any]:
-    """Intersection over union by size of z.
-
-    With the decoder, and with the images of nearest z in its place: what limits the
-    reconstruction, the decoder or how much z can hold?
-    """
-    settings = AutoencoderTraining(epochs=epochs, latent_size=latent_size)
-    known = _images(train)
-    images = _images(test)[::3]
-    model, _ = train_autoencoder(known, settings, progress=False)
-
-    # By the decoder
-    z = encode(model, images)
-    probability = decode(model, z)
-    overlap = iou(probability > 0.5, images)
-    overlap_low = iou(probability > 0.4, images)  # a threshold that is best for most
-    area = images.mean(axis=(1, 2))
-    thin = (area > 0) & (area < np.median(area))
-
-    # By the images of nearest z
-    _, near = KDTree(encode(model, known)).query(z, k=_NEIGHBOURS)
-    nearest = np.stack([known[numbers].mean(0) > 0.5 for numbers in near])
-    return {
-        "iou": float(overlap.mean()),
-        "iou_low": float(overlap_low.mean()),
-        "iou_thin": float(overlap[thin].mean()),
-        "iou_nearest": float(iou(nearest, images).mean()),
-    }
 
 
 def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str, Any]:
@@ -77,7 +31,6 @@ def _compare(target: str, weights: str = "torque", steps: int = 450) -> dict[str
 
 _PAPER = {"weights": "torque-paper"}
 EXPERIMENTS = (
-    Experiment("latent_size", _train, over(latent_size=(2, 3, 4, 6, 12)), slow=True),
     Experiment(
         "chamfer", _compare, over(target=("target-1", "target-2")), paper=_PAPER
     ),

@@ -496,15 +496,13 @@ def _ellipse(evidence: Evidence) -> pd.Series:
 
 def _places(evidence: Evidence) -> pd.DataFrame:
     """Where estimates under control end, 0 at hard-1, 1 at hard-3, by foam."""
-    table = evidence["foam_estimation"].query("motion == 'control'")
+    table = evidence["foam_estimation"]
     return table.pivot_table("place", "unit", "cloth")
 
 
 def _hard_2_midway(evidence: Evidence) -> pd.Series:
     """How far from the middle its estimate is, also beside the line."""
-    runs = evidence["foam_estimation"].query(
-        "motion == 'control' and cloth == 'hard-2'"
-    )
+    runs = evidence["foam_estimation"].query("cloth == 'hard-2'")
     trained = biases_of(evidence, "muscle")
     away = {}
     for unit, trace in zip(runs["unit"], runs["trace"], strict=True):

@@ -338,7 +338,7 @@ def foam_maps(*evidences: Evidence) -> Figure:
     trained = [biases_of(evidence, "muscle") for evidence in found]
     figure, axes = _small_multiples(found, trained, height=2.15)
     for row, evidence, of_units in zip(axes, found, trained, strict=True):
-        runs = evidence["foam_estimation"].query("motion == 'control'")
+        runs = evidence["foam_estimation"]
         for ax, (unit, biases) in zip(row, of_units.items(), strict=False):
             _draw_foam_map(ax, biases, runs[runs["unit"] == unit])
             ax.set_aspect("equal")  # whether they lie on a line

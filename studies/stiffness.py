@@ -16,7 +16,6 @@ from clothlab.analysis import target_distance
 from clothlab.method.control import ControlSettings
 from clothlab.method.rollout import Policy
 from clothlab.simulation.arm import MuscleArm
-from clothlab.simulation.cloth import get_cloth
 from clothlab.simulation.env import CONTROL_PERIOD
 from clothlab.simulation.stiffness import ellipse_area, stiffness_ellipse
 from clothlab.trials import Trial, recorded_plans
@@ -24,7 +23,6 @@ from studies._grid import Experiment, over
 from studies._runs import (
     RECORDINGS,
     empty_distance,
-    estimate_at_random,
     estimating,
     new_trial,
     random_trial,
@@ -43,7 +41,6 @@ _SPRINGS = {
 }
 ESTIMATED = ("hard-1", "hard-2", "hard-3")  # from one end of the scale to the other
 # What moves them meanwhile: random commands, or the paper's controller
-MOTIONS = ("random", "control")
 HELD = ("hard-1", "soft-1")  # each is the wrong one for the other
 # The paper's conditions
 CORRECT = "Correct"
@@ -80,32 +77,24 @@ def _push(spring: str, f_const: float) -> dict[str, Any]:
 
 
 def _estimate_moved(
-    cloth: str,
-    model: int,
-    motion: str = "random",
-    weights: str = "muscle",
-    steps: int = 150,
+    cloth: str, model: int, weights: str = "muscle", steps: int = 150
 ) -> dict[str, Any]:
-    """Estimate p of a foam from 0 while it is moved, 30 s.
+    """Estimate p of a foam from 0 while it is controlled, 30 s.
 
     Args:
         cloth: one of `ESTIMATED`, by name.
         model: seed of the training.
-        motion: one of `MOTIONS`.
         weights: name of the training.
         steps: control steps.
     """
     learned = trained(f"{weights}-{model}")
     seed = 16000 + 100 * model + ESTIMATED.index(cloth)
-    if motion == "random":
-        p, trace = estimate_at_random(learned, cloth, steps, seed)
-    else:
-        nothing = np.zeros(learned.model.bias_size)
-        controller = learned.controller(data.load_target("muscle"), nothing)
-        policy = estimating(controller, learned, nothing)
-        new_trial(policy, learned.arm, cloth, steps, seed)
-        trace = np.stack(policy.trace)
-        p = trace[-1]
+    nothing = np.zeros(learned.model.bias_size)
+    controller = learned.controller(data.load_target("muscle"), nothing)
+    policy = estimating(controller, learned, nothing)
+    new_trial(policy, learned.arm, cloth, steps, seed)
+    trace = np.stack(policy.trace)
+    p = trace[-1]
 
     # Where the last p lies from hard-1 (0) to hard-3 (1)
     first = learned.biases[ESTIMATED[0]]
@@ -155,7 +144,7 @@ def _control_one(
         "distance": distance.round(4),
         "rate": float((distance < _THRESHOLD).mean()),
         "peak_hand_speed": speeds,
-        **_motion(trial, in_full=model == 0),
+        **_motion(trial, in_full=model == 0 and condition == CORRECT),
     }
 
 
@@ -293,19 +282,6 @@ def speed_gains(table: pd.DataFrame) -> np.ndarray:
     return (free / fixed).reshape(len(HELD), -1, len(VARIANTS)) - 1
 
 
-def estimates(table: pd.DataFrame, model: int) -> dict[str, np.ndarray]:
-    """p over time of each foam of `foam_estimation`, from p = 0 on, by a label.
-
-    By one training, `[T + 1, D_p]`.
-    """
-    of_model = table[(table["model"] == model) & (table["motion"] == "random")]
-    found = {}
-    for cloth, trace in zip(of_model["cloth"], of_model["trace"], strict=True):
-        label = f"estimate of {get_cloth(str(cloth)).label}"
-        found[label] = np.pad(trace, ((1, 0), (0, 0)))
-    return found
-
-
 _PAPER = {"weights": "muscle-paper"}
 _MODELS = range(5)
 EXPERIMENTS = (
@@ -313,7 +289,7 @@ EXPERIMENTS = (
     Experiment(
         "foam_estimation",
         _estimate_moved,
-        over(cloth=ESTIMATED, model=_MODELS, motion=MOTIONS),
+        over(cloth=ESTIMATED, model=_MODELS),
         paper=_PAPER,
     ),
     Experiment(

@@ -88,7 +88,7 @@ def test_foams_at_corners_are_told_from_foams_on_a_line(tmp_path):
 )
 def test_midway_is_along_the_line_and_beside_it(end, number, tmp_path):
     maps_of(tmp_path, "muscle", [SQUARE])  # hard-1 at (0, 1), hard-3 at (1, 1)
-    run = {"motion": "control", "cloth": "hard-2", "model": 0, "place": 0.5}
+    run = {"cloth": "hard-2", "model": 0, "place": 0.5}
     table = pd.DataFrame([run | {"trace": [[0.0, 0.0], list(end)]}])
     save(table, "foam_estimation-paper", data=tmp_path)
     (found,) = claims.numbers("hard_2_midway", data=tmp_path)

@@ -195,7 +195,7 @@ def noted(number, folder):
 folder = Path(sys.argv[sys.argv.index("--folder") + 1])
 cases = partial(grid, number=range(3), folder=str(folder))
 studies.EXPERIMENTS["noted"] = Experiment("noted", noted, cases)
-Plan.tables = lambda self: ["self_organisation-paper", "noted"]
+Plan.tables = lambda self: ["trained_p-paper", "noted"]
 for name, each in reproduce.DATASETS.items():
     reproduce.DATASETS[name] = replace(each, steps=24, policies=("operator",))
 for name, each in reproduce.TRAINING_CONFIGS.items():
@@ -246,7 +246,7 @@ def test_what_was_killed_and_what_was_interrupted_goes_on_where_it_stopped(tmp_p
     assert done.read_text() == "0112"
     assert before == {path: path.stat().st_mtime_ns for path in before}
     tables = {path.stem for path in (data / "results").iterdir()}
-    assert tables == {"self_organisation-paper", "noted"}
+    assert tables == {"trained_p-paper", "noted"}
     assert (tmp_path / "results.md").read_text() == "no results"
 
 
