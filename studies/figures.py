@@ -15,11 +15,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pandas as pd
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from clothlab import plots
 from clothlab.analysis import best_per_period, principal_axes
@@ -30,7 +28,6 @@ from studies.claims import (
     AMOUNTS_IN_WORDS,
     PAPERS_THRESHOLD,
     SHOWN,
-    Claim,
     Evidence,
     Judged,
     NotMeasured,
@@ -57,14 +54,6 @@ VERDICT_COLOURS = {
     "equal": plots.COLOURS[5],
     "contradicted": plots.COLOURS[1],
     "inconclusive": "0.55",
-}
-# Where a number that the paper prints is met
-_PRINTED: dict[str, Any] = {
-    "facecolor": "none",
-    "edgecolor": VERDICT_COLOURS["holds"],
-    "hatch": "///",
-    "lw": 1.5,
-    "alpha": 0.6,
 }
 
 
@@ -483,59 +472,6 @@ def _draw_quantity(ax: Axes, values: pd.Series, table: pd.DataFrame) -> None:
         ax.errorbar(x, mean, spread, label=foam, **look)
 
 
-def verdicts(judged: Mapping[str, Sequence[Judged]]) -> Figure:
-    """Means and intervals of claims in units of their margins, by amount.
-
-    Args:
-        judged: for each amount of recordings, by its label, claims in their order.
-    """
-    # A row for each claim, in which the amounts stand below each other
-    claims = {
-        each.claim.name: each.claim for found in judged.values() for each in found
-    }
-    rows = {name: k for k, name in enumerate(claims)}
-    figure, ((ax,),) = _new_axes(1, 1, (11.0, 1.9 + 0.46 * len(rows)))
-    ax.axvspan(-1, 1, color="0.9", zorder=0)
-    for k, found in enumerate(judged.values()):
-        for each in found:
-            y = rows[each.claim.name] + 0.32 * (k - 0.5)
-            _draw_interval(ax, each, y, "oD"[k])
-    _name_claims(ax, [*claims.values()])
-
-    # What colours and markers say
-    key: list[Artist] = [*_verdict_key()]
-    for k, label in enumerate(judged):
-        look: dict[str, Any] = {"color": "0.3", "marker": "oD"[k], "ls": "none"}
-        key.append(Line2D([], [], label=label, **look))
-    key.append(Patch(color="0.9", label="within the margin"))
-    if any(claim.kind == "value" for claim in claims.values()):
-        key.append(Patch(label="≈ the paper's number: holds in this box", **_PRINTED))
-    figure.legend(handles=key, loc="outside upper center", ncols=4, fontsize=11)
-    return figure
-
-
-def _name_claims(ax: Axes, claims: Sequence[Claim]) -> None:
-    """Words of both axes, and boxes within which a printed number is met."""
-    labels = []
-    for y, claim in enumerate(claims):
-        printed = claim.kind == "value"
-        labels.append(f"≈ {claim.short}" if printed else claim.short)
-        if printed:
-            ax.barh(y, 2, 0.8, left=-1, zorder=1, **_PRINTED)
-    ax.set_yticks(range(len(labels)), [_wrapped(each) for each in labels])
-    ax.set_ylim(len(labels) - 0.5, -0.5)
-
-    # Margins on a scale that is linear within one
-    edge = 1.03 * _scaled(np.inf)
-    ax.set_xlim(-edge, edge)
-    ticks = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
-    ax.set_xticks([_scaled(tick) for tick in ticks], [str(tick) for tick in ticks])
-    words = ["against the paper", "measured number, in margins", "as the paper says"]
-    if all(claim.kind == "value" for claim in claims):
-        words = ["less than the paper's", words[1], "more"]
-    ax.set_xlabel("  ←  ".join(words[:2]) + f"  →  {words[2]}")
-
-
 def _verdict_key() -> list[Line2D]:
     """Entries of a legend for the colours of verdicts."""
     look: dict[str, Any] = {"marker": "s", "ls": "none"}
@@ -606,12 +542,6 @@ def differences(
     return figure
 
 
-def _wrapped(label: str) -> str:
-    """A label in lines of about one length, so that none is a single word."""
-    count = -(-len(label) // 46)
-    return textwrap.fill(label, max(len(label) // count + 8, 20))
-
-
 def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:
     """One bar: its pieces are verdicts, with their numbers in them."""
     start = 0
@@ -623,22 +553,6 @@ def _draw_counts(ax: Axes, y: float, words: Sequence[str]) -> None:
                 start + count / 2, y, str(count), ha="center", va="center", fontsize=10
             )
         start += count
-
-
-def _scaled(number: float) -> float:
-    """Linear within a margin, logarithmic beyond, and cut at 30 margins."""
-    number = float(np.clip(number, -30, 30))
-    size = abs(number)
-    return number if size <= 1 else float(np.sign(number) * (1 + np.log(size)))
-
-
-def _draw_interval(ax: Axes, judged: Judged, y: float, marker: str) -> None:
-    """A claim's mean as a marker, its interval as a line."""
-    margin = judged.claim.margin
-    ends = [_scaled(each / margin) for each in (judged.low, judged.high)]
-    colour = VERDICT_COLOURS[judged.verdict]
-    ax.plot(ends, [y, y], color=colour, lw=2.5, solid_capstyle="butt")
-    ax.plot(_scaled(judged.mean / margin), y, marker, color=colour, ms=6)
 
 
 FIGURES: dict[str, Callable[..., Figure]] = {

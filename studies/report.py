@@ -30,18 +30,12 @@ def verdicts(*, data: Folder = None) -> Verdicts:
     return found
 
 
-def by_label(judged: Verdicts, part: str | None = None) -> dict[str, list[Judged]]:
-    """Judged claims, by the amount of recordings in words.
-
-    Args:
-        judged: by amount and name.
-        part: of the paper; by default all of them.
-    """
-    found = {}
-    for amount, label in claims.AMOUNTS_IN_WORDS.items():
-        every = judged[amount].values()
-        found[label] = [each for each in every if part in (None, each.claim.part)]
-    return found
+def by_label(judged: Verdicts) -> dict[str, list[Judged]]:
+    """Judged claims, by the amount of recordings in words."""
+    return {
+        label: [*judged[amount].values()]
+        for amount, label in claims.AMOUNTS_IN_WORDS.items()
+    }
 
 
 def claims_table(judged: Verdicts | None = None) -> str:
