@@ -29,10 +29,21 @@ Answer = Callable[[Evidence], str]
 
 def amount(evidence: Evidence) -> str:
     """An amount of recordings in words, and over how many repetitions numbers are."""
-    count = evidence["estimation"]["unit"].nunique()
-    units = f"{count} {evidence.of}{'s' * (count > 1)}"
+    units = _repetitions(evidence, "estimation")
     of = "each made from nothing" if evidence.of == "world" else "on one set"
     return f"{AMOUNTS_IN_WORDS[evidence.amount]}: {units}, {of}"
+
+
+def _repetitions(evidence: Evidence, table: str) -> str:
+    """How many there are in a table, such as "10 worlds"."""
+    count = evidence[table]["unit"].nunique()
+    return f"{count} {evidence.of}{'s' * (count > 1)}"
+
+
+def _of_foams(evidence: Evidence) -> str:
+    """Repetitions with the other arm, where they are not those of the head."""
+    foams = _repetitions(evidence, "foam_control")
+    return "" if foams == _repetitions(evidence, "estimation") else f" ({foams})"
 
 
 def said(answer: Answer, evidence: Evidence) -> str:
@@ -154,8 +165,9 @@ def _knows(evidence: Evidence) -> str:
         near[condition] = distances.map(nearness).mean()
     word = _word("foam_wrong_p", evidence, _SEEN).replace("**", "")
     parts.append(
-        f"foams: {word}nearness {near[CORRECT]:.3f} with the right material, "
-        f"{near[WRONG_FOAM]:.3f} with a wrong one"
+        f"foams{_of_foams(evidence)}: {word}nearness, of 1 if always on the picture, "
+        f"{near[CORRECT]:.3f} with the right material, {near[WRONG_FOAM]:.3f} with a "
+        "wrong one"
     )
     return "; ".join(parts)
 
@@ -171,7 +183,9 @@ _PRINTED = {
 def _faster(evidence: Evidence) -> str:
     gain = claims.speed_gain(evidence)
     word = _word("stiffness_speed", evidence, _PRINTED)
-    return f"{word}with our motors {_with_interval(gain, ' %', 100)}"
+    return (
+        f"{word}with our motors {_with_interval(gain, ' %', 100)}{_of_foams(evidence)}"
+    )
 
 
 def rivals(evidence: Evidence) -> pd.DataFrame:
