@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 import clothlab
+import studies
 from clothlab.data import data_folder
 from studies import PAPER, claims, headline, report, save
 from studies.claims import TWENTY, Evidence, NotMeasured
@@ -121,3 +122,14 @@ def test_the_head_says_how_many_repetitions_there_are(tmp_path):
     assert headline.amount(Evidence(TWENTY, tmp_path)) == (
         "twenty times as many: 2 worlds, each made from nothing"
     )
+
+
+def test_where_foams_have_other_repetitions_their_row_says_so(tmp_path):
+    save(studies.load("foam_control"), "foam_control", data=tmp_path)
+    estimates = studies.load("estimation")
+    save(estimates, "estimation", data=tmp_path)
+    faster = headline.QUESTIONS["Does a variable stiffness make the hand 12 % faster?"]
+    assert "(5 trainings)" not in faster(Evidence(TWENTY, tmp_path))
+    worlds = estimates.query("model == 0").assign(world=1)
+    save(worlds, "worlds-estimation", data=tmp_path)
+    assert faster(Evidence(TWENTY, tmp_path)).endswith("(5 trainings)")
