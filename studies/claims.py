@@ -147,11 +147,19 @@ class Evidence:
         self.of = "world" if "world" in table else "training"
         return table
 
+    def trainings(self, name: str) -> pd.DataFrame:
+        """A table of trainings, also where there is one of worlds."""
+        self.of = "training"
+        return self._of_trainings(name)
+
     def _find(self, name: str) -> pd.DataFrame:
         """Of worlds, or of trainings, with the number of each unit."""
         worlds = self._stored(f"worlds-{name}{self.amount}")
         if worlds is not None:
             return worlds.assign(unit=worlds["world"])
+        return self._of_trainings(name)
+
+    def _of_trainings(self, name: str) -> pd.DataFrame:
         trainings = self._stored(f"{name}{self.amount}")
         if trainings is None:
             raise NotMeasured(f"no table {name}{self.amount}: run `make results`")
@@ -184,8 +192,13 @@ def _of_world(values: pd.Series, table: pd.DataFrame) -> pd.Series:
 
 
 def biases_of(evidence: Evidence, arm: str) -> dict[int, dict[str, np.ndarray]]:
-    """Trained p of each material, for each unit."""
+    """Trained p of each material, for each unit.
+
+    Worlds may have been made with one arm alone: the other one has its trainings.
+    """
     table = evidence["trained_p"]
+    if not table["weights"].str.startswith(arm).any():
+        table = evidence.trainings("trained_p")
     table = table[table["weights"].str.startswith(arm)]
     found = {}
     for unit, names, p in zip(

@@ -98,7 +98,10 @@ def _with(name: str, evidences: Iterable[Evidence]) -> list[Evidence]:
 
 def _amount(evidence: Evidence, table: pd.DataFrame) -> str:
     """An amount of recordings, and over how many units a table of it goes."""
-    count = table["unit"].nunique()
+    return _amount_of(evidence, table["unit"].nunique())
+
+
+def _amount_of(evidence: Evidence, count: int) -> str:
     units = f"{count} {evidence.of}{'s' * (count > 1)}"
     return f"{AMOUNTS_IN_WORDS[evidence.amount]}, {units}"
 
@@ -164,7 +167,7 @@ def _small_multiples(
             ax.tick_params(labelbottom=True)
         for ax in part.flat[len(of_units) :]:
             ax.set_axis_off()
-        _name_row(part[0, 0], _amount(evidence, evidence["trained_p"]))
+        _name_row(part[0, 0], _amount_of(evidence, len(of_units)))
         found.append(part.ravel())
     return figure, found
 

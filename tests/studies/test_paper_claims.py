@@ -111,6 +111,23 @@ def test_pc1_is_told_from_the_ratio(tmp_path):
     assert ratio < -0.2
 
 
+def test_an_arm_without_worlds_has_its_trainings(tmp_path):
+    both = pd.DataFrame(
+        [
+            {"weights": arm, "model": 0, "materials": " ".join(SQUARE)}
+            | {"p": np.array([*SQUARE.values()], dtype=float)}
+            for arm in ("torque", "muscle")
+        ]
+    )
+    save(both, "trained_p", data=tmp_path)
+    save(both[:1].assign(world=4), "worlds-trained_p", data=tmp_path)
+    evidence = Evidence(TWENTY, tmp_path)
+    assert list(claims.biases_of(evidence, "torque")) == [4]
+    assert evidence.of == "world"
+    assert list(claims.biases_of(evidence, "muscle")) == [0]
+    assert evidence.of == "training"
+
+
 def correlations(*values):
     """Rows of `chamfer`."""
     rows = [{"target": "target-2", "correlation": each} for each in values]
@@ -248,9 +265,11 @@ def words_of(figure):
 def test_a_figure_says_of_which_amounts_and_how_many_units_it_is(amounts):
     figure = figures.integrated(*map(Evidence, amounts))
     words = words_of(figure)
-    count = Evidence(PAPER)["joint_arms"]["unit"].nunique()
-    assert (f"the paper's recordings {count} worlds" in words) == (PAPER in amounts)
-    assert ("twenty times as many 5 trainings" in words) == (TWENTY in amounts)
+    for amount, label in claims.AMOUNTS_IN_WORDS.items():
+        evidence = Evidence(amount)
+        count = evidence["joint_arms"]["unit"].nunique()
+        said = f"{label} {count} {evidence.of}s"
+        assert (said in words) == (amount in amounts)
     assert len(figure.axes) == 2 * len(amounts)
 
 
