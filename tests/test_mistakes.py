@@ -73,6 +73,10 @@ MISTAKES = {
         lambda: cloth_name(0.05, np.nan),
         "C_mass is a finite number, got nan",
     ),
+    "a mass of nothing": (
+        lambda: cloth_name(0.05, 0.0),
+        "C_mass must be above 0, got 0.0",
+    ),
     "a foam that is none": (
         lambda: foam("medium", 2),
         "unknown foam 'medium'; choose from soft, hard",
