@@ -551,6 +551,23 @@ def test_an_answer_must_not_change_what_it_was_given(given, change):
         compare(lambda x: bool(change(x) is x))
 
 
+def test_an_answer_of_any_arguments_must_not_change_them_either():
+    """Else what is right, computed of them afterwards, is whatever it made of them."""
+
+    @check(number("a sum"))
+    def compare(answer, rng):
+        a, b = rng.normal(size=3), rng.normal(size=3)
+        expect(answer(a, b), (a * b).sum(), "wrong")
+
+    def emptied(*given):
+        given[1][...] = 0
+        return 0
+
+    compare(lambda *given: (given[0] * given[1]).sum())
+    with pytest.raises(checks.CheckFailed, match="changes its argument `given`"):
+        compare(emptied)
+
+
 @pytest.mark.parametrize(
     "found",
     [2, 2.0, np.float32(2), np.int64(2), np.array(2), torch.tensor(2.0), Fraction(2)],

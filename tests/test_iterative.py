@@ -247,6 +247,7 @@ def test_the_first_plan_led_near_with_a_material_like_this_one_and_is_sent_twice
         policy.set_bias(p)
         sent = rollout(env, policy, 17).commands
         assert (sent[:8] == sent[8:16]).all()
+        assert len(policy.controller.trace[-1]) == 3, "the third plan is searched for"
         own = nearest_plans(
             [run for run in runs if run.material == material], policy.z_ref
         )

@@ -173,7 +173,7 @@ def _data(answer: Callable, args: tuple, kwargs: dict) -> dict[str, object]:
     except (TypeError, ValueError):
         # Another number of arguments, of which the call itself will tell; a built-in
         return {}
-    kinds = np.ndarray | torch.Tensor | list | dict
+    kinds = np.ndarray | torch.Tensor | list | tuple | dict  # a tuple is `*args`
     return {
         name: value for name, value in arguments.items() if isinstance(value, kinds)
     }

@@ -260,12 +260,12 @@ def _described(error: Exception) -> str:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether arrays, tensors, networks, lists and dictionaries have equal contents."""
+    """Whether arrays, tensors, networks, and what holds them have equal contents."""
     if isinstance(a, torch.nn.Module):
         a, b = dict(a.state_dict()), dict(b.state_dict())
     if isinstance(a, dict):
         return list(a) == list(b) and all(_same(a[key], b[key]) for key in a)
-    if isinstance(a, list):
+    if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(_same, a, b))
     if isinstance(a, torch.Tensor):
         return torch.equal(a.detach(), b)

@@ -120,6 +120,8 @@ class Estimator:
         command = numbers("u", u, (self.model.command_size,))
         undo = self._seen.copy(), self._from_start
         self._seen.append((state, command))
+        # A full window still holds the first step of a run, this once; it counts as one
+        # in the middle of a motion already, as in all that is stored.
         self._from_start = self._from_start and len(self._seen) < self._length
         window = self.window
         if window is None:
