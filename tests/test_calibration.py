@@ -202,3 +202,13 @@ def test_what_is_usual_is_learned_of_each_material_and_each_sensor():
     surprise = 2 * np.log(np.divide(noises["b"], noises["a"])).mean()
     ratio = found.log_error_ratio(fit, BIASES["a"])
     assert ratio == pytest.approx(surprise, abs=0.25)
+
+
+def test_what_is_usual_is_taken_from_the_longest_look():
+    """The runs are noisier in their second half."""
+    rng = np.random.default_rng(8)
+    noise = np.repeat([0.1, 0.4], [60, 59])[:, None]
+    runs = [toy_run(p, rng, 120, noise, name) for name, p in BIASES.items()] * 2
+    found = calibrate(Toy(), BIASES, runs, lengths=(60, 120), settings=ENDLESS)
+    expected = np.log(np.square(noise).mean())
+    assert found.usual == pytest.approx(np.full((3, 3), expected), abs=0.5)

@@ -30,6 +30,7 @@ from clothlab.method.training import ModelTraining, train_dpmpb
 from clothlab.policies import OperatorPolicy, RandomPolicy
 from clothlab.simulation.arm import ARMS, get_arm
 from clothlab.simulation.env import ClothEnv
+from clothlab.simulation.rendering import onlooker
 from clothlab.simulation.stiffness import static_posture, stiffness_ellipse
 from clothlab.simulation.vision import cloth_mask
 from clothlab.trials import to_run
@@ -140,6 +141,17 @@ def test_each_material_keeps_its_own_p_whatever_the_order_of_the_runs():
         assert all(np.array_equal(biases[name], known[name]) for name in known)
 
 
+def test_an_error_counts_by_the_deviation_of_its_sensor(untrained):
+    generator = torch.Generator().manual_seed(0)
+    s, errors = torch.randn(2, 4, 5, 3, generator=generator)
+    expected = errors.square().mean()
+    for unit in (1.0, 1000.0):
+        untrained.s_std.copy_(torch.tensor([unit, 1.0, 1 / unit]))
+        loss = untrained.loss((s + errors) * untrained.s_std, s * untrained.s_std)
+        torch.testing.assert_close(loss, expected)
+    untrained.s_std.fill_(1)
+
+
 def test_another_seed_gives_another_training():
     first, same, other = (
         train_dpmpb(RUNS, BRIEF, seed=seed, progress=False)[2] for seed in (0, 0, 1)
@@ -149,8 +161,11 @@ def test_another_seed_gives_another_training():
 
 
 def test_the_loss_of_an_autoencoder_is_the_mean_of_its_batches():
-    """Bits that nobody can guess, seen by a network that does not learn: ln 2 each."""
-    images = np.random.default_rng(0).random((24, 96, 128)) > 0.5
+    """Bits that nobody can guess, seen by a network that does not learn: ln 2 each.
+
+    Of 20 images, those that fill no batch wait for another epoch.
+    """
+    images = np.random.default_rng(0).random((20, 96, 128)) > 0.5
     still = AutoencoderTraining(epochs=2, batch_size=8, learning_rate=0.0)
     _, losses = train_autoencoder(images, still, progress=False)
     assert losses == pytest.approx([np.log(2)] * 2, abs=0.15)
@@ -309,6 +324,11 @@ def test_an_arm_has_stops_and_a_bar_in_its_middle_and_nothing_touches(arm):
     moving = model.body_weldid[model.geom_bodyid] > 0
     assert not model.geom_contype[moving].any()
     assert not model.geom_conaffinity[moving].any()
+
+
+def test_people_look_from_beside_where_the_arm_s_camera_stands_too_near():
+    assert onlooker(get_arm("torque")) == "camera"
+    assert isinstance(onlooker(get_arm("muscle")), mujoco.MjvCamera)
 
 
 def test_a_picture_has_the_type_of_a_camera_s():
