@@ -61,6 +61,18 @@ def test_it_draws_once_at_the_start_and_whenever_a_control_moves(draw, calls):
     control.check()
 
 
+def test_a_menu_shows_words_in_place_of_values():
+    drawn = []
+
+    def draw(claim="b"):
+        drawn.append(claim)
+        return Figure()
+
+    control = Control(draw, claim=[("the first", "a"), ("the second", "b")])
+    control.check()
+    assert drawn == ["b"]
+
+
 def test_a_film_is_played_by_its_picture():
     def draw(x=0):
         """A square moves; and more."""

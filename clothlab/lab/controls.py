@@ -135,7 +135,8 @@ def _start(name: str, parameters: Mapping[str, inspect.Parameter], choices: Any)
         low, high, _ = choices
         allowed = low <= start <= high
     else:
-        allowed = start in choices
+        values = [each[1] if isinstance(each, tuple) else each for each in choices]
+        allowed = start in values
     if not allowed:
         raise ValueError(f"the default of {name}, {start!r}, is not among {choices}")
     return start
