@@ -102,7 +102,6 @@ from studies import ablations, transfer
 from studies._grid import PAPER, Case, Experiment, grid, shared
 from studies._runs import (
     NEW,
-    best_iou,
     find_cloth,
     new_trial,
     random_trial,
@@ -400,7 +399,7 @@ def _run_one(
     materials: int = MATERIALS[0],
     periods: int = 1,
 ) -> dict[str, Any]:
-    """Best distance and best IoU in each period `[P]`.
+    """Best distance in each period `[P]`.
 
     Args:
         method: one of `KNOWLEDGE`, a floor, or a refinement without a network.
@@ -430,7 +429,6 @@ def _run_one(
     distance = target_distance(autoencoder, trial, mask)
     return {
         "best": best_per_period(distance).round(4),
-        "iou": best_iou(trial, mask).round(4),
         "random": float(np.median(best_per_period(by_chance))),
     }
 
@@ -642,10 +640,6 @@ LATER: dict[str, tuple[_Way, _Way]] = {
         (NEAREST_P, "estimated", RECORDED),
     ),
 }
-
-
-# What was asked beforehand
-ASKED = (*QUESTIONS, *[*LATER][:2])
 
 
 def groups(values: pd.DataFrame) -> dict[str, pd.DataFrame]:
