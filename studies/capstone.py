@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
-from torch import Tensor
 
 from clothlab import analysis, data, plots
 from clothlab.analysis import crossed_interval, period_ends, target_distance
@@ -255,11 +254,6 @@ def kept_tries(steps: int) -> pd.DataFrame:
     tries["each"] = numbers
     tries.index = pd.RangeIndex(1, len(tries) + 1, name="try")
     return tries[["set", "name", "points", "low", "high", "note", "each"]]
-
-
-def jerks(plans: Tensor) -> Tensor:
-    """How much plans `[B, T, D_u]` jerk `[B]`: the sum of their squared changes."""
-    return plans.diff(dim=1).square().sum(dim=(1, 2))
 
 
 def show_contest(scores: Mapping[str, np.ndarray], title: str) -> Figure:

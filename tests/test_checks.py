@@ -235,11 +235,6 @@ RIGHTS = [
     ("linear_drawing", "components[:n].T", "components.T[:, :n]"),
     ("closed_loop", "torch.stack(states, dim=1)", "torch.cat(states)[None]"),
     (
-        "jerk_price",
-        "price = commands.diff(dim=1).square()",
-        "price = (commands.diff(dim=1) ** 2)",
-    ),
-    (
         "luck_of_best",
         "(scores - truth)[rounds, best].mean()",
         "np.take_along_axis(scores - truth, best[:, None], 1).mean()",

@@ -1,43 +1,9 @@
 """Checks of notebook 09: what is drawn, what is right, and what usual slips give."""
 
 import numpy as np
-import torch
 from scipy.special import ndtr  # share of normal numbers below one
 
 from clothlab.checks.ask import Question, exercise
-
-
-@exercise("one price for each plan", 5, rtol=1e-4)
-def jerk_price(rng: np.random.Generator) -> Question:
-    """How much each of five plans jerks `[5]`.
-
-    Given are plans, a tensor `[5, 8, 2]`. The price is the sum of the squares of all
-    changes from one command to the next.
-    """
-    plans = rng.uniform(-1, 1, (5, 8, 2))
-    changes = np.diff(plans, axis=1)
-    truth = (changes**2).sum(axis=(1, 2))
-    slips = {
-        "a command that is far from 0 is no jerk: price the *changes*": (
-            (plans**2).sum(axis=(1, 2))
-        ),
-        "changes up and down cancel: square them before you add them": changes.sum(
-            axis=(1, 2)
-        ),
-        "not their sizes: the squares": np.abs(changes).sum(axis=(1, 2)),
-        "their sum, not their mean": (changes**2).mean(axis=(1, 2)),
-        "a change goes from one step to the next one: along the axis 1": (
-            (np.diff(plans, axis=2) ** 2).sum(axis=(1, 2))
-        ),
-    }
-    return Question(
-        (torch.tensor(plans, dtype=torch.float32),),
-        truth,
-        slips,
-        lambda found: (
-            f"the prices of these plans are {truth.round(3)}, not {found.round(3)}"
-        ),
-    )
 
 
 @exercise("by how much the winner's score exceeds its own worth", rtol=0.05, far=3)
