@@ -50,9 +50,7 @@ RANDOM = "Random"
 PAPERS = (CORRECT, WRONG, FIXED, RANDOM)
 # The others also try recorded commands at the start of each period
 WARM = "Correct, warm start only"
-_CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
-# Sign of Correct minus another
-QUANTITIES = {"rate below 0.5": 1, "minimum distance": -1, "maximum distance": 1}
+CONDITIONS = (CORRECT, WRONG, FIXED, WARM, RANDOM)
 _FINE = 10  # samples of the joint angles in a control step
 _THRESHOLD = 0.5  # of the success rate, the paper's [s.d. of z]
 # What the hand's speed may depend on, and the paper does not publish
@@ -246,40 +244,34 @@ def _controller(
     return learned.controller(mask, told, plans=plans, arm=arm)
 
 
-def with_quantities(table: pd.DataFrame) -> pd.DataFrame:
-    """`foam_control` with the paper's three quantities, by `QUANTITIES`."""
-    rate, minimum, maximum = QUANTITIES
-    columns = {
-        rate: table["rate"],
-        minimum: table["distance"].map(np.min),
-        maximum: table["distance"].map(np.max),
-    }
-    return table.assign(**columns)
+def rates(table: pd.DataFrame, share: float) -> pd.DataFrame:
+    """Share of steps that are nearer than a threshold, mean of both foams.
 
-
-def gap(table: pd.DataFrame, quantity: str, cloth: str, other: str) -> np.ndarray:
-    """How much more a column of `foam_control` is under Correct, `[models]`.
+    A row for each world, or each training where there is one world, and a column for
+    each condition.
 
     Args:
         table: rows of `foam_control`.
-        quantity: the column.
-        cloth: a foam of `HELD`.
-        other: the condition that is compared.
+        share: the threshold, over the distance of the hanging foam.
     """
-    of_cloth = table[table["cloth"] == cloth]
-    foam = of_cloth.pivot(index="model", columns="condition", values=quantity)
-    return (foam[CORRECT] - foam[other]).to_numpy()
+    unit = "world" if "world" in table else "model"
+    near = [np.mean(each[1:] < share * each[0]) for each in table["distance"]]
+    return table.assign(near=near).pivot_table("near", unit, "condition")
 
 
 def speed_gains(table: pd.DataFrame) -> np.ndarray:
-    """What optimised stiffness gains in peak hand speed, `[foams, models, variants]`.
+    """What optimised stiffness gains in peak hand speed, `[units, variants]`.
 
-    The speed with it over that without, minus one.
+    The mean speed of both foams with it over that without, minus one. A unit is a
+    world, or a training where there is one world.
     """
-    by_condition = table.set_index("condition")["peak_hand_speed"]
-    free = np.stack(by_condition[CORRECT])
-    fixed = np.stack(by_condition[FIXED])
-    return (free / fixed).reshape(len(HELD), -1, len(VARIANTS)) - 1
+    unit = "world" if "world" in table else "model"
+    speeds = {}
+    for condition in (CORRECT, FIXED):
+        runs = table[table["condition"] == condition]
+        by_unit = runs.groupby(unit)["peak_hand_speed"]
+        speeds[condition] = np.stack([np.mean([*each], axis=0) for _, each in by_unit])
+    return speeds[CORRECT] / speeds[FIXED] - 1
 
 
 _PAPER = {"weights": "muscle-paper"}
@@ -295,7 +287,7 @@ EXPERIMENTS = (
     Experiment(
         "foam_control",
         _control_one,
-        over(condition=_CONDITIONS, cloth=HELD, model=_MODELS),
+        over(condition=CONDITIONS, cloth=HELD, model=_MODELS),
         paper=_PAPER,
     ),
 )
