@@ -21,10 +21,13 @@ export MALLOC_MMAP_THRESHOLD_ ?= 33554432
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help lab check test tested slow pages throw throw-tested notebooks site site-built site-tested browser chromium data checksums train results paper reproduce worlds findings picture editions grades slides book format doctor lock
+.PHONY: help lab throw doctor editions grade docs paper results check test test-browser format lock clean
+.PHONY: tested notebooks site slides test-lab test-site test-throw chromium findings picture data train checksums worlds reproduce
 
-help:  ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+help:
+	@awk '/^##@ / { printf "\n%s\n", substr($$0, 5) } \
+		/^[a-z-]+:.*## / { split($$0, part, /:.*## /); printf "  make %-13s %s\n", part[1], part[2] }' $(MAKEFILE_LIST)
+	@printf '\nCONTRIBUTING.md names the others.\n'
 
 # What a bare Debian or Ubuntu lacks of what is needed: OpenGL without a display; a browser, and what leads it.
 SYSTEM := sh scripts/system_packages.sh
@@ -48,15 +51,84 @@ $(STAMP): environment.txt pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement environment.txt
 	@touch $@
 
-doctor: $(STAMP)  ## check this machine: versions, drawing, data
-	@$(SYSTEM) $(OPENGL) || true
-	@$(BIN)/python -m clothlab doctor
+##@ To learn and to look
 
 # JupyterLab starts in the repository's root: a notebook's ../docs would lie outside of what it serves otherwise.
 lab: doctor  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab --config=jupyter_lab_config.py $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
-check: $(STAMP)  ## linter, types and unit tests, in parallel
+# Some shells have a HOST of their own: only one that is given to make counts.
+throw: build/throw/index.html  ## a robot in your browser; HOST=0.0.0.0 for telephones in the same network
+	@$(BIN)/python -m web serve $(if $(filter command%,$(origin HOST)),--host $(HOST)) $(if $(PORT),--port $(PORT))
+
+build/throw/index.html: $(wildcard web/*.py web/*.toml web/page/* clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS | $(STAMP)
+	$(BIN)/python -m web build
+
+doctor: $(STAMP)  ## check this machine: versions, drawing, data
+	@$(SYSTEM) $(OPENGL) || true
+	@$(BIN)/python -m clothlab doctor
+
+##@ To teach
+
+editions: $(EXECUTED)  ## notebooks for students (build/student) and executed with solutions (build/instructor)
+	$(BIN)/jupyter nbconvert --log-level ERROR --to html build/instructor/*.ipynb
+
+grade: $(STAMP)  ## points and words for a class: FOLDER=path, perhaps ONLY="00 01"
+	@$(BIN)/python scripts/grade.py "$(or $(FOLDER),$(error say which folder: make grade FOLDER=path/to/the/class))" $(if $(ONLY),--only $(ONLY))
+
+docs: site slides  ## the executed series as a site (build/book/html) and as slides; SMALL=1 with CI's sizes
+
+$(EXECUTED): build/full/notebooks/%: notebooks/% $(SOURCES) | $(STAMP)
+	$(BIN)/python scripts/editions.py $<
+
+# What notebooks link to; pages of before are gone.
+define WITH_PAGES
+rm -rf $(RUN)/docs $(RUN)/data $(RUN)/web $(RUN)/reference $(RUN)/*.md
+mkdir $(RUN)/data $(RUN)/web
+cp -R *.md LICENSE CITATION.cff docs docs/book/index.md docs/book/reference.rst $(RUN)
+cp data/README.md $(RUN)/data
+cp web/README.md $(RUN)/web
+endef
+
+site: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))
+	$(WITH_PAGES)
+	rm -rf build/book
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
+		--conf-dir docs/book --doctree-dir build/book/doctrees $(RUN) build/book/html
+	if [ -d build/throw ]; then cp -R build/throw build/book/html/throw; fi
+	@echo "build/book/html/index.html: open it in a browser"
+
+slides: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))
+	$(WITH_PAGES)
+	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --config docs/course/slides.py --output-dir build/slides $(RUN)/notebooks/*.ipynb
+	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
+
+##@ To compute the results again
+
+paper: $(STAMP)  ## the paper's results once, from nothing, in build/paper; goes on where it stopped
+	$(BIN)/python scripts/reproduce.py paper $(OPTIONS)
+
+results: $(STAMP)  ## every experiment at full size, with fresh simulation; NAMES="control" chooses
+	$(BIN)/python scripts/reproduce.py results $(NAMES)
+
+data: $(STAMP)
+	$(BIN)/python scripts/reproduce.py record $(NAMES)
+
+train: $(STAMP)
+	$(BIN)/python scripts/reproduce.py train $(NAMES)
+
+checksums: $(STAMP)
+	$(BIN)/python -c "from clothlab import data; data.write_checksums()"
+
+worlds: $(STAMP)
+	$(BIN)/python scripts/reproduce.py worlds $(OPTIONS)
+
+reproduce: $(STAMP)
+	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
+
+##@ To change it
+
+check: $(STAMP)  ## linter, types and quick tests
 	$(call CHECKED)
 
 # The linters, then types beside tests, whose options stand behind it.
@@ -67,122 +139,61 @@ $(BIN)/lint-imports --no-logo
 $(BIN)/mypy & types=$$!; $(PYTEST) $(1); tests=$$?; wait $$types && exit $$tests
 endef
 
-test: doctor tested notebooks  ## linter, types, every test without a browser, every notebook
+test: doctor tested notebooks  ## the same, every slow test, every notebook
 
-# What `make check` and `make slow` do, in one run: each process imports everything once.
+# What `make check` does and the slow tests, in one run: each process imports everything once.
 tested: $(STAMP)
 	$(call CHECKED,-rs -m 'not browser and not book')
 
-slow: $(STAMP)  ## only the tests that start kernels and processes of their own
-	$(PYTEST) -m slow -rs
-
-# What `make notebooks` leaves, for the site; it is not made anew where it is there.
-build/small:
-	$(MAKE) notebooks
-
-pages: chromium build/small  ## the live lab in JupyterLab, the site, and the page "Throw a cloth", in a browser
-	$(MAKE) --jobs=2 --keep-going browser site throw-tested
-
-site: chromium build/small  ## the site and the slides from the run of `make notebooks`, and its tests in a browser
-	$(MAKE) site-built
-	$(MAKE) site-tested
-
-site-built:
-	$(MAKE) book SMALL=1
-	$(MAKE) slides SMALL=1
-
-site-tested:
-	$(BIN)/pytest -m book -rs tests/browser/test_site.py
-
-notebooks: $(STAMP)  ## run every notebook from top to bottom with CI's small sizes, into build/small
+notebooks: $(STAMP)
 	rm -rf build/small && $(BIN)/python scripts/solutions.py solve --into build/small/notebooks $(NOTEBOOKS)
 	CLOTHLAB_MINE= CLOTHLAB_SMALL=1 $(BIN)/pytest --nbmake -p nbmake --overwrite --nbmake-timeout=300 --durations=0 --numprocesses=auto $$(ls -r build/small/notebooks/*.ipynb)
 
-findings: $(STAMP)  ## every notebook at full size, every finding judged by what was measured
-	$(BIN)/python scripts/editions.py $(NOTEBOOKS)
+# What `make notebooks` leaves, for site and slides; it is not made again where it is there.
+build/small:
+	$(MAKE) notebooks
 
-throw: build/throw/index.html  ## build the page "Throw a cloth" and serve it on this machine; web/README.md says more
-	$(BIN)/python -m web serve
+test-browser: chromium build/small  ## what opens in a browser: the live lab, the site, the page "Throw a cloth"
+	$(MAKE) --jobs=2 --keep-going test-lab test-site test-throw
 
-build/throw/index.html: $(wildcard web/*.py web/*.toml web/page/* clothlab/*.py clothlab/*/*.py clothlab/lab/static/*) data/SHA256SUMS | $(STAMP)
-	$(BIN)/python -m web build
-
-throw-tested: build/throw/index.html chromium
-	$(BIN)/pytest -rs -m '' web/tests
-
-browser: $(STAMP) chromium  ## only the live lab in JupyterLab in Chromium; screenshots go to build/screenshots
+test-lab: $(STAMP) chromium
 	$(BIN)/pytest -m browser -s tests/browser
+
+test-site: chromium build/small
+	$(MAKE) site SMALL=1
+	$(MAKE) slides SMALL=1
+	$(BIN)/pytest -m book -rs tests/browser/test_site.py
+
+test-throw: build/throw/index.html chromium
+	$(BIN)/pytest -rs -m '' web/tests
 
 chromium: $(STAMP)
 	@$(SYSTEM) $(BROWSER) || $(BIN)/playwright install chromium
 
-data: $(STAMP)  ## record all trials and targets anew (simulation); NAMES="train" chooses, here and in the next two
-	$(BIN)/python scripts/reproduce.py record $(NAMES)
+findings: $(STAMP)
+	$(BIN)/python scripts/editions.py $(NOTEBOOKS)
 
-checksums: $(STAMP)  ## record the hashes of the files in data/ after a change to them
-	$(BIN)/python -c "from clothlab import data; data.write_checksums()"
-
-train: $(STAMP)  ## train autoencoders and DPMPBs anew from data/trials
-	$(BIN)/python scripts/reproduce.py train $(NAMES)
-
-results: $(STAMP)  ## run the experiments of the stored tables anew, and write the README's rows
-	$(BIN)/python scripts/reproduce.py results $(NAMES)
-
-paper: $(STAMP)  ## the paper's results once, from nothing, in build/paper: record, train, estimate, control; goes on where it stopped
-	$(BIN)/python scripts/reproduce.py paper $(OPTIONS)
-
-worlds: $(STAMP)  ## ten times everything from other seeds, in build/worlds, then tables side by side (OPTIONS="--paper-only --count 3")
-	$(BIN)/python scripts/reproduce.py worlds $(OPTIONS)
-
-reproduce: $(STAMP)  ## everything from nothing, in build/reproduce; goes on where it stopped (OPTIONS="--seeds 2 --scheduler ADDRESS --paper-only")
-	$(BIN)/python scripts/reproduce.py everything $(OPTIONS)
-
-picture: $(STAMP)  ## draw the README's moving picture and its gallery anew, after `make notebooks`
+picture: $(STAMP)
 	$(BIN)/python scripts/make_picture.py
 
-$(EXECUTED): build/full/notebooks/%: notebooks/% $(SOURCES) | $(STAMP)
-	$(BIN)/python scripts/editions.py $<
-
-editions: $(EXECUTED)  ## write build/student (stubs) and build/instructor (executed, with solutions; also as HTML)
-	$(BIN)/jupyter nbconvert --log-level ERROR --to html build/instructor/*.ipynb
-
-grades: $(STAMP)  ## FOLDER=... points and words for each student in it; ONLY="00 01" chooses notebooks
-	@$(BIN)/python scripts/grade.py "$(or $(FOLDER),$(error say which folder: make grades FOLDER=path/to/the/class))" $(if $(ONLY),--only $(ONLY))
-
-# What notebooks link to; pages of before are gone.
-define WITH_PAGES
-rm -rf $(RUN)/docs $(RUN)/data $(RUN)/web $(RUN)/reference $(RUN)/*.md
-mkdir $(RUN)/data $(RUN)/web
-cp -R *.md LICENSE docs docs/book/index.md docs/book/reference.rst $(RUN)
-cp data/README.md $(RUN)/data
-cp web/README.md $(RUN)/web
-endef
-
-book: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## the executed series as a web site; SMALL=1 from `make notebooks`
-	$(WITH_PAGES)
-	rm -rf build/book
-	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going \
-		--conf-dir docs/book --doctree-dir build/book/doctrees $(RUN) build/book/html
-	if [ -d build/throw ]; then cp -R build/throw build/book/html/throw; fi
-	@echo "build/book/html/index.html: open it in a browser"
-
-slides: $(STAMP) $(if $(SMALL),build/small,$(EXECUTED))  ## a deck of each notebook for a projector in build/slides; SMALL=1 from `make notebooks`
-	$(WITH_PAGES)
-	$(BIN)/jupyter nbconvert --log-level ERROR --to slides --config docs/course/slides.py --output-dir build/slides $(RUN)/notebooks/*.ipynb
-	@echo "build/slides: open the pages in a browser; the arrow keys lead on"
+format: $(STAMP)  ## format code and notebooks, write links and times into the pages
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
+	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)
+	$(BIN)/python scripts/repository.py
+	$(BIN)/python scripts/series.py
 
 # Pinned versions stay, unless UPGRADE=1. What CUDA consists of is left out: an installer takes what the build of PyTorch at
 # hand asks for.
-lock: $(STAMP)  ## pin what pyproject.toml names in environment.txt; UPGRADE=1 takes the newest versions
+lock: $(STAMP)  ## pin the packages of pyproject.toml in environment.txt; UPGRADE=1 for the newest
 	UV_FIND_LINKS= $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11.2 --fork-strategy fewest \
 		--group dev --group book --group web --no-header --no-annotate $(if $(UPGRADE),--upgrade) --output-file environment.txt
 	{ echo "# Every package and its version: \`make lock\` writes it from pyproject.toml."; \
 		grep -Ev '^(nvidia-|cuda-|triton)' environment.txt; echo "-e ."; } > build/environment.txt
 	mv build/environment.txt environment.txt
 
-format: $(STAMP)  ## format code and notebooks, strip notebook outputs, write the links of pyproject.toml's address
-	$(BIN)/ruff check --fix .
-	$(BIN)/ruff format .
-	$(BIN)/nbstripout --keep-id $(NOTEBOOKS)
-	$(BIN)/python scripts/solutions.py format $(NOTEBOOKS)
-	$(BIN)/python scripts/repository.py
+# What takes hours to compute stays: build/experiments, build/paper, build/reproduce, build/worlds.
+clean:  ## delete what was built, but no results of experiments
+	if [ -d build ]; then find build -mindepth 1 -maxdepth 1 ! -name experiments ! -name paper ! -name reproduce ! -name worlds -exec rm -rf {} +; fi
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -1,4 +1,4 @@
-"""`make grades FOLDER=...`: a table of points for what a class handed in.
+"""`make grade FOLDER=...`: a table of points for what a class handed in.
 
 FOLDER has a folder for each student, with the student's notebooks in it at any depth.
 Each notebook is run with the small parameters of CI. Behind each exercise stands a cell
@@ -7,7 +7,7 @@ of ours that calls its check of `clothlab.checks`, with a seed that no student h
 `totals.csv`, a row for each student, and the notebooks as they ran.
 
 A notebook runs with the rights of whoever calls this. Those of strangers are to be run
-in the container: docs/course/grading.md says how.
+in the container: docs/course/README.md says how.
 """
 
 import argparse

@@ -14,7 +14,7 @@ experiments that take hours run only when they are named. `everything` writes in
 build/reproduce/data, laid out like `data/`: recordings → autoencoders → DPMPBs →
 experiments → tables. `paper` does the same in build/paper with the paper's amount of
 recordings, and only what the seven rows of the README stand on. The same command goes
-on where it was interrupted, a study at its next row. More in docs/scaling.md.
+on where it was interrupted, a study at its next row. More in CONTRIBUTING.md.
 """
 
 import argparse

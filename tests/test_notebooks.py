@@ -9,6 +9,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+import series
 from repository import number_of
 from solutions import solved
 
@@ -146,17 +147,45 @@ def test_it_leads_to_the_next_one(path, following):
 
 
 @each_notebook
-def test_the_readme_has_the_times_of_the_first_cell(path):
+def test_the_readme_has_title_and_minutes_of_the_first_cell(path):
+    first = cells(path)[0].source
+    title = first.splitlines()[0].removeprefix("# ")
     (row,) = re.findall(
-        rf"^\| \[\w+ [^|]*/{path.name}\) \|.*$",
-        (ROOT / "README.md").read_text(),
+        rf"^\| \[{re.escape(title)}\]\(notebooks/{path.name}\) \|.*$",
+        (ROOT / "README.md").read_text("utf-8"),
         re.MULTILINE,
     )
-    *_, learning, running = (cell.strip() for cell in row.strip("|").split("|"))
-    first = cells(path)[0].source
-    assert f"**Working time**: about {learning.replace(' min', ' minutes')}." in first
-    running = running.replace(" min", " minutes").replace(" s", " seconds")
-    assert f"**Running time**: about {running} on two cores." in first
+    *_, minutes = (cell.strip() for cell in row.strip("|").split("|"))
+    assert f"**Working time**: about {minutes} minutes." in first, "run `make format`"
+    assert re.search(
+        r"\*\*Running time\*\*: about \d+ (seconds|minutes) on two cores\.", first
+    )
+
+
+def test_tables_get_titles_minutes_and_hours_from_first_cells():
+    times = {"00_a.ipynb": 70, "01_b.ipynb": 20, "10_c.ipynb": 60, "A1_d.ipynb": 99}
+    begins = {
+        name: f"# {name[:2]} New\n\n**Working time**: about {minutes} minutes."
+        for name, minutes in times.items()
+    }
+    before = (
+        "| [00 Old](notebooks/00_a.ipynb) | Why? | 5 |\n"
+        "| [01 Old](../../notebooks/01_b.ipynb) | 5 | `one` · `two` |\n"
+        "| 1. First | 00, 01 | 0.2 | discuss |\n"
+        "Part I is about 9 hours, Part II 9."
+    )
+    assert series.with_times(before, begins) == (
+        "| [00 New](notebooks/00_a.ipynb) | Why? | 70 |\n"
+        "| [01 New](../../notebooks/01_b.ipynb) | 20 | `one` · `two` |\n"
+        "| 1. First | 00, 01 | 1.5 | discuss |\n"
+        "Part I is about 2 hours, Part II 1."
+    )
+
+
+@pytest.mark.parametrize("page", series.PAGES, ids=lambda page: page.parent.name)
+def test_titles_minutes_and_hours_are_those_of_the_first_cells(page):
+    text = page.read_text("utf-8")
+    assert series.with_times(text, series.first_cells()) == text, "run `make format`"
 
 
 @each_notebook

@@ -1,4 +1,4 @@
-"""How Sphinx makes the site of executed notebooks: `make book` runs it."""
+"""How Sphinx makes the site of executed notebooks: `make docs` runs it."""
 
 import html
 import logging
@@ -29,7 +29,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["docs/book", "docs/course/measured.md"]
+exclude_patterns = ["docs/book"]
 # Autosummary would look for them beside the pages
 templates_path = [str(Path(__file__).parent / "templates")]
 # Types of other packages are named in signatures, and nothing offline could be linked

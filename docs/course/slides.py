@@ -1,4 +1,4 @@
-"""Settings of nbconvert for `make slides`: headings begin slides, code is left out."""
+"""Settings of nbconvert for slides: headings begin slides, code is left out."""
 
 from nbconvert.preprocessors import Preprocessor
 

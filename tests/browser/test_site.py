@@ -1,4 +1,4 @@
-"""The site of `make book`, opened from its folder in a browser, as a student would."""
+"""The site of `make docs`, opened from its folder in a browser, as a student would."""
 
 import html
 import re
@@ -22,7 +22,7 @@ NAMES = (
     "index",
     "README",
     "docs/glossary",
-    "docs/course/syllabus",
+    "docs/course/README",
     "notebooks/03_data_and_images",
     "notebooks/07_model_predictive_control",
     "reference/clothlab.method.control",
@@ -35,7 +35,7 @@ each_page = pytest.mark.parametrize("file", [SITE / f"{name}.html" for name in N
 def built():
     """Nothing is said about a site that is not there, and that loudly."""
     if not SITE.exists():
-        pytest.skip("NO SITE IN build/book: run `make book SMALL=1`")
+        pytest.skip("NO SITE IN build/book: run `make docs SMALL=1`")
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ print(len(stored.load_trials("mine")[0]))
 
 
 def test_the_demonstration_names_only_what_the_panel_has():
-    said = set(re.findall(r"\*\*([^*]+)\*\*", (COURSE / "demo.md").read_text()))
+    said = set(re.findall(r"\*\*([^*]+)\*\*", (COURSE / "README.md").read_text()))
     files = [
         path
         for kind in ("*.py", "*.js")
@@ -55,18 +55,18 @@ def test_a_weekly_problem_gives_ten_points(page):
     assert sum(map(int, rows)) == 10
 
 
-def test_the_site_and_the_syllabus_lead_to_every_problem():
+def test_the_site_and_the_teachers_page_lead_to_every_problem():
     toctree = (ROOT / "docs" / "book" / "index.md").read_text("utf-8")
-    syllabus = (COURSE / "syllabus.md").read_text("utf-8")
+    teaching = (COURSE / "README.md").read_text("utf-8")
     for page in PROBLEMS:
         assert f"docs/course/problems/{page.stem}" in toctree
-        assert f"(problems/{page.name})" in syllabus
+        assert f"(problems/{page.name})" in teaching
 
 
 def rows(section):
-    """Cells of the tables in a section of the syllabus, without their heads."""
-    syllabus = (COURSE / "syllabus.md").read_text("utf-8")
-    text = syllabus.split(f"## {section}\n")[1].split("\n## ")[0]
+    """Cells of the tables in a section of the teacher's page, without their heads."""
+    teaching = (COURSE / "README.md").read_text("utf-8")
+    text = teaching.split(f"## {section}\n")[1].split("\n## ")[0]
     return [
         [cell.strip() for cell in line.split("|")[1:-1]]
         for line in text.splitlines()
@@ -74,40 +74,30 @@ def rows(section):
     ]
 
 
-def test_the_syllabus_says_what_the_notebooks_say_and_adds_up():
+def test_the_teachers_page_says_what_the_notebooks_say_and_adds_up():
     points = tomllib.loads(grade.POINTS.read_text())
     minutes, names = {}, set()
-    for path, (link, time, aside, exercises) in zip(
+    for path, (link, time, exercises) in zip(
         NOTEBOOKS, rows("The notebooks"), strict=True
     ):
         notebook = nbformat.read(path, as_version=4)
         assert f"({'../../notebooks/' + path.name})" in link
         first = notebook.cells[0].source
         assert f"**Working time**: about {time} minutes" in first
-        if aside == "–":
-            assert "**Side roads**" not in first
-        else:
-            assert f"**Side roads**: about {aside} minutes more" in first
         weights = {name: points.get(name, 1) for name in grade.exercises(notebook)}
         names |= set(weights)
         asked = [
             f"`{name}`" + f" ({most})" * (most != 1) for name, most in weights.items()
         ]
-        assert exercises.replace(" ◇", "").split(" · ") == (asked or ["–"])
+        assert exercises.split(" · ") == (asked or ["–"])
         minutes[number_of(path)] = int(time)
     series = [number for number in minutes if not number.startswith("A")]
-    part = [number for number in series if number < "10"]
-    for plan, planned in {
-        "Part I in five weeks": part,
-        "Everything in seven weeks": series,
-    }.items():
-        for title, numbers, hours, _ in rows(plan):
-            summed = sum(minutes[number] for number in numbers.split(", "))
-            assert float(hours) == pytest.approx(summed / 60, abs=0.06), title
-        assert (
-            sorted(", ".join(numbers for _, numbers, _, _ in rows(plan)).split(", "))
-            == planned
-        )
+    planned = []
+    for title, numbers, hours, *_ in rows("Seven weeks"):
+        summed = sum(minutes[number] for number in numbers.split(", "))
+        assert float(hours) == pytest.approx(summed / 60, abs=0.06), title
+        planned += numbers.split(", ")
+    assert planned == series
     assert set(points) <= names
 
 

@@ -272,7 +272,7 @@ def test_one_command_writes_every_link_of_an_address_and_takes_it_back(copied):
     for place in repository_places():
         assert place in after["README.md"]
     throw = "https://someone.github.io/cloth/throw/"
-    for name in (repository.START, "docs/course/demo.md", "docs/book/index.md"):
+    for name in (repository.START, "docs/course/README.md", "docs/book/index.md"):
         assert throw in after[name], name
     assert f"repository-code: {ADDRESS}\n" in after["CITATION.cff"]
     for path in NOTEBOOKS:

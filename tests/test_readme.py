@@ -1,0 +1,142 @@
+"""What README and docs tell a reader to run is there, and runs."""
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import nbformat
+import pytest
+
+import clothlab
+
+ROOT = Path(clothlab.__file__).parents[1]
+PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
+PAGES = sorted([*PAGES, ROOT / "data" / "README.md", ROOT / "web" / "README.md"])
+PAGES.remove(ROOT / "CHANGELOG.md")  # it names what was there once
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+TARGETS = set(re.findall(r"^([a-z][a-z-]*):", MAKEFILE, re.MULTILINE))
+
+each_page = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix()
+)
+
+
+def commands(text):
+    """What a page quotes as a command: lines of its blocks, and words in backticks."""
+    blocks = re.findall(r"```(?:sh|powershell)\n(.*?)```", text, re.DOTALL)
+    lines = [line.strip() for block in blocks for line in block.splitlines()]
+    text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    return lines + [" ".join(each.split()) for each in re.findall(r"`([^`]+)`", text)]
+
+
+def test_the_readme_throws_a_cloth_near_the_target(capsys):
+    readme = (ROOT / "README.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    exec(compile(code, "README", "exec"), {})
+    printed = capsys.readouterr().out
+    assert re.fullmatch(r"best IoU 0\.\d\d\n", printed)
+    assert float(printed.split()[-1]) > 0.6
+
+
+def targets_of(command):
+    """The targets of a call of make: neither options nor variables."""
+    words = shlex.split(command, comments=True)[1:]
+    folder = words.index("--directory") + 1 if "--directory" in words else None
+    return [
+        word
+        for k, word in enumerate(words)
+        if k != folder and not word.startswith("-") and "=" not in word
+    ]
+
+
+@each_page
+def test_every_target_of_make_that_a_page_names_is_there(page):
+    called = [
+        each for each in commands(page.read_text("utf-8")) if re.match(r"make\b", each)
+    ]
+    named = {target for each in called for target in targets_of(each)}
+    assert named - TARGETS == set()
+
+
+def test_every_target_of_make_that_notebooks_and_errors_name_is_there():
+    texts = [path.read_text("utf-8") for path in (ROOT / "clothlab").rglob("*.py")]
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        cells = nbformat.read(path, as_version=4).cells
+        texts += [cell.source for cell in cells]
+    named = {name for text in texts for name in re.findall(r"`make ([a-z-]+)", text)}
+    assert "data" in named
+    assert named - TARGETS == set()
+
+
+def test_help_lists_a_dozen_targets_in_groups(tmp_path):
+    said = subprocess.run(
+        ["make", "--no-print-directory"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    listed = re.findall(r"^  make ([a-z-]+)", said, re.MULTILINE)
+    assert {"lab", "throw", "test", "editions", "grade", "results"} <= set(listed)
+    assert set(listed) <= TARGETS
+    assert len(listed) <= 16
+    groups = [line for line in said.splitlines() if line and line[0] != " "]
+    assert groups[:4] == [
+        "To learn and to look",
+        "To teach",
+        "To compute the results again",
+        "To change it",
+    ]
+
+
+@each_page
+def test_every_file_and_module_that_a_page_names_is_there(page):
+    """Files of the repository by their path, and what `python -m` runs."""
+    quoted = commands(page.read_text("utf-8"))
+    folders = r"(?:clothlab|studies|scripts|tests|web|docs|notebooks|data)"
+    kinds = r"(?:py|md|toml|ipynb|csv|js|sh|svg|png|gif)"
+    paths = {
+        path
+        for each in quoted
+        for path in re.findall(rf"(?<![\w/.]){folders}/[\w./-]+\.{kinds}\b", each)
+        if not re.search(r"[A-Z]{4,}\.(?!md)|NAME", path)
+    }
+    assert {path for path in paths if not (ROOT / path).exists()} == set()
+    modules = {
+        name
+        for each in quoted
+        for name in re.findall(r"python -m (?!pip|venv)([\w.]+)", each)
+    }
+    missing = {
+        name
+        for name in modules
+        if not (ROOT / name.replace(".", "/")).with_suffix(".py").is_file()
+        and not (ROOT / name.replace(".", "/") / "__main__.py").is_file()
+    }
+    assert missing == set()
+
+
+def test_a_target_or_file_that_is_not_there_is_found():
+    text = "```sh\nmake lab --jobs=2 NAMES=x  # make all\n```\n`make\nnone-such`"
+    called = commands(text)
+    assert [targets_of(each) for each in called] == [["lab"], ["none-such"]]
+
+
+@each_page
+def test_brackets_of_a_page_are_closed(page):
+    """A link that lost its beginning shows its address to the reader."""
+    text = re.sub(
+        r"```.*?```|`[^`]*`|\$[^$]*\$", "", page.read_text("utf-8"), flags=re.S
+    )
+    for paragraph in text.split("\n\n"):
+        assert paragraph.count("[") == paragraph.count("]"), paragraph
+        assert "](" not in re.sub(r"\[(?:[^\[\]]|\[[^\]]*\])*\]\(", "", paragraph)
+
+
+def test_installations_by_hand_are_the_ones_of_the_lock():
+    """Windows and macOS have no make here: what they type is what make does."""
+    install = (ROOT / "docs" / "install.md").read_text("utf-8")
+    for python in (r".venv\Scripts\python", ".venv/bin/python"):
+        assert f"{python} -m pip install -r environment.txt" in install
+        assert f"{python} -m clothlab doctor" in install
