@@ -40,7 +40,8 @@ def runs_from_table(
     every step:
 
     * A state lies on the straight line between the rows before and after it. An angle
-      that jumps from π to -π has no such line: log its cosine and sine.
+      that jumps from π to -π has no such line: log its cosine and sine. Nor has a
+      quaternion that changes its sign: log it with the sign of the row before.
     * A command is the average of those sent from then until the next state, each held
       until the following row: what moves the robot from one state to the next, and
       nothing that was sent later. With `resample_commands="last"` it is the last one
@@ -87,8 +88,8 @@ def runs_from_table(
             even_u,
             material,
             step=step,
-            state_names=tuple(states),
-            command_names=tuple(commands),
+            state_names=tuple(map(str, states)),
+            command_names=tuple(map(str, commands)),
         )
         runs.append(run)
     return _long_enough(runs, shortest)

@@ -161,6 +161,12 @@ def test_what_makes_no_sense_is_said(wrong, error, message):
         runs_from_table(**(right | COLUMNS | wrong))
 
 
+def test_columns_may_have_numbers_for_names():
+    table = pd.DataFrame(np.column_stack([0.1 * np.arange(40)] * 3))
+    (run,) = runs_from_table(table, "a", time=0, states=[1], commands=[2], step=0.1)
+    assert (run.state_names, run.command_names) == (("1",), ("2",))
+
+
 def test_two_columns_of_one_name_are_refused():
     table = pd.DataFrame(line(0.1 * np.arange(40)))
     table.insert(4, "x", 999.0, allow_duplicates=True)
