@@ -1,13 +1,15 @@
-"""Titles and minutes of the notebooks, in the tables of README and the teacher's page.
+"""What the tables of README and the teacher's page say of the notebooks.
 
-A notebook says both in its first cell, and `make format` copies them from there, with
-the hours of each week.
+Titles and minutes are those of their first cells, exercises those of their stubs.
+`make format` copies them from there, with the hours of each week.
 """
 
 import re
+import tomllib
 from pathlib import Path
 
 import nbformat
+from grade import POINTS, exercises
 from repository import ROOT, number_of
 
 from clothlab._files import write_bytes
@@ -19,6 +21,11 @@ MINUTES = re.compile(r"\*\*Working time\*\*: about (\d+) minutes")
 ROW = re.compile(
     r"^\| \[[^\]]*\]\((?P<address>(?:\.\./)*notebooks/(?P<name>[^)]+))\) "
     r"(?P<between>(?:\|[^|\n]*)?)\| \d+ \|",
+    re.MULTILINE,
+)
+# On the teacher's page, what follows: exercises
+EXERCISES = re.compile(
+    r"(?P<row>^\| \[[^|]*notebooks/(?P<name>[^)]+)\) \| \d+ \| )(?:`[^|]*|–) \|$",
     re.MULTILINE,
 )
 # Notebooks of a week by their numbers, and its hours
@@ -64,9 +71,27 @@ def with_times(text: str, begins: dict[str, str]) -> str:
     return HOURS.sub(parts, WEEK.sub(week, ROW.sub(row, text)))
 
 
+def asked() -> dict[str, str]:
+    """The exercises of each notebook with their points, by the name of its file."""
+    points = tomllib.loads(POINTS.read_text("utf-8"))
+    found = {}
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        names = exercises(nbformat.read(path, as_version=4))
+        worth = {name: points.get(name, 1) for name in names}
+        words = [f"`{name}`" + f" ({n})" * (n != 1) for name, n in worth.items()]
+        found[path.name] = " · ".join(words) or "–"
+    return found
+
+
+def with_exercises(text: str, named: dict[str, str]) -> str:
+    """A page whose table names the exercises of the notebooks."""
+    return EXERCISES.sub(lambda found: f"{found['row']}{named[found['name']]} |", text)
+
+
 if __name__ == "__main__":
     cells = first_cells()
     for page in PAGES:
         before = page.read_text("utf-8")
-        if (after := with_times(before, cells)) != before:
+        after = with_exercises(with_times(before, cells), asked())
+        if after != before:
             write_bytes(page, after.encode())
