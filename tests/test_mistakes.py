@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from clothlab import analysis, plots
-from clothlab.lab import Control, PBMap
+from clothlab.lab import Control, LivePanel, PBMap
 from clothlab.method.autoencoder import Autoencoder
 from clothlab.method.control import Controller, ControlSettings
 from clothlab.method.data import Run
@@ -129,6 +129,10 @@ MISTAKES = {
     "a slider that starts beyond its end": (
         lambda: Control(lambda x=3: None, x=(1, 2, 1)),
         r"the default of x, 3, is not among \(1, 2, 1\)",
+    ),
+    "an arm for a session": (
+        lambda: LivePanel("torque"),
+        "session is a LiveSession, got str 'torque'",
     ),
     "an interval of nothing": (
         lambda: analysis.crossed_interval(np.zeros((0, 5))),

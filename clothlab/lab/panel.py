@@ -51,6 +51,10 @@ class LivePanel(Widget, anywidget.AnyWidget):
     _active: ClassVar["LivePanel | None"] = None
 
     def __init__(self, session: LiveSession | None = None):
+        if not isinstance(session, LiveSession | None):
+            kind = type(session).__name__
+            raise ValueError(f"session is a LiveSession, got {kind} {session!r:.80}")
+
         # One session at a time
         self.session = session or LiveSession()
         if LivePanel._active is not None:
@@ -101,6 +105,8 @@ class LivePanel(Widget, anywidget.AnyWidget):
 
     def close(self) -> None:
         """Leave nothing behind: no thread, no widget, no OpenGL context."""
+        if not hasattr(self, "_clock"):  # it was refused before it was one
+            return
         self._clock.pause()
         if LivePanel._active is self:
             LivePanel._active = None
