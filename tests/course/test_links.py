@@ -154,6 +154,8 @@ def test_a_portable_notebook_holds_its_picture_and_names_what_is_not_published(
 
 def tracked(*kinds):
     """Text files of the repository that end in one of these ways, by name."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is no clone: only there git lists the files")
     files = subprocess.run(
         ["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout.splitlines()
