@@ -14,8 +14,8 @@ estimated p is
 
 **What was measured here** is the table `predictions`: how far a prediction of the cloth
 is off after some steps of its own, with the paper's amount of recordings. The unit is a
-cloth, crossed with trainings. The two decompositions know no material, as the network
-without p, and come beside a p that is the trained one of the cloth.
+cloth, crossed with trainings. The two decompositions know no material, and come beside
+a p that is the trained one of the cloth.
 
 **What 0.4 measured** is read from the tables `rivals`, `another_robot_rivals` and
 `drone_prediction`, which were made by the code of commit 97b3ae0d, and from
@@ -36,11 +36,10 @@ from clothlab.analysis import crossed_interval
 from clothlab.data import load_table, load_trials
 from clothlab.method.data import Run
 from clothlab.weights import ClothCheckpoint
-from studies import ablations, drone
+from studies import drone
 from studies._grid import Experiment, over
 from studies._runs import EVALUATION, errors_ahead, recorded_runs, trained
 
-MADE_BY = "97b3ae0d"  # the commit whose code made the three older tables
 AHEAD = 8  # steps after which a prediction of the cloth is compared
 HORIZON = 16  # steps that are predicted
 _DELAYS = 3  # states and commands from which a decomposition predicts
@@ -126,13 +125,6 @@ def _decomposition(degree: int) -> Decomposition:
     return Decomposition(recorded_runs(trained(f"{_WEIGHTS}-0")), degree)
 
 
-def _learned(method: str, model: int) -> ClothCheckpoint:
-    if method == P:
-        return trained(f"{_WEIGHTS}-{model}")
-    kind = "none" if method == NO_P else "known"
-    return ablations.train(kind, _WEIGHTS, model)
-
-
 def _errors(method: str, learned: ClothCheckpoint, run: Run) -> np.ndarray:
     """Distance in z of predictions to the truth `[starts, HORIZON]`."""
     starts = range(_FIRST, len(run.s) - HORIZON - 1, _EVERY)
@@ -152,13 +144,10 @@ def _predict(method: str, model: int) -> dict[str, Any]:
     """Root mean square error of predictions of z, by cloth and step.
 
     Args:
-        method: `P`, with the trained p of each cloth; `NO_P`, `CONSTANTS`, `LINEAR` or
-            `QUADRATIC`.
-        model: seed of the training, 0 for the last two, which have none.
+        method: `P`, with the trained p of each cloth, `LINEAR` or `QUADRATIC`.
+        model: seed of the training; 0 for the last two, which have none.
     """
-    learned = trained(f"{_WEIGHTS}-0")
-    if method not in (LINEAR, QUADRATIC):
-        learned = _learned(method, model)
+    learned = trained(f"{_WEIGHTS}-{model}")
     squares: dict[str, list[np.ndarray]] = {}
     for trial in load_trials(EVALUATION["torque"]):
         run = learned.to_run(trial)
@@ -172,8 +161,7 @@ def _cases(**sizes: Any) -> list[dict[str, Any]]:
     networks = over(method=P, model=range(5))(**sizes)
     if "method" in sizes:
         return networks
-    alone = {"method": (LINEAR, QUADRATIC), "model": 0}
-    return networks + over(**alone)()
+    return networks + over(method=(LINEAR, QUADRATIC), model=0)()
 
 
 # All of them beside p

@@ -27,7 +27,6 @@ from clothlab.checks._predictive_model import closed_loop, update
 from clothlab.checks._results import verdict
 from clothlab.checks._start_here import infer
 from clothlab.checks._stiffness_and_speed import sign_flip_share
-from clothlab.checks._table_setting import plane_of_most, point_of_pixel
 from clothlab.checks._the_cloth_has_the_valley_too import together
 from clothlab.checks._the_muscle_arm import (
     compliance,
