@@ -237,6 +237,16 @@ def test_an_address_that_is_none_is_refused(address, monkeypatch, tmp_path):
         repository.address.__wrapped__()
 
 
+def test_the_site_is_published_once_there_is_an_address():
+    workflow = (ROOT / ".github" / "workflows" / "site.yml").read_text("utf-8")
+    (wanted,) = re.findall(r"grep -q '(.*?)' pyproject.toml", workflow)
+    line = r'^Repository = ".*"$'
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    for address in ("", ADDRESS):
+        text = re.sub(line, f'Repository = "{address}"', project, flags=re.MULTILINE)
+        assert bool(re.search(wanted, text, re.MULTILINE)) == bool(address)
+
+
 @pytest.fixture
 def copied(tmp_path):
     """A copy of what depends on the address, and what writes all that in it."""
