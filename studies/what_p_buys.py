@@ -704,30 +704,6 @@ def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame
     return found[found.index.isin(there)].to_frame("oracle")
 
 
-def curves(table: pd.DataFrame) -> pd.DataFrame:
-    """First throws over seconds of random commands, and over recorded materials.
-
-    A row for each arm, way and amount, with the mean and its 95 % interval; all are of
-    the same trainings.
-    """
-    rows = []
-    amounts = [("seconds", amount) for amount in SECONDS]
-    amounts += [("materials", amount) for amount in MATERIALS]
-    for way in CURVES:
-        trainings = select(table, *way, seconds=SECONDS[0]).columns
-        for over, amount in amounts:
-            values = select(table, *way, **{over: amount})  # type: ignore[arg-type]
-            for arm in transfer.TARGETS:
-                part = groups(values[trainings]).get(arm)
-                if part is None:
-                    continue
-                mean, low, high = crossed_interval(part.to_numpy())
-                known = amount if over == "seconds" else min(amount, _recorded(arm))
-                row = {"over": over, "amount": known, "arm": arm, "method": way[0]}
-                rows.append(row | {"mean": mean, "low": low, "high": high})
-    return pd.DataFrame(rows)
-
-
 @cache
 def _recorded(arm: str) -> int:
     """How many materials were recorded with an arm."""
