@@ -222,6 +222,7 @@ def test_a_step_without_solving_goes_on_with_the_plan_if_there_is_one(controller
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:limits of command 2")  # an untrained toy
 def test_the_predicted_distance_is_that_of_the_end_of_the_period(
     muscle_env, controller
 ):
