@@ -31,7 +31,8 @@ def folder() -> Path | None:
     named = os.environ.get("CLOTHLAB_MINE")
     if named == "":
         return None
-    return Path(named) if named else Path(__file__).resolve().parents[1] / "mine"
+    own = named or Path(__file__).resolve().parents[1] / "mine"
+    return Path(own).expanduser()
 
 
 def keep_checkpoint(checkpoint: ClothCheckpoint) -> None:

@@ -2,9 +2,9 @@
 
     from studies import claims
 
-    claims.judge("mass_in_p")  # with the paper's amount of recordings
-    claims.judge("mass_in_p", claims.TWENTY)  # with twenty times as many
-    claims.numbers("mass_in_p")  # what the verdict stands on, one number for each world
+    claims.judge("constants_in_p")  # with the paper's amount of recordings
+    claims.judge("constants_in_p", claims.TWENTY)  # with twenty times as many
+    claims.numbers("constants_in_p")  # one number for each world
 
 The sentences stand in `claims.toml`, with what is measured for each, and margins. Here
 each has a function of the stored tables that returns its numbers, positive where things
@@ -785,31 +785,14 @@ def lower_end(values: np.ndarray) -> float:
     return crossed_interval(np.reshape(values, (len(values), -1)))[1]
 
 
-def upper_end(values: np.ndarray) -> float:
-    """The other one."""
-    return crossed_interval(np.reshape(values, (len(values), -1)))[2]
-
-
-def farther_end(values: np.ndarray) -> float:
-    """How far from zero the farther of both is."""
-    return max(abs(lower_end(values)), abs(upper_end(values)))
-
-
 def state(verdict: str, names: Sequence[str], amount: str = PAPER) -> None:
     """State that claims have the verdict that a page says they have.
 
     Args:
-        verdict: "holds", "contradicted" or "equal".
+        verdict: such as "holds", by all that `judge` asks for.
         names: of the claims.
         amount: of recordings.
     """
     for name in names:
-        values = numbers(name, amount).to_numpy(dtype=float)
-        claim = f"{name}: {verdict}"
-        if verdict == "holds":
-            finding(claim, lower_end(values), above=0)
-        elif verdict == "contradicted":
-            finding(claim, upper_end(values), below=0)
-        else:
-            margin = all_claims()[name].margin
-            finding(claim, farther_end(values), below=margin)
+        found = judge(name, amount).verdict
+        finding(f"{name}: {verdict}", found == verdict, at_least=1)

@@ -230,21 +230,17 @@ def sentences(*, data: Folder = None) -> list[str]:
     named = studies.load("naming", data=data).groupby("method")["right"]
     least, most = named.min(), named.max()
     return [
-        "1. **p** is worth something against the same robot without p: the first throw "
-        f"with a new cloth ends {nearer('p at all, over none')} of random commands' "
-        "distance nearer. Against sending the nearest recording of any cloth the gain "
-        f"is {nearer('plan by p, over the nearest replay of any cloth')}. That p is "
-        "continuous gains, over the nearest trained p, "
-        f"{nearer('continuous p, over the nearest trained')}.",
-        "2. **The network** is needed to name the cloth: its p names "
-        f"{least['p']} to {most['p']} of 18 runs, a regression for each cloth "
-        f"{least['regression']} to {most['regression']}. Its predictions gain "
-        f"{nearer('plan by p, over replay by nearest p')} on top of a recording in a "
-        "first throw, and in ten throws "
-        f"{nearer('network with p, over evolution strategy')} over a search for which "
-        "no network predicts.",
-        "3. Where a recording of this very cloth near this very picture exists, "
-        f"**neither** is needed: {_times_nearer(data)}.",
+        "1. **p** beats the same robot without p: the first throw with a new cloth "
+        f"ends nearer by {nearer('p at all, over none')} of random commands' distance. "
+        "With the paper's recordings it does not beat sending the nearest recording "
+        f"of any cloth: {nearer('plan by p, over the nearest replay of any cloth')}.",
+        "2. **The network** names the cloth better than a regression for each cloth: "
+        f"{least['p']} to {most['p']} of 18 runs by its p, against "
+        f"{least['regression']} to {most['regression']}. In a first throw its "
+        f"predictions gain {nearer('plan by p, over replay by nearest p')} on top of "
+        "a recording.",
+        "3. With a recording of this very cloth near this very picture, **neither** "
+        f"is needed: {_times_nearer(data)}.",
     ]
 
 
@@ -257,5 +253,5 @@ def _times_nearer(data: Folder) -> str:
         except NotMeasured:
             continue
         times = late[iterative_control.PAPERS] / late[iterative_control.REPLAY]
-        found.append(f"{times:.1f} times nearer with {AMOUNTS_IN_WORDS[amount]}")
-    return "sending it again comes " + ", ".join(found)
+        found.append(f"{times:.1f} ({AMOUNTS_IN_WORDS[amount]})")
+    return f"sending it again comes nearer by a factor of {', '.join(found)}"

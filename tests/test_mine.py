@@ -98,3 +98,10 @@ def test_letters_beyond_those_of_a_machine_come_back(kept):
         check=True,
     )
     assert done.stdout.splitlines()[-1] == r"'\u03b8'"
+
+
+def test_the_folder_may_lie_at_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("CLOTHLAB_MINE", "~/mine")
+    mine.note("target-1", hoped=20.0)
+    assert (tmp_path / "mine" / "log.json").is_file()

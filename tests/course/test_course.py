@@ -33,6 +33,9 @@ for _ in range(6):
 print(session.recorder.save("first"))
 session.close()
 print(len(stored.load_trials("mine")[0]))
+
+from clothlab import mine
+mine.note("target-1", hoped=20.0)
 """
 
 
@@ -188,6 +191,7 @@ def test_a_student_of_the_server_records_at_home_and_leaves_the_data_alone(
     path, steps = said.split()
     assert Path(path) == tmp_path / "recordings" / "first.npz"
     assert int(steps) == 6
+    assert (tmp_path / "mine" / "log.json").is_file()
     assert {path: path.stat().st_mtime_ns for path in data.rglob("*")} == before
 
 
