@@ -26,6 +26,7 @@ CLOTH = "damp0.07-mass0.15"
 STEPS = 248
 FIRST_STEP = 224  # that is shown
 PICTURES_PER_STEP = 3
+HALT = 1200  # [ms] at the end of a period
 # [pixel] of the moving picture's larger part
 HEIGHT = 288
 WIDTH = 384
@@ -89,14 +90,18 @@ def moving_picture() -> None:
         side = np.vstack([labelled(target, "target"), seen])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
 
-    # GIF counts in hundredths of a second
+    # It halts at the end of each period, which is all that counts. GIF counts in
+    # hundredths of a second.
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10
+    durations = [milliseconds] * len(frames)
+    period = 8 * PICTURES_PER_STEP
+    durations[period - 1 :: period] = [HALT] * len(durations[period - 1 :: period])
     path = ROOT / "docs" / "control.gif"
     frames[0].save(
         path,
         save_all=True,
         append_images=frames[1:],
-        duration=milliseconds,
+        duration=durations,
         loop=0,
         optimize=True,
     )

@@ -16,7 +16,7 @@ c.Spawner.default_url = "/lab"
 c.Spawner.environment = {
     "CLOTHLAB_DATA": f"{CLOTHLAB}/data",
     "CLOTHLAB_RECORDINGS": "~/recordings",
-    "CLOTHLAB_MINE": "~/mine",  # what a student trains and writes, for the next notebook
+    "CLOTHLAB_MINE": "~/mine",  # what students train and write
     "OMP_NUM_THREADS": "1",  # the matrices are small: a second core would only wait
     "MUJOCO_GL": "egl",
 }
