@@ -256,6 +256,9 @@ def kept_tries(steps: int) -> pd.DataFrame:
     return tries[["set", "name", "points", "low", "high", "note", "each"]]
 
 
+_LEFT = -160.0  # [point] where the axis of a contest ends at most
+
+
 def show_contest(scores: Mapping[str, np.ndarray], title: str) -> Figure:
     """A row each: a stroke for each task, a dot for their mean.
 
@@ -275,7 +278,12 @@ def show_contest(scores: Mapping[str, np.ndarray], title: str) -> Figure:
     # Its words, and the still cloth
     ax.axvline(0, color="0.35", ls="--", lw=1.2)
     ax.set_yticks(range(len(names)), names)
-    lowest = min(-100.0, *(each.min() for each in scores.values()))
+    lowest = max(_LEFT, min(-100.0, *(each.min() for each in scores.values())))
+    for k, name in enumerate(names):
+        beyond = int((scores[name] < lowest).sum())
+        if beyond:
+            words = f"◂ {beyond} farther left"
+            ax.text(lowest - 8, k + 0.22, words, fontsize=12, color="0.35")
     ax.set(xlim=(lowest - 10, 104), ylim=(-0.6, len(names) - 0.4))
     ax.set_xlabel("points (0: hanging still, 100: the target)")
     ax.set_title(title)
