@@ -135,6 +135,10 @@ def larger(figure: Figure) -> Figure:
         for text in (ax.title, ax.xaxis.label, ax.yaxis.label):
             text.set_fontsize(14)
         ax.tick_params(labelsize=13)
+    legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]
+    for legend in filter(None, legends):
+        for text in legend.get_texts():
+            text.set_fontsize(max(13, text.get_fontsize()))
     return figure
 
 
@@ -226,10 +230,10 @@ def _with_cloth(masks: np.ndarray) -> tuple[slice, slice]:
 
 def time_series(series: dict[str, np.ndarray], ylabel: str) -> Figure:
     """Quantities over the control steps of a run: `{label: [T]}`."""
-    figure, ((ax,),) = new_axes(size=(8.0, 2.8))
+    figure, ((ax,),) = new_axes(size=(8.0, 3.6))
     for k, (label, values) in enumerate(series.items()):
         seconds = np.arange(len(values)) * CONTROL_PERIOD
-        ax.plot(seconds, values, label=label, **_look(k))
+        ax.plot(seconds, values, lw=2.2, label=label, **_look(k))
     ax.set(xlabel="time [s]", ylabel=ylabel)
     figure.legend(loc="outside upper right", ncols=min(len(series), 4))
     return figure
@@ -265,7 +269,7 @@ def throws(
     figure, axes = new_axes(1, len(runs), size=(5.2, 3.4), sharey=True)
     for ax, (title, points) in zip(axes[0], runs.items(), strict=True):
         steps = np.arange(len(points))
-        ax.plot(steps, points, lw=1, color=COLOURS[0])
+        ax.plot(steps, points, lw=1.8, color=COLOURS[0])
         ends = steps[PERIOD::PERIOD]
         if hoped is not None:
             look = {"mfc": "white", "mec": "black", "mew": 2, "ms": 10, "ls": "none"}
