@@ -36,7 +36,6 @@ from studies._runs import (
 
 _EXCITED = 200  # [step] of random commands from which p is estimated
 _CHANCE_PERIODS = 31  # of random commands with which throws are compared
-NEW_NAMES = {cloth.name for cloths in NEW.values() for cloth in cloths}
 TARGETS = {"torque": ("target-1", "target-2"), "muscle": ("muscle",)}
 
 # Methods: replay of a recording of some cloths, and a controller
