@@ -45,17 +45,28 @@ def javascript(*parts: str) -> str:
 def encoded(picture: np.ndarray | Figure, kind: str = ".png") -> bytes:
     """A figure, picture `[h, w, 3]` uint8 or image `[h, w]` of 0 to 1, as a file.
 
-    Pictures `[N, h, w, 3]` become a PNG that plays them again and again.
+    Pictures `[N, h, w, 3]` become a PNG that plays them again and again. What shows no
+    motion, such as paper, shows the one that differs most from the first.
     """
     if isinstance(picture, Figure):
         file = io.BytesIO()
         picture.savefig(file, format="png", dpi=80, bbox_inches="tight")
         return file.getvalue()
     if picture.ndim == 4:
-        first, *others = (Image.fromarray(each) for each in picture)
+        frames = [Image.fromarray(each) for each in picture]
+        changed = [cv2.norm(each, picture[0]) for each in picture]
+        still = frames[int(np.argmax(changed))]
         file = io.BytesIO()
-        played = {"append_images": others, "duration": 1000 / _FILM_FPS, "loop": 0}
-        first.save(file, format="png", save_all=True, compress_level=3, **played)
+        still.save(
+            file,
+            format="png",
+            save_all=True,
+            default_image=True,  # the first is a still, and no part of the film
+            append_images=frames,
+            duration=1000 / _FILM_FPS,
+            loop=0,
+            compress_level=3,
+        )
         return file.getvalue()
     if picture.dtype != np.uint8:
         picture = (255 * picture.astype(float)).astype(np.uint8)
