@@ -27,14 +27,18 @@ def amount(evidence: Evidence) -> str:
 
 def _repetitions(evidence: Evidence, table: str) -> str:
     """How many there are in a table, such as "10 worlds"."""
-    count = evidence[table]["unit"].nunique()
-    return f"{count} {evidence.of}{'s' * (count > 1)}"
+    units = evidence[table]["unit"]
+    return _counted(units.nunique(), evidence.of)
 
 
-def _of_foams(evidence: Evidence) -> str:
-    """Repetitions with the other arm, where they are not those of the head."""
-    foams = _repetitions(evidence, "foam_control")
-    return "" if foams == _repetitions(evidence, "estimation") else f" ({foams})"
+def _counted(count: int, of: str) -> str:
+    return f"{count} {of}{'s' * (count > 1)}"
+
+
+def _unless_as_above(evidence: Evidence, repetitions: str) -> str:
+    """Repetitions in brackets, where they are not those of the head."""
+    head = _repetitions(evidence, "estimation")
+    return "" if repetitions == head else f" ({repetitions})"
 
 
 def said(answer: Answer, evidence: Evidence) -> str:
@@ -145,9 +149,8 @@ _PRINTED = {
 def _faster(evidence: Evidence) -> str:
     gain = claims.speed_gain(evidence)
     word = _word("stiffness_speed", evidence, _PRINTED)
-    return (
-        f"{word}{_with_interval(gain, ' %', 100)} with our motors{_of_foams(evidence)}"
-    )
+    foams = _unless_as_above(evidence, _repetitions(evidence, "foam_control"))
+    return f"{word}{_with_interval(gain, ' %', 100)} with our motors{foams}"
 
 
 def rivals(evidence: Evidence) -> pd.DataFrame:
@@ -170,12 +173,13 @@ def rivals(evidence: Evidence) -> pd.DataFrame:
 
 def _replay(evidence: Evidence) -> str:
     late = rivals(evidence)
+    others = _unless_as_above(evidence, _counted(len(late), evidence.of))
     replay = _share(late[iterative_control.REPLAY])
     papers = _share(late[iterative_control.PAPERS])
     starts = _share(late[iterative_control.STARTS])
     return (
         f"replay leaves **{replay}** of the distance, the controller {papers}, with "
-        f"recorded first plans {starts}"
+        f"recorded first plans {starts}{others}"
     )
 
 
