@@ -409,9 +409,6 @@ def from_starts(evidence: Evidence) -> pd.DataFrame:
     the best of 200 recorded ones besides.
     """
     runs = evidence["starts"]
-    if "last" not in set(runs["start"]):  # with these recordings in another table
-        others = evidence["why_plans_fail"].query("search == 'last'")
-        runs = pd.concat([runs, others.assign(start="last")], ignore_index=True)
     near = runs.assign(near=median_best(runs["distance"]))
     table = near.pivot_table("near", ["unit", "target", "cloth"], "start")
     return table.rename(columns={"recorded 200": "recorded"})[["last", "recorded"]]

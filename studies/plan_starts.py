@@ -42,9 +42,9 @@ SEARCHES = {
     "12 iterations": ControlSettings(iterations=12),
     "both": ControlSettings(horizon=16, iterations=12),
 }
-# How many starts each period has besides the plan at hand. That one alone is the search
-# "last" of `why_plans_fail`.
+# How many starts each period has besides the plan at hand
 STARTS = (
+    "last",  # none
     "random 10",
     "random 2000",
     "recorded 10",
@@ -180,7 +180,7 @@ def _run_start(
     """A run in which each period may begin with one of several plans.
 
     Args:
-        start: one of `STARTS`, or "last": the plan at hand alone.
+        start: one of `STARTS`; "last" is the plan at hand alone.
         target, cloth: of the task, by name.
         model: seed of the training.
         weights: name of the training.
