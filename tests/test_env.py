@@ -1,7 +1,10 @@
 """The environment: that it repeats, what it draws, and what it refuses."""
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from importlib.util import find_spec
 
 import mujoco
 import numpy as np
@@ -214,6 +217,32 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
     monkeypatch.setattr("mujoco.Renderer", no_display)
     with pytest.raises(RuntimeError, match=r"apt-get install libegl1"):
         make_renderer(env.model, 96, 128)
+
+
+def test_triton_is_loaded_before_the_first_picture(env, monkeypatch, tmp_path):
+    """Else a training after a picture ends Python, with a PyTorch that has CUDA."""
+    (tmp_path / "triton.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "triton", raising=False)
+
+    def loaded(*_):
+        raise AssertionError("triton" in sys.modules)
+
+    monkeypatch.setattr("mujoco.Renderer", loaded)
+    with pytest.raises(RuntimeError) as raised:
+        make_renderer(env.model, 96, 128)
+    assert raised.value.__cause__.args == (True,)
+    del sys.modules["triton"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("triton") is None, reason="PyTorch is without CUDA")
+def test_a_training_may_follow_a_picture():
+    code = (
+        "import torch; from clothlab import ClothEnv; ClothEnv().camera_picture(); "
+        "torch.optim.Adam([torch.zeros(1, requires_grad=True)])"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def on_picture(env, view, points):

@@ -1,5 +1,7 @@
 """Drawing a scene, and from where people look at it."""
 
+import contextlib
+import importlib
 import os
 import sys
 
@@ -21,6 +23,7 @@ def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rend
     # The model says how large a picture may be.
     model.vis.global_.offheight = check_number("height", height, int, at_least=1)
     model.vis.global_.offwidth = check_number("width", width, int, at_least=1)
+    _load_triton_before_mesa()
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
@@ -32,6 +35,18 @@ def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rend
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return renderer
+
+
+def _load_triton_before_mesa() -> None:
+    """Keep two versions of LLVM apart, of which each would call functions of the other.
+
+    Triton, which a PyTorch with CUDA brings and imports with its first optimiser, holds
+    one. Mesa, which draws without a GPU, loads another one for all to see. Python ends
+    in a segmentation fault where Triton finds that one there.
+    """
+    # Most have none, and one that cannot be imported is torch's affair
+    with contextlib.suppress(Exception):
+        importlib.import_module("triton")
 
 
 def _remedy() -> str:
