@@ -43,6 +43,7 @@ export UV_TORCH_BACKEND ?= cpu
 endif
 
 $(STAMP): environment.txt pyproject.toml
+	@test -w . || { echo "This folder is not yours to write into. Type: cp -R '$(CURDIR)' ~/clothlab && make -C ~/clothlab $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(SYSTEM) $(notdir $(PYTHON))-venv

@@ -1,7 +1,9 @@
 """What README and docs tell a reader to run is there, and runs."""
 
+import os
 import re
 import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -88,6 +90,21 @@ def test_help_lists_a_dozen_targets_in_groups(tmp_path):
         "To compute the results again",
         "To change it",
     ]
+
+
+@pytest.mark.skipif(shutil.which("setpriv") is None, reason="Linux has setpriv")
+def test_where_nothing_can_be_written_make_says_what_to_type(tmp_path):
+    for name in ("Makefile", "environment.txt", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    tmp_path.chmod(0o555)
+    # Root could write all the same, were it not for this
+    plain = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+    command = [*(plain if os.getuid() == 0 else []), "make", "lab"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    tmp_path.chmod(0o755)
+    assert done.returncode == 2
+    assert done.stdout.count("\n") == 1
+    assert f"cp -R '{tmp_path}' ~/clothlab && make -C ~/clothlab lab" in done.stdout
 
 
 @each_page
