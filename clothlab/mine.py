@@ -5,7 +5,8 @@ of 04 with it, `mine.functions("controller")` what you wrote in 07. Where nothin
 yours is there, the stored one takes its place, and a printed line says so.
 
 The folder lies beside `notebooks/`; the environment variable `CLOTHLAB_MINE` names
-another one. Where it is empty, nothing is kept: so notebooks run in tests.
+another one. Where it is empty, nothing is kept: so notebooks run in tests. Where the
+folder cannot be written, a printed line says so, and the notebook goes on.
 """
 
 import ast
@@ -13,7 +14,8 @@ import inspect
 import json
 import linecache
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -39,7 +41,8 @@ def keep_checkpoint(checkpoint: ClothCheckpoint) -> None:
     """Keep your model, with p of each cloth and the autoencoder that it goes with."""
     path = _place("checkpoint.safetensors")
     if path is not None:
-        checkpoint.save(path)
+        with _going_on():
+            checkpoint.save(path)
 
 
 def checkpoint() -> ClothCheckpoint:
@@ -52,7 +55,8 @@ def keep_autoencoder(autoencoder: Autoencoder) -> None:
     """Keep your autoencoder."""
     path = _place("autoencoder.safetensors")
     if path is not None:
-        weights.save_autoencoder(autoencoder, [], path)
+        with _going_on():
+            weights.save_autoencoder(autoencoder, [], path)
 
 
 def autoencoder() -> Autoencoder:
@@ -75,7 +79,8 @@ def keep_functions(name: str, *made: Callable, imports: str) -> None:
     path = _place(f"{name}.py")
     if path is not None:
         parts = [imports.strip(), *(_source(each).strip() for each in made)]
-        write_bytes(path, ("\n\n\n".join(parts) + "\n").encode())
+        with _going_on():
+            write_bytes(path, ("\n\n\n".join(parts) + "\n").encode())
 
 
 def functions(name: str) -> SimpleNamespace | None:
@@ -93,7 +98,9 @@ def note(what: str, **numbers: float) -> None:
     path = _place("log.json")
     if path is not None:
         plain = {name: float(number) for name, number in numbers.items()}
-        write_bytes(path, json.dumps(log() | {what: plain}, indent=1).encode())
+        content = json.dumps(log() | {what: plain}, indent=1).encode()
+        with _going_on():
+            write_bytes(path, content)
 
 
 def log() -> dict[str, dict[str, float]]:
@@ -116,6 +123,18 @@ def _source(made: Callable) -> str:
         if isinstance(node, ast.ClassDef) and node.name == made.__name__:
             return ast.get_source_segment(cell, node) or ""
     raise ValueError(f"the code of {made.__name__} is not there: run its cell again")
+
+
+@contextmanager
+def _going_on() -> Iterator[None]:
+    """Print a line where a file cannot be written, instead of an error."""
+    try:
+        yield
+    except OSError as error:
+        print(
+            f"not kept, {error.strerror}: {error.filename}. Set CLOTHLAB_MINE to a "
+            "folder where you may write, as in `CLOTHLAB_MINE=~/mine make lab`"
+        )
 
 
 def _place(name: str) -> Path | None:

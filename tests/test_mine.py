@@ -85,6 +85,21 @@ def test_where_the_folder_is_empty_nothing_is_kept(monkeypatch):
     assert mine.checkpoint().name == mine.STORED
 
 
+def test_where_nothing_can_be_written_a_line_says_so(monkeypatch, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CLOTHLAB_MINE", str(tmp_path / "file" / "mine"))
+    stored = load("torque-0")
+    mine.keep_autoencoder(stored.autoencoder)
+    mine.keep_checkpoint(stored)
+    mine.keep_functions("halves", half, imports="import numpy as np")
+    mine.note("by hand", got=0.5)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("not kept, cannot write") for line in lines)
+    assert all("Set CLOTHLAB_MINE to a folder" in line for line in lines)
+    assert mine.log() == {}
+
+
 @pytest.mark.slow
 def test_letters_beyond_those_of_a_machine_come_back(kept):
     (kept / "angle.py").write_text("def angle():\n    return 'θ'\n", "utf-8")
