@@ -9,6 +9,8 @@ brings it back.
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import metadata
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -108,6 +110,24 @@ def own_trials() -> Path:
     """
     named = os.environ.get("CLOTHLAB_RECORDINGS")
     return Path(named).expanduser() if named else data_folder() / OWN_TRIALS
+
+
+@contextmanager
+def recording_into(folder: Path) -> Iterator[None]:
+    """Make a folder for recordings, and write into it.
+
+    An OSError says which variable names another one.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except FileExistsError:
+        raise
+    except OSError as error:
+        raise OSError(
+            f"cannot write into {folder} ({error.strerror}): set CLOTHLAB_RECORDINGS "
+            "to a folder of yours, as in `CLOTHLAB_RECORDINGS=~/recordings make lab`"
+        ) from error
 
 
 def load_targets(name: str | None = None) -> dict[str, np.ndarray]:

@@ -236,8 +236,8 @@ def keep(name: str, scores: np.ndarray, of: str, *, steps: int, note: str = "") 
     each = " ".join(f"{score:.2f}" for score in scores.mean(axis=1))
     row = {"set": of, "name": name, "steps": steps, "each": each, "note": note}
     tries = pd.DataFrame([*_written().to_dict("records"), row])
-    tries_file().parent.mkdir(parents=True, exist_ok=True)
-    tries.drop_duplicates(_SAME_TRY).to_csv(tries_file(), index=False)
+    with data.recording_into(tries_file().parent):
+        tries.drop_duplicates(_SAME_TRY).to_csv(tries_file(), index=False)
 
 
 def kept_tries(steps: int) -> pd.DataFrame:
@@ -319,9 +319,9 @@ def save_film(pictures: list[np.ndarray]) -> Path:
     """Write every second picture into `throw.gif`, beside the table of tries."""
     frames = [Image.fromarray(picture) for picture in pictures[::2]]
     file = data.own_trials() / "throw.gif"
-    file.parent.mkdir(parents=True, exist_ok=True)
     rest = frames[1:]
-    frames[0].save(file, save_all=True, append_images=rest, duration=80, loop=0)
+    with data.recording_into(file.parent):
+        frames[0].save(file, save_all=True, append_images=rest, duration=80, loop=0)
     return file
 
 

@@ -63,3 +63,14 @@ def test_names_that_exist_or_lead_elsewhere_are_refused_and_the_recording_goes_o
     with pytest.raises(ValueError, match="recording"):
         recording.save("../elsewhere")
     assert recording.running
+
+
+def test_where_nothing_can_be_written_the_variable_is_named_and_nothing_lost(tmp_path):
+    (tmp_path / "file").touch()
+    recording = Recorder(tmp_path / "file" / "mine")
+    recording.start(CLOTH, TorqueArm(), seed=3)
+    add(recording, 1)
+    with pytest.raises(OSError, match="set CLOTHLAB_RECORDINGS to a folder of yours"):
+        recording.save("mine")
+    recording.stop()
+    assert recording.waiting

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothlab._validation import check_name
+from clothlab.data import recording_into
 from clothlab.simulation.arm import Arm
 from clothlab.simulation.cloth import Cloth
 from clothlab.simulation.vision import Observation
@@ -75,9 +76,9 @@ class Recorder:
             policy=policy,
             **self._about,
         )
-        self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            save_trial(trial, path, new=True)
+            with recording_into(self.folder):
+                save_trial(trial, path, new=True)
         except FileExistsError as error:
             words = f"a recording named {name!r} exists: choose another name"
             raise ValueError(words) from error

@@ -43,3 +43,12 @@ def test_rows_of_another_version_are_not_shown_and_tries_are_numbered_from_one(
     assert capstone.kept_tries(73).empty
     capstone.keep("mine", SCORES, "development", steps=73)
     assert list(capstone.kept_tries(73).index) == [1]
+
+
+def test_where_nothing_can_be_written_the_variable_is_named(own_folder, monkeypatch):
+    (own_folder / "file").touch()
+    monkeypatch.setenv("CLOTHLAB_RECORDINGS", str(own_folder / "file" / "mine"))
+    with pytest.raises(OSError, match="set CLOTHLAB_RECORDINGS to a folder of yours"):
+        capstone.keep("mine", SCORES, "development", steps=73)
+    with pytest.raises(OSError, match="set CLOTHLAB_RECORDINGS to a folder of yours"):
+        capstone.save_film([np.zeros((8, 8, 3), np.uint8)])
