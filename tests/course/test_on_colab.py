@@ -22,7 +22,7 @@ output.enable_custom_widget_manager = lambda: print("widgets")
 google.colab, colab.output = colab, output
 sys.modules |= {"google": google, "google.colab": colab, "google.colab.output": output}
 """
-SEEN = "\nimport clothlab\nprint(clothlab.__file__, os.getcwd(), os.environ['MUJOCO_GL'])\n"
+SEEN = "\nimport clothlab\nprint(clothlab.__file__, os.getcwd(), os.environ['MUJOCO_GL'], sep='\\n')\n"
 
 
 def test_elsewhere_it_does_nothing(monkeypatch, tmp_path):
@@ -56,10 +56,9 @@ def test_on_colab_it_clones_moves_into_the_notebooks_and_runs_twice(tmp_path):
         command, cwd=content, env=environment, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    cloned, *widgets, seen = done.stdout.splitlines()
+    cloned, *widgets, package, folder, drawing = done.stdout.splitlines()
     assert cloned == f"git clone --quiet --depth=1 {ADDRESS} clothlab"
     assert widgets == ["widgets", "widgets"]
-    package, folder, drawing = seen.split()
     assert os.path.samefile(package, ROOT / "clothlab" / "__init__.py")
     assert os.path.samefile(folder, ROOT / "notebooks")
     assert drawing == "egl"
