@@ -17,7 +17,7 @@ from repository import number_of
 from clothlab import data
 from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
-from clothlab.simulation.vision import cloth_mask
+from clothlab.simulation.vision import cloth_mask, iou
 from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,7 +26,7 @@ CLOTH = "damp0.07-mass0.15"
 STEPS = 248
 FIRST_STEP = 224  # that is shown
 PICTURES_PER_STEP = 3
-HALT = 1200  # [ms] at the end of a period
+HALT = 1200  # [ms] at the best image of a period
 # [pixel] of the moving picture's larger part
 HEIGHT = 288
 WIDTH = 384
@@ -41,6 +41,18 @@ def labelled(mask: np.ndarray, text: str) -> np.ndarray:
     grey = cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)
     picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
     return cv2.putText(picture, text, (8, 20), FONT, 0.5, GREY, 1, cv2.LINE_AA)
+
+
+def best_of_periods(overlap: np.ndarray) -> list[int]:
+    """The frame of each period with the largest overlap with the target.
+
+    That is what the controller aims at, which learns from each throw. Of each control
+    step, the camera sees the last frame.
+    """
+    last = np.arange(PICTURES_PER_STEP - 1, len(overlap), PICTURES_PER_STEP)
+    periods = last.reshape(-1, 8)
+    best = overlap[periods].argmax(axis=1)
+    return [int(steps[k]) for steps, k in zip(periods, best, strict=True)]
 
 
 def gallery() -> None:
@@ -83,19 +95,19 @@ def moving_picture() -> None:
     )
 
     # The scene, and beside it the target and what the camera sees of the cloth
-    frames = []
+    frames, overlap = [], []
     for picture in pictures[FIRST_STEP * PICTURES_PER_STEP :]:
         small = cv2.resize(picture, (128, 96), interpolation=cv2.INTER_AREA)
-        seen = labelled(cloth_mask(small), "seen")
-        side = np.vstack([labelled(target, "target"), seen])
+        mask = cloth_mask(small)
+        overlap.append(iou(mask, target))
+        side = np.vstack([labelled(target, "target"), labelled(mask, "seen")])
         frames.append(Image.fromarray(np.hstack([picture, side])).quantize(64))
 
-    # It halts at the end of each period, which is all that counts. GIF counts in
-    # hundredths of a second.
+    # GIF counts in hundredths of a second
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10
     durations = [milliseconds] * len(frames)
-    period = 8 * PICTURES_PER_STEP
-    durations[period - 1 :: period] = [HALT] * len(durations[period - 1 :: period])
+    for k in best_of_periods(np.array(overlap)):
+        durations[k] = HALT
     path = ROOT / "docs" / "control.gif"
     frames[0].save(
         path,

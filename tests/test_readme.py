@@ -8,7 +8,9 @@ import subprocess
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
+from PIL import Image
 
 import clothlab
 
@@ -157,3 +159,21 @@ def test_installations_by_hand_are_the_ones_of_the_lock():
     for python in (r".venv\Scripts\python", ".venv/bin/python"):
         assert f"{python} -m pip install -r environment.txt" in install
         assert f"{python} -m clothlab doctor" in install
+
+
+def test_the_moving_picture_halts_where_it_is_nearest_to_the_target():
+    overlaps, halts = [], []
+    with Image.open(ROOT / "docs" / "control.gif") as film:
+        for k in range(film.n_frames):
+            film.seek(k)
+            side = np.asarray(film.convert("L"))[:, -film.width // 3 :] > 150
+            side[:30] = side[144:174] = False  # captions
+            target, seen = side[:144], side[144:]
+            overlaps.append((seen & target).sum() / (seen | target).sum())
+            halts.append(film.info["duration"] > 500)
+
+    # Of each step, the camera sees the last of three frames
+    ends = np.arange(2, len(halts), 3).reshape(-1, 8)
+    best = ends[np.arange(len(ends)), np.array(overlaps)[ends].argmax(axis=1)]
+    assert list(np.flatnonzero(halts)) == list(best)
+    assert min(np.array(overlaps)[best]) > 0.6
