@@ -430,13 +430,14 @@ def _warm_start(evidence: Evidence) -> pd.Series:
     return (near["recorded"] - near["last"]).groupby("unit").mean()
 
 
-def _targets_at_will(evidence: Evidence) -> pd.Series:
-    """Of each target, which has a training and a cloth of its own."""
+def _other_targets(evidence: Evidence, of: str) -> pd.Series:
+    """Of each target of a set, which has a training and a cloth of its own."""
     if evidence.amount == PAPER:
         raise NotMeasured("throws at other targets are by twenty times the recordings")
     runs = evidence.of_no_amount("transfer")
     long = runs["method"].eq(ITERATIVE) & runs["periods"].gt(10)
-    runs = runs[long & runs["target"].str.contains("/") & runs["p"].eq("estimated")]
+    there = runs["target"].str.startswith(of) & runs["p"].eq("estimated")
+    runs = runs[long & there]
     tenth = runs["best"].str[9] / runs["random"]
     return 0.5 - tenth.groupby(runs["target"]).mean()
 
@@ -641,7 +642,8 @@ _NUMBERS: Mapping[str, Numbers] = {
     "target_1_harder": _target_1_harder,
     "reproducible": _reproducible,
     "warm_start": _warm_start,
-    "targets_at_will": _targets_at_will,
+    "held_out_targets": partial(_other_targets, of="held-out/"),
+    "drawn_targets": partial(_other_targets, of="drawn/"),
     "found_in_control": _found_in_control,
     "improves_by_p": _improves_by_p,
     "right_p_nearer": _right_p_nearer,

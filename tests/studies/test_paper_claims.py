@@ -162,7 +162,8 @@ def test_one_number_decides_nothing(tmp_path):
 
 def test_an_episode_and_a_target_are_repetitions_of_their_own():
     assert claims.judge("table_set", TWENTY).repeated == "50 episodes"
-    assert claims.judge("targets_at_will", TWENTY).repeated == "30 targets"
+    assert claims.judge("held_out_targets", TWENTY).repeated == "20 targets"
+    assert claims.judge("drawn_targets", TWENTY).repeated == "10 targets"
     assert claims.judge("ellipse").repeated == "nothing varies"
 
 
