@@ -61,7 +61,8 @@ def _recorded_starts(
 ) -> Policy:
     """The paper's controller, whose periods begin with the best of recorded plans.
 
-    They are drawn from all that the model learned from, among which replay chooses.
+    They are drawn from all that the model learned from, among which replay chooses. (In
+    the stored table `iterative_control` they are drawn from the paper's amount.)
     """
     plans = recorded_plans(recorded_runs(learned), seed=model)
     return learned.controller(target, p, plans=plans)

@@ -17,6 +17,7 @@ from studies.claims import Claim, Evidence, Judged
 _BEGIN = "<!-- results -->"
 _END = "<!-- /results -->"
 _PAGE_WIDTH = 120  # [columns] of the pages
+_PURPOSE = "What p, the parametric bias, and the network are for:"
 
 Verdicts = dict[str, dict[str, Judged]]  # by amount of recordings, then by claim
 
@@ -103,7 +104,8 @@ def results(*, data: Folder = None) -> str:
     lines = [head]
     for question, answer in headline.QUESTIONS.items():
         lines.append((question, *(headline.said(answer, each) for each in evidences)))
-    below = [headline.table_line(*evidences), *headline.sentences(data=data)]
+    below = [headline.table_line(*evidences), _PURPOSE]
+    below += headline.sentences(data=data)
     wrapped = [textwrap.fill(each, _PAGE_WIDTH) for each in below]
     return "\n\n".join([_pages.table(lines), *wrapped])
 
