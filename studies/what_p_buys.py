@@ -28,12 +28,10 @@ p itself is one of three: "estimated" is the continuous one, by Gauss-Newton fro
 of random commands; "nearest" is the trained p of the recorded cloth that is nearest to
 it, and "farthest" that of the farthest one, as a control.
 
-The plan is sent in one of three ways: "as recorded", period after period; "replanned",
+The plan is sent in one of two ways: "as recorded", period after period; "replanned",
 twice as recorded and then as iterative learning control has it, by the outcomes and the
-network; "improved", where the network changes the plan before its first throw, by the
-descent of iterative learning control. The first throw of the first two is the same, so
-that rows of first throws have "as recorded" and "improved", longer ones "as recorded"
-and "replanned".
+network. The first throw of both is the same, so that rows of first throws have "as
+recorded" alone.
 
 Floors are replays: of the nearest recording of any cloth, or of the cloth with the
 nearest p. A replay of the same cloth exists for recorded cloths alone (`transfer`).
@@ -75,7 +73,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from torch import Tensor, nn
+from torch import nn
 
 from clothlab import data
 from clothlab.analysis import (
@@ -84,14 +82,10 @@ from clothlab.analysis import (
     nearest_material,
     target_distance,
 )
-from clothlab.method.control import ControlSettings, optimise_commands
+from clothlab.method.control import ControlSettings
 from clothlab.method.data import Run
 from clothlab.method.estimation import estimate_bias
-from clothlab.method.iterative import (
-    IterativeController,
-    IterativeLearningSettings,
-    IterativePolicy,
-)
+from clothlab.method.iterative import IterativeLearningSettings, IterativePolicy
 from clothlab.method.model import DPMPB
 from clothlab.method.rollout import Policy
 from clothlab.policies import ReplayPolicy
@@ -137,7 +131,6 @@ PROCESS = "Gaussian process"
 # Ways to send a plan
 RECORDED = "as recorded"
 REPLANNED = "replanned"
-IMPROVED = "improved"
 
 
 @dataclass(frozen=True)
@@ -159,23 +152,6 @@ KNOWLEDGE = {
     PREDICTS: _Knowledge(True, _WITHOUT_GAP),
     BOTH: _Knowledge(True, _USUAL),
 }
-
-
-class _ImprovingController(IterativeController):
-    """Improves the recorded plan by the network before it is thrown."""
-
-    def _recorded_plan(self, s: Tensor) -> tuple[Tensor, float]:
-        plan, _ = super()._recorded_plan(s)
-        few = replace(
-            self.settings,
-            iterations=self.learning.iterations,
-            candidates=self.learning.candidates,
-            smallest_step=10**-2.5,
-        )
-        expected = self.forecast(s).distance
-        plan, trace = optimise_commands(expected, plan, self.limits, few)
-        self.trace[-1] = trace
-        return plan, float(trace[-1])
 
 
 # How far a step of the evolution goes, and how the Gaussian process is set
@@ -290,35 +266,20 @@ def _told(p: str, estimate: np.ndarray, biases: dict[str, np.ndarray]) -> np.nda
 # Policies
 
 
-def _controller(method: str, sending: str, hand: _Hand, without: DPMPB) -> Policy:
+def _controller(method: str, hand: _Hand, without: DPMPB) -> Policy:
     """A controller with one of `KNOWLEDGE`."""
     learned = hand.learned
     knowledge = KNOWLEDGE[method]
-    model = learned.model if knowledge.in_prediction else without
-    arm = learned.arm
-    policy = IterativePolicy(
-        model,
+    return IterativePolicy(
+        learned.model if knowledge.in_prediction else without,
         learned.autoencoder,
-        arm,
+        learned.arm,
         hand.aim,
         hand.p,
         hand.runs,
         knowledge.settings,
         biases=learned.biases,
     )
-    if sending == IMPROVED:
-        policy.controller = _ImprovingController(
-            model,
-            policy.z_ref,
-            hand.p,
-            arm.command_lower,
-            arm.command_upper,
-            hand.runs,
-            knowledge.settings,
-            biases=learned.biases,
-            home=arm.home_command,
-        )
-    return policy
 
 
 def _nearest_runs(hand: _Hand) -> list[Run]:
@@ -359,7 +320,7 @@ def _policy(method: str, sending: str, arm: str, model: int, hand: _Hand) -> Pol
     without = hand.learned.model
     if not KNOWLEDGE[method].in_prediction:
         without = _without_p(arm, model)
-    policy = _controller(method, sending, hand, without)
+    policy = _controller(method, hand, without)
     if sending == RECORDED:
         plan = _first_plan(policy, hand)
         return ReplayPolicy(np.tile(plan, (_CHANCE_PERIODS, 1)))
@@ -404,7 +365,7 @@ def _run_one(
     Args:
         method: one of `KNOWLEDGE`, a floor, or a refinement without a network.
         p: "estimated", "nearest" or "farthest".
-        sending: of the plan: as recorded, replanned or improved.
+        sending: of the plan: as recorded or replanned.
         arm, target, cloth: of the task, by name.
         model: seed of the training.
         seconds: of random commands from which p is estimated [s].
@@ -439,20 +400,15 @@ FIRST = (
     (ANY_OTHER, "estimated", RECORDED),
     (NEAREST_P, "estimated", RECORDED),
     (NONE, "estimated", RECORDED),
-    (NONE, "estimated", IMPROVED),
     (CHOOSES, "estimated", RECORDED),
     (CHOOSES, "nearest", RECORDED),
-    (CHOOSES, "estimated", IMPROVED),
     (BLIND, "estimated", RECORDED),
     (PREDICTS, "estimated", RECORDED),
     (PREDICTS, "nearest", RECORDED),
     (PREDICTS, "farthest", RECORDED),
-    (PREDICTS, "estimated", IMPROVED),
     (BOTH, "estimated", RECORDED),
     (BOTH, "nearest", RECORDED),
     (BOTH, "farthest", RECORDED),
-    (BOTH, "estimated", IMPROVED),
-    (BOTH, "nearest", IMPROVED),
 )
 LONG = (
     (BOTH, "estimated", REPLANNED),
@@ -606,14 +562,6 @@ MORE: dict[str, tuple[_Way, _Way]] = {
         (PREDICTS, "nearest", RECORDED),
     ),
     "right p in both, over the farthest": (_RIGHT, (BOTH, "farthest", RECORDED)),
-    "plan improved by the network, over as recorded": (
-        (BOTH, "estimated", IMPROVED),
-        _RIGHT,
-    ),
-    "p at all, plans improved": (
-        (BOTH, "estimated", IMPROVED),
-        (NONE, "estimated", IMPROVED),
-    ),
 }
 _LEARNED = (BOTH, "estimated", REPLANNED)
 # By the best of ten periods
