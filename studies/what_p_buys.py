@@ -14,15 +14,12 @@ control but for what the table says:
     knowledge                network       trust     difference
     no p                     without p     1         0
     p chooses                without p     very much 0.1
-    p chooses, blind         without p     1         0.1
     p predicts               with p        1         0
     both                     with p        1         0.1
 
 With so much trust predictions don't count: p chooses a recording, and nothing else
-does. "Blind" has the choice of "both" with a network that knows no p, so that "no p",
-"blind", "predicts" and "both" are the four corners of a square. The network without p
-was trained as the other one was, on the same recordings. From the third period on
-"p chooses" uses it, too.
+does. The network without p was trained as the other one was, on the same recordings.
+From the third period on "p chooses" uses it, too.
 
 p itself is one of three: "estimated" is the continuous one, by Gauss-Newton from 40 s
 of random commands; "nearest" is the trained p of the recorded cloth that is nearest to
@@ -120,7 +117,6 @@ MATERIALS = (9, 7, 5, 3)  # recorded ones that may be used
 # Methods: what is known of p, as the docstring's table has it
 NONE = "no p"
 CHOOSES = "p chooses"
-BLIND = "p chooses, blind"
 PREDICTS = "p predicts"
 BOTH = "both"
 # Floors, and refinement without a network
@@ -148,7 +144,6 @@ _USUAL = IterativeLearningSettings()
 KNOWLEDGE = {
     NONE: _Knowledge(False, _WITHOUT_GAP),
     CHOOSES: _Knowledge(False, _CHOICE_ALONE),
-    BLIND: _Knowledge(False, _USUAL),
     PREDICTS: _Knowledge(True, _WITHOUT_GAP),
     BOTH: _Knowledge(True, _USUAL),
 }
@@ -402,7 +397,6 @@ FIRST = (
     (NONE, "estimated", RECORDED),
     (CHOOSES, "estimated", RECORDED),
     (CHOOSES, "nearest", RECORDED),
-    (BLIND, "estimated", RECORDED),
     (PREDICTS, "estimated", RECORDED),
     (PREDICTS, "nearest", RECORDED),
     (PREDICTS, "farthest", RECORDED),
@@ -543,10 +537,6 @@ MORE: dict[str, tuple[_Way, _Way]] = {
     "plan by p, over the nearest replay of any cloth": (
         _RIGHT,
         (ANY_OTHER, "estimated", RECORDED),
-    ),
-    "p in the choice alone, over none": (
-        (BLIND, "estimated", RECORDED),
-        (NONE, "estimated", RECORDED),
     ),
     "p in the prediction alone, over none": (
         (PREDICTS, "estimated", RECORDED),

@@ -19,7 +19,6 @@ from studies import transfer, what_p_buys
 from studies._runs import find_cloth
 from studies._without_network import EvolutionPolicy, ProcessPolicy, ProcessSettings
 from studies.what_p_buys import (
-    BLIND,
     BOTH,
     CHOOSES,
     EVOLUTION,
@@ -94,7 +93,6 @@ def squared(p, plans):
 SUMS = {
     NONE: (False, 1, 0),
     CHOOSES: (False, 0, 0.1),
-    BLIND: (False, 1, 0.1),
     PREDICTS: (True, 1, 0),
     BOTH: (True, 1, 0.1),
 }
