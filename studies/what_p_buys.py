@@ -396,9 +396,7 @@ FIRST = (
     (NEAREST_P, "estimated", RECORDED),
     (NONE, "estimated", RECORDED),
     (CHOOSES, "estimated", RECORDED),
-    (CHOOSES, "nearest", RECORDED),
     (PREDICTS, "estimated", RECORDED),
-    (PREDICTS, "nearest", RECORDED),
     (PREDICTS, "farthest", RECORDED),
     (BOTH, "estimated", RECORDED),
     (BOTH, "nearest", RECORDED),
@@ -532,26 +530,13 @@ QUESTIONS: dict[str, tuple[_Way, _Way]] = {
         (PREDICTS, "farthest", RECORDED),
     ),
 }
-# Other differences that the table allows
+# What was asked afterwards
 MORE: dict[str, tuple[_Way, _Way]] = {
+    "right p in both, over the farthest": (_RIGHT, (BOTH, "farthest", RECORDED)),
     "plan by p, over the nearest replay of any cloth": (
         _RIGHT,
         (ANY_OTHER, "estimated", RECORDED),
     ),
-    "p in the prediction alone, over none": (
-        (PREDICTS, "estimated", RECORDED),
-        (NONE, "estimated", RECORDED),
-    ),
-    "both, over the choice alone": (_RIGHT, (CHOOSES, "estimated", RECORDED)),
-    "continuous p in the choice alone, over nearest": (
-        (CHOOSES, "estimated", RECORDED),
-        (CHOOSES, "nearest", RECORDED),
-    ),
-    "continuous p in the prediction alone, over nearest": (
-        (PREDICTS, "estimated", RECORDED),
-        (PREDICTS, "nearest", RECORDED),
-    ),
-    "right p in both, over the farthest": (_RIGHT, (BOTH, "farthest", RECORDED)),
 }
 _LEARNED = (BOTH, "estimated", REPLANNED)
 # By the best of ten periods
