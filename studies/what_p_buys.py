@@ -41,8 +41,8 @@ of random commands compares.
 
 All learned from the paper's amount of recordings. A unit is a new cloth and a target,
 crossed with the trainings: three of them for first throws, two for ten periods and for
-the curves, in which the network is not trained again. Distances are the best of a
-period over that of random commands with the same cloth.
+first throws with less known, in which the network is not trained again. Distances are
+the best of a period over that of random commands with the same cloth.
 
 Written before the table was made. The margin is 0.05 of random commands' distance. By
 the 95 % interval of a difference over units and trainings (`crossed_interval`), all
@@ -111,8 +111,9 @@ MARGIN = 0.05  # of random commands' distance, written down beforehand
 _PERIOD = ControlSettings.period  # [step]
 _EXCITED = 200  # [step] of random commands from which p is estimated
 _CHANCE_PERIODS = 31  # of random commands with which throws are compared
-SECONDS = (2, 5, 10, 20, 40)  # of random commands
-MATERIALS = (9, 7, 5, 3)  # recorded ones that may be used
+SECONDS = 40  # of random commands
+MATERIALS = 9  # recorded ones that may be used
+LESS = ({"seconds": 10}, {"materials": 3})  # with less of one of them
 
 # Methods: what is known of p, as the docstring's table has it
 NONE = "no p"
@@ -351,8 +352,8 @@ def _run_one(
     target: str,
     cloth: str,
     model: int,
-    seconds: int = SECONDS[-1],
-    materials: int = MATERIALS[0],
+    seconds: int = SECONDS,
+    materials: int = MATERIALS,
     periods: int = 1,
 ) -> dict[str, Any]:
     """Best distance in each period `[P]`.
@@ -411,8 +412,7 @@ LONG = (
     (EVOLUTION, "estimated", REPLANNED),
     (PROCESS, "estimated", REPLANNED),
 )
-# Of the curves
-CURVES = ((BOTH, "estimated", RECORDED), (NEAREST_P, "estimated", RECORDED))
+_RIGHT = (BOTH, "estimated", RECORDED)
 _TENTH = 10  # periods of a longer run
 
 
@@ -421,13 +421,13 @@ def _cases(
     longer_model: Iterable[int] = range(2),
     periods: int = _TENTH,
 ) -> list[Case]:
-    """First throws of all ways with all tasks, then longer runs, then the curves.
+    """First throws of all ways with all tasks, longer runs, and throws with less known.
 
-    Longer runs and curves are towards recorded targets alone, with fewer trainings.
+    The last two are towards recorded targets alone, with fewer trainings.
 
     Args:
         model: seeds of the trainings of first throws.
-        longer_model: seeds of those of longer runs and curves.
+        longer_model: seeds of those of the last two.
         periods: of the longer runs.
     """
     cases: list[Case] = []
@@ -437,7 +437,8 @@ def _cases(
     for task in _with_each(longer_model, recorded):
         cases += _ways(LONG, task, periods=periods)
     for task in _with_each(longer_model, recorded):
-        cases += _of_curves(task)
+        for less in LESS:
+            cases += _ways((_RIGHT,), task, **less, periods=1)
     return cases
 
 
@@ -468,21 +469,6 @@ def _ways(which: Sequence[_Way], task: Case, **how: int) -> list[Case]:
     return cases
 
 
-def _of_curves(task: Case) -> list[Case]:
-    """Less to estimate p from, and fewer recorded materials.
-
-    With all of both it is a first throw. An arm with few recorded materials has a
-    shorter curve.
-    """
-    cases: list[Case] = []
-    for seconds in SECONDS[:-1]:
-        cases += _ways(CURVES, task, seconds=seconds, periods=1)
-    for count in MATERIALS[1:]:
-        if count < _recorded(task["arm"]):
-            cases += _ways(CURVES, task, materials=count, periods=1)
-    return cases
-
-
 # What follows from the rows
 
 
@@ -493,8 +479,8 @@ def select(
     sending: str = RECORDED,
     *,
     periods: int = 1,
-    seconds: int = SECONDS[-1],
-    materials: int = MATERIALS[0],
+    seconds: int = SECONDS,
+    materials: int = MATERIALS,
 ) -> pd.DataFrame:
     """Distance over that of random commands, tasks down and trainings across.
 
@@ -519,7 +505,6 @@ def select(
     return wide
 
 
-_RIGHT = (BOTH, "estimated", RECORDED)
 # What was asked beforehand: a name, and the two ways of which one is subtracted
 QUESTIONS: dict[str, tuple[_Way, _Way]] = {
     "p at all, over none": (_RIGHT, (NONE, "estimated", RECORDED)),
@@ -627,21 +612,15 @@ def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame
     return found[found.index.isin(there)].to_frame("oracle")
 
 
-@cache
-def _recorded(arm: str) -> int:
-    """How many materials were recorded with an arm."""
-    return len(trained(f"{_weights(arm)}-0").biases)
-
-
 def less_known(table: pd.DataFrame, **less: int) -> np.ndarray:
     """First throws with less known, minus those with all `[tasks, trainings]`.
 
     Args:
         table: stored rows of `what_p_buys`.
-        less: `seconds` or `materials`, of a curve.
+        less: one of `LESS`.
     """
-    values = select(table, *CURVES[0], **less)  # type: ignore[arg-type]
-    gaps = values - select(table, *CURVES[0])
+    values = select(table, *_RIGHT, **less)  # type: ignore[arg-type]
+    gaps = values - select(table, *_RIGHT)
     return gaps.dropna(how="all").dropna(axis=1).to_numpy()
 
 

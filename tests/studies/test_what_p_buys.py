@@ -273,17 +273,15 @@ def test_effects_are_paired_differences_with_a_verdict():
     assert {*found.index.get_level_values("group")} == {"all", "torque", "muscle"}
 
 
-def test_a_curve_compares_the_same_tasks_and_trainings():
-    rows = rows_of({what_p_buys.CURVES[0]: 0.3, what_p_buys.CURVES[1]: 0.4})
+def test_less_known_compares_the_same_tasks_and_trainings():
+    rows = rows_of({(BOTH, "estimated", RECORDED): 0.3})
     few = rows[(rows["periods"] == 1) & (rows["model"] < 2) & (rows["arm"] == "torque")]
-    less = []
-    for seconds in what_p_buys.SECONDS[:-1]:
-        best = few["best"].map(lambda best: best + 0.2)
-        less.append(few.assign(seconds=seconds, best=best))
-    table = pd.concat([rows, *less])
-    gaps = what_p_buys.less_known(table, seconds=2)
-    assert gaps.shape == (4, 2)
-    assert gaps == pytest.approx(0.1)
+    best = few["best"].map(lambda best: best + 0.2)
+    for less in what_p_buys.LESS:
+        table = pd.concat([rows, few.assign(**less, best=best)])
+        gaps = what_p_buys.less_known(table, **less)
+        assert gaps.shape == (4, 2)
+        assert gaps == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
