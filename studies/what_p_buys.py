@@ -564,8 +564,8 @@ def groups(values: pd.DataFrame) -> dict[str, pd.DataFrame]:
 def effects(table: pd.DataFrame) -> pd.DataFrame:
     """Differences of ways, by question and group of tasks.
 
-    Columns are both means over that of random commands, their difference with the ends
-    of its 95 % interval over tasks and trainings, and the verdict.
+    Columns are both means over that of random commands, and their difference with the
+    ends of its 95 % interval over tasks and trainings.
     """
     rows = []
     for questions, periods in ((QUESTIONS | MORE, 1), (LATER, _TENTH)):
@@ -576,20 +576,10 @@ def effects(table: pd.DataFrame) -> pd.DataFrame:
             for group, part in groups(values).items():
                 other = their_groups[group]
                 gap, low, high = crossed_interval((part - other).to_numpy())
-                row = {"question": question, "group": group, "periods": periods}
+                row = {"question": question, "group": group}
                 row |= {"way": part.to_numpy().mean(), "rival": other.to_numpy().mean()}
-                row |= {"difference": gap, "low": low, "high": high}
-                rows.append(row | {"verdict": verdict(low, high)})
+                rows.append(row | {"difference": gap, "low": low, "high": high})
     return pd.DataFrame(rows).set_index(["question", "group"])
-
-
-def verdict(low: float, high: float) -> str:
-    """What an interval says, by the margin."""
-    if low >= -MARGIN and high <= MARGIN:
-        return "worth nothing"
-    if high < 0:
-        return "worth something"
-    return "does harm" if low > 0 else "open"
 
 
 def oracle_over_random(search: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
