@@ -128,17 +128,17 @@ def read_out() -> Any:
     return make_pipeline(StandardScaler(), process)
 
 
-def r_squared(biases: dict[str, np.ndarray], readout: Any) -> np.ndarray:
+def r_squared(biases: dict[str, np.ndarray]) -> np.ndarray:
     """How well the logarithms of payload and friction follow from p, `[2]`.
 
-    One material is left out at a time.
+    By a smooth map, and with one material left out at a time.
     """
     # Slow to import
     from sklearn.metrics import r2_score
     from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
     p, logs = columns(biases)
-    predicted = cross_val_predict(readout, p, logs, cv=LeaveOneOut())
+    predicted = cross_val_predict(read_out(), p, logs, cv=LeaveOneOut())
     return r2_score(logs, predicted, multioutput="raw_values")
 
 
@@ -244,28 +244,15 @@ def told(material: Material) -> np.ndarray:
     return (material.logs - middle) / (MATERIALS[8].logs - middle)
 
 
-def explained(biases: dict[str, np.ndarray]) -> dict[str, float]:
-    """R² of both logarithms, by a smooth and by a straight map."""
-    from sklearn.linear_model import LinearRegression  # slow to import
-
-    payload, friction = r_squared(biases, read_out())
-    straight = r_squared(biases, LinearRegression())
-    return {
-        "payload": payload,
-        "friction": friction,
-        "payload_straight": straight[0],
-        "friction_straight": straight[1],
-    }
-
-
 def _map_one(kind: str, seed: int) -> dict[str, Any]:
-    """How p and the two properties hang together.
+    """R² of payload and friction by p.
 
     Args:
         kind: of model, "p" or "context encoder".
         seed: of the training.
     """
-    return explained(train(kind, seed).biases)
+    payload, friction = r_squared(train(kind, seed).biases)
+    return {"payload": payload, "friction": friction}
 
 
 def identify(
