@@ -4,7 +4,7 @@ The rivals of notebook 09: each throws at targets that nothing was tuned on.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import cache
 from pathlib import Path
@@ -25,7 +25,7 @@ from clothlab.simulation.env import ClothEnv
 from clothlab.simulation.scene import Scene
 from clothlab.trials import Trial, recorded_plans, rollout
 from clothlab.weights import ClothCheckpoint
-from studies._grid import Case, Experiment, grid
+from studies._grid import Case, Experiment
 from studies._runs import MIDDLE, RECORDINGS, new_trial, replay_nearest, trained
 from studies.oracle import search_trial
 
@@ -111,59 +111,51 @@ def tasks(name: str) -> list[tuple[str, str]]:
     return chosen
 
 
-def _run_one(
-    rival: str, target: str, cloth: str, model: int, steps: int = STEPS
-) -> dict[str, Any]:
+def _run_one(rival: str, target: str, cloth: str, steps: int = STEPS) -> dict[str, Any]:
     """Distance at each step `[T]` [s.d. of z], the first of them of the still cloth.
 
     Args:
         rival: one of `_RIVALS`, or the oracle.
         target, cloth: of the task, by name.
-        model: seed of the training; the oracle knows none, and seeds its search so.
         steps: control steps.
     """
-    learned = trained(f"{_ARM}-{model}")
+    learned = trained(f"{_ARM}-0")
     mask = data.load_target(target)
     if rival == ORACLE:
-        trial = _oracle_trial(learned, mask, cloth, model, steps)
+        trial = _oracle_trial(learned, mask, cloth, steps)
     else:
         policy = _RIVALS[rival](learned, mask, cloth)
-        trial = new_trial(policy, _ARM, cloth, steps, seed=70_000 + model)
+        trial = new_trial(policy, _ARM, cloth, steps, seed=70_000)
     distance = target_distance(learned.autoencoder, trial, mask)
     return {"distance": distance.round(4)}
 
 
 def _oracle_trial(
-    learned: ClothCheckpoint, mask: np.ndarray, cloth: str, seed: int, steps: int
+    learned: ClothCheckpoint, mask: np.ndarray, cloth: str, steps: int
 ) -> Trial:
     """Search each period in a copy of the scene, and send the best plan."""
     periods = -(-steps // 8)
-    trial, _ = search_trial(
-        learned.autoencoder, _ARM, cloth, mask, _plans(), periods, seed=seed
-    )
+    trial, _ = search_trial(learned.autoencoder, _ARM, cloth, mask, _plans(), periods)
     return trial[:steps]
 
 
-def _cases(model: int | Iterable[int] = range(2), **same: Any) -> list[Case]:
-    """Each rival on each task of both sets.
-
-    On the held-out ones with several trainings, on those for development with the first
-    alone and without the oracle. A replay and the oracle know no training.
-    """
+def _cases(**same: Any) -> list[Case]:
+    """Each rival on each task of both sets, and the oracle on the held-out ones."""
     cases = []
     for rival in _RIVALS:
-        models = 0 if rival == "replay" else model
-        for target, cloth in tasks("held-out"):
-            task = {"rival": rival, "target": target, "cloth": cloth}
-            cases += grid(**task, model=models, **same)
-    for target, cloth in tasks("held-out"):
-        task = {"rival": ORACLE, "target": target, "cloth": cloth}
-        cases.append(task | {"model": 0, "steps": _ORACLE_STEPS} | same)
+        cases += _on_tasks(rival, "held-out", **same)
+    cases += _on_tasks(ORACLE, "held-out", **{"steps": _ORACLE_STEPS} | same)
     for rival in _RIVALS:
-        for target, cloth in tasks("development"):
-            task = {"rival": rival, "target": target, "cloth": cloth}
-            cases += grid(**task, model=0, **same)
+        cases += _on_tasks(rival, "development", **same)
     return cases
+
+
+def _on_tasks(rival: str, name: str, **same: Any) -> list[Case]:
+    """A rival on each task of a set."""
+    return [
+        {"rival": rival, "target": target, "cloth": cloth} | same
+        for target, cloth in tasks(name)
+    ]
 
 
 def points(distance: np.ndarray) -> np.ndarray:
@@ -174,8 +166,8 @@ def points(distance: np.ndarray) -> np.ndarray:
 def stored_points(
     rival: str, tasks: Sequence[tuple[str, str]], steps: int = STEPS
 ) -> np.ndarray:
-    """Points of a rival that has played, with the first training: one number a task."""
-    table = data.load_table("capstone").query("model == 0")
+    """Points of a rival that has played: one number a task."""
+    table = data.load_table("capstone")
     runs = table[table.rival == rival].set_index("target").distance
     return np.array([points(runs[target][:steps]).mean() for target, _ in tasks])
 
