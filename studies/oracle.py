@@ -9,7 +9,7 @@ the hand is to be fast.
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -264,7 +264,6 @@ def _run_one(
     target: str,
     cloth: str,
     f_const: float | None,
-    remembers: bool,
     seed: int,
     periods: int = 16,
     search: SearchSettings | None = None,
@@ -275,8 +274,6 @@ def _run_one(
         arm, target, cloth: of the task, by name.
         f_const: tension that every command has to send [N]; None: it is free, or the
             arm has none.
-        remembers: whether a search begins with what the last one found; otherwise
-            each one begins with recorded plans alone.
         seed: of the run and of what is drawn.
         periods: of the run.
         search: settings; its defaults where left out.
@@ -287,9 +284,6 @@ def _run_one(
     plans = recorded_plans(
         recordings, ControlSettings.period, _RECORDED_PLANS, seed=seed
     )
-    settings = search or SearchSettings()
-    if not remembers:
-        settings = replace(settings, remembered=0)
 
     # Search and send
     trial, trace = search_trial(
@@ -300,7 +294,7 @@ def _run_one(
         plans,
         periods,
         f_const=f_const,
-        search=settings,
+        search=search,
         seed=seed,
     )
     return {
@@ -339,24 +333,15 @@ def _run_throws(
     }
 
 
-def _cases(seeds: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
-    """Every task: with free stiffness, with held stiffness, and without memory.
-
-    Stiffness is held on the muscle arm alone; without memory there is one seed.
-    """
+def _cases(seed: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
+    """Every task with free stiffness, and those of the muscle arm with a held one."""
     cases = []
-
-    def add_tasks(f_const: tuple, remembers: bool, seed: Iterable[int]) -> None:
+    for f_const in ((None,), TENSIONS):
         for arm, target, cloth in TASKS:
             if f_const == TENSIONS and not get_arm(arm).has_stiffness:
                 continue
             task = {"arm": arm, "target": target, "cloth": cloth}
-            how = {"f_const": f_const, "remembers": remembers, "seed": seed}
-            cases.extend(grid(**task, **how, **same))
-
-    add_tasks((None,), True, seeds)
-    add_tasks(TENSIONS, True, seeds)
-    add_tasks((None,), False, (0,))
+            cases += grid(**task, f_const=f_const, seed=seed, **same)
     return cases
 
 
@@ -365,7 +350,7 @@ def best_possible(table: pd.DataFrame) -> pd.Series:
 
     The best of a period, median of the last ten periods, mean over seeds.
     """
-    free = table[table["f_const"].isna() & table["remembers"]]
+    free = table[table["f_const"].isna()]
     last = free["distance"].map(lambda distance: late_median(best_per_period(distance)))
     return last.groupby([free["target"], free["cloth"]], sort=False).mean()
 

@@ -355,7 +355,7 @@ def test_an_oracle_sends_the_best_of_all_plans(world, monkeypatch):
     monkeypatch.setattr(oracle, "recorded_plans", lambda *_, **__: plans)
     world.aim = [-3.0, -2.0, -3.9]
     search = oracle.SearchSettings(starts=2, remembered=0, rounds=0, elite=1)
-    row = oracle._run_one("torque", "target-1", HEAVY, None, True, 0, 1, search)
+    row = oracle._run_one("torque", "target-1", HEAVY, None, 0, 1, search)
     env, autoencoder = ClothEnv("torque", HEAVY), world.learned.autoencoder
     found = [brute_force(env, plan, autoencoder, world.aim) for plan in plans]
     assert row["trace"].tolist() == [pytest.approx([min(found)], abs=1e-4)]
