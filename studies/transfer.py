@@ -226,7 +226,7 @@ def _first_throws(
 
 
 def _throws_at_new_targets(model: Iterable[int]) -> list[Case]:
-    """First throws with the cloths that `oracle_transfer` has for these targets."""
+    """First throws with the cloths at both ends of the range."""
     held_out = data.load_targets("held-out")
     drawn = data.load_targets("drawn")
     return grid(

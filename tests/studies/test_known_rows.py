@@ -364,31 +364,22 @@ def test_an_oracle_sends_the_best_of_all_plans(world, monkeypatch):
     env.close()
 
 
-def test_a_plan_that_was_found_for_one_cloth_is_sent_with_another(world, monkeypatch):
+def test_a_search_for_a_new_cloth_has_its_nearest_moment(world, monkeypatch):
     world.aim = aim = np.array([0.5, -1.0, 0.0])
     far = np.add(aim, (1.0, 0, 0))
     near = np.add(aim, (0.25, 0, 0))
-    commands = np.random.default_rng(0).uniform((-0.8, -1.6), (1, 0), (16, 2))
-    found = toy.trial_of([far] * 4 + [near] + [far] * 11, commands)
-    asked, sent = [], []
+    found = toy.trial_of([far] * 4 + [near] + [far] * 11)
+    asked = []
 
     def search(autoencoder, arm, cloth, mask, plans, periods, *, search, overlap):
         asked.append((cloth.name, periods, overlap))
         return found, None
 
-    def elsewhere(policy, arm, cloth, steps, seed):
-        sent.append((cloth.name, np.array([policy({}) for _ in range(steps)])))
-        return toy.trial_of([far] * 8 + [aim] + [far] * 7)
-
     monkeypatch.setattr(oracle, "search_trial", search)
-    monkeypatch.setattr(oracle, "new_trial", elsewhere)
     monkeypatch.setattr(oracle, "recorded_plans", lambda *_: None)
-    row = oracle._run_transfer("torque", "target-1", HEAVY, LIGHT, True, 2)
+    row = oracle._run_transfer("torque", "target-1", HEAVY, True, 2)
     assert asked == [(HEAVY, 2, True)]
-    assert sent[0][0] == LIGHT
-    assert np.array_equal(sent[0][1], commands)
     assert row["best"] == pytest.approx([0.25], abs=PIXEL)
-    assert row["elsewhere"] == pytest.approx([0.0], abs=PIXEL)
     pixels = sum((aim + 4) * toy.UNIT)
     assert row["iou"] == pytest.approx([pixels / (pixels + 128)], abs=1e-3)
 
