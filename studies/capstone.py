@@ -135,7 +135,7 @@ def _oracle_trial(
 ) -> Trial:
     """Search each period in a copy of the scene, and send the best plan."""
     periods = -(-steps // 8)
-    trial, _ = search_trial(learned.autoencoder, _ARM, cloth, mask, _plans(), periods)
+    trial = search_trial(learned.autoencoder, _ARM, cloth, mask, _plans(), periods)
     return trial[:steps]
 
 

@@ -225,7 +225,7 @@ def search_trial(
     search: SearchSettings | None = None,
     overlap: bool = False,
     seed: int = 0,
-) -> tuple[Trial, np.ndarray]:
+) -> Trial:
     """Realise a target with the simulator known.
 
     Args:
@@ -239,9 +239,6 @@ def search_trial(
         search: settings; its defaults where left out.
         overlap: whether plans are judged by IoU in place of the distance of z.
         seed: of the run and of what is drawn.
-
-    Returns: the run, and the predicted distances `[periods, rounds + 1]`
-        (`SimulatorMPC.trace`).
     """
     settings = search or SearchSettings()
     with closing(ClothEnv(arm, cloth)) as env:
@@ -253,8 +250,7 @@ def search_trial(
 
         # Each search sends one plan
         with closing(policy):
-            trial = rollout(env, policy, periods * plans.shape[1], seed=seed)
-            return trial, np.array(policy.trace)
+            return rollout(env, policy, periods * plans.shape[1], seed=seed)
 
 
 def _run_one(
@@ -266,7 +262,7 @@ def _run_one(
     periods: int = 16,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """Distance at each step `[T]`, and what each search predicted.
+    """Distance at each step `[T]`.
 
     Args:
         arm, target, cloth: of the task, by name.
@@ -284,7 +280,7 @@ def _run_one(
     )
 
     # Search and send
-    trial, trace = search_trial(
+    trial = search_trial(
         autoencoder,
         arm,
         cloth,
@@ -295,10 +291,7 @@ def _run_one(
         search=search,
         seed=seed,
     )
-    return {
-        "distance": target_distance(autoencoder, trial, mask).round(4),
-        "trace": trace.round(4),
-    }
+    return {"distance": target_distance(autoencoder, trial, mask).round(4)}
 
 
 def _run_throws(
@@ -322,13 +315,10 @@ def _run_throws(
     plans = recorded_plans(
         recordings, ControlSettings.period, _RECORDED_PLANS, seed=seed
     )
-    trial, _ = search_trial(
+    trial = search_trial(
         autoencoder, "torque", cloth, mask, plans, periods, search=search, seed=seed
     )
-    return {
-        "distance": target_distance(autoencoder, trial, mask).round(4),
-        "commands": trial.commands.round(4),
-    }
+    return {"commands": trial.commands.round(4)}
 
 
 def _cases(seed: Iterable[int] = (0, 1), **same: Any) -> list[Case]:
@@ -374,7 +364,7 @@ def _run_transfer(
     recordings = data.load_trials(RECORDINGS[arm])
     plans = recorded_plans(recordings, ControlSettings.period, _RECORDED_PLANS)
     held = find_cloth(cloth)
-    trial, _ = search_trial(
+    trial = search_trial(
         autoencoder, arm, held, mask, plans, periods, search=search, overlap=overlap
     )
     distance = target_distance(autoencoder, trial, mask)
@@ -419,7 +409,7 @@ def _run_speed(
     steps: int = 16,
     search: SearchSettings | None = None,
 ) -> dict[str, Any]:
-    """Peak speeds of the hand [m/s] from rest, and the commands for it.
+    """Peak speeds of the hand [m/s] from rest.
 
     f_const is held at 10, 30 and 70 N, and free. The free search starts from the best
     plans of the others too: it may do all that they do.
@@ -428,13 +418,13 @@ def _run_speed(
     settings = search or _SPEED_SEARCH
     slowness = _slowness(arm, get_cloth(foam))
 
-    def fastest(limited: Arm, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The best plans within an arm's limits, and the peak speed by round."""
+    def fastest(limited: Arm, starts: np.ndarray) -> tuple[np.ndarray, float]:
+        """The best plans within an arm's limits, and their peak speed."""
         lower = limited.command_lower
         upper = limited.command_upper
         rng = np.random.default_rng(seed)
         plans, trace = cross_entropy(slowness, starts, lower, upper, settings, rng=rng)
-        return plans, -trace
+        return plans, -trace[-1]
 
     # With each held tension, from recorded plans
     recordings = data.load_trials(RECORDINGS["muscle"])
@@ -444,14 +434,9 @@ def _run_speed(
     # With a free one, from all that the others found, too
     held = [plans for plans, _ in searches]
     searches.append(fastest(arm, np.concatenate([recorded, *held])))
-
-    commands = np.array([plans[0] for plans, _ in searches])
-    traces = np.array([trace for _, trace in searches])
     return {
         "f_const": np.array([*TENSIONS, np.nan]),
-        "peak": traces[:, -1],
-        "trace": traces.round(4),
-        "commands": commands.round(4),
+        "peak": np.array([peak for _, peak in searches]),
     }
 
 
