@@ -29,7 +29,6 @@ from studies._grid import Case, Experiment
 from studies._runs import MIDDLE, RECORDINGS, new_trial, replay_nearest, trained
 from studies.oracle import search_trial
 
-# Mean of one number a task, and the ends of its interval
 _ARM = "torque"
 _ORACLE_STEPS = 41  # five periods: it is slow, and has found its plan by then
 STEPS = 73  # control steps: nine periods of eight, and the look after the last one
