@@ -185,6 +185,7 @@ def test_tables_get_titles_minutes_and_hours_from_first_cells():
 @pytest.mark.parametrize("page", series.PAGES, ids=lambda page: page.parent.name)
 def test_titles_minutes_and_hours_are_those_of_the_first_cells(page):
     text = page.read_text("utf-8")
+    assert series.HOURS.search(text)
     assert series.with_times(text, series.first_cells()) == text, "run `make format`"
 
 
