@@ -55,7 +55,7 @@ def main() -> None:
     """Build the page, or serve it."""
     parser = argparse.ArgumentParser(prog="python -m web")
     commands = parser.add_subparsers(dest="command", required=True)
-    building = commands.add_parser("build", help="make the page, a minute or two")
+    building = commands.add_parser("build", help="make the page, a minute")
     building.add_argument("--into", type=Path, default=PAGE, help="an empty folder")
     serving = commands.add_parser("serve", help="show a page that was built")
     serving.add_argument("--folder", type=Path, default=PAGE, help="where it lies")

@@ -121,7 +121,7 @@ def parts() -> dict[str, dict[str, bytes]]:
             for kind in ("mjs", "wasm")
         },
     }
-    print("the method of both arms becomes graphs: a minute or two", flush=True)
+    print("the method of both arms becomes graphs: a minute", flush=True)
     each_arm = joblib.Parallel(n_jobs=len(ARMS))(
         joblib.delayed(arm_files)(arm) for arm in ARMS
     )

@@ -148,7 +148,7 @@ def graphs(trained: ClothCheckpoint) -> dict[str, bytes]:
     some = aim | examples.plans(2)
     add(method.predict, some, "losses", "distances", free={"u": [0]})
     one = aim | {"u": examples.plan} | examples.limits
-    add(method.descend, one, "plan", "losses", gradients=True)
+    add(method.descend, one, "plan", "losses", grad=True)
 
     # Iterative learning: as many plans as there may be, or fewer
     learning = IterativeLearningSettings()
@@ -158,7 +158,7 @@ def graphs(trained: ClothCheckpoint) -> dict[str, bytes]:
     judged = examples.plans(learning.remembered + learning.recorded + 1)
     add(method.distance, around | judged, "losses")
     starts = around | examples.plans(learning.starts) | examples.limits
-    add(method.improve, starts, "plans", "losses", gradients=True)
+    add(method.improve, starts, "plans", "losses", grad=True)
     return _sharing(written)
 
 
@@ -169,7 +169,8 @@ def _of_images(trained: ClothCheckpoint) -> dict[str, bytes]:
     images = Images(trained.autoencoder)
     samples = torch.zeros(HEIGHT, WIDTH, len(SAMPLES))
     picture = {"green": samples, "blue": samples}
-    add(images.see, picture, "mask", "z", "reconstruction")
+    # Nothing is free, but of the autoencoder only the exporter can make a graph
+    add(images.see, picture, "mask", "z", "reconstruction", free={})
     image = torch.ones(HEIGHT, WIDTH)
     given = {"image": image, "images": image.repeat(2, 1, 1)}
     outputs = ("known", "z", "reconstruction", "distance", "overlap")
@@ -180,9 +181,11 @@ def _of_images(trained: ClothCheckpoint) -> dict[str, bytes]:
 def _adding(written: dict[str, bytes]) -> Callable[..., None]:
     """What adds the graph of a function to those that are written, by its name."""
 
-    def add(function: Any, inputs: Any, *outputs: str, **more: Any) -> None:
-        with torch.set_grad_enabled("gradients" in more):
-            written[function.__name__] = graph(function, inputs, outputs, **more)
+    def add(
+        function: Any, inputs: Any, *outputs: str, free: Any = None, grad: bool = False
+    ) -> None:
+        with torch.set_grad_enabled(grad):
+            written[function.__name__] = graph(function, inputs, outputs, free=free)
 
     return add
 

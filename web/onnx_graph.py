@@ -7,8 +7,10 @@ import logging
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
+import onnx_ir as ir
 import onnx_ir.passes.common as passes
 import torch
 from onnxscript import optimizer
@@ -26,7 +28,6 @@ def graph(
     outputs: Sequence[str],
     *,
     free: Mapping[str, Sequence[int]] | None = None,
-    gradients: bool = False,
 ) -> bytes:
     """A function as an ONNX graph, whose shapes are those of an example.
 
@@ -34,31 +35,72 @@ def graph(
         function: takes the inputs in this order, and returns a tensor or several.
         inputs: an example of each, by name.
         outputs: names of what is returned.
-        free: which dimensions of an input may have another length, `{"s": [0]}`.
-        gradients: whether the function takes gradients inside. Then its loops are
-            unrolled, and no dimension can be free.
+        free: which dimensions of an input may have another length, `{"s": [0]}`. Then
+            torch's exporter follows the function, which takes ten times as long and
+            knows no gradients; else loops are unrolled.
     """
-    # Follow the function once; then write down what it did. Of a tensor that came in
-    # twice, such as a first memory of zeros, it would take one for the other.
+    # Of a tensor that came in twice, such as a first memory of zeros, it would take one
+    # for the other.
     examples = tuple(each.detach().clone() for each in inputs.values())
     with _quietly():
-        exported = traced(function, examples) if gradients else function
-        program = torch.onnx.export(
-            _Graph(exported),
-            examples,
-            dynamo=True,
-            dynamic_shapes=(_shapes(inputs, free),) if free else None,
-            optimize=False,  # a third of the time; onnxruntime has its own
-            verbose=False,
-        )
-        assert program is not None
-        _simplify(program.model, {*inputs, *outputs})
-    _name(program.model.graph.inputs, inputs)
-    _name(program.model.graph.outputs, outputs)
+        if free is None:
+            model = _translated(function, examples)
+        else:
+            model = _exported(function, examples, _shapes(inputs, free))
+        _simplify(model, {*inputs, *outputs})
+    _name(model.graph.inputs, inputs)
+    _name(model.graph.outputs, outputs)
     if free:
-        _forget_shapes(program.model)
-    written: bytes = program.model_proto.SerializeToString()
+        _forget_shapes(model)
+    written: bytes = ir.to_proto(model).SerializeToString()
     return written
+
+
+def _translated(function: Callable[..., Any], examples: tuple[Tensor, ...]) -> Any:
+    """A function as a model, by the last step of torch's exporter alone.
+
+    The steps before it would trace the function three times, each time more slowly.
+    """
+    from torch.onnx._internal.exporter import _core, _ir_passes
+
+    registry, decompositions = _translations()
+    model = ir.Model(ir.Graph([], [], nodes=[], name="graph"), ir_version=10)
+    _core._translate_fx_graph(
+        traced(function, examples, decompositions),
+        model,
+        graph_like=model.graph,
+        owned_graphs={},
+        lower="at_conversion",
+        registry=registry,
+    )
+    _ir_passes.add_opset_imports(model)
+    return model
+
+
+@cache
+def _translations() -> tuple[Any, Any]:
+    """What the exporter can translate, and how it takes apart what it cannot."""
+    from torch.onnx._internal.exporter import _decomp, _registration
+
+    registry = _registration.ONNXRegistry.from_torchlib()
+    known = set(_decomp.get_onnx_implemented_overloads(registry))
+    return registry, _decomp.create_onnx_friendly_decomposition_table(known)
+
+
+def _exported(
+    function: Callable[..., Any], examples: tuple[Tensor, ...], shapes: Any
+) -> Any:
+    """A function as a model, by the whole of torch's exporter."""
+    program = torch.onnx.export(
+        _Graph(function),
+        examples,
+        dynamo=True,
+        dynamic_shapes=(shapes,),
+        optimize=False,  # a third of the time; onnxruntime has its own
+        verbose=False,
+    )
+    assert program is not None
+    return program.model
 
 
 class _Graph(nn.Module):
@@ -98,6 +140,8 @@ def _simplify(model: Any, names: set[str]) -> None:
 def _clear_names(model: Any, wanted: set[str]) -> None:
     """Rename what is called like an input or output, as a transposed weight is "t"."""
     graph = model.graph
+    for node in graph:
+        node.name = None  # a tenth of the size
     values = [*graph.inputs, *graph.initializers.values()]
     values += [value for node in graph for value in node.outputs]
     for value in values:
