@@ -8,6 +8,7 @@ from urllib.request import urlopen
 import pytest
 
 from web import ROOT
+from web.__main__ import main
 
 COMMAND = [sys.executable, "-m", "web", "serve", "--folder"]
 
@@ -58,3 +59,18 @@ def test_what_hinders_it_is_said_in_one_sentence(tmp_path, fault):
     assert ended.returncode == 1
     assert words in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_without_a_network_the_first_build_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("web.npm.NPM", tmp_path)
+    monkeypatch.setattr("pooch.retrieve", no_network)
+    monkeypatch.setattr("sys.argv", ["web", "build", "--into", str(tmp_path / "page")])
+    with pytest.raises(
+        SystemExit, match=r"cannot fetch https.*: go online and try again"
+    ):
+        main()
+
+
+def no_network(*_, **__):
+    raise OSError("Failed to resolve a name")

@@ -69,7 +69,10 @@ def main() -> None:
     if arguments.command == "build":
         from web.build import build  # takes seconds, which serving does not
 
-        build(arguments.into)
+        try:
+            build(arguments.into)
+        except (ConnectionError, PermissionError) as error:
+            raise SystemExit(str(error)) from error
         print(f"{arguments.into / 'index.html'}: open it in a browser")
     else:
         serve(arguments.folder, arguments.host, arguments.port)

@@ -66,7 +66,8 @@ def fetch(package: Package) -> None:
             archive = pooch.retrieve(package.address, package.checksum, path=folder)
         except OSError as error:
             raise ConnectionError(
-                f"cannot fetch {package.address} ({type(error).__name__}): go online"
+                f"cannot fetch {package.address} ({type(error).__name__}): go online "
+                "and try again; once this is here, nothing needs a network"
             ) from error
         with tarfile.open(archive) as members:
             for name in package.files:
