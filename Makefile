@@ -169,7 +169,7 @@ test-throw: build/throw/index.html chromium
 	$(BIN)/pytest -rs -m '' web/tests
 
 chromium: $(STAMP)
-	@$(SYSTEM) $(BROWSER) || $(BIN)/playwright install chromium
+	@$(SYSTEM) $(BROWSER) || $(BIN)/playwright install chromium || $(SYSTEM) $(BROWSER)
 
 findings: $(STAMP)
 	$(BIN)/python scripts/editions.py $(NOTEBOOKS)

@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import nbformat
@@ -107,6 +108,36 @@ def test_where_nothing_can_be_written_make_says_what_to_type(tmp_path):
     assert done.returncode == 2
     assert done.stdout.count("\n") == 1
     assert f"cp -R '{tmp_path}' ~/clothlab && make -C ~/clothlab lab" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="make installs on Linux alone")
+def test_the_last_word_on_a_missing_browser_is_what_to_type(tmp_path):
+    for name in ("Makefile", "scripts/system_packages.sh"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    for name, does in {
+        "id": "echo 1000",
+        "playwright": "echo no network >&2; exit 1",
+    }.items():
+        fake = tmp_path / ".venv" / "bin" / name
+        fake.write_text(f"#!/bin/sh\n{does}\n")
+        fake.chmod(0o755)
+    for name in ("sudo", "dpkg-query"):
+        (tmp_path / ".venv" / "bin" / name).symlink_to("/bin/false")
+    for name in ("environment.txt", "pyproject.toml", ".venv/installed"):
+        (tmp_path / name).touch()
+    path = f"{tmp_path / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["make", "chromium"],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+    )
+    *_, said, _ = done.stderr.splitlines()  # the last line is make's
+    assert done.returncode == 2
+    assert "sudo apt-get install chromium" in said
 
 
 @each_page
