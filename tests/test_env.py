@@ -1,5 +1,6 @@
 """The environment: that it repeats, what it draws, and what it refuses."""
 
+import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -217,6 +218,31 @@ def test_without_opengl_the_package_to_install_is_named(env, monkeypatch):
     monkeypatch.setattr("mujoco.Renderer", no_display)
     with pytest.raises(RuntimeError, match=r"apt-get install libegl1"):
         make_renderer(env.model, 96, 128)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="a display is there")
+def test_without_a_display_each_attempt_to_draw_says_what_to_do():
+    code = """
+from clothlab import ClothEnv
+for _ in range(2):
+    try:
+        ClothEnv().camera_picture()
+    except RuntimeError as error:
+        print(error)
+"""
+    environment = os.environ | {
+        "MUJOCO_GL": "glfw",
+        "DISPLAY": "",
+        "WAYLAND_DISPLAY": "",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert (
+        done.stdout.count("MUJOCO_GL=glfw is set, and does not draw here: unset") == 2
+    )
 
 
 def test_triton_is_loaded_before_the_first_picture(env, monkeypatch, tmp_path):

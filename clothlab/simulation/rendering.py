@@ -13,6 +13,9 @@ from clothlab._validation import HEIGHT, check_number
 from clothlab.simulation.arm import JOINTS, SHOULDER_POSITION, Arm
 from clothlab.simulation.cloth import Cloth
 
+# MuJoCo's word that no OpenGL is there; asked a second time, it ends Python
+_refusals: list[Exception] = []
+
 
 def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
     """Make a renderer for pictures of one size [pixel].
@@ -24,9 +27,13 @@ def make_renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rend
     model.vis.global_.offheight = check_number("height", height, int, at_least=1)
     model.vis.global_.offwidth = check_number("width", width, int, at_least=1)
     _load_triton_before_mesa()
+    if _refusals:
+        raise RuntimeError(_remedy()) from _refusals[0]
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each back end raises its own kind
+        if "platform library has not been loaded" in str(error):
+            _refusals.append(error)
         raise RuntimeError(_remedy()) from error
 
     # Shadows and reflections cost a third of the time and only disturb the colour
