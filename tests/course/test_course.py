@@ -203,3 +203,15 @@ def test_jupyterlab_looks_for_no_news_wherever_it_is_started_for_a_class():
     assert lab.LabApp.check_for_updates_class == "jupyterlab.NeverCheckForUpdate"
     for starts in ("Makefile", "Dockerfile", "docs/course/jupyterhub_config.py"):
         assert "jupyter_lab_config.py" in (ROOT / starts).read_text("utf-8"), starts
+
+
+def test_a_container_holds_nothing_that_somebody_made_in_the_clone():
+    """Students would else find a teacher's models in `mine/`, and take them up."""
+    left_out = {
+        name: {
+            line.removeprefix("**/").rstrip("/")
+            for line in (ROOT / name).read_text("utf-8").splitlines()
+        }
+        for name in (".gitignore", ".dockerignore")
+    }
+    assert left_out[".gitignore"] - left_out[".dockerignore"] == set()
