@@ -234,11 +234,6 @@ RIGHTS = [
     ),
     ("linear_drawing", "components[:n].T", "components.T[:, :n]"),
     ("closed_loop", "torch.stack(states, dim=1)", "torch.cat(states)[None]"),
-    (
-        "luck_of_best",
-        "(scores - truth)[rounds, best].mean()",
-        "np.take_along_axis(scores - truth, best[:, None], 1).mean()",
-    ),
     ("heavier_twin", "mass=factor * cloth.mass", "mass=cloth.mass * factor"),
     ("try_each", "return np.array(distances)", "return distances"),
     ("bare_step", "np.linalg.solve(J.T @ J, J.T @ e)", "np.linalg.lstsq(J, e)[0]"),

@@ -9,7 +9,6 @@ Each notebook's checks stand in the file of its name, after an underscore.
 """
 
 from clothlab.checks._a_map_can_be_stretched import cell_half_life, same_predictions
-from clothlab.checks._beat_the_controller import luck_of_best
 from clothlab.checks._cloth_simulation import falling_speed
 from clothlab.checks._data_and_images import linear_drawing, start_bright
 from clothlab.checks._how_long_a_step import (
