@@ -178,7 +178,6 @@ def test_stubs_are_refused_and_solutions_are_not(name, capsys):
 SLIPS = [
     ("start_bright", "fill_(logit)", "add_(logit)", "don't add it"),
     ("start_bright", "last.bias", "last.weight", "nothing has changed"),
-    ("linear_drawing", "return mean + z", "return z", "begins at the mean image"),
     ("update", "p[k]", "p", "k says which"),
     ("update", " / network.s_std", "", "divided by its standard deviation"),
     ("update", "optimizer.zero_grad()", "pass", "add up until"),
@@ -188,7 +187,6 @@ SLIPS = [
     ("closed_loop", "p, memory)", "p)", "pass the memory on"),
     ("infer", "[p]", "list(W.parameters())", "moves the weights of `W`"),
     ("heavier_twin", "mass=factor", "length=1.0, mass=factor", "cut alike"),
-    ("try_each", "for p in points", "for p in points[1:]", "of the shape (5,)"),
     (
         "my_mask",
         "settings.horizon + 1)",
@@ -196,6 +194,7 @@ SLIPS = [
         "one for each predicted step",
     ),
     ("my_mask", "range(t + 1, t +", "range(t, t - 1 +", "not of step t"),
+    ("step_down", "gammas[:, None, None]", "gammas[0]", "of the shape (4, 8, 2)"),
     ("moved_on", "torch.cat([plan[1:], plan[-1:]])", "plan[1:]", "as many as before"),
     ("moved_on", "plan[-1:]]", "0 * plan[-1:]]", "the gap is filled"),
     ("verdict", "np.sign(mean)", "np.abs(np.sign(mean))", "return -1"),
@@ -232,10 +231,8 @@ RIGHTS = [
         "last.bias.fill_(logit)",
         "nn.init.constant_(list(network.parameters())[-1], logit)",
     ),
-    ("linear_drawing", "components[:n].T", "components.T[:, :n]"),
     ("closed_loop", "torch.stack(states, dim=1)", "torch.cat(states)[None]"),
     ("heavier_twin", "mass=factor * cloth.mass", "mass=cloth.mass * factor"),
-    ("try_each", "return np.array(distances)", "return distances"),
     ("bare_step", "np.linalg.solve(J.T @ J, J.T @ e)", "np.linalg.lstsq(J, e)[0]"),
     ("update", "error.square().mean()", "(error**2).mean()"),
     ("update", "return loss.item()", "return loss"),
@@ -258,6 +255,7 @@ RIGHTS = [
     ),
     ("together", "return", "z(u + a + b) - z(u + a) - z(u + b) + z(u)"),
     ("moved_on", "return", "plan[[*range(1, len(plan)), -1]]"),
+    ("step_down", "return", "torch.stack([u - k * sigma * direction for k in gammas])"),
     (
         "one_outcome",
         "return",

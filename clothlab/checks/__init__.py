@@ -10,7 +10,7 @@ Each notebook's checks stand in the file of its name, after an underscore.
 
 from clothlab.checks._a_map_can_be_stretched import cell_half_life, same_predictions
 from clothlab.checks._cloth_simulation import falling_speed
-from clothlab.checks._data_and_images import linear_drawing, start_bright
+from clothlab.checks._data_and_images import start_bright
 from clothlab.checks._how_long_a_step import (
     curvature,
     explicit_step,
@@ -19,9 +19,9 @@ from clothlab.checks._how_long_a_step import (
 )
 from clothlab.checks._identifiability import share_held
 from clothlab.checks._iterative_learning_control import one_outcome
-from clothlab.checks._model_predictive_control import moved_on, my_mask
+from clothlab.checks._model_predictive_control import moved_on, my_mask, step_down
 from clothlab.checks._online_estimation import bare_step, online
-from clothlab.checks._parametric_bias import heavier_twin, try_each
+from clothlab.checks._parametric_bias import heavier_twin
 from clothlab.checks._predictive_model import closed_loop, update
 from clothlab.checks._results import verdict
 from clothlab.checks._start_here import infer

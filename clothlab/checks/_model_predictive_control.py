@@ -40,6 +40,41 @@ def my_mask(rng: np.random.Generator) -> Question:
     return Question((t, settings), period_mask(t, settings), slips, otherwise)
 
 
+@exercise("plans, one for each of the step lengths", 4, 8, 2)
+def step_down(rng: np.random.Generator) -> Question:
+    """Plans `[K, T, D_u]` [rad], each a step of another length downhill (eq. 7).
+
+    Given are a plan `[T, D_u]`, its slope `[T, D_u]` in units of sigma `[D_u]`, and the
+    lengths `[K]`.
+    """
+    u, slope = rng.normal(size=(2, 8, 2))
+    slope = slope * rng.uniform(2.0, 5.0)
+    sigma = rng.uniform(0.3, 0.8, 2)
+    gammas = rng.uniform(0.1, 1.0, 4)
+    long = gammas[:, None, None]
+    direction = slope / np.linalg.norm(slope)
+    slips = {
+        "this goes uphill": u + long * sigma * direction,
+        "only the direction counts: divide the slope by its length": (
+            u - long * sigma * slope
+        ),
+        "one length for the whole slope, not one for each command": (
+            u - long * sigma * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+        ),
+        "the step is γ long in units of sigma, and the plan is in rad": (
+            u - long * direction
+        ),
+        "a step of 1 in units of sigma is sigma rad: multiply by it": (
+            u - long * direction / sigma
+        ),
+    }
+    given = tuple(
+        torch.as_tensor(each, dtype=torch.float32) for each in (u, slope, sigma, gammas)
+    )
+    otherwise = "from u, go γ times sigma times the slope's direction, downhill"
+    return Question(given, u - long * sigma * direction, slips, otherwise)
+
+
 @exercise("a plan, one command a row and as many as before", 8, 2)
 def moved_on(rng: np.random.Generator) -> Question:
     """The plan with which the next step begins, `[T, D_u]`.

@@ -13,7 +13,6 @@ from clothlab.checks.ask import (
     as_numbers,
     ask,
     compare,
-    exercise,
 )
 from clothlab.simulation.cloth import Cloth
 
@@ -63,36 +62,3 @@ def _compare(found: dict, before: dict, factor: float) -> None:
         value = as_numbers("heavier_twin", found[name], f"a Cloth with a {name}", ())
         question = Question((), truth[name], otherwise=_GROWS.get(name, cut))
         compare(value, question, rtol=1e-5, atol=1e-6)
-
-
-@exercise("a distance for each of the five p", 5)
-def try_each(rng: np.random.Generator) -> Question:
-    """The mean distance `[5]` of predictions from a recording `[T, D_z]`, for each p.
-
-    Given are a prediction of z by p, a random recording and five p `[5, 2]`. Expected
-    is the mean over the steps of the length of the gap in z.
-    """
-    # A recording, and predictions of which each p makes another
-    z = rng.normal(size=(12, 3))
-    points = rng.normal(size=(5, 2))
-    swing = rng.normal(size=(2, 12, 3))
-
-    def predict_z(p: np.ndarray) -> np.ndarray:
-        return np.tensordot(p, swing, axes=1)
-
-    # The mean length, and what usual slips give
-    gaps = np.array([predict_z(p) - z for p in points])
-    lengths = np.linalg.norm(gaps, axis=2)
-    squares = (lengths**2).mean(axis=1)
-    slips = {
-        "the sum over the steps: take the mean": lengths.sum(axis=1),
-        "a mean of squares: take the root at each step": squares,
-        "the root of a mean of squares: take the mean of the lengths": np.sqrt(squares),
-        "this is one norm of the whole gap: take the length at each step, then the "
-        "mean": np.linalg.norm(gaps.reshape(5, -1), axis=1),
-        "this is the mean of each number's gap: a distance is a length in z": np.abs(
-            gaps
-        ).mean(axis=(1, 2)),
-    }
-    otherwise = "the distance at a step is the length of predict_z(p) - z there"
-    return Question((predict_z, z, points), lengths.mean(axis=1), slips, otherwise)
