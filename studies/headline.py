@@ -210,19 +210,6 @@ TABLES = (
 )
 
 
-def table_line(*evidences: Evidence) -> str:
-    """What setting a table is worth, in one line."""
-    runs = evidences[-1].of_no_amount("table_setting")
-    done = (runs["spread"] & runs["placed"]).groupby(runs["method"])
-    throws, slow = done.sum()["dynamic"], done.sum()["slow"]
-    episodes = done.size()["dynamic"]
-    return (
-        f"One task more, a cloth on a table: a learned throw does it in {throws} of "
-        f"{episodes} runs, and so does laying the cloth down slowly, in {slow} of "
-        f"{episodes}."
-    )
-
-
 def sentences(*, data: Folder = None) -> list[str]:
     """What p and the network are for, in three sentences."""
     bought = what_p_buys.effects(studies.load("what_p_buys", data=data))

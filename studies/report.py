@@ -7,6 +7,7 @@ report.publish(folder)  # the seven rows of the README
 """
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 from clothlab.data import Folder
@@ -92,20 +93,24 @@ def _number_and_verdict(judged: Judged | None) -> str:
 def publish(folder: Path, *, data: Folder = None) -> None:
     """Write the seven rows and what follows from them into the `README.md` of a folder.
 
-    They go between the marks of the page; a ValueError where there are none.
+    They go between the marks of the page; a ValueError where there are none. The page
+    has the paper's amount of recordings alone, notebook 15 both.
     """
-    _pages.put_between(folder / "README.md", results(data=data), _BEGIN, _END)
+    text = results((claims.PAPER,), data=data)
+    _pages.put_between(folder / "README.md", text, _BEGIN, _END)
 
 
-def results(*, data: Folder = None) -> str:
-    """The seven rows as Markdown, and three sentences below them."""
-    evidences = [Evidence(amount, data) for amount in claims.AMOUNTS]
+def results(amounts: Sequence[str] = claims.AMOUNTS, *, data: Folder = None) -> str:
+    """The seven rows as Markdown, and three sentences below them.
+
+    There is a column for each of these amounts of recordings.
+    """
+    evidences = [Evidence(amount, data) for amount in amounts]
     head = ("", *map(headline.amount, evidences))
     lines = [head]
     for question, answer in headline.QUESTIONS.items():
         lines.append((question, *(headline.said(answer, each) for each in evidences)))
-    below = [headline.table_line(*evidences), _PURPOSE]
-    below += headline.sentences(data=data)
+    below = [_PURPOSE, *headline.sentences(data=data)]
     wrapped = [textwrap.fill(each, _PAGE_WIDTH) for each in below]
     return "\n\n".join([_pages.table(lines), *wrapped])
 
