@@ -16,6 +16,7 @@ PAGE = Path(clothlab.__file__).parents[1] / "docs" / "your_own_robot.md"
 MASSES = {"light": 0.5, "middle": 0.8, "heavy": 1.3}  # [kg]
 SMALLER = {r"epochs=\d+": "epochs=1", r"HORIZON = 12": "HORIZON = 2"}
 LATE = 7  # a step of the loop that takes too long
+STRAY = 90  # a step of the loop with a state that was never recorded
 
 
 class Pendulum:
@@ -30,7 +31,7 @@ class Pendulum:
 
     def read(self):
         self.reads += 1
-        return self.s
+        return 100 * self.s if self.reads == STRAY else self.s
 
     def send(self, u):
         self.sent.append(u)
@@ -83,3 +84,4 @@ def test_every_block_runs_after_the_ones_before_it(tmp_path, monkeypatch):
     assert names["model"].step == 0.05
     assert len(names["robot"].sent) == 100
     assert names["late"] in (True, False)
+    assert names["estimator"].window is None, "what comes before a gap is forgotten"
