@@ -168,6 +168,8 @@ test-site: chromium build/small
 test-throw: build/throw/index.html chromium
 	$(BIN)/pytest -rs -m '' web/tests
 
+# The system's package, else Playwright's own. Where neither can be had, the first is asked again, so that the last words are
+# those that say what to type.
 chromium: $(STAMP)
 	@$(SYSTEM) $(BROWSER) || $(BIN)/playwright install chromium || $(SYSTEM) $(BROWSER)
 

@@ -14,8 +14,7 @@ import inspect
 import json
 import linecache
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -39,10 +38,7 @@ def folder() -> Path | None:
 
 def keep_checkpoint(checkpoint: ClothCheckpoint) -> None:
     """Keep your model, with p of each cloth and the autoencoder that it goes with."""
-    path = _place("checkpoint.safetensors")
-    if path is not None:
-        with _going_on():
-            checkpoint.save(path)
+    _keep("checkpoint.safetensors", checkpoint.save)
 
 
 def checkpoint() -> ClothCheckpoint:
@@ -53,10 +49,10 @@ def checkpoint() -> ClothCheckpoint:
 
 def keep_autoencoder(autoencoder: Autoencoder) -> None:
     """Keep your autoencoder."""
-    path = _place("autoencoder.safetensors")
-    if path is not None:
-        with _going_on():
-            weights.save_autoencoder(autoencoder, [], path)
+    _keep(
+        "autoencoder.safetensors",
+        lambda path: weights.save_autoencoder(autoencoder, [], path),
+    )
 
 
 def autoencoder() -> Autoencoder:
@@ -76,11 +72,9 @@ def keep_functions(name: str, *made: Callable, imports: str) -> None:
         made: in the order in which they are defined.
         imports: the lines of import that they need.
     """
-    path = _place(f"{name}.py")
-    if path is not None:
-        parts = [imports.strip(), *(_source(each).strip() for each in made)]
-        with _going_on():
-            write_bytes(path, ("\n\n\n".join(parts) + "\n").encode())
+    parts = [imports.strip(), *(_source(each).strip() for each in made)]
+    content = "\n\n\n".join(parts) + "\n"
+    _keep(f"{name}.py", lambda path: write_bytes(path, content.encode()))
 
 
 def functions(name: str) -> SimpleNamespace | None:
@@ -95,12 +89,9 @@ def functions(name: str) -> SimpleNamespace | None:
 
 def note(what: str, **numbers: float) -> None:
     """Add a line to your log, or change the one that is there."""
-    path = _place("log.json")
-    if path is not None:
-        plain = {name: float(number) for name, number in numbers.items()}
-        content = json.dumps(log() | {what: plain}, indent=1).encode()
-        with _going_on():
-            write_bytes(path, content)
+    plain = {name: float(number) for name, number in numbers.items()}
+    content = json.dumps(log() | {what: plain}, indent=1)
+    _keep("log.json", lambda path: write_bytes(path, content.encode()))
 
 
 def log() -> dict[str, dict[str, float]]:
@@ -125,11 +116,13 @@ def _source(made: Callable) -> str:
     raise ValueError(f"the code of {made.__name__} is not there: run its cell again")
 
 
-@contextmanager
-def _going_on() -> Iterator[None]:
-    """Print a line where a file cannot be written, instead of an error."""
+def _keep(name: str, write: Callable[[Path], object]) -> None:
+    """Write a file, or print a line where none can be written."""
+    path = _place(name)
+    if path is None:
+        return
     try:
-        yield
+        write(path)
     except OSError as error:
         print(
             f"not kept, {error.strerror}: {error.filename}. Set CLOTHLAB_MINE to a "

@@ -43,7 +43,7 @@ def labelled(mask: np.ndarray, text: str) -> np.ndarray:
     return cv2.putText(picture, text, (8, 20), FONT, 0.5, GREY, 1, cv2.LINE_AA)
 
 
-def best_of_periods(overlap: np.ndarray) -> list[int]:
+def best_of_periods(overlap: np.ndarray) -> np.ndarray:
     """The frame of each period with the largest overlap with the target.
 
     That is what the controller aims at, which learns from each throw. Of each control
@@ -52,7 +52,7 @@ def best_of_periods(overlap: np.ndarray) -> list[int]:
     last = np.arange(PICTURES_PER_STEP - 1, len(overlap), PICTURES_PER_STEP)
     periods = last.reshape(-1, 8)
     best = overlap[periods].argmax(axis=1)
-    return [int(steps[k]) for steps, k in zip(periods, best, strict=True)]
+    return periods[np.arange(len(periods)), best]
 
 
 def gallery() -> None:
