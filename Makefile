@@ -48,8 +48,10 @@ $(STAMP): environment.txt pyproject.toml
 		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(SYSTEM) $(notdir $(PYTHON))-venv
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet uv
-	$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement environment.txt
+	@echo "Installing what environment.txt names"
+	@$(BIN)/pip install --quiet uv && \
+		$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement environment.txt || \
+		{ echo "The packages could not be installed, which needs the internet this once: connect this machine, and type again: make $(MAKECMDGOALS)"; exit 1; }
 	@touch $@
 
 ##@ To learn and to look

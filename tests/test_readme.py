@@ -111,6 +111,27 @@ def test_where_nothing_can_be_written_make_says_what_to_type(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="make installs on Linux alone")
+@pytest.mark.parametrize("offline", ["pip", "uv"])
+def test_the_last_word_on_a_missing_network_is_what_to_type(tmp_path, offline):
+    for name in ("Makefile", "environment.txt", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    for name in ("pip", "uv"):
+        does = "false" if name == offline else "true"
+        (tmp_path / ".venv" / "bin" / name).symlink_to(f"/bin/{does}")
+    done = subprocess.run(
+        ["make", "lab", "PYTHON=true"],  # makes no environment over this one
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stdout.splitlines()[-1].endswith("and type again: make lab")
+    assert not (tmp_path / ".venv" / "installed").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="make installs on Linux alone")
 def test_the_last_word_on_a_missing_browser_is_what_to_type(tmp_path):
     for name in ("Makefile", "scripts/system_packages.sh"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
