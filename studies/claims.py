@@ -39,6 +39,8 @@ TWENTY = ""
 AMOUNTS = (PAPER, TWENTY)
 AMOUNTS_IN_WORDS = {PAPER: "the paper's recordings", TWENTY: "twenty times as many"}
 VERDICTS = ("holds", "equal", "contradicted", "inconclusive")
+# So many worlds go before trainings: the interval of fewer would say next to nothing
+ENOUGH = 5
 
 
 class NotMeasured(KeyError):
@@ -125,7 +127,7 @@ class Evidence:
     """Stored tables of one amount of recordings, each row with its `unit`.
 
     Worlds, in which all is made anew, go before trainings that share recordings and an
-    autoencoder. On world 0, the one in `data/`, measures and margins were chosen, so
+    autoencoder, once there are `ENOUGH`. On world 0, the one in `data/`, measures and margins were chosen, so
     that no other world's verdict counts it.
 
     Args:
@@ -155,7 +157,7 @@ class Evidence:
     def _find(self, name: str) -> pd.DataFrame:
         """Of worlds, or of trainings, with the number of each unit."""
         worlds = self._stored(f"worlds-{name}{self.amount}")
-        if worlds is not None:
+        if worlds is not None and worlds["world"].nunique() >= ENOUGH:
             return worlds.assign(unit=worlds["world"])
         return self._of_trainings(name)
 

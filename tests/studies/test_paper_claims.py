@@ -120,9 +120,10 @@ def test_an_arm_without_worlds_has_its_trainings(tmp_path):
         ]
     )
     save(both, "trained_p", data=tmp_path)
-    save(both[:1].assign(world=4), "worlds-trained_p", data=tmp_path)
+    worlds = [both[:1].assign(world=k) for k in range(4, 9)]
+    save(pd.concat(worlds), "worlds-trained_p", data=tmp_path)
     evidence = Evidence(TWENTY, tmp_path)
-    assert list(claims.biases_of(evidence, "torque")) == [4]
+    assert list(claims.biases_of(evidence, "torque")) == [4, 5, 6, 7, 8]
     assert evidence.of == "world"
     assert list(claims.biases_of(evidence, "muscle")) == [0]
     assert evidence.of == "training"
@@ -134,15 +135,16 @@ def correlations(*values):
     return pd.DataFrame(rows)
 
 
-def test_worlds_go_before_trainings_of_one_world(tmp_path):
+def test_five_worlds_go_before_trainings_of_one_world(tmp_path):
     table = correlations(0.8, 0.7, 0.9).assign(model=range(3))
     save(table, "chamfer-paper", data=tmp_path)
     judged = claims.judge("chamfer_target_2", data=tmp_path)
     assert judged.repeated == "3 trainings"
-    worlds = correlations(0.8, 0.7, 0.9, 0.6).assign(world=range(4), model=0)
-    save(worlds, "worlds-chamfer-paper", data=tmp_path)
-    judged = claims.judge("chamfer_target_2", data=tmp_path)
-    assert judged.repeated == "4 worlds"
+    worlds = correlations(0.8, 0.7, 0.9, 0.6, 0.8).assign(world=range(5), model=0)
+    for count, repeated in ((4, "3 trainings"), (5, "5 worlds")):
+        save(worlds[:count], "worlds-chamfer-paper", data=tmp_path)
+        judged = claims.judge("chamfer_target_2", data=tmp_path)
+        assert judged.repeated == repeated
     with pytest.raises(NotMeasured, match="run `make results`"):
         claims.judge("chamfer_target_2", TWENTY, data=tmp_path)
 

@@ -106,10 +106,12 @@ def test_rivals_of_worlds_go_before_those_of_one_set_of_recordings(tmp_path):
     assert set(headline.rivals(Evidence(TWENTY))) > {"replay", "paper's controller"}
     with pytest.raises(NotMeasured):
         headline.rivals(Evidence(PAPER, tmp_path))
-    worlds = [late_runs({"replay": 0.5}).assign(world=k) for k in range(3)]
-    save(pd.concat(worlds), "worlds-control_rivals", data=tmp_path)
-    found = headline.rivals(Evidence(TWENTY, tmp_path))
-    assert list(found["replay"]) == [0.25] * 3
+    save(late_runs({"replay": 0.4}), "control_rivals", data=tmp_path)
+    worlds = [late_runs({"replay": 0.5}).assign(world=k) for k in range(5)]
+    for count, expected in ((4, [0.2]), (5, [0.25] * 5)):
+        save(pd.concat(worlds[:count]), "worlds-control_rivals", data=tmp_path)
+        found = headline.rivals(Evidence(TWENTY, tmp_path))
+        assert list(found["replay"]) == expected
 
 
 def test_the_head_says_how_many_repetitions_there_are(tmp_path):
@@ -118,9 +120,10 @@ def test_the_head_says_how_many_repetitions_there_are(tmp_path):
     assert headline.amount(Evidence(TWENTY, tmp_path)) == (
         "twenty times as many: 2 trainings, on one set"
     )
-    save(table.assign(world=[1, 4]), "worlds-estimation", data=tmp_path)
+    worlds = pd.DataFrame({"world": range(1, 6), "cloth": "a"})
+    save(worlds, "worlds-estimation", data=tmp_path)
     assert headline.amount(Evidence(TWENTY, tmp_path)) == (
-        "twenty times as many: 2 worlds, each made from nothing"
+        "twenty times as many: 5 worlds, each made from nothing"
     )
 
 
@@ -130,6 +133,6 @@ def test_where_foams_have_other_repetitions_their_row_says_so(tmp_path):
     save(estimates, "estimation", data=tmp_path)
     faster = headline.QUESTIONS["Does a variable stiffness make the hand 12 % faster?"]
     assert "(5 trainings)" not in faster(Evidence(TWENTY, tmp_path))
-    worlds = estimates.query("model == 0").assign(world=1)
+    worlds = estimates.assign(world=estimates["model"], model=0)
     save(worlds, "worlds-estimation", data=tmp_path)
     assert faster(Evidence(TWENTY, tmp_path)).endswith("(5 trainings)")
