@@ -127,8 +127,8 @@ class Evidence:
     """Stored tables of one amount of recordings, each row with its `unit`.
 
     Worlds, in which all is made anew, go before trainings that share recordings and an
-    autoencoder, once there are `ENOUGH`. On world 0, the one in `data/`, measures and margins were chosen, so
-    that no other world's verdict counts it.
+    autoencoder, once there are `ENOUGH`. On world 0, the one in `data/`, measures and
+    margins were chosen, so that no other world's verdict counts it.
 
     Args:
         amount: one of `AMOUNTS`.
