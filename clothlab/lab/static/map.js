@@ -95,11 +95,11 @@ function pbMap(choose) {
     const x = (event.clientX - box.left) * scale - side / 2, y = side / 2 - (event.clientY - box.top) * scale;
     choose([(x / half()) * shown.reach, (y / half()) * shown.reach]);
   });
+  canvas.dataset.lmSuppressShortcuts = "true"; // a notebook has its own use for arrows
   canvas.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!move) return;
     event.preventDefault();
-    event.stopPropagation(); // the notebook would move to another cell
     const at = shown.at.map((x, k) => x + (move[k] * shown.reach) / 20);
     draw({ at }); // so that the next press starts from here
     choose(at);

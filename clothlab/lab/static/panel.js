@@ -38,7 +38,7 @@ function makeSlider(name, [low, high, step], change, event = "change") {
   const write = () => (output.textContent = (+input.value).toFixed(digits));
   input.addEventListener("input", write);
   input.addEventListener(event, () => change(Math.min(high, Math.max(low, +input.value))));
-  input.addEventListener("keydown", (pressed) => pressed.stopPropagation()); // the notebook has its own use for arrows
+  input.dataset.lmSuppressShortcuts = "true"; // a notebook has its own use for arrows
   const put = (value) => {
     input.value = value;
     output.textContent = value.toFixed(digits); // what is so, not the nearest step of the slider

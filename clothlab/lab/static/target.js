@@ -54,11 +54,11 @@ function targetCanvas(size, tool, drawn) {
   canvas.addEventListener("pointermove", (event) => last && stroke(at(event)));
   canvas.addEventListener("pointerup", finish);
   canvas.addEventListener("pointercancel", finish);
+  canvas.dataset.lmSuppressShortcuts = "true"; // a notebook has its own use for arrows
   canvas.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: [-2, 0], ArrowRight: [2, 0], ArrowUp: [0, -2], ArrowDown: [0, 2], " ": [0, 0] }[event.key];
     if (!move) return;
     event.preventDefault();
-    event.stopPropagation(); // the notebook would move to another cell
     cursor = [Math.min(width, Math.max(0, cursor[0] + move[0])), Math.min(height, Math.max(0, cursor[1] + move[1]))];
     show();
     if (event.key !== " ") return;
