@@ -33,10 +33,10 @@ from studies._runs import HEAVY, LIGHT, RECORDINGS, new_trial, trained
 PERIOD = ControlSettings.period
 STEPS = 97  # twelve periods, and the look at the end of the last
 
-# How far and how long the search looks; sampling calls the model as often as "last"
+# How far and how long the search looks, where it is not as in the paper; sampling calls
+# the model as often as the paper's
 SAMPLING = "sampling"
 SEARCHES = {
-    "last": ControlSettings(),
     SAMPLING: ControlSettings(),
     "horizon 16": ControlSettings(horizon=16),
     "12 iterations": ControlSettings(iterations=12),
