@@ -106,14 +106,19 @@ def moving_picture() -> None:
     # GIF counts in hundredths of a second
     milliseconds = round(200 / PICTURES_PER_STEP / 10) * 10
     durations = [milliseconds] * len(frames)
-    for k in best_of_periods(np.array(overlap)):
+    halts = best_of_periods(np.array(overlap))
+    for k in halts:
         durations[k] = HALT
+
+    # It goes round, and begins at a halt, for those who see it stand still
+    first = max(halts, key=lambda k: overlap[k])
+    frames = frames[first:] + frames[:first]
     path = ROOT / "docs" / "control.gif"
     frames[0].save(
         path,
         save_all=True,
         append_images=frames[1:],
-        duration=durations,
+        duration=durations[first:] + durations[:first],
         loop=0,
         optimize=True,
     )
