@@ -33,13 +33,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # The OpenGL back end that the user chose; empty without a choice
 opengl_named = os.environ.get("MUJOCO_GL", "").lower().strip()
-# What MuJoCo has on this system; importing it fails with a word that it does not know
-opengl_there = {"win32": ["glfw", "wgl"], "darwin": ["cgl", "glfw"]}.get(
-    sys.platform, ["egl", "glfw", "glx", "osmesa"]
-)
-_ON = ("1", "enable", "enabled", "on", "true")
-_OFF = ("0", "disable", "disabled", "false", "off")
-opengl_unknown = opengl_named not in ("", *opengl_there, *_ON, *_OFF)
 
 
 def _choose_opengl() -> None:
@@ -50,13 +43,13 @@ def _choose_opengl() -> None:
     in a library of their own: where that is missing, importing MuJoCo with EGL chosen
     fails. With no library present, importing MuJoCo works, and the error comes where
     something is drawn, with what to do. So it is where a user chose one that is not
-    installed, or that nobody knows.
+    installed.
     """
     # Each back end needs its own library, and any one of those beside it.
     needed = {"EGL": ("OpenGL", "GL"), "OSMesa": ("OSMesa",)}
     if opengl_named:
         needed = {k: each for k, each in needed.items() if k.lower() == opengl_named}
-    if not opengl_unknown and (not sys.platform.startswith("linux") or not needed):
+    if not sys.platform.startswith("linux") or not needed:
         return
 
     chosen = "disable"

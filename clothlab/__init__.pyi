@@ -58,5 +58,3 @@ from .weights import Checkpoint as Checkpoint
 
 __version__: str
 opengl_named: str
-opengl_there: list[str]
-opengl_unknown: bool

@@ -58,7 +58,7 @@ def test_a_choice_of_opengl_is_respected():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("chosen", ["osmesa", "glfw", "disable", "nonsense"])
+@pytest.mark.parametrize("chosen", ["osmesa", "glfw", "disable"])
 def test_what_draws_nothing_needs_no_opengl(chosen):
     code = """import ctypes.util
     ctypes.util.find_library = lambda name: None
@@ -72,9 +72,9 @@ def test_what_draws_nothing_needs_no_opengl(chosen):
         print(error)
     """
     lacking = {"MUJOCO_GL": chosen, "DISPLAY": "", "PYTHONWARNINGS": "ignore"}
+    remedy = "is set, and does not draw here: unset it and restart Python"
     found = run(textwrap.dedent(f"    {code}"), **lacking)
-    assert found.startswith(f"MUJOCO_GL={chosen} is "), found
-    assert ": unset it and restart Python" in found
+    assert found.startswith(f"MUJOCO_GL={chosen} {remedy}"), found
 
 
 @pytest.mark.parametrize(

@@ -58,18 +58,6 @@ def test_a_back_end_that_is_not_installed_is_named_and_the_rest_is_checked(folde
     ]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems have other names")
-def test_a_back_end_that_nobody_knows_is_told_with_those_there_are(folder):
-    done = doctor(MUJOCO_GL="nonsense")
-    assert (done.returncode, done.stderr) == (1, b"")
-    (advice,) = [line for line in done.stdout.splitlines() if line.startswith(b"  - ")]
-    assert advice == (
-        b"  - MUJOCO_GL=nonsense is none of egl, glfw, glx, osmesa: unset it and "
-        b"restart Python, and clothlab chooses what draws"
-    )
-
-
 @pytest.mark.parametrize("git", [True, False])
 def test_what_is_missing_has_a_remedy_that_works_there(folder, git, monkeypatch):
     if git:

@@ -60,12 +60,9 @@ def _remedy() -> str:
     """What brings OpenGL to this machine."""
     named = clothlab.opengl_named
     if named:
-        fault = "is set, and does not draw here"
-        if clothlab.opengl_unknown:
-            fault = f"is none of {', '.join(clothlab.opengl_there)}"
         return (
-            f"MUJOCO_GL={named} {fault}: unset it and restart Python, and clothlab "
-            "chooses what draws"
+            f"MUJOCO_GL={named} is set, and does not draw here: unset it and restart "
+            "Python, and clothlab chooses what draws"
         )
     if not sys.platform.startswith("linux"):
         return "no OpenGL for drawing: start Python where there is a display"
