@@ -91,6 +91,7 @@ def new_axes(
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(alpha=0.25)
+        ax.set_prop_cycle(color=COLOURS)
     return figure, axes
 
 

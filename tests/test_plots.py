@@ -196,3 +196,9 @@ def test_a_drawing_is_described_and_a_wrong_name_lists_all():
     assert metadata["alt"].startswith("The network over four steps")
     with pytest.raises(KeyError, match="muscle_arm"):
         plots.drawing("elephant")
+
+
+def test_lines_have_colours_that_differ_to_all_eyes():
+    _, ((ax,),) = plots.new_axes()
+    drawn = [ax.plot([k])[0].get_color() for k in range(len(plots.COLOURS))]
+    assert drawn == list(plots.COLOURS)
