@@ -37,7 +37,7 @@ const dots = [], handlers = {}, chosen = [];
 const known = { arc: (x, y) => dots.push([x, y]) };
 const ctx = new Proxy({}, { get: (_, name) => known[name] ?? (() => null), set: () => true });
 const canvas = {
-  style: { setProperty() {} }, clientWidth: 300, setAttribute() {}, getContext: () => ctx,
+  style: { setProperty() {} }, dataset: {}, clientWidth: 300, setAttribute() {}, getContext: () => ctx,
   addEventListener: (name, act) => (handlers[name] = act),
   getBoundingClientRect: () => ({ left: 10, top: 20, width: 300 }),
 };
