@@ -22,17 +22,19 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help lab throw doctor editions grade docs paper results check test test-browser format lock clean
-.PHONY: tested notebooks site slides test-lab test-site test-throw chromium findings picture data train checksums worlds reproduce
+.PHONY: opengl tested notebooks site slides test-lab test-site test-throw chromium findings picture data train checksums worlds reproduce
 
 help:
 	@awk '/^##@ / { printf "\n%s\n", substr($$0, 5) } \
 		/^[a-z-]+:.*## / { split($$0, part, /:.*## /); printf "  make %-13s %s\n", part[1], part[2] }' $(MAKEFILE_LIST)
 	@printf '\nCONTRIBUTING.md names the others.\n'
 
-# What a bare Debian or Ubuntu lacks of what is needed: OpenGL without a display; a browser, and what leads it.
+# What a bare Debian or Ubuntu lacks of what is needed: OpenGL without a display; a library of Playwright's Node.js, which runs
+# sources of the page and leads a browser; the browser.
 SYSTEM := sh scripts/system_packages.sh
 OPENGL := libegl1 libopengl0 libgl1-mesa-dri
-BROWSER := chromium libatomic1
+NODE := libatomic1
+BROWSER := chromium $(NODE)
 
 # PyTorch without CUDA is several gigabytes smaller; UV_TORCH_BACKEND=auto takes the one for this machine's GPU. Where pip
 # has a folder of packages of its own, uv looks there, too.
@@ -42,7 +44,7 @@ else
 export UV_TORCH_BACKEND ?= cpu
 endif
 
-$(STAMP): environment.txt pyproject.toml
+$(STAMP): environment.txt pyproject.toml | opengl
 	@test -w . || { echo "This folder is not yours to write into. Type: cp -R '$(CURDIR)' ~/clothlab && make -C ~/clothlab $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "clothlab needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
@@ -53,6 +55,10 @@ $(STAMP): environment.txt pyproject.toml
 		$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement environment.txt || \
 		{ echo "The packages could not be installed, which needs the internet this once: connect this machine, and type again: make $(MAKECMDGOALS)"; exit 1; }
 	@touch $@
+
+# Nearly all of it draws.
+opengl:
+	@$(SYSTEM) $(OPENGL) || true
 
 ##@ To learn and to look
 
@@ -68,7 +74,6 @@ build/throw/index.html: $(wildcard web/*.py web/*.toml web/page/* clothlab/*.py 
 	$(BIN)/python -m web build
 
 doctor: $(STAMP)  ## check this machine: versions, drawing, data
-	@$(SYSTEM) $(OPENGL) || true
 	@$(BIN)/python -m clothlab doctor
 
 ##@ To teach
@@ -136,6 +141,7 @@ check: $(STAMP)  ## linter, types and quick tests
 
 # The linters, then types beside tests, whose options stand behind it.
 define CHECKED
+@$(SYSTEM) $(NODE) || true
 $(BIN)/ruff check .
 $(BIN)/ruff format --check .
 $(BIN)/lint-imports --no-logo

@@ -134,6 +134,27 @@ def test_the_last_word_on_a_missing_network_is_what_to_type(tmp_path, offline):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="make installs on Linux alone")
+@pytest.mark.parametrize(
+    ("target", "package"),
+    [
+        *((target, "libegl1") for target in ("lab", "throw", "paper", "check")),
+        *((target, "libatomic1") for target in ("check", "tested", "test-site")),
+    ],
+)
+def test_what_a_bare_system_lacks_is_installed_by_whatever_needs_it(target, package):
+    done = subprocess.run(
+        ["make", "--dry-run", target],
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    installs = [line.split() for line in done.stdout.splitlines() if "packages" in line]
+    assert any(package in each for each in installs)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="make installs on Linux alone")
 def test_the_last_word_on_a_missing_browser_is_what_to_type(tmp_path):
     for name in ("Makefile", "scripts/system_packages.sh"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
