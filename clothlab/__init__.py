@@ -31,8 +31,11 @@ __version__ = "0.5.0"
 # asked for, so that the method runs without the simulation.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-# The OpenGL back end that the user chose; empty without a choice
+# The OpenGL back end that the user chose; empty without a choice, also where a process
+# above this one has made clothlab's
 opengl_named = os.environ.get("MUJOCO_GL", "").lower().strip()
+if opengl_named == os.environ.get("CLOTHLAB_OPENGL"):
+    opengl_named = ""
 
 
 def _choose_opengl() -> None:
@@ -61,7 +64,7 @@ def _choose_opengl() -> None:
             break
     if chosen == opengl_named:
         return
-    os.environ["MUJOCO_GL"] = chosen
+    os.environ["MUJOCO_GL"] = os.environ["CLOTHLAB_OPENGL"] = chosen
 
     # `import mujoco` may have come first; import sorters put it there.
     already_chosen = sys.modules.get("mujoco.rendering.classic.gl_context")

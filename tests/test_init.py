@@ -21,7 +21,7 @@ def run(code: str, **environment: str) -> str:
     inherited = {
         name: value
         for name, value in os.environ.items()
-        if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")
+        if name not in ("MUJOCO_GL", "CLOTHLAB_OPENGL", "PYOPENGL_PLATFORM")
     }
     process = [sys.executable, "-c", code]
     return subprocess.run(
@@ -105,6 +105,12 @@ def test_opengl_is_chosen_by_what_is_installed(found, chosen):
     assert (
         run(f"{code}; import clothlab; print(os.environ['MUJOCO_GL'])") == f"{chosen}\n"
     )
+
+
+def test_a_choice_of_the_package_is_no_user_s_in_a_process_below():
+    code = "import clothlab, subprocess, sys; subprocess.run([sys.executable, '-c', 'import clothlab; print([clothlab.opengl_named])'])"
+    assert run(code) == "['']\n"
+    assert run(code, MUJOCO_GL="disable") == "['disable']\n"
 
 
 def test_every_name_of_the_table_of_contents_is_there():
