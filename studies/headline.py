@@ -153,6 +153,10 @@ def _faster(evidence: Evidence) -> str:
     return f"{word}{_with_interval(gain, ' %', 100)} with our motors{foams}"
 
 
+# The runs of `iterative_control` that are like those of `control_rivals`
+_SAME = "recordings == 'all' and p == 'right' and repeat == 0 and arm == 'torque'"
+
+
 def rivals(evidence: Evidence) -> pd.DataFrame:
     """Late distance over the hanging cloth's, of each controller on the torque arm.
 
@@ -164,11 +168,26 @@ def rivals(evidence: Evidence) -> pd.DataFrame:
     except NotMeasured:
         if evidence.amount != TWENTY:
             raise
-        runs = evidence["iterative_control"].query(
-            "recordings == 'all' and p == 'right' and repeat == 0 and arm == 'torque'"
-        )
-    late = runs["best"].map(late_median) / runs["still"]
-    return runs.assign(late=late).pivot_table("late", "unit", "controller")
+        runs = evidence["iterative_control"].query(_SAME)
+    return _late(runs).pivot_table("late", "unit", "controller")
+
+
+def _late(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs with the median distance of their last ten periods over the hanging one."""
+    return runs.assign(late=runs["best"].map(late_median) / runs["still"])
+
+
+def rivals_in_new_worlds(*, data: Folder = None) -> pd.DataFrame:
+    """Means of `late` with twenty times as many recordings, also of their own.
+
+    A row for each controller, columns by target and world. World 0 has five trainings
+    on the recordings on which all choices were made; the others are made from nothing,
+    each once.
+    """
+    anew = _late(studies.load("worlds-control_rivals", data=data))
+    first = studies.load("iterative_control", data=data).query(_SAME)
+    both = pd.concat([_late(first).assign(world=0), anew])
+    return both.pivot_table("late", "controller", ["target", "world"])
 
 
 def _replay(evidence: Evidence) -> str:
