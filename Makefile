@@ -63,7 +63,7 @@ opengl:
 ##@ To learn and to look
 
 # JupyterLab starts in the repository's root: a notebook's ../docs would lie outside of what it serves otherwise.
-lab: doctor  ## open the notebooks in JupyterLab
+lab: $(VENV)/checked  ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab --config=jupyter_lab_config.py $(if $(filter 0,$(shell id -u)),--allow-root) --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb
 
 # Some shells have a HOST of their own: only one that is given to make counts.
@@ -75,6 +75,11 @@ build/throw/index.html: $(wildcard web/*.py web/*.toml web/page/* clothlab/*.py 
 
 doctor: $(STAMP)  ## check this machine: versions, drawing, data
 	@$(BIN)/python -m clothlab doctor
+
+# Once after each installation: it takes longer than JupyterLab does to start.
+$(VENV)/checked: $(STAMP)
+	@$(BIN)/python -m clothlab doctor
+	@touch $@
 
 ##@ To teach
 
