@@ -22,7 +22,7 @@ from clothlab.trials import rollout
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY_SIZE = (640, 400)  # [pixel], at most
-CLOTH = "damp0.07-mass0.15"
+CLOTH = "damp0.03-mass0.05"
 STEPS = 248
 FIRST_STEP = 224  # that is shown
 PICTURES_PER_STEP = 3
