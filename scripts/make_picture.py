@@ -1,6 +1,6 @@
 """`make picture`: the README's moving picture and its gallery.
 
-The gallery is from the run of `make notebooks`. The moving picture shows iterative
+The gallery is from the run of `make findings`. The moving picture shows iterative
 learning control after 28 periods, what the camera sees, and the target.
 """
 
@@ -60,7 +60,7 @@ def gallery() -> None:
 
     That is the one of its cell tagged `gallery`, or its first.
     """
-    for path in sorted((ROOT / "build" / "small" / "notebooks").glob("[0-9]*.ipynb")):
+    for path in sorted((ROOT / "build" / "full" / "notebooks").glob("[0-9]*.ipynb")):
         cells = nbformat.read(path, as_version=4).cells
         tagged = [cell for cell in cells if "gallery" in cell.metadata.get("tags", [])]
         outputs = [each for cell in tagged or cells for each in cell.get("outputs", [])]
