@@ -27,6 +27,7 @@ import torch
 
 ROUNDS = 3  # questions in a check
 DRAWS = 1000  # after so many without a clear question, an exercise is wrong
+FAR = 100.0  # times as much as an answer may, slips differ from the truth
 SEED = "CLOTHLAB_CHECK_SEED"  # in the environment: the seed of every check
 
 
@@ -84,8 +85,6 @@ def exercise(
     *shape: int | None,
     rtol: float = 1e-5,
     atol: float = 1e-6,
-    either_sign: bool = False,
-    far: float = 100.0,
     moves: tuple[int, ...] = (),
     times: int = 1,
 ) -> Callable[[Callable[[np.random.Generator], Question]], Callable[..., None]]:
@@ -97,8 +96,6 @@ def exercise(
         rtol: share of the truth by which an answer may differ; by default what single
             precision loses.
         atol: amount by which it may differ, in the unit of the truth.
-        either_sign: whether the opposite of the truth is right, too.
-        far: how many times as much as an answer may, slips differ from the truth.
         moves: positions of the arguments that an answer is to change in place.
         times: how often it is called with what it was given, as it has left it; if
             more than once, the truth has what is right of each call, one below the
@@ -112,12 +109,10 @@ def exercise(
 
         def judge(answer: Callable, rng: np.random.Generator) -> None:
             for _ in range(ROUNDS):
-                question = clear_question(draw, rng, far * rtol, far * atol)
+                question = clear_question(draw, rng, FAR * rtol, FAR * atol)
                 returned = ask(name, answer, question.given, moves, times)
                 values = [as_numbers(name, each, what, shape) for each in returned]
                 found = values[0] if times == 1 else np.array(values)
-                if either_sign and np.vdot(found, question.truth) < 0:
-                    found = -found
                 compare(found, question, rtol, atol)
 
         return as_check(functools.wraps(draw)(judge))
