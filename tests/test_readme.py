@@ -247,10 +247,14 @@ def test_the_moving_picture_halts_where_it_is_nearest_to_the_target():
             overlaps.append((seen & target).sum() / (seen | target).sum())
             halts.append(film.info["duration"] > 500)
 
-    # It begins at a halt, and of each step the camera sees the last of three frames
+    # It begins at a halt, somewhere in a period; of each step, the camera sees the last
+    # of three frames
     assert halts[0]
-    seen, halts = np.array(overlaps)[::3], np.array(halts)[::3]
-    assert halts.sum() == 3
-    for k in np.flatnonzero(halts):
-        assert seen[k] == max(np.roll(seen, 3 - k)[:7])
-        assert seen[k] > 0.6
+    seen = np.array(overlaps)[::3]
+    halted = np.flatnonzero(halts) // 3
+    best = []
+    for shift in range(8):
+        steps = np.roll(np.arange(len(seen)), shift).reshape(-1, 8)
+        best.append(sorted(steps[range(len(steps)), seen[steps].argmax(axis=1)]))
+    assert list(halted) in best
+    assert seen[halted].min() > 0.6
