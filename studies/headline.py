@@ -246,9 +246,8 @@ def sentences(*, data: Folder = None) -> list[str]:
         "1. **p** beats the same robot without p, over cloths and sheets of foam: the "
         "first throw with a new one ends nearer, by "
         f"{nearer('p at all, over none')} of the distance at which random commands "
-        "end. Over cloths "
-        f"alone it is {nearer('p at all, over none', 'torque')}. It is not seen to "
-        "beat sending the nearest recording of any of them: "
+        f"end. Over cloths alone it is {nearer('p at all, over none', 'torque')}. It "
+        "is not seen to beat sending the nearest recording of any of them: "
         f"{nearer('plan by p, over the nearest replay of any cloth')}.",
         "2. **The network** names the cloth better than a regression for each cloth "
         f"does: of 18 runs that no training saw, {least['p']} to {most['p']} by its p, "
